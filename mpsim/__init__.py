@@ -1,0 +1,43 @@
+"""mpsim: many moving discs in two dimensions, simulated by worker processes over shared memory.
+
+>>> import mpsim
+>>> scene = mpsim.Scene.random(count=100, packing=0.4, radius=0.5, temperature=1.0, seed=7)
+>>> with mpsim.Simulation(scene, mpsim.Settings(dt=0.01)) as sim:
+...     report = sim.run(frames=50)
+>>> report.frames
+50
+"""
+
+from mpsim.engine.report import Report
+from mpsim.engine.simulation import Simulation
+from mpsim.errors import (
+    ClosedError,
+    DivergedError,
+    InputError,
+    MpsimError,
+    OverlapWarning,
+    SharedMemoryError,
+    WorkerDied,
+    WorkerStalled,
+)
+from mpsim.scene import Scene
+from mpsim.settings import Settings
+from mpsim.state import State
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "ClosedError",
+    "DivergedError",
+    "InputError",
+    "MpsimError",
+    "OverlapWarning",
+    "Report",
+    "Scene",
+    "Settings",
+    "SharedMemoryError",
+    "Simulation",
+    "State",
+    "WorkerDied",
+    "WorkerStalled",
+]

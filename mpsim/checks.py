@@ -1,0 +1,80 @@
+"""The one gate that user input passes: finite first, then dtype, shape, range. Texts: name, rule, value, remedy."""
+
+import difflib
+import math
+import numbers
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.errors import InputError
+
+
+def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: str) -> NDArray[np.float64]:
+    """A read-only float64 copy of `value` with the given shape (None: any length). `meaning` words the shape."""
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be numbers of shape {meaning}; got {_brief(value)} ({error}).") from None
+    bad = np.argwhere(~np.isfinite(array))
+    if len(bad):
+        at = tuple(int(index) for index in bad[0])
+        raise InputError(
+            f"{name} must be finite; {name}{list(at)} is {array[at]} ({len(bad)} such values). "
+            "Correct or leave out those discs."
+        )
+    if array.size == 0 and shape[0] is None:
+        array = array.reshape((0, *[length or 0 for length in shape[1:]]))
+    fits = array.ndim == len(shape) and all(
+        wanted in (None, got) for wanted, got in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        raise InputError(f"{name} must have shape {meaning}; got shape {array.shape}. Reshape the array.")
+    array.flags.writeable = False
+    return array
+
+
+def positive(name: str, value: Any, unit: str) -> float:
+    """A finite number above 0."""
+    number = _number(name, value, f"a number > 0 {unit}")
+    if not (math.isfinite(number) and number > 0):
+        raise InputError(f"{name} must be a finite number > 0 {unit}; got {value!r}.")
+    return number
+
+
+def non_negative(name: str, value: Any, unit: str) -> float:
+    """A finite number, 0 or above."""
+    number = _number(name, value, f"a number >= 0 {unit}")
+    if not (math.isfinite(number) and number >= 0):
+        raise InputError(f"{name} must be a finite number >= 0 {unit}; got {value!r}.")
+    return number
+
+
+def whole(name: str, value: Any, low: int, high: int, remedy: str) -> int:
+    """A whole number in [low, high]."""
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not low <= value <= high:
+        raise InputError(f"{name} must be a whole number from {low} to {high}; got {value!r}. {remedy}")
+    return int(value)
+
+
+def choice(name: str, value: Any, allowed: Iterable[str]) -> str:
+    """One of the allowed words, with a suggestion where the value is nearly one."""
+    words = list(allowed)
+    if value in words:
+        return str(value)
+    near = difflib.get_close_matches(str(value), words, n=1)
+    hint = f" Did you mean {near[0]!r}?" if near else ""
+    raise InputError(f"{name} must be one of {', '.join(map(repr, words))}; got {value!r}.{hint}")
+
+
+def _number(name: str, value: Any, rule: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        raise InputError(f"{name} must be {rule}; got {_brief(value)}.")
+    return float(value)
+
+
+def _brief(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,1 @@
+"""The engine: processes, shared memory and the frame loop around the kernels."""

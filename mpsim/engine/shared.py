@@ -1,0 +1,111 @@
+"""The one shared block of a simulation. Nothing else in mpsim uses multiprocessing.shared_memory.
+
+Ownership: the coordinator creates the block before any worker starts, and it alone unlinks it. Workers attach without
+registering for clean-up, because a registered worker that exits would take the block away from everybody.
+If the coordinator is killed, its resource tracker unlinks the block as soon as the last worker has gone.
+"""
+
+import os
+import secrets
+import sys
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
+from multiprocessing.shared_memory import SharedMemory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.errors import SharedMemoryError
+from mpsim.state import ArraySpec
+
+CACHE_LINE = 64
+
+
+class SharedBlock:
+    """Named arrays in one block of shared memory.
+
+    Attributes:
+        name: of the block, mpsim-<pid of the coordinator>-<token>.
+        arrays: views by name; they are dropped by `close`, and never handed out of the engine.
+    """
+
+    def __init__(self, memory: SharedMemory, specs: dict[str, ArraySpec], owner: bool):
+        self._memory = memory
+        self._owner = owner
+        self.name = memory.name
+        self.specs = specs
+        self.nbytes = _total(specs)
+        self.arrays: dict[str, NDArray] = {}
+        offset = 0
+        for name, spec in specs.items():
+            # frombuffer holds the block: closing while a view lives raises instead of crashing at the next read.
+            flat = np.frombuffer(memory.buf, spec.dtype, spec.nbytes // spec.dtype.itemsize, offset)
+            self.arrays[name] = flat.reshape(spec.shape)
+            offset += _aligned(spec.nbytes)
+
+    @classmethod
+    def create(cls, specs: dict[str, ArraySpec]) -> "SharedBlock":
+        """Create and reserve a block, filled with zeros.
+
+        Raises:
+            SharedMemoryError: if the machine has not that much shared memory, with the sizes.
+        """
+        size = _total(specs)
+        memory = SharedMemory(f"mpsim-{os.getpid()}-{secrets.token_hex(4)}", create=True, size=size)
+        try:
+            # Without this a too small /dev/shm would only show later, as SIGBUS at the first write.
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(memory._fd, 0, size)  # type: ignore[attr-defined]
+        except OSError as error:
+            memory.close()
+            memory.unlink()
+            raise SharedMemoryError(_too_small(size)) from error
+        return cls(memory, specs, owner=True)
+
+    @classmethod
+    def attach(cls, name: str, specs: dict[str, ArraySpec]) -> "SharedBlock":
+        """Map an existing block in a worker, leaving its clean-up to the coordinator."""
+        if sys.version_info >= (3, 13):
+            return cls(SharedMemory(name, track=False), specs, owner=False)
+        with _registering_nothing():
+            return cls(SharedMemory(name), specs, owner=False)
+
+    def close(self) -> None:
+        """Drop the views and the mapping; the owner also removes the block. May be called again."""
+        self.arrays.clear()
+        self._memory.close()
+        if self._owner:
+            self._owner = False
+            self._memory.unlink()
+
+
+@contextmanager
+def _registering_nothing():
+    """Keep SharedMemory from registering with the resource tracker (before 3.13 it has no parameter for that)."""
+    register = resource_tracker.register
+    resource_tracker.register = lambda name, rtype: None
+    try:
+        yield
+    finally:
+        resource_tracker.register = register
+
+
+def _aligned(nbytes: int) -> int:
+    return -(-nbytes // CACHE_LINE) * CACHE_LINE
+
+
+def _total(specs: dict[str, ArraySpec]) -> int:
+    return sum(_aligned(spec.nbytes) for spec in specs.values())
+
+
+def _too_small(size: int) -> str:
+    try:
+        space = os.statvfs("/dev/shm")
+        free = f"{space.f_bavail * space.f_frsize:,} bytes are free in /dev/shm"
+    except OSError:
+        free = "how much is free is unknown"
+    return (
+        f"the shared block needs {size:,} bytes, and {free}. Shared memory must hold the whole block. Use fewer discs "
+        f"or precision='float32', or enlarge it (docker run --shm-size={-(-size // 2**20) + 1}m; "
+        "on Linux: mount -o remount,size=... /dev/shm)."
+    )

@@ -1,0 +1,216 @@
+"""Simulation: the coordinator. It checks what comes in, runs the frame loop in slices, and hands out copies."""
+
+import math
+import warnings
+import weakref
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mpsim import checks, placement
+from mpsim.engine import methods
+from mpsim.engine.report import Report, phase_seconds
+from mpsim.engine.stepped import SteppedSolver
+from mpsim.errors import ClosedError, InputError, OverlapWarning
+from mpsim.scene import Scene
+from mpsim.settings import Settings
+from mpsim.state import MOST_FRAMES, State
+
+SLICE_SECONDS = 0.05
+"""Time after which a run returns from compiled code to look for Ctrl-C and to report progress."""
+
+MOST_FRAMES_OF_A_RUN = 10**12
+
+
+class Simulation:
+    """A scene being simulated. Use it in a `with` block: leaving it stops the workers and frees the shared memory.
+
+    Args:
+        scene: what is simulated.
+        settings: how; the defaults if left out.
+
+    Raises:
+        SharedMemoryError, WorkerDied: if the block or the workers cannot be had.
+
+    Warns:
+        OverlapWarning: if discs of the start overlap.
+
+    >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+    >>> with Simulation(scene, Settings(dt=0.01, method="grid")) as sim:
+    ...     report = sim.run(frames=100)
+    ...     sim.frame, round(sim.time, 9), report.frames, report.method
+    (100, 1.0, 100, 'grid')
+    """
+
+    def __init__(self, scene: Scene, settings: Settings | None = None):
+        if not isinstance(scene, Scene):
+            raise InputError(f"scene must be an mpsim.Scene; got {type(scene).__name__}. Make one with Scene(...).")
+        settings = Settings() if settings is None else settings
+        if not isinstance(settings, Settings):
+            raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
+        self._scene = scene
+        self._settings = settings
+        self._frame = 0
+        self._seconds_per_frame = math.inf
+        _warn_of_overlaps(scene)
+        method, workers = methods.choose(scene, settings)
+        self._solver = SteppedSolver(scene, settings, method, workers)
+        self._closing = weakref.finalize(self, self._solver.close)
+
+    def __enter__(self) -> "Simulation":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stop the workers and free the shared memory. May be called again."""
+        self._closing()
+
+    @property
+    def scene(self) -> Scene:
+        """The scene as it was given (discs added since are not in it)."""
+        return self._scene
+
+    @property
+    def settings(self) -> Settings:
+        """The settings as they were given."""
+        return self._settings
+
+    @property
+    def frame(self) -> int:
+        """Frames done since the start."""
+        return self._frame
+
+    @property
+    def time(self) -> float:
+        """Simulated time since the start [time]: frame * dt."""
+        return self._frame * self._settings.dt
+
+    @property
+    def count(self) -> int:
+        """Number of discs now."""
+        return self._open_solver().count
+
+    @property
+    def state(self) -> State:
+        """Copies of all positions and velocities, in the order of the scene's discs (added ones follow)."""
+        return self._open_solver().state()
+
+    @property
+    def pids(self) -> list[int]:
+        """Process numbers of the worker processes (the coordinator, this process, is not among them)."""
+        return self._open_solver().pids
+
+    def digest(self) -> str:
+        """Hex digest of the state in the order of the scene's discs: equal digests mean equal bits."""
+        return self.state.digest()
+
+    def run(
+        self,
+        frames: int | None = None,
+        *,
+        until: float | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Report:
+        """Run a number of frames, or until a time is reached.
+
+        Args:
+            frames: how many, >= 0.
+            until: simulated time at which to stop [time]: the first frame that reaches it is the last; not before now.
+            progress: called as progress(done, of_frames) about twenty times a second.
+
+        Raises:
+            InputError: both or neither of frames and until, or one out of range.
+            ClosedError: after `close`.
+            DivergedError, WorkerDied, WorkerStalled: the run cannot go on; the simulation is closed.
+        """
+        solver = self._open_solver()
+        frames = self._frames_wanted(frames, until)
+        times, collisions, done = [np.zeros((solver.workers, 0, 5), np.int64)], 0, 0
+        while done < frames:
+            size = min(frames - done, self._slice_size())
+            try:
+                part, contacts = solver.advance(size, self._frame)
+            except Exception:
+                self.close()
+                raise
+            self._frame += size
+            self._seconds_per_frame = max(float(part[0].sum()) * 1e-9 / size, 1e-9)
+            done += size
+            times.append(part)
+            collisions += contacts
+            if progress is not None:
+                progress(done, frames)
+        frame_seconds, phases = phase_seconds(np.concatenate(times, axis=1))
+        memory, block = solver.resources()
+        return Report(frame_seconds, phases, collisions, solver.method, solver.workers, memory, block)
+
+    def add(self, position: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike | None = None) -> None:
+        """Add one disc, or several.
+
+        Args:
+            position, velocity: shape (2,) or (K, 2); centres inside the box [length], [length/time]. A new disc may
+                overlap others: the next frames push them apart.
+            acceleration: as position, only in a scene that has it; left out it is zero [length/time^2].
+
+        Raises:
+            InputError: naming the argument, its rule and the value received; then nothing was added.
+        """
+        solver = self._open_solver()
+        places = checks.finite_array("position", np.atleast_2d(position), (None, 2), "(2,) or (K, 2)")
+        shape, meaning = (len(places), 2), f"({len(places)}, 2), as position has"
+        speeds = checks.finite_array("velocity", np.atleast_2d(velocity), shape, meaning)
+        kicks = None
+        if acceleration is not None:
+            if self._scene.acceleration is None:
+                raise InputError(
+                    "acceleration can be given for added discs only in a scene that has acceleration per disc; this "
+                    f"one has none, and got {acceleration!r}. Give the scene acceleration=numpy.zeros((N, 2))."
+                )
+            kicks = checks.finite_array("acceleration", np.atleast_2d(acceleration), shape, meaning)
+        self._scene.check_inside("position", places)
+        solver.add(places, speeds, kicks)
+
+    def __repr__(self) -> str:
+        if not self._closing.alive:
+            return f"<Simulation: closed after frame {self._frame}>"
+        return f"<Simulation: {self.count} discs by {self._solver.method}, frame {self._frame}, time {self.time:g}>"
+
+    def _open_solver(self) -> SteppedSolver:
+        if not self._closing.alive:
+            raise ClosedError(
+                f"this simulation was closed after frame {self._frame}. A closed simulation has no state. "
+                "Use it inside its `with` block, take sim.state before, or make a new one."
+            )
+        return self._solver
+
+    def _frames_wanted(self, frames: int | None, until: float | None) -> int:
+        if (frames is None) == (until is None):
+            raise InputError(f"run needs either frames or until; got frames={frames!r}, until={until!r}.")
+        if frames is not None:
+            return checks.whole("frames", frames, 0, MOST_FRAMES_OF_A_RUN, "Ask for 0 or more frames.")
+        until = checks.non_negative("until", until, "[time]")
+        if until < self.time:
+            raise InputError(f"until must not lie in the past: the time is {self.time:g}; got {until!r}.")
+        # A frame that ends within rounding of `until` reaches it.
+        return max(math.ceil(until / self._settings.dt * (1 - 1e-12)) - self._frame, 0)
+
+    def _slice_size(self) -> int:
+        """Frames until the next look at the outside world; few before the speed is known."""
+        if math.isinf(self._seconds_per_frame):
+            guess = 1e-5 + 5e-8 * self._solver.count * (1 if self._solver.method != "naive" else self._solver.count)
+            return max(min(int(SLICE_SECONDS / 4 / guess), MOST_FRAMES), 1)
+        return max(min(int(SLICE_SECONDS / self._seconds_per_frame), MOST_FRAMES), 1)
+
+
+def _warn_of_overlaps(scene: Scene) -> None:
+    pairs, (i, j), depth = placement.overlaps(scene.position, scene.width, scene.height, 2 * scene.radius)
+    if pairs:
+        warnings.warn(
+            f"{pairs} pairs of discs overlap at the start, discs {i} and {j} deepest, by {depth:.3g}. "
+            "The first frames push them apart. Give places at least one diameter apart to avoid it.",
+            OverlapWarning,
+            stacklevel=3,
+        )

@@ -1,0 +1,231 @@
+"""The stepped solver as the coordinator sees it: the block, its parameters, and one command after the other."""
+
+from typing import Any
+
+import numpy as np
+import psutil
+from numpy.typing import NDArray
+
+from mpsim.engine.pool import WorkerPool
+from mpsim.engine.shared import SharedBlock
+from mpsim.engine.worker import kernel_arguments, load_kernels
+from mpsim.errors import DivergedError
+from mpsim.kernels import layout
+from mpsim.kernels.stepping import run_grid, run_naive
+from mpsim.scene import Scene
+from mpsim.settings import Settings
+from mpsim.state import Grid, State, block_arrays, grid_for
+
+_LAWS = {"reflect": layout.REFLECT, "elastic": layout.ELASTIC}
+
+
+class SteppedSolver:
+    """Runs frames of a scene by `naive`, `grid` or `parallel`.
+
+    The state lives in the shared block, in whatever order the last frame sorted it; ids bring it back to the scene's.
+    """
+
+    def __init__(self, scene: Scene, settings: Settings, method: str, workers: int):
+        self.method = method
+        self.workers = workers
+        self.count = scene.count
+        self._scene = scene
+        self._settings = settings
+        self._sorted_grid: Grid | None = None
+        self._pool: WorkerPool | None = None
+        self._processes = [psutil.Process()]
+        self._block = self._new_block(max(scene.count, 1))
+        try:
+            self._write_state(scene.position, scene.velocity, scene.acceleration)
+            self._configure()
+            self._load_kernels()
+            if workers > 1:
+                self._pool = WorkerPool(workers, self._block, settings.start_method)
+                self._processes += [psutil.Process(pid) for pid in self._pool.pids]
+        except BaseException:
+            self.close()
+            raise
+
+    # --- frames
+
+    def advance(self, frames: int, first_frame: int) -> tuple[NDArray[np.int64], int]:
+        """Run up to MOST_FRAMES frames. Returns times [ns] of shape (workers, frames, phases), and contacts resolved.
+
+        Raises:
+            DivergedError, WorkerDied, WorkerStalled: the solver can then only be closed.
+        """
+        arrays, control = self._block.arrays, self._block.arrays["control"]
+        control[layout.FRAMES] = frames
+        control[layout.FIRST_FRAME] = first_frame
+        self._deal()
+        times = arrays["times"]
+        times[:, :frames] = 0
+        if self._pool is not None:
+            self._pool.wake()
+        arguments = kernel_arguments(self._block, int(control[layout.LIVE]))
+        if self.method == "naive":
+            discs, _, _, _, gravity, acceleration, parameters, control, team, _ = arguments
+            abort = run_naive(discs, gravity, acceleration, parameters, control, team, times[0])
+        else:
+            abort = run_grid(*arguments, times[0], 0)
+            control[layout.LIVE] ^= (frames * self._settings.substeps) & 1
+            self._sorted_grid = self._grid
+        if abort != layout.RUNNING:
+            raise self._failure(abort, first_frame)
+        return times[:, :frames].copy(), int(arrays["team"][:, layout.COLLISIONS].sum())
+
+    def _deal(self) -> None:
+        """Give each worker its columns and its slice: equal numbers of discs, whole columns where they are sorted."""
+        team, workers = self._block.arrays["team"], self.workers
+        share = np.arange(workers + 1) * self.count // workers
+        if self._sorted_grid == self._grid:
+            first_of_column = self._block.arrays["start"][: self._grid.table_size : self._grid.rows + 2]
+            columns = np.searchsorted(first_of_column[: self._grid.columns], share)
+            columns[0], columns[-1] = 0, self._grid.columns
+            slots = first_of_column[columns].astype(np.int64)
+            slots[-1] = self.count  # discs that were added since lie behind the sorted ones
+        else:
+            columns, slots = np.arange(workers + 1) * self._grid.columns // workers, share
+        team[:, layout.FIRST_COLUMN], team[:, layout.LAST_COLUMN] = columns[:-1], columns[1:]
+        team[:, layout.LOW], team[:, layout.HIGH] = slots[:-1], slots[1:]
+
+    def _failure(self, abort: int, first_frame: int) -> Exception:
+        if abort != layout.BAD_STATE:
+            assert self._pool is not None  # only a pool's watcher or barrier sets these
+            return self._pool.failure()
+        live = int(self._block.arrays["control"][layout.LIVE])
+        team = self._block.arrays["team"]
+        frame = int(team[0, layout.FRAME])
+        candidates = []
+        for buffer in kernel_arguments(self._block, live)[:2]:
+            for slot in team[team[:, layout.BAD_SLOT] >= 0, layout.BAD_SLOT]:
+                values = [float(array[slot]) for array in buffer[:4]]
+                if not np.isfinite(values).all():
+                    candidates.append((int(buffer.id[slot]), values))
+        del buffer
+        particle, (x, y, vx, vy) = min(candidates)
+        return DivergedError(particle, first_frame + frame, (x, y), (vx, vy))
+
+    # --- state
+
+    def state(self) -> State:
+        """Copies in the order of the scene's discs."""
+        discs = kernel_arguments(self._block, int(self._block.arrays["control"][layout.LIVE]))[0]
+        order = discs.id[: self.count]
+        position = np.empty((self.count, 2), discs.x.dtype)
+        velocity = np.empty_like(position)
+        for column, (place, speed) in enumerate(((discs.x, discs.vx), (discs.y, discs.vy))):
+            position[order, column] = place[: self.count]
+            velocity[order, column] = speed[: self.count]
+        return State(position, velocity)
+
+    def add(
+        self, position: NDArray[np.float64], velocity: NDArray[np.float64], acceleration: NDArray[np.float64] | None
+    ) -> None:
+        """Append discs, ids continuing. The block doubles when it is full."""
+        if self.count + len(position) > self._capacity:
+            self._grow(max(2 * self._capacity, self.count + len(position)))
+        self._write_state(position, velocity, acceleration, self.count)
+        self.count += len(position)
+        self._configure()
+
+    def resources(self) -> tuple[tuple[int, ...], int]:
+        """Resident bytes of each process, and the size of the block."""
+        return tuple(process.memory_info().rss for process in self._processes), self._block.nbytes
+
+    @property
+    def pids(self) -> list[int]:
+        """Process numbers of the workers other than the coordinator."""
+        return self._pool.pids if self._pool is not None else []
+
+    def close(self) -> None:
+        """Stop the workers and remove the block. May be called again."""
+        if self._pool is not None:
+            self._pool.stop()
+            self._pool = None
+        self._block.close()
+
+    # --- the block
+
+    def _new_block(self, capacity: int) -> SharedBlock:
+        scene, features = self._scene, {}
+        if scene.gravity is not None:
+            features["gravity"] = (2,)
+        if scene.acceleration is not None:
+            features["acceleration"] = (2, capacity)
+        grid = self._grid_for(capacity)
+        self._capacity = capacity
+        specs = block_arrays(capacity, grid, self.workers, self._settings.precision, features)
+        block = SharedBlock.create(specs)
+        block.arrays["team"][:, layout.BAD_SLOT] = -1
+        if scene.gravity is not None:
+            block.arrays["gravity"][:] = scene.gravity
+        return block
+
+    def _grow(self, capacity: int) -> None:
+        """Move everything to a larger block, and the workers with it."""
+        old = self._block
+        state, count = self.state(), self.count
+        acceleration = old.arrays["acceleration"][:, :count].T.copy() if "acceleration" in old.arrays else None
+        self._block = self._new_block(capacity)
+        try:
+            self._write_state(state.position, state.velocity, acceleration)
+            self._sorted_grid = None
+            self._configure()
+            if self._pool is not None:
+                self._pool.move_to(self._block)
+        finally:
+            old.close()
+
+    def _grid_for(self, count: int) -> Grid:
+        scene = self._scene
+        return grid_for(count, scene.width, scene.height, 2 * scene.radius, self._settings.precision)
+
+    def _write_state(self, position: NDArray, velocity: NDArray, acceleration: NDArray | None, first: int = 0) -> None:
+        """Write discs `first`, `first + 1`, ... behind those that are there."""
+        arrays = self._block.arrays
+        discs = kernel_arguments(self._block, int(arrays["control"][layout.LIVE]))[0]
+        last = first + len(position)
+        discs.x[first:last], discs.y[first:last] = position.T
+        discs.vx[first:last], discs.vy[first:last] = velocity.T
+        discs.id[first:last] = np.arange(first, last)
+        if "acceleration" in arrays:
+            arrays["acceleration"][:, first:last] = 0 if acceleration is None else acceleration.T
+
+    def _configure(self) -> None:
+        """Write the parameters and control words that follow from scene, settings and number of discs."""
+        scene, settings = self._scene, self._settings
+        self._grid = self._grid_for(self.count)
+        values: dict[int, Any] = {
+            layout.DT: settings.dt / settings.substeps,
+            layout.DIAMETER: 2 * scene.radius,
+            layout.X_LOW: scene.radius,
+            layout.X_HIGH: scene.width - scene.radius,
+            layout.Y_LOW: scene.radius,
+            layout.Y_HIGH: scene.height - scene.radius,
+            layout.CELLS_PER_X: self._grid.columns / scene.width,
+            layout.CELLS_PER_Y: self._grid.rows / scene.height,
+        }
+        for index, value in values.items():
+            self._block.arrays["parameters"][index] = value
+        words = {
+            layout.COUNT: self.count,
+            layout.COLUMNS: self._grid.columns,
+            layout.ROWS: self._grid.rows,
+            layout.SUBSTEPS: settings.substeps,
+            layout.LAW: _LAWS[settings.law],
+            layout.WORKERS: self.workers,
+            layout.GUARDED: int(not settings.unguarded),
+        }
+        for index, word in words.items():
+            self._block.arrays["control"][index] = word
+
+    def _load_kernels(self) -> None:
+        """Compile or load before workers start, so that they find the machine code and no frame time contains it."""
+        if self.method != "naive":
+            load_kernels(self._block)
+            return
+        discs, _, _, _, gravity, acceleration, parameters, control, team, _ = kernel_arguments(self._block, 0)
+        control = control.copy()
+        control[layout.FRAMES] = 0
+        run_naive(discs, gravity, acceleration, parameters, control, team, self._block.arrays["times"][0])

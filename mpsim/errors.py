@@ -1,0 +1,62 @@
+"""Every exception and warning a user can meet. Each text says: what, the rule, the value received, what to do."""
+
+
+class MpsimError(Exception):
+    """Base of all exceptions of mpsim: `except mpsim.MpsimError` catches every one of them."""
+
+
+class InputError(MpsimError, ValueError):
+    """A scene, a setting or an argument breaks a rule; nothing was changed."""
+
+
+class ClosedError(MpsimError, RuntimeError):
+    """A simulation was used after `close()`, after its `with` block, or after an error that ended it."""
+
+
+class DivergedError(MpsimError, ArithmeticError):
+    """A disc's position or velocity became NaN or infinite.
+
+    Attributes: particle (index in the scene), frame (frames finished before), position, velocity (two floats each).
+    """
+
+    def __init__(self, particle: int, frame: int, position: tuple[float, float], velocity: tuple[float, float]):
+        self.particle = particle
+        self.frame = frame
+        self.position = position
+        self.velocity = velocity
+        super().__init__(
+            f"disc {particle} is not finite in frame {frame}: position {position}, velocity {velocity}. "
+            "A state must stay finite. Usual causes: a velocity so large that its square overflows the precision, an "
+            "acceleration that never stops, or values written from outside. Use a smaller dt or precision='float64'."
+        )
+
+
+class SharedMemoryError(MpsimError, OSError):
+    """The shared block could not be reserved."""
+
+
+class WorkerDied(MpsimError, RuntimeError):  # noqa: N818 - the established name of this event
+    """A worker process ended while it was needed.
+
+    Attributes: worker (its number), pid, exitcode (negative: the signal that ended it), frame, phase.
+    """
+
+    def __init__(self, worker: int, pid: int | None, exitcode: int | None, cause: str, frame: int, phase: str):
+        self.worker = worker
+        self.pid = pid
+        self.exitcode = exitcode
+        self.frame = frame
+        self.phase = phase
+        super().__init__(
+            f"worker {worker} (process {pid}) ended by {cause} in frame {frame}, phase '{phase}'. "
+            "The run cannot go on and its last frames are lost; the other workers were stopped. "
+            "SIGKILL often means that the machine ran out of memory. Start again, with fewer workers if it repeats."
+        )
+
+
+class WorkerStalled(MpsimError, RuntimeError):  # noqa: N818 - the established name of this event
+    """A worker is alive but did not come to a barrier in time."""
+
+
+class OverlapWarning(UserWarning):
+    """Discs of the start overlap: legal, the first frames push them apart, which adds no energy but moves them."""

@@ -1,0 +1,1 @@
+"""Compiled loops only: no process, no file, no plot, and nothing of the rest of mpsim is imported here."""

@@ -1,0 +1,84 @@
+"""How a kernel is compiled, and where the machine code is kept between runs.
+
+Numba's own cache looks only at the file in which a function stands: after an edit in a second file, a cached
+caller goes on running the old callee. The kernels here call each other across files, so their machine code lies
+in a folder whose name is a digest of *all* kernel sources and of the versions that compiled them. Any edit or
+upgrade is therefore a different folder, and a stale cache cannot be loaded.
+"""
+
+import hashlib
+import logging
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import numba
+from numba import config, njit
+
+logger = logging.getLogger("mpsim")
+
+JIT_DISABLED: bool = bool(config.DISABLE_JIT)
+"""True under NUMBA_DISABLE_JIT=1: kernels then run as plain Python (slow, bounds-checked, one process)."""
+
+
+def source_digest() -> str:
+    """Digest of every kernel source and of the compiler's versions (16 hex digits)."""
+    digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__}".encode())
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.name.encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def cache_root() -> Path:
+    """Folder under which mpsim keeps its machine code: NUMBA_CACHE_DIR, XDG_CACHE_HOME or ~/.cache."""
+    if config.CACHE_DIR:
+        return Path(config.CACHE_DIR) / "mpsim"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "mpsim"
+
+
+def _writable_cache_folder() -> Path | None:
+    """This version's cache folder, or None (with one log line) where nothing can be written."""
+    try:
+        folder = cache_root() / source_digest()
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except (OSError, RuntimeError) as error:
+        logger.warning(
+            "mpsim: no writable cache folder (%s); kernels are compiled anew in every process. "
+            "Set NUMBA_CACHE_DIR to a writable folder to keep them.",
+            error,
+        )
+        return None
+    return folder
+
+
+_FOLDER = None if JIT_DISABLED else _writable_cache_folder()
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """Numba-compile `function` at its first call, keeping the machine code in mpsim's own cache folder.
+
+    nogil: a thread that watches the other processes must be able to run during a long kernel.
+    No fastmath (it would reorder sums, fuse multiply-adds and void every NaN test) and no parallel=True.
+    """
+    dispatcher = njit(nogil=True, error_model="numpy")(function)
+    if _FOLDER is not None:
+        # Numba reads this setting only while a function's cache is set up, so other users' functions keep theirs.
+        users_folder, config.CACHE_DIR = config.CACHE_DIR, str(_FOLDER)
+        try:
+            dispatcher.enable_caching()
+        finally:
+            config.CACHE_DIR = users_folder
+    return dispatcher
+
+
+def compiled_kernels() -> int:
+    """Number of kernel signatures compiled or loaded in this process so far."""
+    modules = [m for name, m in sys.modules.items() if name.startswith("mpsim.kernels.")]
+    functions = {f for m in modules for f in vars(m).values() if hasattr(f, "signatures")}
+    return sum(len(function.signatures) for function in functions)

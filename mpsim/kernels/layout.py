@@ -1,0 +1,93 @@
+"""What stands where in the shared arrays: the record of a disc, and the index of every parameter and control word.
+
+Kernels, coordinator and workers all read these names, so that no number has a meaning in one file only.
+"""
+
+from typing import Any, NamedTuple
+
+PADDING = 16
+"""Elements beyond the last disc that every disc array has, so that a vector load past the end stays inside it."""
+
+
+class Discs(NamedTuple):
+    """One buffer of discs, structure of arrays, each of shape (capacity + PADDING,).
+
+    x, y: centre [length]; vx, vy: velocity [length/time]; id: number of the disc in the scene;
+    cell: index of the grid cell, column-major. Only the first `count` elements are discs.
+    """
+
+    x: Any
+    y: Any
+    vx: Any
+    vy: Any
+    id: Any
+    cell: Any
+
+
+# Indices of `parameters`, an array of the precision of the run.
+DT = 0  # [time] of one step (a frame has `SUBSTEPS` of them)
+DIAMETER = 1  # [length]
+X_LOW = 2  # smallest and largest allowed centre, one radius away from the walls [length]
+X_HIGH = 3
+Y_LOW = 4
+Y_HIGH = 5
+CELLS_PER_X = 6  # columns per length along x [1/length]
+CELLS_PER_Y = 7  # rows per length along y [1/length]
+PARAMETERS = 8
+
+# Indices of `control`, an int64 array. Words that processes wait on have a cache line (8 words) each.
+COMMAND = 0  # number of the last command; changes when workers are to run frames
+ARRIVED = 8  # arrivals at barriers since the pool started
+ABORT = 16  # 0, or why everybody must leave the frame loop
+MAIL = 24  # number of messages that wait in the workers' pipes to be read
+BELL = 56  # rung before every command, for workers about to park
+COUNT = 32  # discs
+COLUMNS = 33
+ROWS = 34
+LIVE = 35  # which of the two buffers holds the state: 0 or 1
+FRAMES = 36  # frames to run in this command
+SUBSTEPS = 37
+LAW = 38
+WORKERS = 39
+FIRST_FRAME = 40  # frames finished before this command
+GUARDED = 41  # 1: odd/even passes; 0: the demonstration of what goes wrong without them
+CONTROL = 64
+
+# Values of ABORT.
+RUNNING = 0
+BAD_STATE = 1  # a disc's position or velocity is not finite
+WORKER_LOST = 2
+STALLED = 3  # a barrier was not complete after PATIENCE nanoseconds
+STOP = 4  # the pool is being shut down
+
+# Indices of one worker's row of `team`, int64 of shape (workers, TEAM): two cache lines written by that worker alone.
+FRAME = 0  # frames finished in this command
+PHASE = 1  # phase it is in, an index of PHASES
+COLLISIONS = 2  # contacts resolved in this command
+OUTBOX = 3  # discs that left this worker's columns in this frame
+KEPT = 4  # discs that stayed in them
+ARRIVALS = 5  # barriers this worker has passed
+PARKED = 6  # 1: sleeps until its pipe is written to
+BAD_SLOT = 7  # where in the live buffer a non-finite disc lies, or -1
+CLOCK = 8  # two words of scratch space for the clock
+LOW = 10  # first disc and one past the last disc of this worker's slice
+HIGH = 11
+FIRST_COLUMN = 12  # first column and one past the last column of this worker
+LAST_COLUMN = 13
+TEAM = 16
+
+# Phases of one frame, in the order of the last axis of `times`.
+MOVE = 0
+SORT = 1
+EVEN = 2
+ODD = 3
+WAIT = 4
+PHASES = ("move", "sort", "even columns", "odd columns", "wait")
+
+# Collision laws.
+REFLECT = 0
+ELASTIC = 1
+
+PATIENCE = 120_000_000_000
+"""Nanoseconds after which a barrier counts as stalled: far above any pause of a living worker (a suspended laptop's
+clock stands still, a debugger's does not), so that a slow machine is never called broken."""

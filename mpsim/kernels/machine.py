@@ -1,0 +1,270 @@
+"""The few machine operations that Numba lacks: vector overlap test, atomics, clock, yield and sleep.
+
+Each is a plain Python function, the slow obvious twin that also runs under NUMBA_DISABLE_JIT=1, with an `overload`
+that gives compiled callers the machine instruction. Libc functions are linked by name (`ExternalFunction`), because
+the address that ctypes would give cannot be cached.
+"""
+
+# pyright: reportCallIssue=false, reportAttributeAccessIssue=false
+# An intrinsic is called without its first parameter, which a type checker cannot know.
+
+import os
+import platform
+import time
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic, overload
+
+LANES = 8
+"""Discs tested by one vector instruction. Results do not depend on it: lanes past the range are masked off."""
+
+_WORD = ir.IntType(64)
+_HINT = {"x86_64": ("llvm.x86.sse2.pause", []), "aarch64": ("llvm.aarch64.hint", [1])}.get(platform.machine())
+"""LLVM's name of the spin-loop hint on this processor, with its operands; None where there is none."""
+
+
+# --- the overlap test -------------------------------------------------------------------------------------------
+
+
+def overlap_lanes(x, y, start, xi, yi, diameter_squared):
+    """Bit k is set where disc `start + k` has its centre closer than one diameter to (xi, yi).
+
+    Reads LANES elements of x and y from `start` on: arrays are padded by LANES. NaN compares as no overlap.
+    """
+    mask = 0
+    for lane in range(LANES):
+        dx = x[start + lane] - xi
+        dy = y[start + lane] - yi
+        if dx * dx + dy * dy < diameter_squared:
+            mask |= 1 << lane
+    return mask
+
+
+@intrinsic
+def _overlap_lanes(typing_context, x, y, start, xi, yi, diameter_squared):
+    def codegen(context, builder, signature, args):
+        vector = ir.VectorType(context.get_value_type(signature.args[0].dtype), LANES)
+
+        def load(array_type, array):
+            data = context.make_array(array_type)(context, builder, array).data
+            pointer = builder.bitcast(builder.gep(data, [args[2]]), vector.as_pointer())
+            return builder.load(pointer, align=array_type.dtype.bitwidth // 8)
+
+        def broadcast(scalar):
+            lane = builder.insert_element(ir.Constant(vector, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
+            zeros = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+            return builder.shuffle_vector(lane, lane, zeros)
+
+        dx = builder.fsub(load(signature.args[0], args[0]), broadcast(args[3]))
+        dy = builder.fsub(load(signature.args[1], args[1]), broadcast(args[4]))
+        distance_squared = builder.fadd(builder.fmul(dx, dx), builder.fmul(dy, dy))
+        overlap = builder.fcmp_ordered("<", distance_squared, broadcast(args[5]))
+        return builder.zext(builder.bitcast(overlap, ir.IntType(LANES)), _WORD)
+
+    return types.int64(x, y, types.int64, x.dtype, x.dtype, x.dtype), codegen
+
+
+@overload(overlap_lanes)
+def _compile_overlap_lanes(x, y, start, xi, yi, diameter_squared):
+    def implementation(x, y, start, xi, yi, diameter_squared):
+        return _overlap_lanes(x, y, start, xi, yi, diameter_squared)
+
+    return implementation
+
+
+def lowest_bit(mask):
+    """Index of the lowest set bit of a mask that is not zero."""
+    return (mask & -mask).bit_length() - 1
+
+
+@intrinsic
+def _lowest_bit(typing_context, mask):
+    def codegen(context, builder, signature, args):
+        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
+
+    return types.int64(types.int64), codegen
+
+
+@overload(lowest_bit)
+def _compile_lowest_bit(mask):
+    def implementation(mask):
+        return _lowest_bit(mask)
+
+    return implementation
+
+
+def natural(index):
+    """The index itself, known to be 0 or more, so that the compiler drops Python's wrap-around of negative ones."""
+    return index
+
+
+@intrinsic
+def _natural(typing_context, index):
+    def codegen(context, builder, signature, args):
+        assume = builder.module.declare_intrinsic("llvm.assume", (), ir.FunctionType(ir.VoidType(), [ir.IntType(1)]))
+        builder.call(assume, [builder.icmp_signed(">=", args[0], ir.Constant(_WORD, 0))])
+        return args[0]
+
+    return types.int64(types.int64), codegen
+
+
+@overload(natural)
+def _compile_natural(index):
+    def implementation(index):
+        return _natural(index)
+
+    return implementation
+
+
+# --- atomics on one int64 word ------------------------------------------------------------------------------------
+
+
+def _word_pointer(context, builder, array_type, array, index):
+    return builder.gep(context.make_array(array_type)(context, builder, array).data, [index])
+
+
+def atomic_load(words, index):
+    """Value of words[index]; nothing after it in the program is read before it (acquire)."""
+    return words[index]
+
+
+@intrinsic
+def _atomic_load(typing_context, words, index):
+    def codegen(context, builder, signature, args):
+        pointer = _word_pointer(context, builder, signature.args[0], args[0], args[1])
+        return builder.load_atomic(pointer, "seq_cst", 8)
+
+    return types.int64(words, types.int64), codegen
+
+
+@overload(atomic_load)
+def _compile_atomic_load(words, index):
+    def implementation(words, index):
+        return _atomic_load(words, index)
+
+    return implementation
+
+
+def atomic_store(words, index, value):
+    """words[index] = value, visible to others after everything written before it (release, and a full fence)."""
+    words[index] = value
+
+
+@intrinsic
+def _atomic_store(typing_context, words, index, value):
+    def codegen(context, builder, signature, args):
+        pointer = _word_pointer(context, builder, signature.args[0], args[0], args[1])
+        builder.store_atomic(args[2], pointer, "seq_cst", 8)
+        return context.get_dummy_value()
+
+    return types.void(words, types.int64, types.int64), codegen
+
+
+@overload(atomic_store)
+def _compile_atomic_store(words, index, value):
+    def implementation(words, index, value):
+        _atomic_store(words, index, value)
+
+    return implementation
+
+
+def atomic_add(words, index, value):
+    """Add to words[index] as one indivisible step; returns the value before."""
+    before = words[index]
+    words[index] = before + value
+    return before
+
+
+@intrinsic
+def _atomic_add(typing_context, words, index, value):
+    def codegen(context, builder, signature, args):
+        pointer = _word_pointer(context, builder, signature.args[0], args[0], args[1])
+        return builder.atomic_rmw("add", pointer, args[2], "seq_cst")
+
+    return types.int64(words, types.int64, types.int64), codegen
+
+
+@overload(atomic_add)
+def _compile_atomic_add(words, index, value):
+    def implementation(words, index, value):
+        return _atomic_add(words, index, value)
+
+    return implementation
+
+
+# --- time: clock, pause, yield, sleep -----------------------------------------------------------------------------
+
+_CLOCK_MONOTONIC = time.CLOCK_MONOTONIC
+_clock_gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.CPointer(types.int64)))
+_nanosleep = types.ExternalFunction("nanosleep", types.int32(types.CPointer(types.int64), types.CPointer(types.int64)))
+_sched_yield = types.ExternalFunction("sched_yield", types.int32())
+
+
+def now(timespec):
+    """Monotonic clock, in nanoseconds. `timespec` is scratch space: two int64 words of the caller's own."""
+    return time.monotonic_ns()
+
+
+@overload(now)
+def _compile_now(timespec):
+    def implementation(timespec):
+        _clock_gettime(np.int32(_CLOCK_MONOTONIC), timespec.ctypes)
+        return timespec[0] * 1_000_000_000 + timespec[1]
+
+    return implementation
+
+
+def sleep_briefly(timespec, nanoseconds):
+    """Give the core away for about `nanoseconds` (less than one second). `timespec` is scratch space."""
+    time.sleep(nanoseconds * 1e-9)
+
+
+@overload(sleep_briefly)
+def _compile_sleep_briefly(timespec, nanoseconds):
+    def implementation(timespec, nanoseconds):
+        timespec[0] = 0
+        timespec[1] = nanoseconds
+        _nanosleep(timespec.ctypes, timespec.ctypes)
+
+    return implementation
+
+
+def yield_core():
+    """Let another runnable process have this core now."""
+    os.sched_yield()
+
+
+@overload(yield_core)
+def _compile_yield_core():
+    def implementation():
+        _sched_yield()
+
+    return implementation
+
+
+def pause():
+    """Tell the core that this is a spin loop (x86 `pause`, Arm `yield`)."""
+
+
+@intrinsic
+def _pause(typing_context):
+    def codegen(context, builder, signature, args):
+        if _HINT is not None:
+            name, operands = _HINT
+            signature = ir.FunctionType(ir.VoidType(), [ir.IntType(32) for _ in operands])
+            hint = cgutils.get_or_insert_function(builder.module, signature, name)
+            builder.call(hint, [ir.Constant(ir.IntType(32), operand) for operand in operands])
+        return context.get_dummy_value()
+
+    return types.void(), codegen
+
+
+@overload(pause)
+def _compile_pause():
+    def implementation():
+        _pause()
+
+    return implementation

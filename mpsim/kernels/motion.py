@@ -1,0 +1,70 @@
+"""Motion of a slice of discs over one step: acceleration, drift, walls, and the check that the state is finite."""
+
+from mpsim.kernels.compiling import compiled
+from mpsim.kernels.layout import ABORT, BAD_SLOT, BAD_STATE, DT, X_HIGH, X_LOW, Y_HIGH, Y_LOW
+from mpsim.kernels.machine import atomic_store
+
+
+@compiled
+def accelerate(discs, low, high, gravity, acceleration, parameters):
+    """v += a dt, for what the scene has: one acceleration for all, one per disc, or both. None compiles to nothing."""
+    if gravity is not None:
+        discs.vx[low:high] += gravity[0] * parameters[DT]
+        discs.vy[low:high] += gravity[1] * parameters[DT]
+    if acceleration is not None:
+        for i in range(low, high):
+            discs.vx[i] += acceleration[0, discs.id[i]] * parameters[DT]
+            discs.vy[i] += acceleration[1, discs.id[i]] * parameters[DT]
+
+
+@compiled
+def drift(discs, low, high, parameters):
+    """p += v dt and the wall rule; returns True if a position or velocity is not finite.
+
+    A disc beyond a wall and moving outward has that velocity component turned round; its centre is clamped to
+    [R, W - R] x [R, H - R]. Written without branches, so that it becomes vector code.
+    """
+    x, y, vx, vy = discs.x[low:high], discs.y[low:high], discs.vx[low:high], discs.vy[low:high]
+    zero = x.dtype.type(0)  # an integer 0 would turn float32 arithmetic into float64
+    dt = parameters[DT]
+    x_low, x_high, y_low, y_high = parameters[X_LOW], parameters[X_HIGH], parameters[Y_LOW], parameters[Y_HIGH]
+    bad = False
+    for i in range(high - low):
+        ux = vx[i]
+        uy = vy[i]
+        px = x[i] + ux * dt
+        py = y[i] + uy * dt
+        vx[i] = -ux if ((px < x_low) & (ux < zero)) | ((px > x_high) & (ux > zero)) else ux
+        vy[i] = -uy if ((py < y_low) & (uy < zero)) | ((py > y_high) & (uy > zero)) else uy
+        px = x_low if px < x_low else px
+        px = x_high if px > x_high else px
+        py = y_low if py < y_low else py
+        py = y_high if py > y_high else py
+        x[i] = px
+        y[i] = py
+        # A NaN passes the clamps, an infinite velocity gives inf - inf = NaN: every comparison with them is false.
+        bad |= not ((px >= x_low) & (py >= y_low) & (ux - ux == zero) & (uy - uy == zero))
+    return bad
+
+
+@compiled
+def worst_slot(discs, low, high, parameters):
+    """Slot of the non-finite disc with the lowest id in [low, high), or -1."""
+    worst = -1
+    for i in range(low, high):
+        vx, vy = discs.vx[i], discs.vy[i]
+        fine = (discs.x[i] >= parameters[X_LOW]) & (discs.y[i] >= parameters[Y_LOW]) & (vx - vx == 0) & (vy - vy == 0)
+        if not fine and (worst < 0 or discs.id[i] < discs.id[worst]):
+            worst = i
+    return worst
+
+
+@compiled
+def move(discs, low, high, gravity, acceleration, parameters, control, mine):
+    """Advance a slice; a non-finite disc raises the abort word before anything is binned by its position."""
+    accelerate(discs, low, high, gravity, acceleration, parameters)
+    if drift(discs, low, high, parameters):
+        mine[BAD_SLOT] = worst_slot(discs, low, high, parameters)
+        atomic_store(control, ABORT, BAD_STATE)
+        return False
+    return True

@@ -1,0 +1,168 @@
+"""The grid: discs counted and sorted into cells, column by column, by several workers at once.
+
+Cells are numbered column by column. Each column has an empty ghost cell below its first and above its last row, and
+an empty ghost column follows the last one, so that no neighbour needs a test for the edge of the box.
+start[cell] is the first disc of a cell and start[cell + 1] one past its last.
+"""
+
+import numpy as np
+
+from mpsim.kernels.compiling import compiled
+from mpsim.kernels.layout import (
+    CELLS_PER_X,
+    CELLS_PER_Y,
+    COLUMNS,
+    FIRST_COLUMN,
+    HIGH,
+    KEPT,
+    LAST_COLUMN,
+    LOW,
+    OUTBOX,
+    ROWS,
+    WORKERS,
+)
+from mpsim.kernels.machine import natural
+
+
+@compiled
+def bin_discs(discs, low, high, parameters, control):
+    """Cell of each disc of a slice."""
+    # 32-bit throughout: the loop then is vector code. The last row and column also hold what rounding puts beyond.
+    last_column, last_row = np.int32(control[COLUMNS] - 1), np.int32(control[ROWS] - 1)
+    stride, ghost = np.int32(control[ROWS] + 2), np.int32(1)
+    x, y, cells = discs.x[low:high], discs.y[low:high], discs.cell[low:high]
+    cells_per_x, cells_per_y = parameters[CELLS_PER_X], parameters[CELLS_PER_Y]
+    for i in range(high - low):
+        column = min(np.int32(x[i] * cells_per_x), last_column)
+        row = min(np.int32(y[i] * cells_per_y), last_row)
+        cells[i] = column * stride + row + ghost
+
+
+@compiled
+def count_cells(discs, start, outbox, sent, team, worker, control):
+    """Count own discs per cell, and list those that moved into another worker's columns.
+
+    The list lies in the slice's own part of `outbox`; sent[w] tells how many of it go to worker w.
+    """
+    mine = team[worker]
+    stride = control[ROWS] + 2
+    first_cell, last_cell = mine[FIRST_COLUMN] * stride, mine[LAST_COLUMN] * stride
+    start[first_cell + 1 : last_cell + 1] = 0
+    sent[:] = 0
+    left = 0
+    low, high = mine[LOW], mine[HIGH]
+    for i in range(low, high):
+        cell = natural(discs.cell[natural(i)])
+        if first_cell <= cell < last_cell:
+            start[cell + 1] += 1
+        else:
+            outbox[low + left] = i
+            left += 1
+            column = cell // stride
+            for other in range(control[WORKERS]):
+                sent[other] += team[other, FIRST_COLUMN] <= column < team[other, LAST_COLUMN]
+    mine[OUTBOX] = left
+    mine[KEPT] = high - low - left
+
+
+@compiled
+def count_immigrants(discs, start, outbox, team, worker, control):
+    """Add to the counts the discs that other workers list and that now lie in own columns."""
+    stride = control[ROWS] + 2
+    first_cell, last_cell = team[worker, FIRST_COLUMN] * stride, team[worker, LAST_COLUMN] * stride
+    for other in range(control[WORKERS]):
+        for k in range(team[other, LOW], team[other, LOW] + team[other, OUTBOX]):
+            cell = discs.cell[outbox[k]]
+            if first_cell <= cell < last_cell:
+                start[cell + 1] += 1
+
+
+@compiled
+def first_slot_of(team, sent, worker, control):
+    """First slot of a worker's discs after the sort: how many discs the workers before it will hold."""
+    slot = 0
+    for before in range(worker):
+        slot += team[before, KEPT]
+        for other in range(control[WORKERS]):
+            slot += sent[other, before]
+    return slot
+
+
+@compiled
+def counts_to_starts(start, first_cell, last_cell, slot):
+    """Exclusive prefix sum: start[cell + 1], a count, becomes the slot of the cell's first disc. Returns the end."""
+    for cell in range(first_cell, last_cell):
+        count = start[natural(cell) + 1]
+        start[natural(cell) + 1] = slot
+        slot += count
+    return slot
+
+
+@compiled
+def place(source, i, target, start):
+    """Copy disc i to the next free slot of its cell. When all are placed, start[cell + 1] is the cell's end."""
+    cell = natural(source.cell[i])
+    slot = natural(start[cell + 1])
+    start[cell + 1] = slot + 1
+    target.x[slot] = source.x[i]
+    target.y[slot] = source.y[i]
+    target.vx[slot] = source.vx[i]
+    target.vy[slot] = source.vy[i]
+    target.id[slot] = source.id[i]
+    target.cell[slot] = cell
+
+
+@compiled
+def place_all(source, target, start, outbox, team, worker, control):
+    """Place the slice's discs that stayed, then those that arrive from other workers."""
+    mine = team[worker]
+    stride = control[ROWS] + 2
+    first_cell, last_cell = mine[FIRST_COLUMN] * stride, mine[LAST_COLUMN] * stride
+    if mine[OUTBOX] == 0:
+        for i in range(mine[LOW], mine[HIGH]):
+            place(source, natural(i), target, start)
+    else:
+        for i in range(mine[LOW], mine[HIGH]):
+            if first_cell <= source.cell[i] < last_cell:
+                place(source, natural(i), target, start)
+    for other in range(control[WORKERS]):
+        for k in range(team[other, LOW], team[other, LOW] + team[other, OUTBOX]):
+            if first_cell <= source.cell[outbox[k]] < last_cell:
+                place(source, outbox[k], target, start)
+
+
+@compiled
+def swap(discs, i, j):
+    """Exchange two discs of one cell."""
+    discs.x[i], discs.x[j] = discs.x[j], discs.x[i]
+    discs.y[i], discs.y[j] = discs.y[j], discs.y[i]
+    discs.vx[i], discs.vx[j] = discs.vx[j], discs.vx[i]
+    discs.vy[i], discs.vy[j] = discs.vy[j], discs.vy[i]
+    discs.id[i], discs.id[j] = discs.id[j], discs.id[i]
+
+
+@compiled
+def order_by_id(discs, low, high):
+    """Insertion sort by id inside each cell. Discs that stay in a cell are in order already, so this seldom acts."""
+    for i in range(natural(low) + 1, high):
+        if (discs.cell[i] == discs.cell[i - 1]) & (discs.id[i] < discs.id[i - 1]):
+            k = i
+            while k > low and discs.cell[k] == discs.cell[k - 1] and discs.id[k] < discs.id[k - 1]:
+                swap(discs, k, k - 1)
+                k -= 1
+
+
+@compiled
+def sort(source, target, start, outbox, team, sent, worker, control):
+    """Counting sort of the discs of own columns; afterwards the worker's slice is what lies there."""
+    mine = team[worker]
+    columns = control[COLUMNS]
+    stride = control[ROWS] + 2
+    slot = first_slot_of(team, sent, worker, control)
+    count_immigrants(source, start, outbox, team, worker, control)
+    end = counts_to_starts(start, mine[FIRST_COLUMN] * stride, mine[LAST_COLUMN] * stride, slot)
+    if worker == control[WORKERS] - 1:
+        start[columns * stride + 1 : (columns + 1) * stride + 1] = end
+    place_all(source, target, start, outbox, team, worker, control)
+    order_by_id(target, slot, end)
+    return slot, end

@@ -1,0 +1,163 @@
+"""The stepped solver: one frame, and many frames in one call.
+
+A frame of the grid has four phases. W workers own contiguous ranges of columns, chosen so that each holds about the
+same number of discs; the discs of a worker's columns are one contiguous slice of the arrays.
+
+    move   own slice: v += a dt, p += v dt, walls, cell; count the cells of own columns, list the discs that left
+    ------------------------------------------------------------------------------------------------- barrier
+    sort   own columns: counting sort of the discs into the other buffer, in the order (column, row, id)
+    ------------------------------------------------------------------------------------------------- barrier
+    even   own even columns: contacts of column c with itself and with column c + 1
+    ------------------------------------------------------------------------------------------------- barrier
+    odd    own odd columns, likewise
+    ------------------------------------------------------------------------------------------------- barrier
+
+Why the passes need no lock, and why workers cannot change the result:
+
+    column      0     1     2     3     4     5          a disc looks at          +---+---+
+    even pass  [0 --> 1]   [2 --> 3]   [4 --> 5]         the later discs of its   | 2 | 5 |
+    odd pass         [1 --> 2]   [3 --> 4]   [5 -->      own cell (1), and at     +---+---+
+                                                         the cells 2 to 5:        | 1 | 4 |
+    in one pass the brackets are disjoint, so every                               +---+---+
+    order of the columns, on any worker, is the same                                  | 3 |
+                                                                                      +---+
+
+Inside a column the order is that of the sorted discs, a function of positions and ids alone. So a frame depends on
+nothing but the state in particle order: not on the workers, nor on the memory order left by earlier frames.
+"""
+
+from mpsim.kernels.compiling import compiled
+from mpsim.kernels.contacts import resolve_all_pairs, resolve_columns
+from mpsim.kernels.layout import (
+    ABORT,
+    CLOCK,
+    COLLISIONS,
+    COLUMNS,
+    COMMAND,
+    COUNT,
+    EVEN,
+    FIRST_COLUMN,
+    FRAME,
+    FRAMES,
+    GUARDED,
+    HIGH,
+    LAST_COLUMN,
+    LOW,
+    MOVE,
+    PHASE,
+    RUNNING,
+    SORT,
+    SUBSTEPS,
+    WAIT,
+    WORKERS,
+)
+from mpsim.kernels.machine import atomic_add, now
+from mpsim.kernels.motion import move
+from mpsim.kernels.sorting import bin_discs, count_cells, sort
+from mpsim.kernels.waiting import barrier
+
+
+@compiled
+def record(times, mine, phase, since):
+    """Add the time since `since` to a phase of the current frame; returns the time now."""
+    moment = now(mine[CLOCK : CLOCK + 2])
+    times[mine[FRAME], phase] += moment - since
+    return moment
+
+
+@compiled
+def enter(mine, phase):
+    """Note which phase this worker is in, for the report of a death."""
+    mine[PHASE] = phase
+
+
+@compiled
+def meet(control, mine, times, since):
+    """Barrier, its waiting time recorded. Returns the time now; the abort word tells whether to go on."""
+    if control[WORKERS] > 1:
+        barrier(control, mine)
+        return record(times, mine, WAIT, since)
+    return since
+
+
+@compiled
+def step(front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, times, worker):
+    """One step of one worker from buffer `front` to buffer `back`. False: leave the loop, the abort word says why."""
+    mine = team[worker]
+    moment = now(mine[CLOCK : CLOCK + 2])
+    enter(mine, MOVE)
+    if move(front, mine[LOW], mine[HIGH], gravity, acceleration, parameters, control, mine):
+        bin_discs(front, mine[LOW], mine[HIGH], parameters, control)
+        count_cells(front, start, outbox, sent[worker], team, worker, control)
+    moment = record(times, mine, MOVE, moment)
+    moment = meet(control, mine, times, moment)
+    if control[ABORT] != RUNNING:
+        return False
+    enter(mine, SORT)
+    slot, end = sort(front, back, start, outbox, team, sent, worker, control)
+    moment = record(times, mine, SORT, moment)
+    moment = meet(control, mine, times, moment)
+    mine[LOW], mine[HIGH] = slot, end
+    if control[GUARDED] == 0:
+        # Neighbouring columns at the same time on different workers: the race of the report, on purpose.
+        mine[COLLISIONS] += resolve_columns(
+            back, start, worker, control[COLUMNS], control[WORKERS], control, parameters
+        )
+        moment = record(times, mine, EVEN, moment)
+        meet(control, mine, times, moment)
+        return control[ABORT] == RUNNING
+    for parity in range(2):
+        enter(mine, EVEN + parity)
+        first = mine[FIRST_COLUMN] + (mine[FIRST_COLUMN] + parity) % 2
+        mine[COLLISIONS] += resolve_columns(back, start, first, mine[LAST_COLUMN], 2, control, parameters)
+        moment = record(times, mine, EVEN + parity, moment)
+        moment = meet(control, mine, times, moment)
+    return control[ABORT] == RUNNING
+
+
+@compiled
+def run_grid(front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, times, worker):
+    """All frames of one command, for one worker of `grid` (which has only one) or `parallel`.
+
+    front, back: the two buffers, `front` holding the state. times: int64 (frames, phases) of this worker, set to zero
+    by the caller. The coordinator is worker 0 and gives the command from in here, so that nothing can come between the
+    command and its own part of the work. Returns the abort word: RUNNING if all frames were done.
+    """
+    mine = team[worker]
+    mine[COLLISIONS] = 0
+    if worker == 0:
+        atomic_add(control, COMMAND, 1)
+    for frame in range(control[FRAMES]):
+        mine[FRAME] = frame
+        for _ in range(control[SUBSTEPS]):
+            going = step(
+                front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, times, worker
+            )
+            if not going:
+                return control[ABORT]
+            front, back = back, front
+    mine[FRAME] = control[FRAMES]
+    if control[WORKERS] > 1:
+        barrier(control, mine)  # nobody still writes its times when the coordinator goes on
+    return control[ABORT]
+
+
+@compiled
+def run_naive(discs, gravity, acceleration, parameters, control, team, times):
+    """All frames of one command by testing all pairs i < j in index order, on one process. Returns the abort word."""
+    mine = team[0]
+    mine[COLLISIONS] = 0
+    count = control[COUNT]
+    for frame in range(control[FRAMES]):
+        mine[FRAME] = frame
+        for _ in range(control[SUBSTEPS]):
+            moment = now(mine[CLOCK : CLOCK + 2])
+            enter(mine, MOVE)
+            if not move(discs, 0, count, gravity, acceleration, parameters, control, mine):
+                return control[ABORT]
+            moment = record(times, mine, MOVE, moment)
+            enter(mine, EVEN)
+            mine[COLLISIONS] += resolve_all_pairs(discs, control, parameters)
+            record(times, mine, EVEN, moment)
+    mine[FRAME] = control[FRAMES]
+    return RUNNING

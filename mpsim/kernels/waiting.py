@@ -1,0 +1,82 @@
+"""Waiting for other processes on words of the shared block: spin, then yield, then sleep. Every wait ends."""
+
+from mpsim.kernels.compiling import compiled
+from mpsim.kernels.layout import ABORT, ARRIVALS, ARRIVED, CLOCK, COMMAND, MAIL, PATIENCE, STALLED, WORKERS
+from mpsim.kernels.machine import atomic_add, atomic_load, atomic_store, now, pause, sleep_briefly, yield_core
+
+SPINS = 200
+"""Polls before a waiting process gives its core away: about 4 microseconds, which covers the waits of an undisturbed
+small frame. More would cost a frame dearly where two workers share a core: the one that spins holds up the other."""
+
+YIELDS = 3000
+"""Calls of sched_yield between spinning and sleeping, about 1 ms. It must be far longer than a nap: otherwise one
+worker's nap makes the other one wait long enough to nap too, and the two go on taking turns for ever."""
+
+NAP = 100_000
+"""Nanoseconds of one sleep. Longer naps cost latency at a barrier, shorter ones cost CPU while somebody is suspended."""
+
+
+@compiled
+def barrier(control, mine):
+    """Wait until every worker has come here equally often. Returns the abort word: 0 is well.
+
+    One shared counter only grows: the k-th barrier is complete at k times the number of workers, so it needs no reset
+    and no second phase. `mine` is this worker's row of `team`.
+    """
+    mine[ARRIVALS] += 1
+    target = mine[ARRIVALS] * control[WORKERS]
+    atomic_add(control, ARRIVED, 1)
+    polls = 0
+    started = 0
+    while atomic_load(control, ARRIVED) < target:
+        abort = atomic_load(control, ABORT)
+        if abort != 0:
+            return abort
+        polls += 1
+        if polls < SPINS:
+            pause()
+        elif polls < SPINS + YIELDS:
+            yield_core()
+        else:
+            clock = mine[CLOCK : CLOCK + 2]
+            if started == 0:
+                started = now(clock)
+            elif now(clock) - started > PATIENCE:
+                atomic_store(control, ABORT, STALLED)
+            sleep_briefly(clock, NAP)
+    return atomic_load(control, ABORT)
+
+
+@compiled
+def await_command(control, mine, command, mail, nanoseconds):
+    """Wait until the command or mail number differs from the given one, or the time is up. True if one differs."""
+    clock = mine[CLOCK : CLOCK + 2]
+    started = now(clock)
+    polls = 0
+    while atomic_load(control, COMMAND) == command and atomic_load(control, MAIL) == mail:
+        polls += 1
+        if polls < SPINS:
+            pause()
+        else:
+            if now(clock) - started > nanoseconds:
+                return False
+            yield_core()
+    return True
+
+
+@compiled
+def store_word(words, index, value):
+    """`atomic_store` for callers in Python."""
+    atomic_store(words, index, value)
+
+
+@compiled
+def load_word(words, index):
+    """`atomic_load` for callers in Python."""
+    return atomic_load(words, index)
+
+
+@compiled
+def add_to_word(words, index, value):
+    """`atomic_add` for callers in Python."""
+    return atomic_add(words, index, value)

@@ -1,0 +1,1 @@
+"""What people look at: figures and animations. Matplotlib throughout, with one style file."""

@@ -1,0 +1,69 @@
+"""Settings: how a scene is simulated."""
+
+from dataclasses import dataclass
+
+from mpsim import checks
+
+METHODS = ("naive", "grid", "parallel", "auto")
+LAWS = ("reflect", "elastic")
+CONTACTS = ("push",)
+PRECISIONS = ("float32", "float64")
+START_METHODS = ("fork", "spawn", "forkserver")
+
+MOST_WORKERS = 1024
+"""More worker processes than this is taken for a mistake: no machine that mpsim runs on has so many cores."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a scene is simulated: speed against accuracy. Checked when made; immutable.
+
+    Args:
+        dt: time of one frame [time], > 0. A disc should move less than its radius in one frame.
+        method: "naive" tests all pairs; "grid" uses cells, one process; "parallel" uses cells and several processes;
+            "auto" takes the fastest of these for the scene and this machine.
+        workers: processes that compute, the coordinator being one of them, 1 to 1024; None: as many as this process may
+            really use (affinity and container quota). Never changes the result.
+        law: "elastic" exchanges the normal velocities of discs that approach, keeping momentum and energy;
+            "reflect", the term-project report's, mirrors each velocity about the contact line.
+        contact: "push" separates overlapping discs, half the overlap each, and applies the law where the frame ended.
+        substeps: steps of dt / substeps in each frame, >= 1.
+        precision: "float32" (the report's) or "float64".
+        start_method: how worker processes start: "forkserver" (the default where it exists: safe with threads, and each
+            start after the first is quick), "fork" (quickest, unsafe in a program with threads) or "spawn".
+        unguarded: True resolves neighbouring columns at the same time, which is a race and *wrong*: each run of
+            `parallel` then differs. For showing what the odd/even passes are for; never for results.
+
+    Raises:
+        InputError: naming the setting, its rule and the value received.
+
+    >>> Settings(dt=0.02, law="reflect").substeps
+    1
+    >>> Settings(method="gird")
+    Traceback (most recent call last):
+        ...
+    mpsim.errors.InputError: method must be one of 'naive', 'grid', 'parallel', 'auto'; got 'gird'. Did you mean 'grid'?
+    """
+
+    dt: float = 0.01
+    method: str = "auto"
+    workers: int | None = None
+    law: str = "elastic"
+    contact: str = "push"
+    substeps: int = 1
+    precision: str = "float64"
+    start_method: str | None = None
+    unguarded: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "dt", checks.positive("dt", self.dt, "[time]"))
+        checks.choice("method", self.method, METHODS)
+        checks.choice("law", self.law, LAWS)
+        checks.choice("contact", self.contact, CONTACTS)
+        checks.choice("precision", self.precision, PRECISIONS)
+        checks.whole("substeps", self.substeps, 1, 1_000_000, "Use dt for the frame and substeps to divide it.")
+        if self.workers is not None:
+            remedy = "Leave it out to use every core that this process may use."
+            checks.whole("workers", self.workers, 1, MOST_WORKERS, remedy)
+        if self.start_method is not None:
+            checks.choice("start_method", self.start_method, START_METHODS)

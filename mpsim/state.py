@@ -1,0 +1,103 @@
+"""The particle arrays: their names, dtypes and order in the shared block, and the copies handed out of it."""
+
+import hashlib
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from mpsim.kernels import layout
+
+MOST_FRAMES = 4096
+"""Frames of one command at most: the length of the array of times in the shared block."""
+
+CELLS_PER_DISC = 2
+"""In a dilute scene cells grow beyond one diameter, so that there are about this many per disc."""
+
+
+@dataclass(frozen=True)
+class ArraySpec:
+    """dtype and shape of one array of the shared block."""
+
+    dtype: np.dtype
+    shape: tuple[int, ...]
+
+    @property
+    def nbytes(self) -> int:
+        """Size in bytes."""
+        return self.dtype.itemsize * math.prod(self.shape)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells of the broad phase. A function of box, diameter, precision and number of discs only: never of history."""
+
+    columns: int
+    rows: int
+
+    @property
+    def table_size(self) -> int:
+        """Length of the table of cell starts, with a ghost cell below and above each column and a ghost column."""
+        return (self.columns + 1) * (self.rows + 2) + 1
+
+
+def grid_for(count: int, width: float, height: float, diameter: float, precision: str) -> Grid:
+    """The grid of a scene: cells of one diameter, larger where there are fewer discs than cells / CELLS_PER_DISC.
+
+    A cell is wider than a diameter by the rounding of a coordinate times the number of cells, so that discs two cells
+    apart can never overlap.
+    """
+    rounding = 8 * float(np.finfo(precision).eps) * max(width, height)
+    side = max(diameter + rounding, math.sqrt(width * height / (CELLS_PER_DISC * max(count, 1))))
+    return Grid(max(int(width / side), 1), max(int(height / side), 1))
+
+
+def block_arrays(
+    capacity: int, grid: Grid, workers: int, precision: str, features: dict[str, tuple[int, ...]]
+) -> dict[str, ArraySpec]:
+    """Every array of the shared block, by name. `features` holds the shapes of what only some scenes need."""
+    real, length = np.dtype(precision), capacity + layout.PADDING
+    arrays = {}
+    for buffer in ("a", "b"):
+        for field in layout.Discs._fields:
+            integer = field in ("id", "cell")
+            arrays[f"{buffer}.{field}"] = ArraySpec(np.dtype(np.int32) if integer else real, (length,))
+    arrays["start"] = ArraySpec(np.dtype(np.int32), (grid.table_size,))
+    arrays["outbox"] = ArraySpec(np.dtype(np.int32), (length,))
+    arrays["parameters"] = ArraySpec(real, (layout.PARAMETERS,))
+    word = np.dtype(np.int64)
+    arrays["control"] = ArraySpec(word, (layout.CONTROL,))
+    arrays["team"] = ArraySpec(word, (workers, layout.TEAM))
+    arrays["sent"] = ArraySpec(word, (workers, workers))
+    arrays["times"] = ArraySpec(word, (workers, MOST_FRAMES, len(layout.PHASES)))
+    for name, shape in features.items():
+        arrays[name] = ArraySpec(real, shape)
+    return arrays
+
+
+@dataclass(frozen=True)
+class State:
+    """Positions and velocities of all discs at one moment: copies, in the order of the scene's discs.
+
+    Attributes:
+        position: shape (N, 2) [length], in the precision of the run.
+        velocity: shape (N, 2) [length/time].
+    """
+
+    position: NDArray[np.floating]
+    velocity: NDArray[np.floating]
+
+    def digest(self) -> str:
+        """Hex digest of the bits of position and velocity; equal digests mean equal bits.
+
+        >>> import numpy as np
+        >>> State(np.zeros((1, 2)), np.ones((1, 2))).digest() == State(np.zeros((1, 2)), np.ones((1, 2))).digest()
+        True
+        """
+        digest = hashlib.blake2b(digest_size=16)
+        for array in (self.position, self.velocity):
+            little_endian: DTypeLike = array.dtype.newbyteorder("<")
+            digest.update(f"{array.dtype.name} {array.shape} ".encode())
+            digest.update(np.ascontiguousarray(array, dtype=little_endian).tobytes())
+        return digest.hexdigest()
