@@ -168,7 +168,7 @@ def _box(
         width = height = max(math.sqrt(count * math.pi * radius**2 / packing), 2 * radius)
     if packing > placement.LARGEST_PACKING:
         raise InputError(
-            f"packing must be at most {placement.LARGEST_PACKING} for random places without overlap; got {packing:.3g}. "
+            f"packing must be at most {placement.LARGEST_PACKING} for random places; got {packing:.3g}. "
             "Use fewer or smaller discs, a larger box, or give the positions yourself."
         )
     return width, height

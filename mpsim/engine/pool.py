@@ -38,8 +38,8 @@ class WorkerPool:
         context = multiprocessing.get_context(start_method or default_start_method())
         if context.get_start_method() == "forkserver":
             context.set_forkserver_preload(["mpsim.engine.worker"])
-        self._control = block.arrays["control"]
-        self._team = block.arrays["team"]
+        self._control: Any = block.arrays["control"]
+        self._team: Any = block.arrays["team"]
         self._connections: list[Connection] = []
         self._processes: list[Any] = []
         self._lost: int | None = None

@@ -49,6 +49,6 @@ class Report:
 
 def phase_seconds(nanoseconds: NDArray[np.int64]) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
     """frame_seconds and phase_seconds from int64 times of shape (workers, frames, phases)."""
-    seconds = nanoseconds * 1e-9
-    by_phase = {name: np.ascontiguousarray(seconds[:, :, index].T) for index, name in enumerate(PHASES)}
+    seconds = (nanoseconds * 1e-9).astype(np.float64)
+    by_phase = {name: seconds[:, :, index].T.copy() for index, name in enumerate(PHASES)}
     return seconds[0].sum(axis=1), by_phase

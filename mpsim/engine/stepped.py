@@ -96,13 +96,13 @@ class SteppedSolver:
         live = int(self._block.arrays["control"][layout.LIVE])
         team = self._block.arrays["team"]
         frame = int(team[0, layout.FRAME])
-        candidates = []
-        for buffer in kernel_arguments(self._block, live)[:2]:
-            for slot in team[team[:, layout.BAD_SLOT] >= 0, layout.BAD_SLOT]:
-                values = [float(array[slot]) for array in buffer[:4]]
-                if not np.isfinite(values).all():
-                    candidates.append((int(buffer.id[slot]), values))
-        del buffer
+        # After an odd number of steps the state lies in the other buffer; the bad slot is the one that is not finite.
+        candidates = [
+            (int(buffer.id[slot]), values)
+            for buffer in kernel_arguments(self._block, live)[:2]
+            for slot in team[team[:, layout.BAD_SLOT] >= 0, layout.BAD_SLOT]
+            if not np.isfinite(values := [float(array[slot]) for array in buffer[:4]]).all()
+        ]
         particle, (x, y, vx, vy) = min(candidates)
         return DivergedError(particle, first_frame + frame, (x, y), (vx, vy))
 

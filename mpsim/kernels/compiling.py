@@ -6,6 +6,9 @@ in a folder whose name is a digest of *all* kernel sources and of the versions t
 upgrade is therefore a different folder, and a stale cache cannot be loaded.
 """
 
+# pyright: reportAttributeAccessIssue=false
+# Numba fills its config module when it is imported.
+
 import hashlib
 import logging
 import os

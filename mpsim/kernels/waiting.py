@@ -13,7 +13,7 @@ YIELDS = 3000
 worker's nap makes the other one wait long enough to nap too, and the two go on taking turns for ever."""
 
 NAP = 100_000
-"""Nanoseconds of one sleep. Longer naps cost latency at a barrier, shorter ones cost CPU while somebody is suspended."""
+"""Nanoseconds of one sleep. Longer ones cost latency at a barrier, shorter ones CPU while somebody is suspended."""
 
 
 @compiled
