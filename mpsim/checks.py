@@ -54,7 +54,7 @@ def non_negative(name: str, value: Any, unit: str) -> float:
 
 def whole(name: str, value: Any, low: int, high: int, remedy: str) -> int:
     """A whole number in [low, high]."""
-    if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not low <= value <= high:
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not low <= int(value) <= high:
         raise InputError(f"{name} must be a whole number from {low} to {high}; got {value!r}. {remedy}")
     return int(value)
 

@@ -10,15 +10,13 @@ from numpy.typing import ArrayLike
 
 from mpsim import checks, placement
 from mpsim.engine import methods
+from mpsim.engine.pacing import Pacer
 from mpsim.engine.report import Report, phase_seconds
 from mpsim.engine.stepped import SteppedSolver
 from mpsim.errors import ClosedError, InputError, OverlapWarning
 from mpsim.scene import Scene
 from mpsim.settings import Settings
 from mpsim.state import MOST_FRAMES, State
-
-SLICE_SECONDS = 0.05
-"""Time after which a run returns from compiled code to look for Ctrl-C and to report progress."""
 
 MOST_FRAMES_OF_A_RUN = 10**12
 
@@ -52,9 +50,9 @@ class Simulation:
         self._scene = scene
         self._settings = settings
         self._frame = 0
-        self._seconds_per_frame = math.inf
         _warn_of_overlaps(scene)
-        method, workers = methods.choose(scene, settings)
+        method, workers, choices = methods.choose(scene, settings)
+        self._pacer = Pacer(choices, MOST_FRAMES)
         self._solver = SteppedSolver(scene, settings, method, workers)
         self._closing = weakref.finalize(self, self._solver.close)
 
@@ -130,14 +128,14 @@ class Simulation:
         frames = self._frames_wanted(frames, until)
         times, collisions, done = [np.zeros((solver.workers, 0, 5), np.int64)], 0, 0
         while done < frames:
-            size = min(frames - done, self._slice_size())
+            workers, size = self._pacer.next_slice(frames - done)
             try:
-                part, contacts = solver.advance(size, self._frame)
+                part, contacts = solver.advance(size, self._frame, workers)
             except Exception:
                 self.close()
                 raise
             self._frame += size
-            self._seconds_per_frame = max(float(part[0].sum()) * 1e-9 / size, 1e-9)
+            self._pacer.note(workers, float(np.median(part[0].sum(axis=1))) * 1e-9)
             done += size
             times.append(part)
             collisions += contacts
@@ -145,7 +143,7 @@ class Simulation:
                 progress(done, frames)
         frame_seconds, phases = phase_seconds(np.concatenate(times, axis=1))
         memory, block = solver.resources()
-        return Report(frame_seconds, phases, collisions, solver.method, solver.workers, memory, block)
+        return Report(frame_seconds, phases, collisions, *self._what_ran(), memory, block)
 
     def add(self, position: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike | None = None) -> None:
         """Add one disc, or several.
@@ -186,6 +184,12 @@ class Simulation:
             )
         return self._solver
 
+    def _what_ran(self) -> tuple[str, int]:
+        """Method and workers for the report; `auto` may have found one worker to be faster."""
+        if self._solver.method == "parallel" and self._settings.method == "auto":
+            return ("parallel", self._pacer.best) if self._pacer.best > 1 else ("grid", 1)
+        return self._solver.method, self._solver.workers
+
     def _frames_wanted(self, frames: int | None, until: float | None) -> int:
         if (frames is None) == (until is None):
             raise InputError(f"run needs either frames or until; got frames={frames!r}, until={until!r}.")
@@ -196,13 +200,6 @@ class Simulation:
             raise InputError(f"until must not lie in the past: the time is {self.time:g}; got {until!r}.")
         # A frame that ends within rounding of `until` reaches it.
         return max(math.ceil(until / self._settings.dt * (1 - 1e-12)) - self._frame, 0)
-
-    def _slice_size(self) -> int:
-        """Frames until the next look at the outside world; few before the speed is known."""
-        if math.isinf(self._seconds_per_frame):
-            guess = 1e-5 + 5e-8 * self._solver.count * (1 if self._solver.method != "naive" else self._solver.count)
-            return max(min(int(SLICE_SECONDS / 4 / guess), MOST_FRAMES), 1)
-        return max(min(int(SLICE_SECONDS / self._seconds_per_frame), MOST_FRAMES), 1)
 
 
 def _warn_of_overlaps(scene: Scene) -> None:

@@ -48,8 +48,10 @@ class SteppedSolver:
 
     # --- frames
 
-    def advance(self, frames: int, first_frame: int) -> tuple[NDArray[np.int64], int]:
-        """Run up to MOST_FRAMES frames. Returns times [ns] of shape (workers, frames, phases), and contacts resolved.
+    def advance(self, frames: int, first_frame: int, workers: int) -> tuple[NDArray[np.int64], int]:
+        """Run up to MOST_FRAMES frames on all workers or on one (the coordinator, while the others rest).
+
+        Returns times [ns] of shape (workers, frames, phases), zero for workers at rest, and the contacts resolved.
 
         Raises:
             DivergedError, WorkerDied, WorkerStalled: the solver can then only be closed.
@@ -57,10 +59,12 @@ class SteppedSolver:
         arrays, control = self._block.arrays, self._block.arrays["control"]
         control[layout.FRAMES] = frames
         control[layout.FIRST_FRAME] = first_frame
-        self._deal()
+        control[layout.WORKERS] = workers
+        arrays["team"][:, layout.COLLISIONS] = 0
+        self._deal(workers)
         times = arrays["times"]
         times[:, :frames] = 0
-        if self._pool is not None:
+        if self._pool is not None and workers > 1:
             self._pool.wake()
         arguments = kernel_arguments(self._block, int(control[layout.LIVE]))
         if self.method == "naive":
@@ -74,9 +78,9 @@ class SteppedSolver:
             raise self._failure(abort, first_frame)
         return times[:, :frames].copy(), int(arrays["team"][:, layout.COLLISIONS].sum())
 
-    def _deal(self) -> None:
+    def _deal(self, workers: int) -> None:
         """Give each worker its columns and its slice: equal numbers of discs, whole columns where they are sorted."""
-        team, workers = self._block.arrays["team"], self.workers
+        team = self._block.arrays["team"][:workers]
         share = np.arange(workers + 1) * self.count // workers
         if self._sorted_grid == self._grid:
             first_of_column = self._block.arrays["start"][: self._grid.table_size : self._grid.rows + 2]
@@ -214,7 +218,6 @@ class SteppedSolver:
             layout.ROWS: self._grid.rows,
             layout.SUBSTEPS: settings.substeps,
             layout.LAW: _LAWS[settings.law],
-            layout.WORKERS: self.workers,
             layout.GUARDED: int(not settings.unguarded),
         }
         for index, word in words.items():

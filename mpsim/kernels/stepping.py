@@ -124,8 +124,7 @@ def run_grid(front, back, start, outbox, gravity, acceleration, parameters, cont
     command and its own part of the work. Returns the abort word: RUNNING if all frames were done.
     """
     mine = team[worker]
-    mine[COLLISIONS] = 0
-    if worker == 0:
+    if worker == 0 and control[WORKERS] > 1:
         atomic_add(control, COMMAND, 1)
     for frame in range(control[FRAMES]):
         mine[FRAME] = frame
@@ -146,7 +145,6 @@ def run_grid(front, back, start, outbox, gravity, acceleration, parameters, cont
 def run_naive(discs, gravity, acceleration, parameters, control, team, times):
     """All frames of one command by testing all pairs i < j in index order, on one process. Returns the abort word."""
     mine = team[0]
-    mine[COLLISIONS] = 0
     count = control[COUNT]
     for frame in range(control[FRAMES]):
         mine[FRAME] = frame

@@ -1,0 +1,60 @@
+"""How many frames, on how many workers, until the coordinator looks at the outside world again."""
+
+import math
+import statistics
+from collections import deque
+
+MOST_SECONDS = 0.05
+"""Length of a slice of frames: the longest wait for Ctrl-C, progress, or the news of a death."""
+
+TRIAL_SECONDS = 0.005
+"""Length of a slice that only finds out how fast a number of workers is."""
+
+TRIALS = 7
+"""Slices that decide: their median leaves out the first ones, in which caches are cold and workers asleep."""
+
+TRIAL_EVERY = 64
+"""Slices after which `auto` tries the slower number of workers again, in case the machine or the scene has changed."""
+
+
+class Pacer:
+    """Chooses the next slice of a run from the frame times of those before.
+
+    Args:
+        choices: numbers of workers to choose from, the likely best first. All give the same bits, so the choice may
+            follow the clock.
+        most_frames: frames of a slice at most.
+    """
+
+    def __init__(self, choices: tuple[int, ...], most_frames: int):
+        self._most_frames = most_frames
+        self._recent = {workers: deque(maxlen=TRIALS) for workers in choices}
+        self._slices = 0
+
+    @property
+    def best(self) -> int:
+        """The number of workers with the shortest frame lately."""
+        return min(self._recent, key=self._seconds)
+
+    def next_slice(self, remaining: int) -> tuple[int, int]:
+        """Workers and frames of the next slice."""
+        self._slices += 1
+        if len(self._recent) > 1 and self._slices % TRIAL_EVERY == 0:
+            self._recent[max(self._recent, key=self._seconds)].clear()
+        for workers, recent in self._recent.items():
+            if len(self._recent) > 1 and len(recent) < TRIALS:
+                return workers, self._fit(TRIAL_SECONDS, self._seconds(workers), remaining)
+        return self.best, self._fit(MOST_SECONDS, self._seconds(self.best), remaining)
+
+    def note(self, workers: int, seconds_per_frame: float) -> None:
+        """Take in how long a frame of the last slice was (its median, which one late worker does not disturb)."""
+        self._recent[workers].append(max(seconds_per_frame, 1e-9))
+
+    def _seconds(self, workers: int) -> float:
+        """Median frame time of the last slices on so many workers; infinite before the first."""
+        return statistics.median(self._recent[workers]) if self._recent[workers] else math.inf
+
+    def _fit(self, seconds: float, seconds_per_frame: float, remaining: int) -> int:
+        """Frames that fit a slice; one frame where nothing is known yet."""
+        frames = 1 if math.isinf(seconds_per_frame) else int(seconds / seconds_per_frame)
+        return max(min(frames, remaining, self._most_frames), 1)
