@@ -1,9 +1,9 @@
 """Which method a run uses: what `auto` stands for."""
 
 import logging
+from dataclasses import dataclass
 
 from mpsim.engine.cores import may_start_processes, usable_cores
-from mpsim.scene import Scene
 from mpsim.settings import Settings
 
 logger = logging.getLogger("mpsim")
@@ -17,17 +17,30 @@ PARALLEL_FROM = 400
 because one worker or many give the same bits."""
 
 
-def choose(scene: Scene, settings: Settings) -> tuple[str, int, tuple[int, ...]]:
-    """Method ("naive", "grid" or "parallel"), workers to start, and numbers of workers to choose from while running."""
+@dataclass(frozen=True)
+class Choice:
+    """What runs.
+
+    Attributes:
+        method: "naive", "grid" or "parallel".
+        workers: numbers of workers to choose from while running, the likely best first.
+    """
+
+    method: str
+    workers: tuple[int, ...]
+
+
+def choose(count: int, settings: Settings) -> Choice:
+    """What runs `count` discs under these settings."""
     method = settings.method
     if method == "auto":
-        method = "naive" if scene.count <= NAIVE_UP_TO else "parallel" if scene.count >= PARALLEL_FROM else "grid"
+        method = "naive" if count <= NAIVE_UP_TO else "parallel" if count >= PARALLEL_FROM else "grid"
     if method != "parallel":
-        return method, 1, (1,)
+        return Choice(method, (1,))
     workers = settings.workers or usable_cores()
     if workers > 1 and not may_start_processes():
         logger.info("mpsim: this process is daemonic and may not start others; running on one worker.")
         workers = 1
     if settings.method != "auto":
-        return method, workers, (workers,)
-    return (method, workers, (workers, 1)) if workers > 1 else ("grid", 1, (1,))
+        return Choice(method, (workers,))
+    return Choice(method, (workers, 1)) if workers > 1 else Choice("grid", (1,))

@@ -13,8 +13,8 @@ TRIAL_SECONDS = 0.005
 TRIALS = 7
 """Slices that decide: their median leaves out the first ones, in which caches are cold and workers asleep."""
 
-TRIAL_EVERY = 64
-"""Slices after which `auto` tries the slower number of workers again, in case the machine or the scene has changed."""
+TRIAL_AFTER = 1.0
+"""Seconds of running after which `auto` tries the slower number of workers again: machine and scene may change."""
 
 
 class Pacer:
@@ -29,7 +29,7 @@ class Pacer:
     def __init__(self, choices: tuple[int, ...], most_frames: int):
         self._most_frames = most_frames
         self._recent = {workers: deque(maxlen=TRIALS) for workers in choices}
-        self._slices = 0
+        self._seconds_run = 0.0
 
     @property
     def best(self) -> int:
@@ -38,16 +38,17 @@ class Pacer:
 
     def next_slice(self, remaining: int) -> tuple[int, int]:
         """Workers and frames of the next slice."""
-        self._slices += 1
-        if len(self._recent) > 1 and self._slices % TRIAL_EVERY == 0:
+        if len(self._recent) > 1 and self._seconds_run > TRIAL_AFTER:
+            self._seconds_run = 0.0
             self._recent[max(self._recent, key=self._seconds)].clear()
         for workers, recent in self._recent.items():
             if len(self._recent) > 1 and len(recent) < TRIALS:
                 return workers, self._fit(TRIAL_SECONDS, self._seconds(workers), remaining)
         return self.best, self._fit(MOST_SECONDS, self._seconds(self.best), remaining)
 
-    def note(self, workers: int, seconds_per_frame: float) -> None:
+    def note(self, workers: int, frames: int, seconds_per_frame: float) -> None:
         """Take in how long a frame of the last slice was (its median, which one late worker does not disturb)."""
+        self._seconds_run += frames * seconds_per_frame
         self._recent[workers].append(max(seconds_per_frame, 1e-9))
 
     def _seconds(self, workers: int) -> float:

@@ -20,10 +20,11 @@ from mpsim.errors import SharedMemoryError
 from mpsim.state import ArraySpec
 
 PAGE = 4096
-STAGGER = 192
+STAGGER = 384
 """Bytes by which each array's place inside a memory page differs from that of the array before. A load that follows a
 store to another page at the same place waits for it in vain (4 KiB aliasing): with arrays of about a page or a power of
-two, which the sort reads and writes side by side, that doubles its time. A multiple of the cache line, 64."""
+two, which the sort reads and writes side by side, that doubles its time. A multiple of two cache lines, 128, which is
+what the prefetcher takes at a time."""
 
 
 class SharedBlock:

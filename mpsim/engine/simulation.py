@@ -14,6 +14,7 @@ from mpsim.engine.pacing import Pacer
 from mpsim.engine.report import Report, phase_seconds
 from mpsim.engine.stepped import SteppedSolver
 from mpsim.errors import ClosedError, InputError, OverlapWarning
+from mpsim.kernels.layout import PHASES
 from mpsim.scene import Scene
 from mpsim.settings import Settings
 from mpsim.state import MOST_FRAMES, State
@@ -51,9 +52,9 @@ class Simulation:
         self._settings = settings
         self._frame = 0
         _warn_of_overlaps(scene)
-        method, workers, choices = methods.choose(scene, settings)
-        self._pacer = Pacer(choices, MOST_FRAMES)
-        self._solver = SteppedSolver(scene, settings, method, workers)
+        choice = methods.choose(scene.count, settings)
+        self._pacer = Pacer(choice.workers, MOST_FRAMES)
+        self._solver = SteppedSolver(scene, settings, choice)
         self._closing = weakref.finalize(self, self._solver.close)
 
     def __enter__(self) -> "Simulation":
@@ -126,7 +127,7 @@ class Simulation:
         """
         solver = self._open_solver()
         frames = self._frames_wanted(frames, until)
-        times, collisions, done = [np.zeros((solver.workers, 0, 5), np.int64)], 0, 0
+        times, collisions, done = [np.zeros((max(solver.choice.workers), 0, len(PHASES)), np.int64)], 0, 0
         while done < frames:
             workers, size = self._pacer.next_slice(frames - done)
             try:
@@ -135,7 +136,7 @@ class Simulation:
                 self.close()
                 raise
             self._frame += size
-            self._pacer.note(workers, float(np.median(part[0].sum(axis=1))) * 1e-9)
+            self._pacer.note(workers, size, float(np.median(part[0].sum(axis=1))) * 1e-9)
             done += size
             times.append(part)
             collisions += contacts
@@ -169,12 +170,17 @@ class Simulation:
                 )
             kicks = checks.finite_array("acceleration", np.atleast_2d(acceleration), shape, meaning)
         self._scene.check_inside("position", places)
-        solver.add(places, speeds, kicks)
+        before, choice = solver.choice, methods.choose(solver.count + len(places), self._settings)
+        solver.add(places, speeds, kicks, choice)
+        if choice != before:
+            self._pacer = Pacer(choice.workers, MOST_FRAMES)
 
     def __repr__(self) -> str:
         if not self._closing.alive:
             return f"<Simulation: closed after frame {self._frame}>"
-        return f"<Simulation: {self.count} discs by {self._solver.method}, frame {self._frame}, time {self.time:g}>"
+        return (
+            f"<Simulation: {self.count} discs by {self._solver.choice.method}, frame {self._frame}, time {self.time:g}>"
+        )
 
     def _open_solver(self) -> SteppedSolver:
         if not self._closing.alive:
@@ -186,9 +192,10 @@ class Simulation:
 
     def _what_ran(self) -> tuple[str, int]:
         """Method and workers for the report; `auto` may have found one worker to be faster."""
-        if self._solver.method == "parallel" and self._settings.method == "auto":
-            return ("parallel", self._pacer.best) if self._pacer.best > 1 else ("grid", 1)
-        return self._solver.method, self._solver.workers
+        method, workers = self._solver.choice.method, self._pacer.best
+        return (
+            "grid" if self._settings.method == "auto" and method == "parallel" and workers == 1 else method
+        ), workers
 
     def _frames_wanted(self, frames: int | None, until: float | None) -> int:
         if (frames is None) == (until is None):

@@ -6,6 +6,7 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
+from mpsim.engine.methods import Choice
 from mpsim.engine.pool import WorkerPool
 from mpsim.engine.shared import SharedBlock
 from mpsim.engine.worker import kernel_arguments, load_kernels
@@ -25,10 +26,9 @@ class SteppedSolver:
     The state lives in the shared block, in whatever order the last frame sorted it; ids bring it back to the scene's.
     """
 
-    def __init__(self, scene: Scene, settings: Settings, method: str, workers: int):
-        self.method = method
-        self.workers = workers
+    def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         self.count = scene.count
+        self.choice = choice
         self._scene = scene
         self._settings = settings
         self._sorted_grid: Grid | None = None
@@ -38,13 +38,24 @@ class SteppedSolver:
         try:
             self._write_state(scene.position, scene.velocity, scene.acceleration)
             self._configure()
-            self._load_kernels()
-            if workers > 1:
-                self._pool = WorkerPool(workers, self._block, settings.start_method)
-                self._processes += [psutil.Process(pid) for pid in self._pool.pids]
+            self._prepare()
         except BaseException:
             self.close()
             raise
+
+    def _prepare(self) -> None:
+        """Compile or load the kernels, then start the workers: they find the machine code and no frame waits for it."""
+        if self.choice.method == "naive":
+            self._load_naive()
+            return
+        load_kernels(self._block)
+        if self._most_workers > 1:
+            self._pool = WorkerPool(self._most_workers, self._block, self._settings.start_method)
+            self._processes += [psutil.Process(pid) for pid in self._pool.pids]
+
+    @property
+    def _most_workers(self) -> int:
+        return max(self.choice.workers)
 
     # --- frames
 
@@ -66,12 +77,10 @@ class SteppedSolver:
         times[:, :frames] = 0
         if self._pool is not None and workers > 1:
             self._pool.wake()
-        arguments = kernel_arguments(self._block, int(control[layout.LIVE]))
-        if self.method == "naive":
-            discs, _, _, _, gravity, acceleration, parameters, control, team, _ = arguments
-            abort = run_naive(discs, gravity, acceleration, parameters, control, team, times[0])
+        if self.choice.method == "naive":
+            abort = run_naive(*self._naive_arguments())
         else:
-            abort = run_grid(*arguments, times[0], 0)
+            abort = run_grid(*kernel_arguments(self._block, 0))
             control[layout.LIVE] ^= (frames * self._settings.substeps) & 1
             self._sorted_grid = self._grid
         if abort != layout.RUNNING:
@@ -97,13 +106,12 @@ class SteppedSolver:
         if abort != layout.BAD_STATE:
             assert self._pool is not None  # only a pool's watcher or barrier sets these
             return self._pool.failure()
-        live = int(self._block.arrays["control"][layout.LIVE])
         team = self._block.arrays["team"]
         frame = int(team[0, layout.FRAME])
         # After an odd number of steps the state lies in the other buffer; the bad slot is the one that is not finite.
         candidates = [
             (int(buffer.id[slot]), values)
-            for buffer in kernel_arguments(self._block, live)[:2]
+            for buffer in kernel_arguments(self._block, 0)[:2]
             for slot in team[team[:, layout.BAD_SLOT] >= 0, layout.BAD_SLOT]
             if not np.isfinite(values := [float(array[slot]) for array in buffer[:4]]).all()
         ]
@@ -114,7 +122,7 @@ class SteppedSolver:
 
     def state(self) -> State:
         """Copies in the order of the scene's discs."""
-        discs = kernel_arguments(self._block, int(self._block.arrays["control"][layout.LIVE]))[0]
+        discs = self._live_discs()
         order = discs.id[: self.count]
         position = np.empty((self.count, 2), discs.x.dtype)
         velocity = np.empty_like(position)
@@ -124,13 +132,18 @@ class SteppedSolver:
         return State(position, velocity)
 
     def add(
-        self, position: NDArray[np.float64], velocity: NDArray[np.float64], acceleration: NDArray[np.float64] | None
+        self,
+        position: NDArray[np.float64],
+        velocity: NDArray[np.float64],
+        acceleration: NDArray[np.float64] | None,
+        choice: Choice,
     ) -> None:
-        """Append discs, ids continuing. The block doubles when it is full."""
-        if self.count + len(position) > self._capacity:
-            self._grow(max(2 * self._capacity, self.count + len(position)))
+        """Append discs, ids continuing, and go on as `choice` says. The block doubles when it is full."""
+        count = self.count + len(position)
+        if choice != self.choice or count > self._capacity:
+            self._move(max(2 * self._capacity, count) if count > self._capacity else self._capacity, choice)
         self._write_state(position, velocity, acceleration, self.count)
-        self.count += len(position)
+        self.count = count
         self._configure()
 
     def resources(self) -> tuple[tuple[int, ...], int]:
@@ -144,10 +157,14 @@ class SteppedSolver:
 
     def close(self) -> None:
         """Stop the workers and remove the block. May be called again."""
+        self._stop_pool()
+        self._block.close()
+
+    def _stop_pool(self) -> None:
         if self._pool is not None:
             self._pool.stop()
             self._pool = None
-        self._block.close()
+            del self._processes[1:]
 
     # --- the block
 
@@ -159,24 +176,28 @@ class SteppedSolver:
             features["acceleration"] = (2, capacity)
         grid = self._grid_for(capacity)
         self._capacity = capacity
-        specs = block_arrays(capacity, grid, self.workers, self._settings.precision, features)
+        specs = block_arrays(capacity, grid, self._most_workers, self._settings.precision, features)
         block = SharedBlock.create(specs)
         block.arrays["team"][:, layout.BAD_SLOT] = -1
         if scene.gravity is not None:
             block.arrays["gravity"][:] = scene.gravity
         return block
 
-    def _grow(self, capacity: int) -> None:
-        """Move everything to a larger block, and the workers with it."""
-        old = self._block
+    def _move(self, capacity: int, choice: Choice) -> None:
+        """Move everything to a new block, larger or for another method, and the workers with it."""
+        old, same = self._block, choice == self.choice
         state, count = self.state(), self.count
         acceleration = old.arrays["acceleration"][:, :count].T.copy() if "acceleration" in old.arrays else None
+        self.choice = choice
         self._block = self._new_block(capacity)
         try:
             self._write_state(state.position, state.velocity, acceleration)
             self._sorted_grid = None
             self._configure()
-            if self._pool is not None:
+            if not same:
+                self._stop_pool()
+                self._prepare()
+            elif self._pool is not None:
                 self._pool.move_to(self._block)
         finally:
             old.close()
@@ -188,7 +209,7 @@ class SteppedSolver:
     def _write_state(self, position: NDArray, velocity: NDArray, acceleration: NDArray | None, first: int = 0) -> None:
         """Write discs `first`, `first + 1`, ... behind those that are there."""
         arrays = self._block.arrays
-        discs = kernel_arguments(self._block, int(arrays["control"][layout.LIVE]))[0]
+        discs = self._live_discs()
         last = first + len(position)
         discs.x[first:last], discs.y[first:last] = position.T
         discs.vx[first:last], discs.vy[first:last] = velocity.T
@@ -223,12 +244,19 @@ class SteppedSolver:
         for index, word in words.items():
             self._block.arrays["control"][index] = word
 
-    def _load_kernels(self) -> None:
-        """Compile or load before workers start, so that they find the machine code and no frame time contains it."""
-        if self.method != "naive":
-            load_kernels(self._block)
-            return
-        discs, _, _, _, gravity, acceleration, parameters, control, team, _ = kernel_arguments(self._block, 0)
-        control = control.copy()
-        control[layout.FRAMES] = 0
-        run_naive(discs, gravity, acceleration, parameters, control, team, self._block.arrays["times"][0])
+    def _live_discs(self) -> layout.Discs:
+        """The buffer that holds the state."""
+        return kernel_arguments(self._block, 0)[int(self._block.arrays["control"][layout.LIVE])]
+
+    def _naive_arguments(self) -> tuple[Any, ...]:
+        discs, _, _, _, gravity, acceleration, parameters, control, team, _, times, *_ = kernel_arguments(
+            self._block, 0
+        )
+        return discs, gravity, acceleration, parameters, control, team, times
+
+    def _load_naive(self) -> None:
+        """Compile or load `run_naive`, by running no frame."""
+        arguments = list(self._naive_arguments())
+        arguments[4] = arguments[4].copy()
+        arguments[4][layout.FRAMES] = 0
+        run_naive(*arguments)

@@ -16,7 +16,7 @@ import numpy as np
 from mpsim.engine.shared import SharedBlock
 from mpsim.kernels import layout
 from mpsim.kernels.stepping import run_grid
-from mpsim.kernels.waiting import await_command, load_word, store_word
+from mpsim.kernels.waiting import add_to_word, load_word, store_word
 from mpsim.state import ArraySpec
 
 LINGER = 2_000_000
@@ -27,13 +27,11 @@ ORPHANED = 3
 """Exit code of a worker whose coordinator is gone."""
 
 
-def kernel_arguments(block: SharedBlock, live: int) -> tuple[Any, ...]:
-    """Arguments of `run_grid` up to `sent`, read from a block; `live` is the buffer that holds the state."""
+def kernel_arguments(block: SharedBlock, worker: int) -> tuple[Any, ...]:
+    """Arguments of `run_grid` for one worker, views of the block."""
     arrays = block.arrays
-    buffers = [layout.Discs(*(arrays[f"{name}.{field}"] for field in layout.Discs._fields)) for name in "ab"]
     return (
-        buffers[live],
-        buffers[1 - live],
+        *(layout.Discs(*(arrays[f"{name}.{field}"] for field in layout.Discs._fields)) for name in "ab"),
         arrays["start"],
         arrays["outbox"],
         arrays.get("gravity"),
@@ -42,18 +40,21 @@ def kernel_arguments(block: SharedBlock, live: int) -> tuple[Any, ...]:
         arrays["control"],
         arrays["team"],
         arrays["sent"],
+        arrays["times"][worker],
+        worker,
+        LINGER,
     )
 
 
 def load_kernels(block: SharedBlock) -> None:
-    """Compile or load everything that a worker calls, by running no frame on private copies of the control words."""
-    *discs, control, team, sent = kernel_arguments(block, 0)
-    control, team = control.copy(), np.zeros_like(team)
+    """Compile or load everything that coordinator and workers call, by running no frame on private control words."""
+    arguments = list(kernel_arguments(block, 0))
+    control, team = arguments[7].copy(), np.zeros_like(arguments[8])
     control[layout.FRAMES], control[layout.WORKERS] = 0, 1
-    run_grid(*discs, control, team, sent, block.arrays["times"][0], 0)
+    arguments[7:9] = control, team
+    run_grid(*arguments)
     store_word(control, layout.MAIL, 1)
-    load_word(control, layout.MAIL)
-    await_command(control, team[0], control[layout.COMMAND], control[layout.MAIL], 0)
+    add_to_word(control, layout.BELL, load_word(control, layout.MAIL))
 
 
 def worker_main(worker: int, connection: Connection, name: str, specs: dict[str, ArraySpec]) -> None:
@@ -84,40 +85,43 @@ def _end_with_coordinator() -> None:
 def _serve(worker: int, connection: Connection, block: SharedBlock) -> None:
     """Run commands until the coordinator says stop. Does not return."""
     load_kernels(block)
-    control, mine = block.arrays["control"], block.arrays["team"][worker]
-    command, mail = load_word(control, layout.COMMAND), load_word(control, layout.MAIL)
-    connection.send(("ready", None))
+    arguments = _join(worker, connection, block)
     while True:
-        if not await_command(control, mine, command, mail, LINGER):
-            _park(connection, control, mine, command)
-        if load_word(control, layout.COMMAND) == command and connection.poll():
+        outcome = run_grid(*arguments)
+        if outcome == layout.IDLE:
+            _park(connection, block.arrays["control"], block.arrays["team"][worker])
+        elif outcome != layout.MAILED:
+            os._exit(0)  # the frame loop was aborted, and the coordinator knows why
+        # Counted as read before the pipe is looked at: a message that comes in between is announced once more.
+        block.arrays["team"][worker, layout.MAILS] = load_word(block.arrays["control"], layout.MAIL)
+        while connection.poll():
             kind, name, specs = connection.recv()
             if kind == "stop":
                 os._exit(0)  # at once, views and all: a worker owns nothing that would need cleaning up
             if kind == "attach":
-                control = mine = None
+                del arguments
                 block.close()
                 block = SharedBlock.attach(name, specs)
-                control, mine = block.arrays["control"], block.arrays["team"][worker]
-                command = load_word(control, layout.COMMAND)
-                connection.send(("ready", None))
-            mail = load_word(control, layout.MAIL)
-        elif load_word(control, layout.COMMAND) != command:
-            command += 1
-            arguments = kernel_arguments(block, int(control[layout.LIVE]))
-            if run_grid(*arguments, block.arrays["times"][worker], worker) != layout.RUNNING:
-                os._exit(0)
-            del arguments
+                arguments = _join(worker, connection, block)
 
 
-def _park(connection: Connection, control: Any, mine: Any, command: int) -> None:
+def _join(worker: int, connection: Connection, block: SharedBlock) -> tuple[Any, ...]:
+    """Say that this worker is ready for the next command in the block; returns its arguments for `run_grid`."""
+    control, mine = block.arrays["control"], block.arrays["team"][worker]
+    mine[layout.COMMANDS] = load_word(control, layout.COMMAND)
+    mine[layout.MAILS] = load_word(control, layout.MAIL)
+    connection.send(("ready", None))
+    return kernel_arguments(block, worker)
+
+
+def _park(connection: Connection, control: Any, mine: Any) -> None:
     """Sleep in the pipe until a message comes.
 
     Parked is said first and the bell is looked at second; the coordinator rings first and looks at parked second.
     Whatever the timing, one of the two sees the other, and no command is slept through.
     """
-    bell = load_word(control, layout.BELL)
     store_word(mine, layout.PARKED, 1)
-    if load_word(control, layout.BELL) == bell and load_word(control, layout.COMMAND) == command:
+    if load_word(control, layout.BELL) == mine[layout.BELLS]:
         wait([connection])
     store_word(mine, layout.PARKED, 0)
+    mine[layout.BELLS] = load_word(control, layout.BELL)

@@ -58,9 +58,12 @@ RUNNING = 0
 BAD_STATE = 1  # a disc's position or velocity is not finite
 WORKER_LOST = 2
 STALLED = 3  # a barrier was not complete after PATIENCE nanoseconds
-STOP = 4  # the pool is being shut down
 
-# Indices of one worker's row of `team`, int64 of shape (workers, TEAM): two cache lines written by that worker alone.
+# What `run_grid` returns besides these: to a worker only, when there is nothing to run.
+IDLE = -1  # no command for a while
+MAILED = -2  # a message waits in the pipe
+
+# Indices of one worker's row of `team`, int64 of shape (workers, TEAM): whole pairs of cache lines, of that worker alone.
 FRAME = 0  # frames finished in this command
 PHASE = 1  # phase it is in, an index of PHASES
 COLLISIONS = 2  # contacts resolved in this command
@@ -74,7 +77,10 @@ LOW = 10  # first disc and one past the last disc of this worker's slice
 HIGH = 11
 FIRST_COLUMN = 12  # first column and one past the last column of this worker
 LAST_COLUMN = 13
-TEAM = 16
+COMMANDS = 14  # commands this worker has begun
+MAILS = 15  # messages it has read
+BELLS = 16  # rings it has heard
+TEAM = 32
 
 # Phases of one frame, in the order of the last axis of `times`.
 MOVE = 0

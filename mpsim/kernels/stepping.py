@@ -34,6 +34,7 @@ from mpsim.kernels.layout import (
     COLLISIONS,
     COLUMNS,
     COMMAND,
+    COMMANDS,
     COUNT,
     EVEN,
     FIRST_COLUMN,
@@ -41,8 +42,11 @@ from mpsim.kernels.layout import (
     FRAMES,
     GUARDED,
     HIGH,
+    IDLE,
     LAST_COLUMN,
+    LIVE,
     LOW,
+    MAILED,
     MOVE,
     PHASE,
     RUNNING,
@@ -51,10 +55,10 @@ from mpsim.kernels.layout import (
     WAIT,
     WORKERS,
 )
-from mpsim.kernels.machine import atomic_add, now
+from mpsim.kernels.machine import atomic_add, atomic_load, now
 from mpsim.kernels.motion import move
 from mpsim.kernels.sorting import bin_discs, count_cells, sort
-from mpsim.kernels.waiting import barrier
+from mpsim.kernels.waiting import await_command, barrier
 
 
 @compiled
@@ -116,16 +120,9 @@ def step(front, back, start, outbox, gravity, acceleration, parameters, control,
 
 
 @compiled
-def run_grid(front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, times, worker):
-    """All frames of one command, for one worker of `grid` (which has only one) or `parallel`.
-
-    front, back: the two buffers, `front` holding the state. times: int64 (frames, phases) of this worker, set to zero
-    by the caller. The coordinator is worker 0 and gives the command from in here, so that nothing can come between the
-    command and its own part of the work. Returns the abort word: RUNNING if all frames were done.
-    """
+def run_frames(front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, times, worker):
+    """All frames of one command, for one worker. Returns the abort word: RUNNING if all frames were done."""
     mine = team[worker]
-    if worker == 0 and control[WORKERS] > 1:
-        atomic_add(control, COMMAND, 1)
     for frame in range(control[FRAMES]):
         mine[FRAME] = frame
         for _ in range(control[SUBSTEPS]):
@@ -139,6 +136,37 @@ def run_grid(front, back, start, outbox, gravity, acceleration, parameters, cont
     if control[WORKERS] > 1:
         barrier(control, mine)  # nobody still writes its times when the coordinator goes on
     return control[ABORT]
+
+
+@compiled
+def run_grid(a, b, start, outbox, gravity, acceleration, parameters, control, team, sent, times, worker, linger):
+    """Frames of `grid` (one worker) or `parallel`, for one worker.
+
+    The coordinator, worker 0, gives the command and does its part of it; as that happens in here, nothing can come
+    between the two. Any other worker runs commands as they come, until none has come for `linger` nanoseconds (IDLE)
+    or a message waits (MAILED). control[LIVE] says which of the buffers a and b holds the state.
+    times: int64 (frames, phases) of this worker, zero at first.
+    Returns RUNNING, an abort word, IDLE or MAILED.
+    """
+    mine = team[worker]
+    while True:
+        if worker == 0:
+            if control[WORKERS] > 1:
+                atomic_add(control, COMMAND, 1)
+        else:
+            if not await_command(control, mine, linger):
+                return IDLE
+            if atomic_load(control, COMMAND) == mine[COMMANDS]:
+                return MAILED
+            mine[COMMANDS] += 1
+        front, back = a, b
+        if control[LIVE] == 1:
+            front, back = b, a
+        abort = run_frames(
+            front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, times, worker
+        )
+        if worker == 0 or abort != RUNNING:
+            return abort
 
 
 @compiled

@@ -1,7 +1,19 @@
 """Waiting for other processes on words of the shared block: spin, then yield, then sleep. Every wait ends."""
 
 from mpsim.kernels.compiling import compiled
-from mpsim.kernels.layout import ABORT, ARRIVALS, ARRIVED, CLOCK, COMMAND, MAIL, PATIENCE, STALLED, WORKERS
+from mpsim.kernels.layout import (
+    ABORT,
+    ARRIVALS,
+    ARRIVED,
+    CLOCK,
+    COMMAND,
+    COMMANDS,
+    MAIL,
+    MAILS,
+    PATIENCE,
+    STALLED,
+    WORKERS,
+)
 from mpsim.kernels.machine import atomic_add, atomic_load, atomic_store, now, pause, sleep_briefly, yield_core
 
 SPINS = 200
@@ -48,12 +60,12 @@ def barrier(control, mine):
 
 
 @compiled
-def await_command(control, mine, command, mail, nanoseconds):
-    """Wait until the command or mail number differs from the given one, or the time is up. True if one differs."""
+def await_command(control, mine, nanoseconds):
+    """Wait for a command or a message that this worker has not seen. False: the time is up."""
     clock = mine[CLOCK : CLOCK + 2]
     started = now(clock)
     polls = 0
-    while atomic_load(control, COMMAND) == command and atomic_load(control, MAIL) == mail:
+    while atomic_load(control, COMMAND) == mine[COMMANDS] and atomic_load(control, MAIL) == mine[MAILS]:
         polls += 1
         if polls < SPINS:
             pause()

@@ -1,0 +1,239 @@
+"""The main job: the term-project report's experiments done by mpsim, with tables and pictures under results/bench/.
+
+python scripts/run_bench.py            everything, under a minute on two cores
+python scripts/run_bench.py --quick    a few seconds
+python scripts/run_bench.py --only fixed scaling --workers 4
+"""
+
+import argparse
+import csv
+import json
+import platform
+import subprocess
+import sys
+import time
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+import mpsim
+from mpsim.engine.cores import usable_cores
+from mpsim.measure import benchmark
+from mpsim.output import figures
+from mpsim.settings import LAWS, PRECISIONS
+
+PARTS = ("fixed", "growth", "repeat", "scaling")
+SIZES = (100, 300, 1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000)
+QUICK_SIZES = (100, 1_000, 10_000)
+
+console = Console()
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS, metavar="PART", help=", ".join(PARTS))
+    parser.add_argument("--law", choices=LAWS, default="elastic", help="collision law (default: elastic)")
+    parser.add_argument("--precision", choices=PRECISIONS, default="float32", help="default: float32, the report's")
+    parser.add_argument("--workers", type=int, default=None, help="workers of parallel (default: usable cores)")
+    parser.add_argument("--quick", action="store_true", help="fewer frames and sizes: a few seconds")
+    parser.add_argument("--out", type=Path, default=Path("results/bench"), help="default: results/bench")
+    return parser.parse_args()
+
+
+def run(options: argparse.Namespace, settings: mpsim.Settings) -> dict[str, Any]:
+    """The results of each part that was asked for."""
+    sizes = QUICK_SIZES if options.quick else SIZES
+    frames, growth_frames = (100, 200) if options.quick else (500, 1000)
+    steps = {"fixed": 3, "growth": 3, "repeat": 3, "scaling": len(sizes)}
+    columns = (TextColumn("{task.description:28}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    results: dict[str, Any] = {"frames": frames}
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task("compiling", total=sum(steps[part] for part in options.only))
+
+        def tick(word: str) -> None:
+            progress.update(task, advance=1, description=word)
+
+        jobs = {
+            "fixed": lambda: benchmark.fixed(settings, frames, tick),
+            "growth": lambda: benchmark.growth(settings, growth_frames, tick),
+            "repeat": lambda: benchmark.repeat(settings, frames, tick),
+            "scaling": lambda: benchmark.scaling(settings, sizes, 0.1 if options.quick else 0.4, tick),
+        }
+        for part in options.only:
+            results[part] = jobs[part]()
+    return results
+
+
+def machine() -> dict[str, Any]:
+    """What the figures were measured on, and with."""
+    commit = subprocess.run(
+        ["git", "describe", "--always", "--dirty"],
+        cwd=Path(__file__).parent,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return {
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "commit": commit.stdout.strip() or "unknown",
+        "processor": _processor(),
+        "usable_cores": usable_cores(),
+        "memory_bytes": psutil.virtual_memory().total,
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "versions": {"mpsim": mpsim.__version__} | {name: version(name) for name in ("numpy", "numba", "llvmlite")},
+        "load_before": psutil.getloadavg()[0],
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
+
+
+def comparison_table(title: str, timings: dict[str, benchmark.Timing], report_ms: dict[str, float]) -> Table:
+    caption = "times of a frame in microseconds; compilation and warm-up are not in them"
+    table = Table(title=title, caption=caption, title_justify="left", caption_justify="left", box=box.SIMPLE_HEAD)
+    for column in ("method", "workers", "median", "mean", "report's mean", "report / mpsim", "mean / grid's"):
+        table.add_column(column, justify="left" if column == "method" else "right")
+    for method, timing in timings.items():
+        report = report_ms[method] * 1e3
+        mean = timing.mean * 1e6
+        to_grid = timing.mean / timings["grid"].mean
+        cells = (timing.median * 1e6, mean, report, report / mean, to_grid)
+        table.add_row(method, str(timing.workers), *(f"{cell:.4g}" for cell in cells))
+    return table
+
+
+def scaling_table(timings: list[benchmark.Timing]) -> Table:
+    caption = "median nanoseconds per disc and frame, packing 0.4, warm; bytes: of the shared block, per disc"
+    table = Table(title="Scaling", caption=caption, title_justify="left", caption_justify="left", box=box.SIMPLE_HEAD)
+    methods = (*benchmark.METHODS, "auto")
+    for column in ("discs", *methods, "grid/parallel", "auto/best", "bytes"):
+        table.add_column(column, justify="right")
+    for discs in sorted({timing.discs for timing in timings}):
+        of = {timing.method: timing for timing in timings if timing.discs == discs}
+        costs = [f"{of[m].nanoseconds_per_disc:.3g}" if m in of else "-" for m in methods]
+        best = min(of[m].median for m in benchmark.METHODS if m in of)
+        table.add_row(
+            f"{discs:,}",
+            *costs,
+            f"{of['grid'].median / of['parallel'].median:.2f}",
+            f"{of['auto'].median / best:.2f}",
+            f"{of['parallel'].bytes_per_disc:.0f}",
+        )
+    return table
+
+
+def show(results: dict[str, Any], out: Path) -> None:
+    """Tables on the terminal, pictures in the folder."""
+    frames = results["frames"]
+    if "fixed" in results:
+        fixed: benchmark.Fixed = results["fixed"]
+        console.print(comparison_table(f"Fixed: 100 discs, {frames} frames", fixed.timings, benchmark.REPORT_FIXED_MS))
+        for what, distance in fixed.distances.items():
+            console.print(f"  distance {what}: {distance / (2 * fixed.scene.radius):.3g} diameters")
+        title = "100 discs: time of each frame"
+        figures.frame_times(fixed.timings, benchmark.REPORT_FIXED_MS, title, "frame", out / "fixed.png")
+        figures.final_states(fixed, frames, out / "final_states.png")
+    if "growth" in results:
+        growth = results["growth"]
+        title = f"Growth: one disc more after every frame, 1 to {len(growth['grid'].frame_seconds)} discs"
+        console.print(comparison_table(title, growth, benchmark.REPORT_GROWTH_MS))
+        figures.frame_times(growth, benchmark.REPORT_GROWTH_MS, title, "frame = discs", out / "growth.png")
+    if "repeat" in results:
+        repeat: benchmark.Repeat = results["repeat"]
+        guarded, unguarded = ({s.digest() for s in states} for states in (repeat.guarded, repeat.unguarded))
+        console.print(f"Repeat: {len(repeat.guarded)} runs with odd/even passes gave {len(guarded)} digest")
+        console.print(f"  1, 2, 4 workers: {len(set(repeat.by_workers.values()))} digest, {repeat.by_workers[1]}")
+        console.print(f"  {len(repeat.unguarded)} runs with the columns unguarded gave {len(unguarded)} digests")
+        figures.repeat(repeat, frames, out / "repeat.png")
+    if "scaling" in results:
+        timings = results["scaling"]
+        crossover = benchmark.crossover(timings)
+        console.print(scaling_table(timings))
+        console.print(f"  parallel is faster than grid from {crossover:,} discs on" if crossover else "  no crossover")
+        figures.scaling(timings, crossover, out / "scaling.png")
+
+
+def save(results: dict[str, Any], settings: mpsim.Settings, machine_now: dict[str, Any], out: Path) -> None:
+    """Every figure as JSON, and the curves as CSV."""
+    record: dict[str, Any] = {"machine": machine_now, "settings": vars(settings), "seconds": results["seconds"]}
+    for part in ("fixed", "growth"):
+        if part in results:
+            timings = results[part].timings if part == "fixed" else results[part]
+            record[part] = {method: _figures_of(timing) for method, timing in timings.items()}
+            columns = [timing.frame_seconds for timing in timings.values()]
+            rows = zip(range(1, len(columns[0]) + 1), *columns, strict=True)
+            _write_csv(out / f"{part}.csv", ["frame", *(f"{method} [s]" for method in timings)], rows)
+    if "fixed" in results:
+        record["distances"] = results["fixed"].distances
+    if "repeat" in results:
+        repeat = results["repeat"]
+        record["repeat"] = {
+            "guarded": [state.digest() for state in repeat.guarded],
+            "unguarded": [state.digest() for state in repeat.unguarded],
+            "by_workers": repeat.by_workers,
+        }
+    if "scaling" in results:
+        record["scaling"] = [_figures_of(timing) for timing in results["scaling"]]
+        names = list(record["scaling"][0])
+        _write_csv(out / "scaling.csv", names, ([row[name] for name in names] for row in record["scaling"]))
+    (out / "bench.json").write_text(json.dumps(record, indent=1, default=str) + "\n")
+
+
+def _figures_of(timing: benchmark.Timing) -> dict[str, Any]:
+    return {
+        "method": timing.method,
+        "workers": timing.workers,
+        "discs": timing.discs,
+        "frames": len(timing.frame_seconds),
+        "median_seconds": timing.median,
+        "mean_seconds": timing.mean,
+        "least_seconds": float(np.min(timing.frame_seconds)),
+        "ns_per_disc": timing.nanoseconds_per_disc,
+        "bytes_per_disc": timing.bytes_per_disc,
+        "digest": timing.digest,
+    }
+
+
+def _write_csv(path: Path, header: list[str], rows: Any) -> None:
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+def main() -> int:
+    options = arguments()
+    started = time.perf_counter()
+    try:
+        settings = mpsim.Settings(
+            dt=benchmark.DT, law=options.law, precision=options.precision, workers=options.workers
+        )
+        options.out.mkdir(parents=True, exist_ok=True)
+        machine_now = machine()
+        results = run(options, settings)
+    except (mpsim.MpsimError, OSError) as error:
+        console.print(f"run_bench: {error}", style="red", highlight=False, soft_wrap=True)
+        return 2 if isinstance(error, mpsim.InputError | OSError) else 1
+    results["seconds"] = time.perf_counter() - started
+    show(results, options.out)
+    save(results, settings, machine_now, options.out)
+    console.print(f"{time.perf_counter() - started:.1f} s; tables and pictures are in {options.out}/")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
