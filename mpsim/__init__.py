@@ -8,6 +8,9 @@
 50
 """
 
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import (
@@ -15,6 +18,7 @@ from mpsim.errors import (
     DivergedError,
     InputError,
     MpsimError,
+    OutputError,
     OverlapWarning,
     SharedMemoryError,
     WorkerDied,
@@ -26,11 +30,23 @@ from mpsim.state import State
 
 __version__ = "0.1.0"
 
+if TYPE_CHECKING:
+    from mpsim.output.animation import animate
+
+
+def __getattr__(name: str) -> Any:
+    """Import on first use what needs matplotlib, so that `import mpsim` stays quick."""
+    if name == "animate":
+        return importlib.import_module("mpsim.output.animation").animate
+    raise AttributeError(f"module 'mpsim' has no attribute {name!r}")
+
+
 __all__ = [
     "ClosedError",
     "DivergedError",
     "InputError",
     "MpsimError",
+    "OutputError",
     "OverlapWarning",
     "Report",
     "Scene",
@@ -40,4 +56,5 @@ __all__ = [
     "State",
     "WorkerDied",
     "WorkerStalled",
+    "animate",
 ]

@@ -58,5 +58,9 @@ class WorkerStalled(MpsimError, RuntimeError):  # noqa: N818 - the established n
     """A worker is alive but did not come to a barrier in time."""
 
 
+class OutputError(MpsimError, OSError):
+    """A file cannot be written as asked; nothing was written."""
+
+
 class OverlapWarning(UserWarning):
     """Discs of the start overlap: legal, the first frames push them apart, which adds no energy but moves them."""

@@ -69,7 +69,7 @@ def block_arrays(
     word = np.dtype(np.int64)
     arrays["control"] = ArraySpec(word, (layout.CONTROL,))
     arrays["team"] = ArraySpec(word, (workers, layout.TEAM))
-    arrays["sent"] = ArraySpec(word, (workers, workers))
+    arrays["sent"] = ArraySpec(word, (workers, max(workers, layout.TEAM)))
     arrays["times"] = ArraySpec(word, (workers, MOST_FRAMES, len(layout.PHASES)))
     for name, shape in features.items():
         arrays[name] = ArraySpec(real, shape)

@@ -63,7 +63,7 @@ STALLED = 3  # a barrier was not complete after PATIENCE nanoseconds
 IDLE = -1  # no command for a while
 MAILED = -2  # a message waits in the pipe
 
-# Indices of one worker's row of `team`, int64 of shape (workers, TEAM): whole pairs of cache lines, of that worker alone.
+# Indices of one worker's row of `team`, int64 (workers, TEAM): whole pairs of cache lines, written by that worker.
 FRAME = 0  # frames finished in this command
 PHASE = 1  # phase it is in, an index of PHASES
 COLLISIONS = 2  # contacts resolved in this command
