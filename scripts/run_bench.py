@@ -54,7 +54,7 @@ def run(options: argparse.Namespace, settings: mpsim.Settings) -> dict[str, Any]
     frames, growth_frames = (100, 200) if options.quick else (500, 1000)
     steps = {"fixed": 3, "growth": 3, "repeat": 3, "scaling": len(sizes)}
     columns = (TextColumn("{task.description:28}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    results: dict[str, Any] = {"frames": frames}
+    results: dict[str, Any] = {"frames": frames, "quick": options.quick}
     with Progress(*columns, console=console) as progress:
         task = progress.add_task("compiling", total=sum(steps[part] for part in options.only))
 
@@ -190,6 +190,8 @@ def save(results: dict[str, Any], settings: mpsim.Settings, machine_now: dict[st
         record["scaling"] = [_figures_of(timing) for timing in results["scaling"]]
         names = list(record["scaling"][0])
         _write_csv(out / "scaling.csv", names, ([row[name] for name in names] for row in record["scaling"]))
+    if {"fixed", "growth", "scaling"} <= results.keys() and not results["quick"]:
+        (out / "summary.md").write_text(summary(results, machine_now))
     (out / "bench.json").write_text(json.dumps(record, indent=1, default=str) + "\n")
 
 
@@ -206,6 +208,34 @@ def _figures_of(timing: benchmark.Timing) -> dict[str, Any]:
         "bytes_per_disc": timing.bytes_per_disc,
         "digest": timing.digest,
     }
+
+
+def summary(results: dict[str, Any], machine_now: dict[str, Any]) -> str:
+    """The README's table, in Markdown: the report's two experiments and the cost at 100,000 discs."""
+    rows = ["| experiment | method | report | mpsim | times faster |", "|---|---|---:|---:|---:|"]
+    reports = {"fixed": benchmark.REPORT_FIXED_MS, "growth": benchmark.REPORT_GROWTH_MS}
+    words = {"fixed": "100 discs, 500 frames", "growth": "1 to 1,000 discs, one more after every frame"}
+    for part, report_ms in reports.items():
+        timings = results[part].timings if part == "fixed" else results[part]
+        for method, timing in timings.items():
+            report = report_ms[method] * 1e3
+            name = f"parallel, {timing.workers} workers (report: threads)" if method == "parallel" else method
+            ratio = f"{report / (timing.mean * 1e6):,.0f}"
+            rows.append(f"| {words[part]} | {name} | {report:,.0f} µs | {timing.mean * 1e6:.1f} µs | {ratio} |")
+    large = {t.method: t for t in results["scaling"] if t.discs == 100_000}
+    for method in ("grid", "parallel"):
+        cost = f"{large[method].nanoseconds_per_disc:.1f} ns a disc"
+        name = f"parallel, {large[method].workers} workers" if method == "parallel" else method
+        rows.append(f"| 100,000 discs, packing 0.4 | {name} | - | {cost} | - |")
+    versions = machine_now["versions"]
+    rows.append("")
+    rows.append(
+        "Mean frame times (100,000 discs: median), without compilation, "
+        f"on {machine_now['usable_cores']} cores of {machine_now['processor']}, Python {machine_now['python']}, "
+        f"numpy {versions['numpy']}, numba {versions['numba']}, "
+        f"{machine_now['date'][:10]}, commit {machine_now['commit']}."
+    )
+    return "\n".join(rows) + "\n"
 
 
 def _write_csv(path: Path, header: list[str], rows: Any) -> None:

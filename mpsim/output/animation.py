@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -94,7 +95,7 @@ def _writer_for(target: Path, rate: int) -> AbstractMovieWriter:
     return PillowWriter(fps=rate) if ending == ".gif" else FFMpegWriter(fps=rate, extra_args=["-threads", "1"])
 
 
-def _draw(sim: Simulation) -> tuple[Figure, EllipseCollection, matplotlib.text.Text]:
+def _draw(sim: Simulation) -> tuple[Figure, EllipseCollection, Text]:
     """Figure of the start, the discs in it, and its title; colours span the speeds of nearly all discs."""
     scene = sim.scene
     speeds = np.hypot(*scene.velocity.T)
@@ -105,7 +106,6 @@ def _draw(sim: Simulation) -> tuple[Figure, EllipseCollection, matplotlib.text.T
     draw_discs(axes, scene.position, scene)
     discs = axes.collections[0]
     assert isinstance(discs, EllipseCollection)
-    discs.set_facecolor(None)
     discs.set_array(speeds)
     discs.set_cmap("viridis")
     discs.set_clim(0, max(1.5 * float(np.quantile(speeds, 0.9)) if len(speeds) else 1.0, 1e-300))

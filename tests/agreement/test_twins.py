@@ -1,0 +1,85 @@
+"""`naive` and `grid` do, bit for bit, what their slow obvious twins do."""
+
+import mpsim
+import numpy as np
+import pytest
+from support.compare import assert_same_bits
+from support.scenes import crowd, gas, per_disc_acceleration, simulate
+from support.twins import Twin
+
+COUNT = 40
+
+SCENES = {
+    "gas 0.05": gas(COUNT, 0.05, seed=1),
+    "gas 0.2": gas(COUNT, 0.2, seed=2),
+    "gas 0.4": gas(COUNT, 0.4, seed=3),
+    "gas 0.6": gas(COUNT, 0.6, seed=4),
+    "gas 0.75": gas(COUNT, 0.75, seed=5),
+    "crowd 0.85": crowd(COUNT, 0.85, seed=6),
+    "crowd 1.5": crowd(COUNT, 1.5, seed=7),
+}
+
+
+def compare(scene, note, frames=40, at_least=1, **settings):
+    """Run simulation and twin side by side, comparing after each frame; require that contacts happened."""
+    twin = Twin(scene, **settings)
+    contacts = 0
+    with simulate(scene, **settings) as sim:
+        for frame in range(frames):
+            contacts += sim.run(frames=1).collisions
+            twin.run(1)
+            assert_same_bits(sim.state, twin.state, f"{note}, {settings}, after frame {frame + 1}")
+    assert contacts == twin.contacts, f"{note}, {settings}: {contacts} contacts reported, the twin has {twin.contacts}"
+    assert contacts >= at_least, f"{note}, {settings}: only {contacts} contacts, which tests little"
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("law", ["elastic", "reflect"])
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize("method", ["grid", "naive"])
+def test_a_frame_is_what_the_slow_twin_says(method, precision, law, name):
+    compare(SCENES[name], name, method=method, precision=precision, law=law, dt=0.05)
+
+
+@pytest.mark.parametrize("features", [["gravity"], ["acceleration"], ["gravity", "acceleration"]])
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize("method", ["grid", "naive"])
+def test_gravity_and_acceleration_are_what_the_slow_twin_says(method, precision, features):
+    values = {"gravity": (0.3, -2.0), "acceleration": per_disc_acceleration(COUNT)}
+    scene = crowd(COUNT, 0.7, seed=8, **{name: values[name] for name in features})
+    compare(scene, f"crowd with {features}", method=method, precision=precision, dt=0.05)
+
+
+@pytest.mark.parametrize("substeps", [2, 3])
+@pytest.mark.parametrize("method", ["grid", "naive"])
+def test_substeps_are_what_the_slow_twin_says(method, substeps):
+    scene = crowd(COUNT, 0.7, seed=9, gravity=(0, -1))
+    compare(scene, "crowd", method=method, substeps=substeps, dt=0.1)
+
+
+@pytest.mark.parametrize("method", ["grid", "naive"])
+def test_discs_at_one_point_are_what_the_slow_twin_says(method):
+
+    scene = mpsim.Scene(width=9, height=9, position=[[4.5, 4.5]] * 12, velocity=[[1, 2]] * 12, radius=0.5)
+    compare(scene, "twelve discs at one point", at_least=66, method=method, dt=0.01)
+
+
+@pytest.mark.parametrize("size", [(1.0, 30.0), (30.0, 1.0), (1.0, 1.0), (2.5, 2.5)])
+@pytest.mark.parametrize("method", ["grid", "naive"])
+def test_boxes_of_one_row_or_column_are_what_the_slow_twin_says(method, size):
+
+    rng = np.random.default_rng(10)
+    position = 0.5 + rng.random((10, 2)) * (np.array(size) - 1)
+    scene = mpsim.Scene(
+        width=size[0], height=size[1], position=position, velocity=rng.normal(size=(10, 2)), radius=0.5
+    )
+    compare(scene, f"box {size}", method=method, dt=0.05)
+
+
+def test_the_comparison_notices_a_twin_with_another_order_of_contacts():
+    scene = SCENES["crowd 1.5"]
+    twin, other = (Twin(scene, method=method, dt=0.05) for method in ("grid", "naive"))
+    twin.run(5)
+    other.run(5)
+    with pytest.raises(AssertionError, match="discs differ in position; the first is disc"):
+        assert_same_bits(twin.state, other.state, "negative control")

@@ -1,0 +1,78 @@
+"""Options, the watchdog's last resort, and the guard against what a test leaves behind."""
+
+import faulthandler
+import gc
+import os
+import sys
+import tempfile
+from multiprocessing import forkserver, resource_tracker
+from pathlib import Path
+
+import hypothesis
+import psutil
+import pytest
+from hypothesis.configuration import set_hypothesis_home_dir
+
+sys.path.insert(0, str(Path(__file__).parent))  # for `support`, from every folder of tests
+
+from support.processes import blocks_of, wait_until
+
+LONGEST_SESSION = {False: 900, True: 7200}
+"""Seconds after which a whole session, default or long, counts as hung: pytest-timeout bounds each single test before,
+but cannot see a hang between tests."""
+
+LONGEST_EXIT = 60
+"""Seconds that the interpreter may take to end after the last test."""
+
+set_hypothesis_home_dir(Path(tempfile.gettempdir()) / "mpsim-hypothesis")
+for name, examples in (("default", 40), ("long", 2000)):
+    hypothesis.settings.register_profile(
+        name, max_examples=examples, deadline=None, database=None, derandomize=name == "default", print_blob=True
+    )
+
+
+def pytest_addoption(parser):
+    parser.addoption("--long", action="store_true", help="also run the tests marked long: some ten minutes more")
+    parser.addoption("--renew", action="store_true", help="write the golden digests anew instead of comparing them")
+
+
+def pytest_configure(config):
+    long = config.getoption("--long")
+    hypothesis.settings.load_profile("long" if long else "default")
+    config.stash[_stderr] = open(os.dup(2), "w")
+    faulthandler.dump_traceback_later(LONGEST_SESSION[long], exit=True, file=config.stash[_stderr])
+
+
+def pytest_unconfigure(config):
+    faulthandler.dump_traceback_later(LONGEST_EXIT, exit=True, file=config.stash[_stderr])
+
+
+_stderr = pytest.StashKey()
+
+
+def pytest_collection_modifyitems(config, items):
+    if not config.getoption("--long"):
+        for item in items:
+            if item.get_closest_marker("long"):
+                item.add_marker(pytest.mark.skip(reason="takes minutes; run with --long"))
+
+
+@pytest.fixture(autouse=True)
+def nothing_left_behind():
+    """After each test: no new shared block of this process, and no new child process but multiprocessing's helpers."""
+    blocks, children = blocks_of(os.getpid()), _children()
+    yield
+    if blocks_of(os.getpid()) - blocks or _children() - children:
+        gc.collect()
+    left = lambda: (blocks_of(os.getpid()) - blocks, _children() - children)  # noqa: E731
+    assert wait_until(lambda: left() == (set(), set()), 2), f"left behind (blocks, processes): {left()}"
+
+
+def _children() -> set[int]:
+    """Living children of this process, and theirs, but for the fork server and the resource tracker."""
+    helpers = {forkserver._forkserver._forkserver_pid, resource_tracker._resource_tracker._pid}
+    return {
+        child.pid
+        for child in psutil.Process().children(recursive=True)
+        if child.pid not in helpers and child.is_running() and child.status() != psutil.STATUS_ZOMBIE
+    }

@@ -1,0 +1,61 @@
+"""The one way into mpsim's internals, for tests of mechanisms and faults that no user can cause.
+
+No view of the shared block outlives a call in here: the block could not be closed while one lives.
+"""
+
+from typing import Any
+
+import numpy as np
+
+import mpsim
+from mpsim.kernels import layout
+
+
+def _arrays(sim: mpsim.Simulation) -> dict[str, Any]:
+    return sim._solver._block.arrays
+
+
+def block_name(sim: mpsim.Simulation) -> str:
+    """Name of the shared block, a file in /dev/shm."""
+    return sim._solver._block.name
+
+
+def _live(sim: mpsim.Simulation, field: str) -> Any:
+    buffer = "ab"[int(_arrays(sim)["control"][layout.LIVE])]
+    return _arrays(sim)[f"{buffer}.{field}"][: sim.count]
+
+
+def write(sim: mpsim.Simulation, particle: int, **values: float) -> None:
+    """Write x, y, vx or vy of one disc into the live buffer, as a stray pointer would."""
+    slot = int(np.flatnonzero(_live(sim, "id") == particle)[0])
+    for field, value in values.items():
+        _live(sim, field)[slot] = value
+
+
+def memory_order(sim: mpsim.Simulation) -> list[int]:
+    """Ids in the order in which the discs lie in memory."""
+    return _live(sim, "id").tolist()
+
+
+def scramble(sim: mpsim.Simulation, seed: int) -> None:
+    """Permute the discs of the live buffer: another memory order of the same state."""
+    order = np.random.default_rng(seed).permutation(sim.count)
+    for field in layout.Discs._fields:
+        view = _live(sim, field)
+        view[:] = view[order]
+
+
+def peek(sim: mpsim.Simulation, worker: int) -> tuple[str, int]:
+    """Phase and frame (frames finished since the start) that a worker is in at this moment."""
+    mine, control = _arrays(sim)["team"][worker], _arrays(sim)["control"]
+    return layout.PHASES[int(mine[layout.PHASE])], int(control[layout.FIRST_FRAME] + mine[layout.FRAME])
+
+
+def columns_of(sim: mpsim.Simulation) -> int:
+    """Columns of the grid."""
+    return int(_arrays(sim)["control"][layout.COLUMNS])
+
+
+def set_abort(sim: mpsim.Simulation, value: int) -> None:
+    """Write the word that makes everybody leave the frame loop."""
+    _arrays(sim)["control"][layout.ABORT] = value
