@@ -43,6 +43,7 @@ class WorkerPool:
         self._connections: list[Connection] = []
         self._processes: list[Any] = []
         self._lost: int | None = None
+        self._creator = os.getpid()
         self._watch_end, self._watched_end = os.pipe()
         self._watcher = threading.Thread(target=self._watch, name="mpsim-watcher", daemon=True)
         try:
@@ -88,6 +89,8 @@ class WorkerPool:
 
     def stop(self) -> None:
         """End all workers, and wait until they are gone. May be called again, and whatever state they are in."""
+        if os.getpid() != self._creator:
+            return  # a fork of the coordinator: the workers are not its own
         if self._watcher.is_alive():
             os.write(self._watched_end, b"x")
             self._watcher.join()
@@ -150,7 +153,7 @@ class WorkerPool:
                 text = None
         if text:
             cause += f" after an error:\n{text}"
-        frame = int(self._control[layout.FIRST_FRAME] + mine[layout.FRAME])
+        frame = int(self._control[layout.DONE] + mine[layout.FRAME])
         return WorkerDied(worker, process.pid, code, cause, frame, phase or layout.PHASES[mine[layout.PHASE]])
 
     def _watch(self) -> None:

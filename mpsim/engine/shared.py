@@ -38,6 +38,7 @@ class SharedBlock:
     def __init__(self, memory: SharedMemory, specs: dict[str, ArraySpec], owner: bool):
         self._memory = memory
         self._owner = owner
+        self._creator = os.getpid()
         self.name = memory.name
         self.specs = specs
         self.nbytes = _offsets(specs)[-1]
@@ -80,7 +81,7 @@ class SharedBlock:
         """Drop the views and the mapping; the owner also removes the block. May be called again."""
         self.arrays.clear()
         self._memory.close()
-        if self._owner:
+        if self._owner and os.getpid() == self._creator:  # a fork of the coordinator must not take its block away
             self._owner = False
             self._memory.unlink()
 

@@ -50,7 +50,7 @@ class Simulation:
             raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
         self._scene = scene
         self._settings = settings
-        self._frame = 0
+        self._last_frame = 0
         _warn_of_overlaps(scene)
         choice = methods.choose(scene.count, settings)
         self._pacer = Pacer(choice.workers, MOST_FRAMES)
@@ -65,7 +65,9 @@ class Simulation:
 
     def close(self) -> None:
         """Stop the workers and free the shared memory. May be called again."""
-        self._closing()
+        if self._closing.alive:
+            self._last_frame = self._solver.frame
+            self._closing()
 
     @property
     def scene(self) -> Scene:
@@ -79,13 +81,13 @@ class Simulation:
 
     @property
     def frame(self) -> int:
-        """Frames done since the start."""
-        return self._frame
+        """Frames done since the start; after `close`, until then."""
+        return self._solver.frame if self._closing.alive else self._last_frame
 
     @property
     def time(self) -> float:
         """Simulated time since the start [time]: frame * dt."""
-        return self._frame * self._settings.dt
+        return self.frame * self._settings.dt
 
     @property
     def count(self) -> int:
@@ -131,11 +133,10 @@ class Simulation:
         while done < frames:
             workers, size = self._pacer.next_slice(frames - done)
             try:
-                part, contacts = solver.advance(size, self._frame, workers)
+                part, contacts = solver.advance(size, workers)
             except Exception:
                 self.close()
                 raise
-            self._frame += size
             self._pacer.note(workers, size, float(np.median(part[0].sum(axis=1))) * 1e-9)
             done += size
             times.append(part)
@@ -177,15 +178,15 @@ class Simulation:
 
     def __repr__(self) -> str:
         if not self._closing.alive:
-            return f"<Simulation: closed after frame {self._frame}>"
+            return f"<Simulation: closed after frame {self.frame}>"
         return (
-            f"<Simulation: {self.count} discs by {self._solver.choice.method}, frame {self._frame}, time {self.time:g}>"
+            f"<Simulation: {self.count} discs by {self._solver.choice.method}, frame {self.frame}, time {self.time:g}>"
         )
 
     def _open_solver(self) -> SteppedSolver:
         if not self._closing.alive:
             raise ClosedError(
-                f"this simulation was closed after frame {self._frame}. A closed simulation has no state. "
+                f"this simulation was closed after frame {self.frame}. A closed simulation has no state. "
                 "Use it inside its `with` block, take sim.state before, or make a new one."
             )
         return self._solver
@@ -206,7 +207,7 @@ class Simulation:
         if until < self.time:
             raise InputError(f"until must not lie in the past: the time is {self.time:g}; got {until!r}.")
         # A frame that ends within rounding of `until` reaches it.
-        return max(math.ceil(until / self._settings.dt * (1 - 1e-12)) - self._frame, 0)
+        return max(math.ceil(until / self._settings.dt * (1 - 1e-12)) - self.frame, 0)
 
 
 def _warn_of_overlaps(scene: Scene) -> None:

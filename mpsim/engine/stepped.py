@@ -59,7 +59,7 @@ class SteppedSolver:
 
     # --- frames
 
-    def advance(self, frames: int, first_frame: int, workers: int) -> tuple[NDArray[np.int64], int]:
+    def advance(self, frames: int, workers: int) -> tuple[NDArray[np.int64], int]:
         """Run up to MOST_FRAMES frames on all workers or on one (the coordinator, while the others rest).
 
         Returns times [ns] of shape (workers, frames, phases), zero for workers at rest, and the contacts resolved.
@@ -69,7 +69,6 @@ class SteppedSolver:
         """
         arrays, control = self._block.arrays, self._block.arrays["control"]
         control[layout.FRAMES] = frames
-        control[layout.FIRST_FRAME] = first_frame
         control[layout.WORKERS] = workers
         arrays["team"][:, layout.COLLISIONS] = 0
         self._deal(workers)
@@ -81,10 +80,9 @@ class SteppedSolver:
             abort = run_naive(*self._naive_arguments())
         else:
             abort = run_grid(*kernel_arguments(self._block, 0))
-            control[layout.LIVE] ^= (frames * self._settings.substeps) & 1
             self._sorted_grid = self._grid
         if abort != layout.RUNNING:
-            raise self._failure(abort, first_frame)
+            raise self._failure(abort)
         return times[:, :frames].copy(), int(arrays["team"][:, layout.COLLISIONS].sum())
 
     def _deal(self, workers: int) -> None:
@@ -102,12 +100,12 @@ class SteppedSolver:
         team[:, layout.FIRST_COLUMN], team[:, layout.LAST_COLUMN] = columns[:-1], columns[1:]
         team[:, layout.LOW], team[:, layout.HIGH] = slots[:-1], slots[1:]
 
-    def _failure(self, abort: int, first_frame: int) -> Exception:
+    def _failure(self, abort: int) -> Exception:
         if abort != layout.BAD_STATE:
             assert self._pool is not None  # only a pool's watcher or barrier sets these
             return self._pool.failure()
         team = self._block.arrays["team"]
-        frame = int(team[0, layout.FRAME])
+        frame = self.frame + int(team[0, layout.FRAME])
         # After an odd number of steps the state lies in the other buffer; the bad slot is the one that is not finite.
         candidates = [
             (int(buffer.id[slot]), values)
@@ -116,9 +114,14 @@ class SteppedSolver:
             if not np.isfinite(values := [float(array[slot]) for array in buffer[:4]]).all()
         ]
         particle, (x, y, vx, vy) = min(candidates)
-        return DivergedError(particle, first_frame + frame, (x, y), (vx, vy))
+        return DivergedError(particle, frame, (x, y), (vx, vy))
 
     # --- state
+
+    @property
+    def frame(self) -> int:
+        """Frames finished since the start."""
+        return int(self._block.arrays["control"][layout.DONE])
 
     def state(self) -> State:
         """Copies in the order of the scene's discs."""
@@ -192,6 +195,7 @@ class SteppedSolver:
         self._block = self._new_block(capacity)
         try:
             self._write_state(state.position, state.velocity, acceleration)
+            self._block.arrays["control"][layout.DONE] = old.arrays["control"][layout.DONE]
             self._sorted_grid = None
             self._configure()
             if not same:

@@ -49,7 +49,7 @@ FRAMES = 36  # frames to run in this command
 SUBSTEPS = 37
 LAW = 38
 WORKERS = 39
-FIRST_FRAME = 40  # frames finished before this command
+DONE = 40  # frames finished since the start, in all commands
 GUARDED = 41  # 1: odd/even passes; 0: the demonstration of what goes wrong without them
 CONTROL = 64
 

@@ -36,6 +36,7 @@ from mpsim.kernels.layout import (
     COMMAND,
     COMMANDS,
     COUNT,
+    DONE,
     EVEN,
     FIRST_COLUMN,
     FRAME,
@@ -135,6 +136,11 @@ def run_frames(front, back, start, outbox, gravity, acceleration, parameters, co
     mine[FRAME] = control[FRAMES]
     if control[WORKERS] > 1:
         barrier(control, mine)  # nobody still writes its times when the coordinator goes on
+    if worker == 0:
+        # In here rather than in Python, where Ctrl-C could come between the frames and the word on where they ended.
+        control[LIVE] ^= (control[FRAMES] * control[SUBSTEPS]) & 1
+        control[DONE] += control[FRAMES]
+    mine[FRAME] = 0
     return control[ABORT]
 
 
@@ -185,5 +191,6 @@ def run_naive(discs, gravity, acceleration, parameters, control, team, times):
             enter(mine, EVEN)
             mine[COLLISIONS] += resolve_all_pairs(discs, control, parameters)
             record(times, mine, EVEN, moment)
-    mine[FRAME] = control[FRAMES]
+    control[DONE] += control[FRAMES]
+    mine[FRAME] = 0
     return RUNNING

@@ -39,10 +39,21 @@ def lattice(columns: int, rows: int, pitch: float = 1.125) -> mpsim.Scene:
     return mpsim.Scene(width=width, height=height, position=position, velocity=velocity, radius=0.5)
 
 
-def per_disc_acceleration(count: int) -> np.ndarray:
-    """A different acceleration for each disc, shape (count, 2), of both signs and with exact binary values."""
+FEATURED = [("float64", "gravity"), ("float32", "acceleration"), ("float64", "gravity and acceleration")]
+"""Precision and features of the scenes that have any: each combination is a compilation of its own, some seconds."""
+
+
+def features_of(words: str, count: int) -> dict[str, Any]:
+    """Arguments of a scene of so many discs for features named in words; "" for none.
+
+    Accelerations are of both signs, different from disc to disc, and exact binary values.
+    """
     index = np.arange(count)
-    return np.stack([(index % 7 - 3) / 2, (index % 5 - 2) / 4], axis=1)
+    values = {
+        "gravity": (0.375, -2.0),
+        "acceleration": np.stack([(index % 7 - 3) / 2, (index % 5 - 2) / 4], axis=1),
+    }
+    return {name: value for name, value in values.items() if name in words}
 
 
 def simulate(scene: mpsim.Scene, **settings: Any) -> mpsim.Simulation:

@@ -1,0 +1,64 @@
+"""With NUMBA_DISABLE_JIT=1 the kernels run as plain Python, where an index out of bounds is an error: same bits."""
+
+import numpy as np
+from support.processes import assert_clean, run_script
+from support.scenes import crowd, digest_after, features_of
+
+COUNT, FRAMES = 24, 8
+
+CASES = [
+    {"method": method, "law": law, "precision": precision, "features": features}
+    for method in ("grid", "naive")
+    for law, precision, features in (
+        ("elastic", "float64", ""),
+        ("reflect", "float32", ""),
+        ("elastic", "float64", "gravity"),
+        ("reflect", "float32", "acceleration"),
+        ("elastic", "float64", "gravity and acceleration"),
+    )
+]
+
+SCRIPT = """
+from agreement.test_without_compilation import CASES, digests
+from mpsim.kernels.compiling import compiled_kernels
+
+print(*digests(CASES))
+print(compiled_kernels())
+"""
+
+
+def digests(cases):
+    """Digests after a few crowded frames."""
+    result = []
+    for case in cases:
+        settings = {name: value for name, value in case.items() if name != "features"}
+        scene = crowd(COUNT, 0.85, seed=31, **features_of(case["features"], COUNT))
+        result.append(digest_after(scene, FRAMES, dt=0.05, substeps=2, **settings))
+    return result
+
+
+def test_plain_python_gives_the_bits_of_the_compiled_kernels():
+    outcome = run_script(SCRIPT, env={"NUMBA_DISABLE_JIT": "1"}, bound=90)
+    assert_clean(outcome)
+    got, kernels = outcome.out.splitlines()
+    assert kernels == "0", "something was compiled in spite of NUMBA_DISABLE_JIT=1"
+    for case, plain, compiled in zip(CASES, got.split(), digests(CASES), strict=True):
+        assert plain == compiled, f"{case}: {plain} in plain Python, {compiled} compiled"
+
+
+def test_a_random_scene_is_the_same_without_compilation():
+    text = """
+    import mpsim
+    for packing in (0.2, 0.6):
+        scene = mpsim.Scene.random(count=20, packing=packing, radius=0.5, seed=32)
+        print(mpsim.State(scene.position, scene.velocity).digest())
+    """
+    outcomes = [run_script(text, env={"NUMBA_DISABLE_JIT": flag}) for flag in ("0", "1")]
+    for outcome in outcomes:
+        assert_clean(outcome)
+    assert outcomes[0].out == outcomes[1].out
+
+
+def test_the_case_list_has_no_two_equal_results():
+    found = digests(CASES)
+    assert len(np.unique(found)) > len(found) / 2, "the cases hardly differ: they test little"
