@@ -2,7 +2,7 @@
 
 import math
 
-from mpsim.kernels.compiling import compiled
+from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.layout import (
     COUNT,
     DIAMETER,
@@ -17,7 +17,7 @@ from mpsim.kernels.layout import (
 from mpsim.kernels.machine import LANES, lowest_bit, natural, overlap_lanes
 
 
-@compiled
+@inlined
 def resolve_contact(discs, i, j, parameters, law):
     """Contact `push` of two discs that overlap: each moves half the overlap away, then the velocities change.
 
@@ -55,13 +55,13 @@ def resolve_contact(discs, i, j, parameters, law):
     vy[j] += change_j * ny
 
 
-@compiled
+@inlined
 def clamp(value, low, high):
     """The centre stays in the box: a push may not carry a disc through a wall."""
     return min(max(value, low), high)
 
 
-@compiled
+@inlined
 def resolve_range(discs, i, first, last, parameters, law):
     """Resolve disc i with each of the discs [first, last) that overlaps it when its turn comes. Returns how many.
 
