@@ -62,11 +62,15 @@ class WorkerPool:
         return [process.pid for process in self._processes]
 
     def wake(self) -> None:
-        """Rouse the workers that sleep, so that all of them look for the next command. Called before each command."""
-        add_to_word(self._control, layout.BELL, 1)
+        """Announce a command and rouse the workers that sleep. The command itself is given by the kernel."""
+        store_word(self._control, layout.ANNOUNCED, load_word(self._control, layout.COMMAND) + 1)
         for connection, mine in zip(self._connections, self._team[1:], strict=True):
             if load_word(mine, layout.PARKED):
                 self._send(connection, ("wake", None, None))
+
+    def settle(self) -> None:
+        """Take the announcement back if no command followed, so that the workers may sleep again."""
+        store_word(self._control, layout.ANNOUNCED, load_word(self._control, layout.COMMAND))
 
     def move_to(self, block: SharedBlock) -> None:
         """Let every worker attach to another block. The old one must stay open until this returns."""

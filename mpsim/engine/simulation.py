@@ -13,7 +13,7 @@ from mpsim.engine import methods
 from mpsim.engine.pacing import Pacer
 from mpsim.engine.report import Report, phase_seconds
 from mpsim.engine.stepped import SteppedSolver
-from mpsim.errors import ClosedError, InputError, OverlapWarning
+from mpsim.errors import ClosedError, InputError, OverlapWarning, WorkerDied
 from mpsim.kernels.layout import PHASES
 from mpsim.scene import Scene
 from mpsim.settings import Settings
@@ -50,6 +50,7 @@ class Simulation:
             raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
         self._scene = scene
         self._settings = settings
+        self._check_precision()
         self._last_frame = 0
         _warn_of_overlaps(scene)
         choice = methods.choose(scene.count, settings)
@@ -171,8 +172,13 @@ class Simulation:
                 )
             kicks = checks.finite_array("acceleration", np.atleast_2d(acceleration), shape, meaning)
         self._scene.check_inside("position", places)
+        checks.fitting("velocity", speeds, self._settings.precision)
         before, choice = solver.choice, methods.choose(solver.count + len(places), self._settings)
-        solver.add(places, speeds, kicks, choice)
+        try:
+            solver.add(places, speeds, kicks, choice)
+        except WorkerDied:
+            self.close()
+            raise
         if choice != before:
             self._pacer = Pacer(choice.workers, MOST_FRAMES)
 
@@ -182,6 +188,14 @@ class Simulation:
         return (
             f"<Simulation: {self.count} discs by {self._solver.choice.method}, frame {self.frame}, time {self.time:g}>"
         )
+
+    def _check_precision(self) -> None:
+        """Refuse a scene whose numbers do not fit the precision of the run."""
+        scene, precision = self._scene, self._settings.precision
+        checks.fitting("the box", np.array([scene.width, scene.height]), precision)
+        for name in ("velocity", "gravity", "acceleration"):
+            if getattr(scene, name) is not None:
+                checks.fitting(name, getattr(scene, name), precision)
 
     def _open_solver(self) -> SteppedSolver:
         if not self._closing.alive:

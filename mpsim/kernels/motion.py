@@ -1,5 +1,7 @@
 """Motion of a slice of discs over one step: acceleration, drift, walls, and the check that the state is finite."""
 
+import math
+
 from mpsim.kernels.compiling import compiled
 from mpsim.kernels.layout import ABORT, BAD_SLOT, BAD_STATE, DT, X_HIGH, X_LOW, Y_HIGH, Y_LOW
 from mpsim.kernels.machine import atomic_store
@@ -26,6 +28,7 @@ def drift(discs, low, high, parameters):
     """
     x, y, vx, vy = discs.x[low:high], discs.y[low:high], discs.vx[low:high], discs.vy[low:high]
     zero = x.dtype.type(0)  # an integer 0 would turn float32 arithmetic into float64
+    infinity = x.dtype.type(math.inf)
     dt = parameters[DT]
     x_low, x_high, y_low, y_high = parameters[X_LOW], parameters[X_HIGH], parameters[Y_LOW], parameters[Y_HIGH]
     bad = False
@@ -36,24 +39,25 @@ def drift(discs, low, high, parameters):
         py = y[i] + uy * dt
         vx[i] = -ux if ((px < x_low) & (ux < zero)) | ((px > x_high) & (ux > zero)) else ux
         vy[i] = -uy if ((py < y_low) & (uy < zero)) | ((py > y_high) & (uy > zero)) else uy
-        px = x_low if px < x_low else px
-        px = x_high if px > x_high else px
-        py = y_low if py < y_low else py
-        py = y_high if py > y_high else py
+        px = x_low if (px < x_low) & (px > -infinity) else px
+        px = x_high if (px > x_high) & (px < infinity) else px
+        py = y_low if (py < y_low) & (py > -infinity) else py
+        py = y_high if (py > y_high) & (py < infinity) else py
         x[i] = px
         y[i] = py
-        # A NaN passes the clamps, an infinite velocity gives inf - inf = NaN: every comparison with them is false.
-        bad |= not ((px >= x_low) & (py >= y_low) & (ux - ux == zero) & (uy - uy == zero))
+        # NaN and infinity pass the clamps and end outside; for a velocity, inf - inf = NaN equals nothing.
+        inside = (px >= x_low) & (px <= x_high) & (py >= y_low) & (py <= y_high)
+        bad |= not (inside & (ux - ux == zero) & (uy - uy == zero))
     return bad
 
 
 @compiled
-def worst_slot(discs, low, high, parameters):
+def worst_slot(discs, low, high):
     """Slot of the non-finite disc with the lowest id in [low, high), or -1."""
     worst = -1
     for i in range(low, high):
-        vx, vy = discs.vx[i], discs.vy[i]
-        fine = (discs.x[i] >= parameters[X_LOW]) & (discs.y[i] >= parameters[Y_LOW]) & (vx - vx == 0) & (vy - vy == 0)
+        x, y, vx, vy = discs.x[i], discs.y[i], discs.vx[i], discs.vy[i]
+        fine = (x - x == 0) & (y - y == 0) & (vx - vx == 0) & (vy - vy == 0)
         if not fine and (worst < 0 or discs.id[i] < discs.id[worst]):
             worst = i
     return worst
@@ -64,7 +68,7 @@ def move(discs, low, high, gravity, acceleration, parameters, control, mine):
     """Advance a slice; a non-finite disc raises the abort word before anything is binned by its position."""
     accelerate(discs, low, high, gravity, acceleration, parameters)
     if drift(discs, low, high, parameters):
-        mine[BAD_SLOT] = worst_slot(discs, low, high, parameters)
+        mine[BAD_SLOT] = worst_slot(discs, low, high)
         atomic_store(control, ABORT, BAD_STATE)
         return False
     return True
