@@ -94,7 +94,7 @@ def _number(name: str, value: Any, rule: str) -> float:
     try:
         return float(value)
     except OverflowError:
-        raise InputError(f"{name} must be {rule} that fits a float64; got {_brief(value)}.") from None
+        raise InputError(f"{name} must be {rule}, finite in float64; got {_brief(value)}.") from None
 
 
 def _brief(value: Any) -> str:

@@ -126,11 +126,12 @@ class WorkerPool:
             name=f"mpsim-worker-{worker}",
             daemon=True,
         )
-        with _main_module_hidden(), _interrupts_blocked():
-            process.start()
-        theirs.close()
-        self._connections.append(ours)
-        self._processes.append(process)
+        with _interrupts_held_back():
+            with _main_module_hidden():
+                process.start()
+            theirs.close()
+            self._connections.append(ours)
+            self._processes.append(process)
 
     def _await_ready(self, worker: int) -> None:
         connection, process = self._connections[worker - 1], self._processes[worker - 1]
@@ -191,10 +192,21 @@ def _main_module_hidden():
 
 
 @contextmanager
-def _interrupts_blocked():
-    """A process started in here inherits a blocked SIGINT, so that Ctrl-C during its start prints no traceback."""
+def _interrupts_held_back():
+    """Ctrl-C in here waits until the end: a process half started would belong to nobody.
+
+    A process started in here inherits a blocked SIGINT, so that its start prints no traceback. Blocking alone does not
+    hold Ctrl-C back, because the signal may go to another thread, of a numerical library say.
+    """
+    came: list[int] = []
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    handler = signal.signal(signal.SIGINT, lambda *_: came.append(1)) if in_main_thread else None
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if in_main_thread:
+            signal.signal(signal.SIGINT, handler)
+    if came:
+        raise KeyboardInterrupt

@@ -67,8 +67,8 @@ def worker_main(worker: int, connection: Connection, name: str, specs: dict[str,
     threading.Thread(target=_end_with_coordinator, daemon=True).start()
     try:
         _serve(worker, connection, SharedBlock.attach(name, specs))
-    except (EOFError, BrokenPipeError, ConnectionResetError):
-        os._exit(ORPHANED)
+    except (EOFError, BrokenPipeError, ConnectionResetError, FileNotFoundError):
+        os._exit(ORPHANED)  # the pipe's other end or the block is gone: the coordinator has given up
     except BaseException:
         connection.send(("error", traceback.format_exc()))
         raise

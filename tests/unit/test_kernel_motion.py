@@ -89,12 +89,11 @@ def test_acceleration_is_added_for_what_the_scene_has(real):
 @pytest.mark.parametrize("real", REALS)
 def test_the_bad_disc_of_lowest_id_is_found(real):
     discs = discs_of(real, np.full(9, 3.0), np.full(9, 3.0), ids=[8, 3, 5, 1, 7, 0, 2, 4, 6])
-    parameters = parameters_of(real, WIDTH, HEIGHT)
-    assert worst_slot(discs, 0, 9, parameters) == -1
+    assert worst_slot(discs, 0, 9) == -1
     for slot, expected in ((0, 0), (2, 2), (3, 3), (4, 3), (6, 3)):
         discs.vx[slot] = np.nan
-        assert worst_slot(discs, 0, 9, parameters) == expected
-    assert worst_slot(discs, 4, 9, parameters) == 6
+        assert worst_slot(discs, 0, 9) == expected
+    assert worst_slot(discs, 4, 9) == 6
 
 
 def test_a_bad_disc_raises_the_abort_word_and_an_empty_slice_does_not():
