@@ -6,6 +6,7 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
+from mpsim.engine.interrupts import interrupts_held_back
 from mpsim.engine.methods import Choice
 from mpsim.engine.pool import WorkerPool
 from mpsim.engine.shared import SharedBlock
@@ -45,10 +46,8 @@ class SteppedSolver:
 
     def _prepare(self) -> None:
         """Compile or load the kernels, then start the workers: they find the machine code and no frame waits for it."""
-        if self.choice.method == "naive":
-            self._load_naive()
-            return
-        load_kernels(self._block)
+        with interrupts_held_back():
+            self._load_kernels()
         if self._most_workers > 1:
             self._pool = WorkerPool(self._most_workers, self._block, self._settings.start_method)
             self._processes += [psutil.Process(pid) for pid in self._pool.pids]
@@ -267,8 +266,11 @@ class SteppedSolver:
         )
         return discs, gravity, acceleration, parameters, control, team, times
 
-    def _load_naive(self) -> None:
-        """Compile or load `run_naive`, by running no frame."""
+    def _load_kernels(self) -> None:
+        """Compile or load what will run, by running no frame."""
+        if self.choice.method != "naive":
+            load_kernels(self._block)
+            return
         arguments = list(self._naive_arguments())
         arguments[4] = arguments[4].copy()
         arguments[4][layout.FRAMES] = 0

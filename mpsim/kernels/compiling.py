@@ -77,7 +77,23 @@ def compiled(function: Callable[..., Any]) -> Any:
             dispatcher.enable_caching()
         finally:
             config.CACHE_DIR = users_folder
+        _forgive_damage(dispatcher._cache)
     return dispatcher
+
+
+def _forgive_damage(cache: Any) -> None:
+    """Let a damaged cache file (a full disk, a killed process) be a reason to compile anew, not to fail."""
+    load = cache.load_overload
+
+    def load_or_recompile(signature: Any, target_context: Any) -> Any:
+        try:
+            return load(signature, target_context)
+        except Exception as error:  # whatever a damaged pickle may raise
+            logger.warning("mpsim: a file of the kernel cache is damaged (%r); that kernel is compiled anew.", error)
+            cache.flush()
+            return None
+
+    cache.load_overload = load_or_recompile
 
 
 def inlined(function: Callable[..., Any]) -> Any:

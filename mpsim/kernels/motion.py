@@ -3,7 +3,7 @@
 import math
 
 from mpsim.kernels.compiling import compiled
-from mpsim.kernels.layout import ABORT, BAD_SLOT, BAD_STATE, DT, X_HIGH, X_LOW, Y_HIGH, Y_LOW
+from mpsim.kernels.layout import BAD, BAD_SLOT, DT, X_HIGH, X_LOW, Y_HIGH, Y_LOW
 from mpsim.kernels.machine import atomic_store
 
 
@@ -65,10 +65,10 @@ def worst_slot(discs, low, high):
 
 @compiled
 def move(discs, low, high, gravity, acceleration, parameters, control, mine):
-    """Advance a slice; a non-finite disc raises the abort word before anything is binned by its position."""
+    """Advance a slice. False: a disc is not finite, and nothing may be binned by its position."""
     accelerate(discs, low, high, gravity, acceleration, parameters)
     if drift(discs, low, high, parameters):
         mine[BAD_SLOT] = worst_slot(discs, low, high)
-        atomic_store(control, ABORT, BAD_STATE)
+        atomic_store(control, BAD, 1)
         return False
     return True
