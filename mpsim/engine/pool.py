@@ -10,10 +10,10 @@ from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
-from mpsim.engine.interrupts import interrupts_held_back
 from mpsim.engine.shared import SharedBlock
 from mpsim.engine.worker import worker_main
 from mpsim.errors import WorkerDied, WorkerStalled
+from mpsim.interrupts import interrupts_held_back
 from mpsim.kernels import layout
 from mpsim.kernels.waiting import add_to_word, load_word, store_word
 

@@ -6,7 +6,6 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from mpsim.engine.interrupts import interrupts_held_back
 from mpsim.engine.methods import Choice
 from mpsim.engine.pool import WorkerPool
 from mpsim.engine.shared import SharedBlock
@@ -46,8 +45,7 @@ class SteppedSolver:
 
     def _prepare(self) -> None:
         """Compile or load the kernels, then start the workers: they find the machine code and no frame waits for it."""
-        with interrupts_held_back():
-            self._load_kernels()
+        self._load_kernels()
         if self._most_workers > 1:
             self._pool = WorkerPool(self._most_workers, self._block, self._settings.start_method)
             self._processes += [psutil.Process(pid) for pid in self._pool.pids]

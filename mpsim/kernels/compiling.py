@@ -22,6 +22,8 @@ import llvmlite
 import numba
 from numba import config, njit
 
+from mpsim.interrupts import interrupts_held_back
+
 logger = logging.getLogger("mpsim")
 
 JIT_DISABLED: bool = bool(config.DISABLE_JIT)
@@ -70,6 +72,8 @@ def compiled(function: Callable[..., Any]) -> Any:
     No fastmath (it would reorder sums, fuse multiply-adds and void every NaN test) and no parallel=True.
     """
     dispatcher = njit(nogil=True, error_model="numpy")(function)
+    if not JIT_DISABLED:
+        _hold_interrupts_while_compiling(dispatcher)
     if _FOLDER is not None:
         # Numba reads this setting only while a function's cache is set up, so other users' functions keep theirs.
         users_folder, config.CACHE_DIR = config.CACHE_DIR, str(_FOLDER)
@@ -79,6 +83,17 @@ def compiled(function: Callable[..., Any]) -> Any:
             config.CACHE_DIR = users_folder
         _forgive_damage(dispatcher._cache)
     return dispatcher
+
+
+def _hold_interrupts_while_compiling(dispatcher: Any) -> None:
+    """Make Ctrl-C wait for the end of a compilation or load, whose callbacks from LLVM cannot pass an exception on."""
+    compile_signature = dispatcher.compile
+
+    def compile_undisturbed(signature: Any) -> Any:
+        with interrupts_held_back():
+            return compile_signature(signature)
+
+    dispatcher.compile = compile_undisturbed
 
 
 def _forgive_damage(cache: Any) -> None:
