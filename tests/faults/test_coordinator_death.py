@@ -37,8 +37,10 @@ def kill_coordinator(script, pids):
 
 
 @pytest.mark.timeout(60)
-@pytest.mark.parametrize("then", [RUNNING, IDLE])
-@pytest.mark.parametrize("start", ["fork", "spawn", "forkserver"])
+@pytest.mark.parametrize(
+    ("start", "then"),
+    [("fork", RUNNING), ("fork", IDLE), ("spawn", RUNNING), ("forkserver", RUNNING), ("forkserver", IDLE)],
+)
 def test_a_killed_coordinator_leaves_no_worker_and_no_block(start, then):
     with Script(SCRIPT.format(start=start, then=then, columns=100)) as script:
         pids = json.loads(script.line())

@@ -56,6 +56,13 @@ def test_an_exception_of_the_progress_callback_passes_through_and_nothing_is_lef
         sim.run(frames=100, progress=broken)
 
 
+@pytest.mark.parametrize(("method", "workers"), METHODS)
+def test_closing_in_the_progress_callback_ends_the_run_with_an_error_that_says_so(method, workers):
+    sim = simulate(lattice(9, 9), method=method, workers=workers)
+    with pytest.raises(mpsim.ClosedError, match="closed after frame"):
+        sim.run(frames=10**6, progress=lambda done, of: sim.close())
+
+
 def test_a_dropped_simulation_cleans_up():
     sim = simulate(lattice(20, 20), method="parallel", workers=3)
     sim.run(frames=2)
@@ -117,20 +124,20 @@ import subprocess, sys
 code = '''
 import mpsim
 scene = mpsim.Scene.random(count=500, packing=0.5, radius=0.5, seed=1)
-with mpsim.Simulation(scene, mpsim.Settings(method="parallel", workers=2, start_method="{start}")) as sim:
-    print(sim.run(frames=5).workers)
+for start in ("spawn", "forkserver"):
+    with mpsim.Simulation(scene, mpsim.Settings(method="parallel", workers=2, start_method=start)) as sim:
+        print(sim.run(frames=5).workers)
 '''
 done = subprocess.run([sys.executable, "-W", "error"], input=code, capture_output=True, text=True)
 print(done.stdout + done.stderr, end="")
 """
 
 
-@pytest.mark.parametrize("start", ["spawn", "forkserver"])
-def test_a_program_read_from_standard_input_works(start):
+def test_a_program_read_from_standard_input_works():
     """As a notebook's cells do: there is no file that a new process could import as the main module."""
-    outcome = run_script(FROM_STANDARD_INPUT.format(start=start))
+    outcome = run_script(FROM_STANDARD_INPUT)
     assert_clean(outcome)
-    assert outcome.out == "2\n"
+    assert outcome.out == "2\n2\n"
 
 
 def resources():

@@ -70,11 +70,16 @@ def test_too_little_shared_memory_for_a_growth_keeps_the_simulation_as_it_was():
                 sim.add(more.position, more.velocity)
         except mpsim.SharedMemoryError as error:
             print("refused")
-        count = sim.count
-        assert len(sim.state.position) == count
+        before = sim.state
+        for number in (1, 20, 500):
+            try:
+                sim.add(more.position[:number], more.velocity[:number])
+            except mpsim.SharedMemoryError as error:
+                print("refused again")
+        assert (sim.count, sim.digest()) == (len(before.position), before.digest())
         sim.run(frames=3)
         assert sim.frame == 6
     print(os.listdir("/dev/shm"))
     """)
     assert_clean(outcome)
-    assert outcome.out == "refused\n[]\n"
+    assert outcome.out == "refused\n" + 3 * "refused again\n" + "[]\n"

@@ -40,17 +40,25 @@ class Script:
     Args:
         text: the script; it may import mpsim and the package `support`.
         prefix: words before the interpreter, such as a wrapper program.
+        flags: of the interpreter; by default warnings are errors.
         env: variables to add to the environment.
     """
 
-    def __init__(self, text: str, *, prefix: Iterable[str] = (), env: dict[str, str] | None = None):
+    def __init__(
+        self,
+        text: str,
+        *,
+        prefix: Iterable[str] = (),
+        flags: Iterable[str] = ("-W", "error"),
+        env: dict[str, str] | None = None,
+    ):
         self._folder = tempfile.TemporaryDirectory(prefix="mpsim-test-")
         path = Path(self._folder.name) / "script.py"
         path.write_text(textwrap.dedent(text))
         environment = os.environ | {"PYTHONPATH": f"{PACKAGE_PARENT}:{TESTS}", "PYTHONFAULTHANDLER": "1"} | (env or {})
         self._started = time.perf_counter()
         self._process = subprocess.Popen(
-            [*prefix, sys.executable, "-u", "-W", "error", str(path)],
+            [*prefix, sys.executable, "-u", *flags, str(path)],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

@@ -232,6 +232,37 @@ def test_any_kind_of_real_number_is_a_number(number):
     assert mpsim.Settings(dt=number).dt == pytest.approx(float(number))
 
 
+@pytest.mark.parametrize(
+    ("radius", "precision"), [(1e-30, "float32"), (1e-24, "float32"), (1e-200, "float64"), (1e30, "float32")]
+)
+def test_a_scene_so_small_or_large_that_squares_of_lengths_do_not_fit_is_refused(radius, precision):
+    """The square of a diameter would be 0 or infinite: every pair would pass through each other, or none."""
+    scene = mpsim.Scene(
+        width=9 * radius, height=9 * radius, position=[[3 * radius] * 2], velocity=[[0, 0]], radius=radius
+    )
+    with pytest.raises(mpsim.InputError, match=precision):
+        mpsim.Simulation(scene, mpsim.Settings(precision=precision, method="grid"))
+
+
+@pytest.mark.parametrize(("radius", "precision"), [(1e-10, "float32"), (1e10, "float32"), (1e-100, "float64")])
+def test_scenes_in_any_sensible_unit_behave_alike(radius, precision):
+    """Negative control: lengths in metres of atoms or of planets are no reason to refuse, and give the same motion."""
+    ends = []
+    for unit in (1.0, radius):
+        position, velocity = np.array([[3, 3], [4.5, 3.25]]) * unit, np.array([[1, 0], [0, 0]]) * unit
+        scene = mpsim.Scene(width=9 * unit, height=9 * unit, position=position, velocity=velocity, radius=unit / 2)
+        with simulate(scene, method="grid", precision=precision, dt=1 / 64) as sim:
+            assert sim.run(frames=200).collisions == 1
+            ends.append(sim.state.position / unit)
+    assert np.allclose(*ends, rtol=1e-4)
+
+
+def test_a_frame_so_short_that_it_is_none_in_the_precision_is_refused():
+    """1e-50 is 0 in float32: nothing would ever move."""
+    with pytest.raises(mpsim.InputError, match=r"dt.*float32"):
+        mpsim.Simulation(gas(5, 0.1), mpsim.Settings(dt=1e-50, precision="float32", method="grid"))
+
+
 def test_values_that_do_not_fit_the_precision_are_refused():
     """1e300 is a finite float64, and infinite in float32: better said at the start than as a divergence."""
     scene = mpsim.Scene(width=5, height=5, position=[[2, 2]], velocity=[[1e300, 0]], radius=0.5)
