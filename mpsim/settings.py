@@ -6,7 +6,7 @@ from mpsim import checks
 
 METHODS = ("naive", "grid", "parallel", "auto")
 LAWS = ("reflect", "elastic")
-CONTACTS = ("push",)
+CONTACTS = ("push", "impact")
 PRECISIONS = ("float32", "float64")
 START_METHODS = ("fork", "spawn", "forkserver")
 
@@ -27,6 +27,8 @@ class Settings:
         law: "elastic" exchanges the normal velocities of discs that approach, keeping momentum and energy;
             "reflect", the term-project report's, mirrors each velocity about the contact line.
         contact: "push" separates overlapping discs, half the overlap each, and applies the law where the frame ended.
+        passes: times that contacts are looked for in one step, >= 1. A second one catches the collisions that follow
+            from those of the first.
         substeps: steps of dt / substeps in each frame, >= 1.
         precision: "float32" (the report's) or "float64".
         start_method: how worker processes start: "forkserver" (the default where it exists: safe with threads, and each
@@ -50,6 +52,7 @@ class Settings:
     workers: int | None = None
     law: str = "elastic"
     contact: str = "push"
+    passes: int = 1
     substeps: int = 1
     precision: str = "float64"
     start_method: str | None = None
@@ -62,6 +65,7 @@ class Settings:
         checks.choice("contact", self.contact, CONTACTS)
         checks.choice("precision", self.precision, PRECISIONS)
         checks.whole("substeps", self.substeps, 1, 1_000_000, "Use dt for the frame and substeps to divide it.")
+        checks.whole("passes", self.passes, 1, 1000, "1 or 2 will do for most scenes.")
         if self.workers is not None:
             remedy = "Leave it out to use every core that this process may use."
             checks.whole("workers", self.workers, 1, MOST_WORKERS, remedy)

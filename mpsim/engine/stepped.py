@@ -17,6 +17,7 @@ from mpsim.scene import Scene
 from mpsim.settings import Settings
 from mpsim.state import Grid, State, block_arrays, grid_for
 
+_CONTACTS = {"push": layout.PUSH, "impact": layout.IMPACT}
 _LAWS = {"reflect": layout.REFLECT, "elastic": layout.ELASTIC}
 
 
@@ -234,6 +235,7 @@ class SteppedSolver:
             layout.Y_HIGH: scene.height - scene.radius,
             layout.CELLS_PER_X: self._grid.columns / scene.width,
             layout.CELLS_PER_Y: self._grid.rows / scene.height,
+            layout.WALL_BOUNCE: float(settings.contact == "impact"),
         }
         for index, value in values.items():
             self._block.arrays["parameters"][index] = value
@@ -243,6 +245,8 @@ class SteppedSolver:
             layout.ROWS: self._grid.rows,
             layout.SUBSTEPS: settings.substeps,
             layout.LAW: _LAWS[settings.law],
+            layout.CONTACT: _CONTACTS[settings.contact],
+            layout.PASSES: settings.passes,
             layout.GUARDED: int(not settings.unguarded),
         }
         for index, word in words.items():

@@ -4,9 +4,11 @@ import math
 
 from mpsim.kernels.compiling import compiled
 from mpsim.kernels.layout import (
+    CONTACT,
     COUNT,
     DIAMETER,
     ELASTIC,
+    IMPACT,
     LAW,
     ROWS,
     X_HIGH,
@@ -18,29 +20,33 @@ from mpsim.kernels.machine import LANES, lowest_bit, natural, overlap_lanes
 
 
 @compiled
-def resolve_contact(discs, i, j, parameters, law):
-    """Contact `push` of two discs that overlap: each moves half the overlap away, then the velocities change.
-
-    n is the unit vector from i to j. `elastic`: equal masses exchange their normal components if they approach,
-    momentum and energy kept. `reflect` (the report's): each velocity is mirrored about the contact line, whether
-    they approach or not. Centres at one point take n = (1, 0), so that the result is defined and never NaN.
-    """
-    x, y, vx, vy = discs.x, discs.y, discs.vx, discs.vy
-    zero, one, two = x.dtype.type(0), x.dtype.type(1), x.dtype.type(2)
-    nx = x[j] - x[i]
-    ny = y[j] - y[i]
+def normal(discs, i, j):
+    """Unit vector from disc i to disc j, and their distance. Centres at one point give (1, 0): defined, never NaN."""
+    one = discs.x.dtype.type(1)
+    nx = discs.x[j] - discs.x[i]
+    ny = discs.y[j] - discs.y[i]
     distance = math.sqrt(nx * nx + ny * ny)
-    if distance > zero:
-        nx /= distance
-        ny /= distance
-    else:
-        nx = one
-        ny = zero
-    shift = (parameters[DIAMETER] - distance) / two
-    x[i] = clamp(x[i] - nx * shift, parameters[X_LOW], parameters[X_HIGH])
-    y[i] = clamp(y[i] - ny * shift, parameters[Y_LOW], parameters[Y_HIGH])
-    x[j] = clamp(x[j] + nx * shift, parameters[X_LOW], parameters[X_HIGH])
-    y[j] = clamp(y[j] + ny * shift, parameters[Y_LOW], parameters[Y_HIGH])
+    if distance == 0:
+        return one, distance, distance
+    return nx / distance, ny / distance, distance
+
+
+@compiled
+def shift(discs, i, dx, dy, parameters):
+    """Move disc i by (dx, dy), but not through a wall."""
+    discs.x[i] = min(max(discs.x[i] + dx, parameters[X_LOW]), parameters[X_HIGH])
+    discs.y[i] = min(max(discs.y[i] + dy, parameters[Y_LOW]), parameters[Y_HIGH])
+
+
+@compiled
+def apply_law(discs, i, j, nx, ny, law):
+    """Change the velocities of two discs in contact along the unit vector n from i to j.
+
+    `elastic`: equal masses exchange their normal components if they approach; momentum and energy are kept.
+    `reflect` (the report's): each velocity is mirrored about the contact line, whether they approach or not.
+    """
+    vx, vy = discs.vx, discs.vy
+    zero, two = vx.dtype.type(0), vx.dtype.type(2)
     along_i = vx[i] * nx + vy[i] * ny
     along_j = vx[j] * nx + vy[j] * ny
     if law == ELASTIC:
@@ -56,13 +62,65 @@ def resolve_contact(discs, i, j, parameters, law):
 
 
 @compiled
-def clamp(value, low, high):
-    """The centre stays in the box: a push may not carry a disc through a wall."""
-    return min(max(value, low), high)
+def push_contact(discs, i, j, parameters, law):
+    """Contact `push`: each disc moves half the overlap away, then the law acts along the normal found here."""
+    nx, ny, distance = normal(discs, i, j)
+    half = (parameters[DIAMETER] - distance) / discs.x.dtype.type(2)
+    shift(discs, i, -nx * half, -ny * half, parameters)
+    shift(discs, j, nx * half, ny * half, parameters)
+    apply_law(discs, i, j, nx, ny, law)
 
 
 @compiled
-def resolve_range(discs, i, first, last, parameters, law):
+def time_since_impact(discs, i, j, parameters):
+    """Time since two overlapping discs touched, in free flight; negative if they do not approach.
+
+    |r - u t| = D with r, u the relative position and velocity, b = r.u < 0 and c = r.r - D^2 < 0:
+    t = (b + sqrt(b^2 - u.u c)) / u.u, which loses its digits where the overlap is small; its conjugate does not:
+    t = -c / (sqrt(b^2 - u.u c) - b).
+    """
+    diameter = parameters[DIAMETER]
+    rx = discs.x[j] - discs.x[i]
+    ry = discs.y[j] - discs.y[i]
+    ux = discs.vx[j] - discs.vx[i]
+    uy = discs.vy[j] - discs.vy[i]
+    b = rx * ux + ry * uy
+    if not b < 0:
+        return -diameter  # any negative number: there was no impact
+    c = rx * rx + ry * ry - diameter * diameter
+    return -c / (math.sqrt(b * b - (ux * ux + uy * uy) * c) - b)
+
+
+@compiled
+def impact_contact(discs, i, j, parameters, law):
+    """Contact `impact`: back to the instant of contact, the law along the normal found there, and on again.
+
+    Discs that do not approach, or that overlapped before this step, are pushed apart instead.
+    """
+    time = time_since_impact(discs, i, j, parameters)
+    if not (time >= 0) & (time <= parameters[DT]):
+        push_contact(discs, i, j, parameters, law)
+        return
+    for disc in (i, j):
+        discs.x[disc] -= discs.vx[disc] * time
+        discs.y[disc] -= discs.vy[disc] * time
+    nx, ny, _ = normal(discs, i, j)
+    apply_law(discs, i, j, nx, ny, law)
+    for disc in (i, j):
+        shift(discs, disc, discs.vx[disc] * time, discs.vy[disc] * time, parameters)
+
+
+@compiled
+def resolve_contact(discs, i, j, parameters, control):
+    """Resolve two overlapping discs by the contact and the law of the run."""
+    if control[CONTACT] == IMPACT:
+        impact_contact(discs, i, j, parameters, control[LAW])
+    else:
+        push_contact(discs, i, j, parameters, control[LAW])
+
+
+@compiled
+def resolve_range(discs, i, first, last, parameters, control):
     """Resolve disc i with each of the discs [first, last) that overlaps it when its turn comes. Returns how many.
 
     The same as testing one by one: after a contact has moved disc i, the lanes that follow are tested again.
@@ -76,7 +134,7 @@ def resolve_range(discs, i, first, last, parameters, law):
         mask = overlap_lanes(x, y, block, x[i], y[i], diameter_squared) & lanes
         while mask != 0:
             lane = lowest_bit(mask)
-            resolve_contact(discs, i, block + lane, parameters, law)
+            resolve_contact(discs, i, block + lane, parameters, control)
             contacts += 1
             lanes &= ~((2 << lane) - 1)
             mask = overlap_lanes(x, y, block, x[i], y[i], diameter_squared) & lanes
@@ -85,7 +143,7 @@ def resolve_range(discs, i, first, last, parameters, law):
 
 
 @compiled
-def resolve_column(discs, start, column, stride, parameters, law):
+def resolve_column(discs, start, column, stride, parameters, control):
     """Contacts of one column with itself and with the next one. Returns how many.
 
     Both candidate ranges of a disc (own cell and the one above; three cells of the next column) are contiguous and
@@ -107,8 +165,8 @@ def resolve_column(discs, start, column, stride, parameters, law):
         own_mask &= (1 << min(own, LANES)) - 1
         next_mask &= (1 << min(others, LANES)) - 1
         if (own_mask | next_mask) != 0 or own > LANES or others > LANES:
-            contacts += resolve_range(discs, i, i + 1, own_end, parameters, law)
-            contacts += resolve_range(discs, i, next_first, next_end, parameters, law)
+            contacts += resolve_range(discs, i, i + 1, own_end, parameters, control)
+            contacts += resolve_range(discs, i, next_first, next_end, parameters, control)
     return contacts
 
 
@@ -117,7 +175,7 @@ def resolve_columns(discs, start, first, last, step, control, parameters):
     """Columns first, first + step, ... below last."""
     contacts = 0
     for column in range(first, last, step):
-        contacts += resolve_column(discs, start, column, control[ROWS] + 2, parameters, control[LAW])
+        contacts += resolve_column(discs, start, column, control[ROWS] + 2, parameters, control)
     return contacts
 
 
@@ -126,5 +184,5 @@ def resolve_all_pairs(discs, control, parameters):
     """All pairs i < j in index order. Returns the number of contacts."""
     contacts = 0
     for i in range(control[COUNT]):
-        contacts += resolve_range(discs, i, i + 1, control[COUNT], parameters, control[LAW])
+        contacts += resolve_range(discs, i, i + 1, control[COUNT], parameters, control)
     return contacts

@@ -33,7 +33,8 @@ Y_LOW = 4
 Y_HIGH = 5
 CELLS_PER_X = 6  # columns per length along x [1/length]
 CELLS_PER_Y = 7  # rows per length along y [1/length]
-PARAMETERS = 8
+WALL_BOUNCE = 8  # 0: a disc beyond a wall is put back to it; 1: its overshoot is reflected
+PARAMETERS = 9
 
 # Indices of `control`, an int64 array. Words that processes wait on have a cache line (8 words) each.
 COMMAND = 0  # number of the last command; changes when workers are to run frames
@@ -50,6 +51,8 @@ SUBSTEPS = 37
 LAW = 38
 WORKERS = 39
 DONE = 40  # frames finished since the start, in all commands
+CONTACT = 42
+PASSES = 43  # times that contacts are looked for in one step
 GUARDED = 41  # 1: odd/even passes; 0: the demonstration of what goes wrong without them
 CONTROL = 64
 
@@ -93,6 +96,10 @@ PHASES = ("move", "sort", "even columns", "odd columns", "wait")
 # Collision laws.
 REFLECT = 0
 ELASTIC = 1
+
+# Contacts.
+PUSH = 0
+IMPACT = 1
 
 PATIENCE = 120_000_000_000
 """Nanoseconds after which a barrier counts as stalled: far above any pause of a living worker (a suspended laptop's

@@ -1,7 +1,7 @@
 """Motion of a slice of discs over one step: acceleration, drift, walls, and the check that the state is finite."""
 
 from mpsim.kernels.compiling import compiled
-from mpsim.kernels.layout import ABORT, BAD_SLOT, BAD_STATE, DT, X_HIGH, X_LOW, Y_HIGH, Y_LOW
+from mpsim.kernels.layout import ABORT, BAD_SLOT, BAD_STATE, DT, WALL_BOUNCE, X_HIGH, X_LOW, Y_HIGH, Y_LOW
 from mpsim.kernels.machine import atomic_store
 
 
@@ -21,13 +21,15 @@ def accelerate(discs, low, high, gravity, acceleration, parameters):
 def drift(discs, low, high, parameters):
     """p += v dt and the wall rule; returns True if a position or velocity is not finite.
 
-    A disc beyond a wall and moving outward has that velocity component turned round; its centre is clamped to
-    [R, W - R] x [R, H - R]. Written without branches, so that it becomes vector code.
+    A disc beyond a wall and moving outward has that velocity component turned round. Its centre is clamped to
+    [R, W - R] x [R, H - R] under contact `push`; under `impact` it is where the bounce, at the instant when it reached
+    the wall, has brought it by now: as far inside as it would be outside. Without branches, so it becomes vector code.
     """
     x, y, vx, vy = discs.x[low:high], discs.y[low:high], discs.vx[low:high], discs.vy[low:high]
     zero = x.dtype.type(0)  # an integer 0 would turn float32 arithmetic into float64
     dt = parameters[DT]
     x_low, x_high, y_low, y_high = parameters[X_LOW], parameters[X_HIGH], parameters[Y_LOW], parameters[Y_HIGH]
+    bounce = parameters[WALL_BOUNCE]
     bad = False
     for i in range(high - low):
         ux = vx[i]
@@ -36,10 +38,13 @@ def drift(discs, low, high, parameters):
         py = y[i] + uy * dt
         vx[i] = -ux if ((px < x_low) & (ux < zero)) | ((px > x_high) & (ux > zero)) else ux
         vy[i] = -uy if ((py < y_low) & (uy < zero)) | ((py > y_high) & (uy > zero)) else uy
+        px = x_low + bounce * (x_low - px) if px < x_low else px
+        px = x_high + bounce * (x_high - px) if px > x_high else px
+        py = y_low + bounce * (y_low - py) if py < y_low else py
+        py = y_high + bounce * (y_high - py) if py > y_high else py
+        # A bounce that leads beyond the opposite wall (a disc faster than a box per step) ends at the first one.
         px = x_low if px < x_low else px
-        px = x_high if px > x_high else px
         py = y_low if py < y_low else py
-        py = y_high if py > y_high else py
         x[i] = px
         y[i] = py
         # A NaN passes the clamps, an infinite velocity gives inf - inf = NaN: every comparison with them is false.

@@ -49,6 +49,7 @@ from mpsim.kernels.layout import (
     LOW,
     MAILED,
     MOVE,
+    PASSES,
     PHASE,
     RUNNING,
     SORT,
@@ -111,7 +112,8 @@ def step(front, back, start, outbox, gravity, acceleration, parameters, control,
         moment = record(times, mine, EVEN, moment)
         meet(control, mine, times, moment)
         return control[ABORT] == RUNNING
-    for parity in range(2):
+    for turn in range(2 * control[PASSES]):
+        parity = turn % 2
         enter(mine, EVEN + parity)
         first = mine[FIRST_COLUMN] + (mine[FIRST_COLUMN] + parity) % 2
         mine[COLLISIONS] += resolve_columns(back, start, first, mine[LAST_COLUMN], 2, control, parameters)
@@ -189,7 +191,8 @@ def run_naive(discs, gravity, acceleration, parameters, control, team, times):
                 return control[ABORT]
             moment = record(times, mine, MOVE, moment)
             enter(mine, EVEN)
-            mine[COLLISIONS] += resolve_all_pairs(discs, control, parameters)
+            for _turn in range(control[PASSES]):
+                mine[COLLISIONS] += resolve_all_pairs(discs, control, parameters)
             record(times, mine, EVEN, moment)
     control[DONE] += control[FRAMES]
     mine[FRAME] = 0
