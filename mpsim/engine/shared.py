@@ -80,7 +80,13 @@ class SharedBlock:
     def close(self) -> None:
         """Drop the views and the mapping; the owner also removes the block. May be called again."""
         self.arrays.clear()
-        self._memory.close()
+        try:
+            self._memory.close()
+        except BufferError:
+            # The traceback of an exception on its way up still holds a view. The mapping goes when that view goes;
+            # SharedMemory must forget it, or it would complain when it is collected.
+            self._memory._buf = self._memory._mmap = None  # type: ignore[attr-defined]
+            self._memory.close()
         if self._owner and os.getpid() == self._creator:  # a fork of the coordinator must not take its block away
             self._owner = False
             self._memory.unlink()
