@@ -80,6 +80,15 @@ def compiled(function: Callable[..., Any]) -> Any:
     return dispatcher
 
 
+def inlined(function: Callable[..., Any]) -> Any:
+    """Numba-compile a small `function` into each of its callers.
+
+    A call hands over every field of every array (some 60 words for a disc record), which costs more than the work of a
+    contact; the compiler's own judgement of what to inline changes with every edit.
+    """
+    return njit(nogil=True, error_model="numpy", forceinline=True)(function)
+
+
 def compiled_kernels() -> int:
     """Number of kernel signatures compiled or loaded in this process so far."""
     modules = [m for name, m in sys.modules.items() if name.startswith("mpsim.kernels.")]

@@ -2,11 +2,12 @@
 
 import math
 
-from mpsim.kernels.compiling import compiled
+from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.layout import (
     CONTACT,
     COUNT,
     DIAMETER,
+    DT,
     ELASTIC,
     IMPACT,
     LAW,
@@ -19,7 +20,7 @@ from mpsim.kernels.layout import (
 from mpsim.kernels.machine import LANES, lowest_bit, natural, overlap_lanes
 
 
-@compiled
+@inlined
 def normal(discs, i, j):
     """Unit vector from disc i to disc j, and their distance. Centres at one point give (1, 0): defined, never NaN."""
     one = discs.x.dtype.type(1)
@@ -31,14 +32,14 @@ def normal(discs, i, j):
     return nx / distance, ny / distance, distance
 
 
-@compiled
+@inlined
 def shift(discs, i, dx, dy, parameters):
     """Move disc i by (dx, dy), but not through a wall."""
     discs.x[i] = min(max(discs.x[i] + dx, parameters[X_LOW]), parameters[X_HIGH])
     discs.y[i] = min(max(discs.y[i] + dy, parameters[Y_LOW]), parameters[Y_HIGH])
 
 
-@compiled
+@inlined
 def apply_law(discs, i, j, nx, ny, law):
     """Change the velocities of two discs in contact along the unit vector n from i to j.
 
@@ -61,7 +62,7 @@ def apply_law(discs, i, j, nx, ny, law):
     vy[j] += change_j * ny
 
 
-@compiled
+@inlined
 def push_contact(discs, i, j, parameters, law):
     """Contact `push`: each disc moves half the overlap away, then the law acts along the normal found here."""
     nx, ny, distance = normal(discs, i, j)
@@ -71,7 +72,7 @@ def push_contact(discs, i, j, parameters, law):
     apply_law(discs, i, j, nx, ny, law)
 
 
-@compiled
+@inlined
 def time_since_impact(discs, i, j, parameters):
     """Time since two overlapping discs touched, in free flight; negative if they do not approach.
 
@@ -91,7 +92,7 @@ def time_since_impact(discs, i, j, parameters):
     return -c / (math.sqrt(b * b - (ux * ux + uy * uy) * c) - b)
 
 
-@compiled
+@inlined
 def impact_contact(discs, i, j, parameters, law):
     """Contact `impact`: back to the instant of contact, the law along the normal found there, and on again.
 
@@ -110,7 +111,7 @@ def impact_contact(discs, i, j, parameters, law):
         shift(discs, disc, discs.vx[disc] * time, discs.vy[disc] * time, parameters)
 
 
-@compiled
+@inlined
 def resolve_contact(discs, i, j, parameters, control):
     """Resolve two overlapping discs by the contact and the law of the run."""
     if control[CONTACT] == IMPACT:
@@ -119,7 +120,7 @@ def resolve_contact(discs, i, j, parameters, control):
         push_contact(discs, i, j, parameters, control[LAW])
 
 
-@compiled
+@inlined
 def resolve_range(discs, i, first, last, parameters, control):
     """Resolve disc i with each of the discs [first, last) that overlaps it when its turn comes. Returns how many.
 
