@@ -7,7 +7,7 @@ start[cell] is the first disc of a cell and start[cell + 1] one past its last.
 
 import numpy as np
 
-from mpsim.kernels.compiling import compiled
+from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.layout import (
     CELLS_PER_X,
     CELLS_PER_Y,
@@ -91,14 +91,15 @@ def first_slot_of(team, sent, worker, control):
 @compiled
 def counts_to_starts(start, first_cell, last_cell, slot):
     """Exclusive prefix sum: start[cell + 1], a count, becomes the slot of the cell's first disc. Returns the end."""
-    for cell in range(first_cell, last_cell):
-        count = start[natural(cell) + 1]
-        start[natural(cell) + 1] = slot
+    counts = start[first_cell + 1 : last_cell + 1]
+    for cell in range(counts.size):
+        count = counts[cell]
+        counts[cell] = slot
         slot += count
     return slot
 
 
-@compiled
+@inlined
 def place(source, i, target, start):
     """Copy disc i to the next free slot of its cell. When all are placed, start[cell + 1] is the cell's end."""
     cell = natural(source.cell[i])
@@ -131,7 +132,7 @@ def place_all(source, target, start, outbox, team, worker, control):
                 place(source, outbox[k], target, start)
 
 
-@compiled
+@inlined
 def swap(discs, i, j):
     """Exchange two discs of one cell."""
     discs.x[i], discs.x[j] = discs.x[j], discs.x[i]
