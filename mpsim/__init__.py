@@ -16,11 +16,14 @@ from mpsim.engine.simulation import Simulation
 from mpsim.errors import (
     ClosedError,
     DivergedError,
+    GuardWarning,
     InputError,
     MpsimError,
+    NotRecordedError,
     OutputError,
     OverlapWarning,
     SharedMemoryError,
+    StalledError,
     WorkerDied,
     WorkerStalled,
 )
@@ -44,8 +47,10 @@ def __getattr__(name: str) -> Any:
 __all__ = [
     "ClosedError",
     "DivergedError",
+    "GuardWarning",
     "InputError",
     "MpsimError",
+    "NotRecordedError",
     "OutputError",
     "OverlapWarning",
     "Report",
@@ -53,6 +58,7 @@ __all__ = [
     "Settings",
     "SharedMemoryError",
     "Simulation",
+    "StalledError",
     "State",
     "WorkerDied",
     "WorkerStalled",

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from mpsim import checks
 
-METHODS = ("naive", "grid", "parallel", "auto")
+METHODS = ("naive", "grid", "parallel", "event", "auto")
 LAWS = ("reflect", "elastic")
 CONTACTS = ("push", "impact")
 PRECISIONS = ("float32", "float64")
@@ -21,7 +21,8 @@ class Settings:
     Args:
         dt: time of one frame [time], > 0. A disc should move less than its radius in one frame.
         method: "naive" tests all pairs; "grid" uses cells, one process; "parallel" uses cells and several processes;
-            "auto" takes the fastest of these for the scene and this machine.
+            "auto" takes the fastest of these for the scene and this machine. "event" is the exact solver, from
+            collision to collision: contact, passes and substeps mean nothing to it.
         workers: processes that compute, the coordinator being one of them, 1 to 1024; None: as many as this process may
             really use (affinity and container quota). Never changes the result.
         law: "elastic" exchanges the normal velocities of discs that approach, keeping momentum and energy;
@@ -44,7 +45,7 @@ class Settings:
     >>> Settings(method="gird")
     Traceback (most recent call last):
         ...
-    mpsim.errors.InputError: method must be one of 'naive', 'grid', 'parallel', 'auto'; got 'gird'. Did you mean 'grid'?
+    mpsim.errors.InputError: method must be one of 'naive', 'grid', 'parallel', 'event', 'auto'; got 'gird'. Did you mean 'grid'?
     """
 
     dt: float = 0.01

@@ -2,16 +2,25 @@
 
 import math
 
+import numpy as np
+
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.layout import (
+    COLLISION,
     CONTACT,
     COUNT,
+    DEEPEST,
+    DEPTH,
     DIAMETER,
     DT,
     ELASTIC,
     IMPACT,
     LAW,
+    MET,
+    RESTITUTION,
     ROWS,
+    TALLY_SCALE,
+    VIRIAL,
     X_HIGH,
     X_LOW,
     Y_HIGH,
@@ -40,18 +49,19 @@ def shift(discs, i, dx, dy, parameters):
 
 
 @inlined
-def apply_law(discs, i, j, nx, ny, law):
+def apply_law(discs, i, j, nx, ny, parameters, law):
     """Change the velocities of two discs in contact along the unit vector n from i to j.
 
-    `elastic`: equal masses exchange their normal components if they approach; momentum and energy are kept.
+    `elastic`: discs that approach part with e times their normal velocity, momentum kept (e = 1: energy too).
     `reflect` (the report's): each velocity is mirrored about the contact line, whether they approach or not.
+    Returns the impulse, mass 1 [length/time] (for `reflect`, which has two of them, their mean).
     """
     vx, vy = discs.vx, discs.vy
-    zero, two = vx.dtype.type(0), vx.dtype.type(2)
+    zero, one, two = vx.dtype.type(0), vx.dtype.type(1), vx.dtype.type(2)
     along_i = vx[i] * nx + vy[i] * ny
     along_j = vx[j] * nx + vy[j] * ny
     if law == ELASTIC:
-        change_i = min(along_j - along_i, zero)
+        change_i = min(along_j - along_i, zero) * ((one + parameters[RESTITUTION]) / two)
         change_j = -change_i
     else:
         change_i = -two * along_i
@@ -60,16 +70,20 @@ def apply_law(discs, i, j, nx, ny, law):
     vy[i] += change_i * ny
     vx[j] += change_j * nx
     vy[j] += change_j * ny
+    return (abs(change_i) + abs(change_j)) / two
 
 
 @inlined
 def push_contact(discs, i, j, parameters, law):
-    """Contact `push`: each disc moves half the overlap away, then the law acts along the normal found here."""
+    """Contact `push`: each disc moves half the overlap away, then the law acts along the normal found here.
+
+    Returns the impulse.
+    """
     nx, ny, distance = normal(discs, i, j)
     half = (parameters[DIAMETER] - distance) / discs.x.dtype.type(2)
     shift(discs, i, -nx * half, -ny * half, parameters)
     shift(discs, j, nx * half, ny * half, parameters)
-    apply_law(discs, i, j, nx, ny, law)
+    return apply_law(discs, i, j, nx, ny, parameters, law)
 
 
 @inlined
@@ -96,32 +110,48 @@ def time_since_impact(discs, i, j, parameters):
 def impact_contact(discs, i, j, parameters, law):
     """Contact `impact`: back to the instant of contact, the law along the normal found there, and on again.
 
-    Discs that do not approach, or that overlapped before this step, are pushed apart instead.
+    Discs that do not approach, or that overlapped before this step, are pushed apart instead. Returns the impulse.
     """
     time = time_since_impact(discs, i, j, parameters)
     if not (time >= 0) & (time <= parameters[DT]):
-        push_contact(discs, i, j, parameters, law)
-        return
+        return push_contact(discs, i, j, parameters, law)
     for disc in (i, j):
         discs.x[disc] -= discs.vx[disc] * time
         discs.y[disc] -= discs.vy[disc] * time
     nx, ny, _ = normal(discs, i, j)
-    apply_law(discs, i, j, nx, ny, law)
+    impulse = apply_law(discs, i, j, nx, ny, parameters, law)
     for disc in (i, j):
         shift(discs, disc, discs.vx[disc] * time, discs.vy[disc] * time, parameters)
+    return impulse
 
 
 @inlined
-def resolve_contact(discs, i, j, parameters, control):
+def resolve_contact(discs, i, j, parameters, control, tally, frame):
     """Resolve two overlapping discs by the contact and the law of the run."""
+    if tally is not None:
+        tally_depth(discs, i, j, parameters, tally, frame)
     if control[CONTACT] == IMPACT:
-        impact_contact(discs, i, j, parameters, control[LAW])
+        impulse = impact_contact(discs, i, j, parameters, control[LAW])
     else:
-        push_contact(discs, i, j, parameters, control[LAW])
+        impulse = push_contact(discs, i, j, parameters, control[LAW])
+    if tally is not None:
+        tally[frame, VIRIAL] += np.int64(impulse * np.float64(parameters[TALLY_SCALE]))
+        tally[frame, COLLISION] += impulse > 0
+
+
+@compiled
+def tally_depth(discs, i, j, parameters, tally, frame):
+    """Count a pair that is met and how deep it overlaps, as a part of the diameter."""
+    _, _, distance = normal(discs, i, j)
+    part = np.float64(1 - distance / parameters[DIAMETER])
+    depth = np.int64(part * parameters[TALLY_SCALE])
+    tally[frame, MET] += 1
+    tally[frame, DEPTH] += depth
+    tally[frame, DEEPEST] = max(tally[frame, DEEPEST], depth)
 
 
 @inlined
-def resolve_range(discs, i, first, last, parameters, control):
+def resolve_range(discs, i, first, last, parameters, control, tally, frame):
     """Resolve disc i with each of the discs [first, last) that overlaps it when its turn comes. Returns how many.
 
     The same as testing one by one: after a contact has moved disc i, the lanes that follow are tested again.
@@ -135,7 +165,7 @@ def resolve_range(discs, i, first, last, parameters, control):
         mask = overlap_lanes(x, y, block, x[i], y[i], diameter_squared) & lanes
         while mask != 0:
             lane = lowest_bit(mask)
-            resolve_contact(discs, i, block + lane, parameters, control)
+            resolve_contact(discs, i, block + lane, parameters, control, tally, frame)
             contacts += 1
             lanes &= ~((2 << lane) - 1)
             mask = overlap_lanes(x, y, block, x[i], y[i], diameter_squared) & lanes
@@ -144,7 +174,7 @@ def resolve_range(discs, i, first, last, parameters, control):
 
 
 @compiled
-def resolve_column(discs, start, column, stride, parameters, control):
+def resolve_column(discs, start, column, stride, parameters, control, tally, frame):
     """Contacts of one column with itself and with the next one. Returns how many.
 
     Both candidate ranges of a disc (own cell and the one above; three cells of the next column) are contiguous and
@@ -166,24 +196,24 @@ def resolve_column(discs, start, column, stride, parameters, control):
         own_mask &= (1 << min(own, LANES)) - 1
         next_mask &= (1 << min(others, LANES)) - 1
         if (own_mask | next_mask) != 0 or own > LANES or others > LANES:
-            contacts += resolve_range(discs, i, i + 1, own_end, parameters, control)
-            contacts += resolve_range(discs, i, next_first, next_end, parameters, control)
+            contacts += resolve_range(discs, i, i + 1, own_end, parameters, control, tally, frame)
+            contacts += resolve_range(discs, i, next_first, next_end, parameters, control, tally, frame)
     return contacts
 
 
 @compiled
-def resolve_columns(discs, start, first, last, step, control, parameters):
+def resolve_columns(discs, start, first, last, step, control, parameters, tally, frame):
     """Columns first, first + step, ... below last."""
     contacts = 0
     for column in range(first, last, step):
-        contacts += resolve_column(discs, start, column, control[ROWS] + 2, parameters, control)
+        contacts += resolve_column(discs, start, column, control[ROWS] + 2, parameters, control, tally, frame)
     return contacts
 
 
 @compiled
-def resolve_all_pairs(discs, control, parameters):
+def resolve_all_pairs(discs, control, parameters, tally, frame):
     """All pairs i < j in index order. Returns the number of contacts."""
     contacts = 0
     for i in range(control[COUNT]):
-        contacts += resolve_range(discs, i, i + 1, control[COUNT], parameters, control)
+        contacts += resolve_range(discs, i, i + 1, control[COUNT], parameters, control, tally, frame)
     return contacts

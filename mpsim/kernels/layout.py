@@ -33,8 +33,11 @@ Y_LOW = 4
 Y_HIGH = 5
 CELLS_PER_X = 6  # columns per length along x [1/length]
 CELLS_PER_Y = 7  # rows per length along y [1/length]
-WALL_BOUNCE = 8  # 0: a disc beyond a wall is put back to it; 1: its overshoot is reflected
-PARAMETERS = 9
+WALL_BOUNCE = 8  # part of a disc's way beyond a wall that it is put inside it: 0 puts it at the wall
+TALLY_SCALE = 9  # a power of two: tallies are whole multiples of 1 / TALLY_SCALE [length/time]
+RESTITUTION = 10  # of two discs, 0 to 1
+WALL_RESTITUTION = 11
+PARAMETERS = 12
 
 # Indices of `control`, an int64 array. Words that processes wait on have a cache line (8 words) each.
 COMMAND = 0  # number of the last command; changes when workers are to run frames
@@ -92,6 +95,17 @@ EVEN = 2
 ODD = 3
 WAIT = 4
 PHASES = ("move", "sort", "even columns", "odd columns", "wait")
+
+# What is counted in each frame when measures ask for it, indices of the last axis of `tally`, int64.
+# Sums are kept in fixed point: whole numbers add up to the same total in any order, so on any number of workers.
+WALL_X = 0  # impulse on the two walls at the ends of x, times TALLY_SCALE (mass 1)
+WALL_Y = 1
+VIRIAL = 2  # impulse between discs, times TALLY_SCALE
+COLLISION = 3  # pairs whose velocities changed
+DEPTH = 4  # overlap of the pairs met, times TALLY_SCALE / diameter
+DEEPEST = 5  # the largest of them, likewise
+MET = 6  # pairs met
+TALLIES = 7
 
 # Collision laws.
 REFLECT = 0

@@ -1,7 +1,24 @@
 """Motion of a slice of discs over one step: acceleration, drift, walls, and the check that the state is finite."""
 
+import numpy as np
+
 from mpsim.kernels.compiling import compiled
-from mpsim.kernels.layout import ABORT, BAD_SLOT, BAD_STATE, DT, WALL_BOUNCE, X_HIGH, X_LOW, Y_HIGH, Y_LOW
+from mpsim.kernels.layout import (
+    ABORT,
+    BAD_SLOT,
+    BAD_STATE,
+    DT,
+    FRAME,
+    TALLY_SCALE,
+    WALL_BOUNCE,
+    WALL_RESTITUTION,
+    WALL_X,
+    WALL_Y,
+    X_HIGH,
+    X_LOW,
+    Y_HIGH,
+    Y_LOW,
+)
 from mpsim.kernels.machine import atomic_store
 
 
@@ -29,15 +46,15 @@ def drift(discs, low, high, parameters):
     zero = x.dtype.type(0)  # an integer 0 would turn float32 arithmetic into float64
     dt = parameters[DT]
     x_low, x_high, y_low, y_high = parameters[X_LOW], parameters[X_HIGH], parameters[Y_LOW], parameters[Y_HIGH]
-    bounce = parameters[WALL_BOUNCE]
+    bounce, restitution = parameters[WALL_BOUNCE], parameters[WALL_RESTITUTION]
     bad = False
     for i in range(high - low):
         ux = vx[i]
         uy = vy[i]
         px = x[i] + ux * dt
         py = y[i] + uy * dt
-        vx[i] = -ux if ((px < x_low) & (ux < zero)) | ((px > x_high) & (ux > zero)) else ux
-        vy[i] = -uy if ((py < y_low) & (uy < zero)) | ((py > y_high) & (uy > zero)) else uy
+        vx[i] = -ux * restitution if ((px < x_low) & (ux < zero)) | ((px > x_high) & (ux > zero)) else ux
+        vy[i] = -uy * restitution if ((py < y_low) & (uy < zero)) | ((py > y_high) & (uy > zero)) else uy
         px = x_low + bounce * (x_low - px) if px < x_low else px
         px = x_high + bounce * (x_high - px) if px > x_high else px
         py = y_low + bounce * (y_low - py) if py < y_low else py
@@ -53,6 +70,21 @@ def drift(discs, low, high, parameters):
 
 
 @compiled
+def tally_walls(discs, low, high, parameters, tally, frame):
+    """Add up the impulses that walls will receive when this slice drifts: (1 + e) |v| of each disc that they turn round."""
+    dt, scale = parameters[DT], np.float64(parameters[TALLY_SCALE])
+    gain = 1 + parameters[WALL_RESTITUTION]
+    for i in range(low, high):
+        ux, uy = discs.vx[i], discs.vy[i]
+        px = discs.x[i] + ux * dt
+        py = discs.y[i] + uy * dt
+        if ((px < parameters[X_LOW]) & (ux < 0)) | ((px > parameters[X_HIGH]) & (ux > 0)):
+            tally[frame, WALL_X] += np.int64(gain * abs(ux) * scale)
+        if ((py < parameters[Y_LOW]) & (uy < 0)) | ((py > parameters[Y_HIGH]) & (uy > 0)):
+            tally[frame, WALL_Y] += np.int64(gain * abs(uy) * scale)
+
+
+@compiled
 def worst_slot(discs, low, high, parameters):
     """Slot of the non-finite disc with the lowest id in [low, high), or -1."""
     worst = -1
@@ -65,9 +97,11 @@ def worst_slot(discs, low, high, parameters):
 
 
 @compiled
-def move(discs, low, high, gravity, acceleration, parameters, control, mine):
+def move(discs, low, high, gravity, acceleration, parameters, control, mine, tally):
     """Advance a slice; a non-finite disc raises the abort word before anything is binned by its position."""
     accelerate(discs, low, high, gravity, acceleration, parameters)
+    if tally is not None:
+        tally_walls(discs, low, high, parameters, tally, mine[FRAME])
     if drift(discs, low, high, parameters):
         mine[BAD_SLOT] = worst_slot(discs, low, high, parameters)
         atomic_store(control, ABORT, BAD_STATE)
