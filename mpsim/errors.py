@@ -75,7 +75,7 @@ class StalledError(MpsimError, RuntimeError):
 
 
 class GuardWarning(UserWarning):
-    """The exact solver let collisions pass without their loss of energy, so that infinitely many would come to an end."""
+    """The exact solver let collisions pass without their loss of energy, so that infinitely many came to an end."""
 
 
 class OverlapWarning(UserWarning):

@@ -42,10 +42,10 @@ class Settings:
 
     >>> Settings(dt=0.02, law="reflect").substeps
     1
-    >>> Settings(method="gird")
+    >>> Settings(method="gird")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
         ...
-    mpsim.errors.InputError: method must be one of 'naive', 'grid', 'parallel', 'event', 'auto'; got 'gird'. Did you mean 'grid'?
+    mpsim.errors.InputError: method must be one of 'naive', 'grid', ... got 'gird'. Did you mean 'grid'?
     """
 
     dt: float = 0.01

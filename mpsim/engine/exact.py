@@ -109,7 +109,7 @@ class ExactSolver:
         return tally
 
     def record(self, counting: bool) -> None:
-        """Have what measures need handed out from now on, or not. (It is always counted: that costs 1 %.)"""
+        """Have what measures need handed out from now on, or not. It is always counted: that costs 1 %."""
         self._counting = counting
         if counting:
             tally = self._store.tally

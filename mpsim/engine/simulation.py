@@ -255,8 +255,8 @@ def _warn_of_overlaps(scene: Scene) -> None:
 
 def _warn_of_guard(guarded: int) -> None:
     warnings.warn(
-        f"in {guarded} collisions the contact-time guard suppressed the loss of energy, because the disc's last contact "
-        "was an instant before: inelastic collapse, or discs at rest. Without it the run would never end.",
+        f"in {guarded} collisions the contact-time guard suppressed the loss of energy, because the last contact of the "
+        "disc was an instant before: inelastic collapse, or discs at rest. Without it the run would never end.",
         GuardWarning,
         stacklevel=3,
     )

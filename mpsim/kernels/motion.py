@@ -71,7 +71,7 @@ def drift(discs, low, high, parameters):
 
 @compiled
 def tally_walls(discs, low, high, parameters, tally, frame):
-    """Add up the impulses that walls will receive when this slice drifts: (1 + e) |v| of each disc that they turn round."""
+    """Add up the impulses on the walls when this slice drifts: (1 + e) |v| of each disc that they turn round."""
     dt, scale = parameters[DT], np.float64(parameters[TALLY_SCALE])
     gain = 1 + parameters[WALL_RESTITUTION]
     for i in range(low, high):

@@ -140,9 +140,9 @@ class Gathering:
         """Whether the kernels must count."""
         return any(name in COUNTED for name in self._names)
 
-    def frames_to_sample(self, done: int) -> float:
-        """Frames until a state is wanted; infinite where none is."""
-        return self._every - done % self._every if self._samples else float("inf")
+    def frames_to_sample(self, done: int) -> int:
+        """Frames until a state is wanted; a very large number where none is."""
+        return self._every - done % self._every if self._samples else 2**62
 
     def take(self, counts: Counts | None, done: int, state: Callable[[], State], scene: Scene) -> None:
         """Take in a slice, and a state if it is time for one."""
