@@ -25,7 +25,7 @@ def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: 
             f"{name} must be finite; {name}{list(at)} is {array[at]} ({len(bad)} such values). "
             "Correct or leave out those discs."
         )
-    if array.size == 0 and shape[0] is None:
+    if array.size == 0 and shape[0] in (None, 0):  # an empty list has lost its second axis
         array = array.reshape((0, *[length or 0 for length in shape[1:]]))
     fits = array.ndim == len(shape) and all(
         wanted in (None, got) for wanted, got in zip(shape, array.shape, strict=True)
@@ -67,6 +67,25 @@ def whole(name: str, value: Any, low: int, high: int, remedy: str) -> int:
     return int(value)
 
 
+def truth(name: str, value: Any) -> bool:
+    """True or False, not something that merely counts as one."""
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(f"{name} must be True or False; got {_brief(value)}.")
+    return bool(value)
+
+
+def fitting(name: str, array: NDArray[np.float64], precision: str) -> None:
+    """Refuse values that are finite in float64 but whose squares are not in the precision of the run."""
+    largest = float(np.sqrt(np.finfo(precision).max)) / 4
+    bad = np.argwhere(np.abs(array) > largest)
+    if len(bad):
+        at = tuple(int(index) for index in bad[0])
+        raise InputError(
+            f"{name} must be at most {largest:.3g} in {precision}, so that squares fit; {name}{list(at)} is "
+            f"{array[at]:g}. Use other units or precision='float64'."
+        )
+
+
 def choice(name: str, value: Any, allowed: Iterable[str]) -> str:
     """One of the allowed words, with a suggestion where the value is nearly one."""
     words = list(allowed)
@@ -80,7 +99,10 @@ def choice(name: str, value: Any, allowed: Iterable[str]) -> str:
 def _number(name: str, value: Any, rule: str) -> float:
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         raise InputError(f"{name} must be {rule}; got {_brief(value)}.")
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError:
+        raise InputError(f"{name} must be {rule}, finite in float64; got {_brief(value)}.") from None
 
 
 def _brief(value: Any) -> str:

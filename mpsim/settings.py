@@ -70,5 +70,6 @@ class Settings:
         if self.workers is not None:
             remedy = "Leave it out to use every core that this process may use."
             checks.whole("workers", self.workers, 1, MOST_WORKERS, remedy)
+        checks.truth("unguarded", self.unguarded)
         if self.start_method is not None:
             checks.choice("start_method", self.start_method, START_METHODS)

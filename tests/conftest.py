@@ -39,7 +39,7 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     long = config.getoption("--long")
     hypothesis.settings.load_profile("long" if long else "default")
-    config.stash[_stderr] = open(os.dup(2), "w")
+    config.stash[_stderr] = os.dup(2)
     faulthandler.dump_traceback_later(LONGEST_SESSION[long], exit=True, file=config.stash[_stderr])
 
 

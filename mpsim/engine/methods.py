@@ -4,6 +4,7 @@ import logging
 from dataclasses import dataclass
 
 from mpsim.engine.cores import may_start_processes, usable_cores
+from mpsim.kernels.compiling import JIT_DISABLED
 from mpsim.settings import Settings
 
 logger = logging.getLogger("mpsim")
@@ -40,6 +41,9 @@ def choose(count: int, settings: Settings) -> Choice:
     workers = settings.workers or usable_cores()
     if workers > 1 and not may_start_processes():
         logger.info("mpsim: this process is daemonic and may not start others; running on one worker.")
+        workers = 1
+    if workers > 1 and JIT_DISABLED:
+        logger.info("mpsim: without compilation there are no atomics to wait with; running on one worker.")
         workers = 1
     if settings.method != "auto":
         return Choice(method, (workers,))

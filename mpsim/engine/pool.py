@@ -62,11 +62,15 @@ class WorkerPool:
         return [process.pid for process in self._processes]
 
     def wake(self) -> None:
-        """Rouse the workers that sleep, so that all of them look for the next command. Called before each command."""
-        add_to_word(self._control, layout.BELL, 1)
+        """Announce a command and rouse the workers that sleep. The command itself is given by the kernel."""
+        store_word(self._control, layout.ANNOUNCED, load_word(self._control, layout.COMMAND) + 1)
         for connection, mine in zip(self._connections, self._team[1:], strict=True):
             if load_word(mine, layout.PARKED):
                 self._send(connection, ("wake", None, None))
+
+    def settle(self) -> None:
+        """Take the announcement back if no command followed, so that the workers may sleep again."""
+        store_word(self._control, layout.ANNOUNCED, load_word(self._control, layout.COMMAND))
 
     def move_to(self, block: SharedBlock) -> None:
         """Let every worker attach to another block. The old one must stay open until this returns."""
@@ -122,11 +126,12 @@ class WorkerPool:
             name=f"mpsim-worker-{worker}",
             daemon=True,
         )
-        with _main_module_hidden(), _interrupts_blocked():
-            process.start()
-        theirs.close()
-        self._connections.append(ours)
-        self._processes.append(process)
+        with _interrupts_held_back():
+            with _main_module_hidden():
+                process.start()
+            theirs.close()
+            self._connections.append(ours)
+            self._processes.append(process)
 
     def _await_ready(self, worker: int) -> None:
         connection, process = self._connections[worker - 1], self._processes[worker - 1]
@@ -187,10 +192,21 @@ def _main_module_hidden():
 
 
 @contextmanager
-def _interrupts_blocked():
-    """A process started in here inherits a blocked SIGINT, so that Ctrl-C during its start prints no traceback."""
+def _interrupts_held_back():
+    """Ctrl-C in here waits until the end: a process half started would belong to nobody.
+
+    A process started in here inherits a blocked SIGINT, so that its start prints no traceback. Blocking alone does not
+    hold Ctrl-C back, because the signal may go to another thread, of a numerical library say.
+    """
+    came: list[int] = []
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    handler = signal.signal(signal.SIGINT, lambda *_: came.append(1)) if in_main_thread else None
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if in_main_thread:
+            signal.signal(signal.SIGINT, handler)
+    if came:
+        raise KeyboardInterrupt

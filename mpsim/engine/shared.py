@@ -89,7 +89,11 @@ class SharedBlock:
             self._memory.close()
         if self._owner and os.getpid() == self._creator:  # a fork of the coordinator must not take its block away
             self._owner = False
-            self._memory.unlink()
+            try:
+                self._memory.unlink()
+            except FileNotFoundError:
+                # A foreign Python before 3.13 that attached has removed the name on its exit, taking it for a leak.
+                resource_tracker.unregister(self._memory._name, "shared_memory")  # type: ignore[attr-defined]
 
 
 @contextmanager

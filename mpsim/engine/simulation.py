@@ -14,7 +14,7 @@ from mpsim.engine.exact import ExactSolver
 from mpsim.engine.pacing import Pacer
 from mpsim.engine.report import Report, phase_seconds
 from mpsim.engine.stepped import SteppedSolver
-from mpsim.errors import ClosedError, GuardWarning, InputError, OverlapWarning
+from mpsim.errors import ClosedError, GuardWarning, InputError, OverlapWarning, WorkerDied
 from mpsim.kernels.layout import PHASES
 from mpsim.measure import observables
 from mpsim.measure.gathering import Gathering, Run, checked
@@ -53,6 +53,7 @@ class Simulation:
             raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
         self._scene = scene
         self._settings = settings
+        self._check_precision()
         self._last_frame = 0
         choice = methods.choose(scene.count, settings)
         if choice.method != "event":  # which refuses them
@@ -194,8 +195,13 @@ class Simulation:
                 )
             kicks = checks.finite_array("acceleration", np.atleast_2d(acceleration), shape, meaning)
         self._scene.check_inside("position", places)
+        checks.fitting("velocity", speeds, self._settings.precision)
         before, choice = solver.choice, methods.choose(solver.count + len(places), self._settings)
-        solver.add(places, speeds, kicks, choice)
+        try:
+            solver.add(places, speeds, kicks, choice)
+        except WorkerDied:
+            self.close()
+            raise
         if choice != before:
             self._pacer = Pacer(choice.workers, MOST_FRAMES)
 
@@ -205,6 +211,14 @@ class Simulation:
         return (
             f"<Simulation: {self.count} discs by {self._solver.choice.method}, frame {self.frame}, time {self.time:g}>"
         )
+
+    def _check_precision(self) -> None:
+        """Refuse a scene whose numbers do not fit the precision of the run."""
+        scene, precision = self._scene, self._settings.precision
+        checks.fitting("the box", np.array([scene.width, scene.height]), precision)
+        for name in ("velocity", "gravity", "acceleration"):
+            if getattr(scene, name) is not None:
+                checks.fitting(name, getattr(scene, name), precision)
 
     def _open_solver(self) -> SteppedSolver:
         if not self._closing.alive:
@@ -255,8 +269,8 @@ def _warn_of_overlaps(scene: Scene) -> None:
 
 def _warn_of_guard(guarded: int) -> None:
     warnings.warn(
-        f"in {guarded} collisions the contact-time guard suppressed the loss of energy, because the last contact of the "
-        "disc was an instant before: inelastic collapse, or discs at rest. Without it the run would never end.",
+        f"in {guarded} collisions the contact-time guard suppressed the loss of energy: the last contact of the disc was "
+        "an instant before, as in inelastic collapse or of a disc at rest. Without it the run would never end.",
         GuardWarning,
         stacklevel=3,
     )

@@ -74,13 +74,10 @@ class SteppedSolver:
         for counts in (times, tally):
             if counts is not None:
                 counts[:, :frames] = 0
-        if self._pool is not None and workers > 1:
-            self._pool.wake()
         if self.choice.method == "naive":
             abort = run_naive(*self._naive_arguments())
         else:
-            abort = run_grid(*kernel_arguments(self._block, 0))
-            self._sorted_grid = self._grid
+            abort = self._run_grid(self._pool if workers > 1 else None)
         if abort != layout.RUNNING:
             raise self._failure(abort)
         contacts = int(arrays["team"][:, layout.COLLISIONS].sum())
@@ -100,6 +97,18 @@ class SteppedSolver:
         if tallied != self._tallying:
             self._tallying = tallied
             self._move(self._capacity, self.choice)
+
+    def _run_grid(self, pool: WorkerPool | None) -> int:
+        """Give the command to everybody and do the coordinator's part of it."""
+        if pool is not None:
+            pool.wake()
+        try:
+            abort = run_grid(*kernel_arguments(self._block, 0))
+        finally:
+            if pool is not None:
+                pool.settle()
+        self._sorted_grid = self._grid
+        return abort
 
     def _deal(self, workers: int) -> None:
         """Give each worker its columns and its slice: equal numbers of discs, whole columns where they are sorted."""

@@ -6,6 +6,7 @@ This module is what `spawn` and `forkserver` import in a new process; it therefo
 import os
 import signal
 import threading
+import time
 import traceback
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import parent_process
@@ -22,6 +23,9 @@ from mpsim.state import ArraySpec
 LINGER = 2_000_000
 """Nanoseconds for which a worker without a command polls (giving its core away) before it sleeps in its pipe: a loop
 of short runs then needs no system call to wake anybody, and an idle pool costs nothing."""
+
+NAP = 0.0005
+"""Seconds between two looks for a command that is announced and late."""
 
 ORPHANED = 3
 """Exit code of a worker whose coordinator is gone."""
@@ -55,7 +59,7 @@ def load_kernels(block: SharedBlock) -> None:
     arguments[7:9] = control, team
     run_grid(*arguments)
     store_word(control, layout.MAIL, 1)
-    add_to_word(control, layout.BELL, load_word(control, layout.MAIL))
+    add_to_word(control, layout.ANNOUNCED, load_word(control, layout.MAIL))
 
 
 def worker_main(worker: int, connection: Connection, name: str, specs: dict[str, ArraySpec]) -> None:
@@ -64,8 +68,8 @@ def worker_main(worker: int, connection: Connection, name: str, specs: dict[str,
     threading.Thread(target=_end_with_coordinator, daemon=True).start()
     try:
         _serve(worker, connection, SharedBlock.attach(name, specs))
-    except (EOFError, BrokenPipeError, ConnectionResetError):
-        os._exit(ORPHANED)
+    except (EOFError, BrokenPipeError, ConnectionResetError, FileNotFoundError):
+        os._exit(ORPHANED)  # the pipe's other end or the block is gone: the coordinator has given up
     except BaseException:
         connection.send(("error", traceback.format_exc()))
         raise
@@ -117,13 +121,14 @@ def _join(worker: int, connection: Connection, block: SharedBlock) -> tuple[Any,
 
 
 def _park(connection: Connection, control: Any, mine: Any) -> None:
-    """Sleep in the pipe until a message comes.
+    """Sleep in the pipe until a message comes, unless a command is announced.
 
-    Parked is said first and the bell is looked at second; the coordinator rings first and looks at parked second.
-    Whatever the timing, one of the two sees the other, and no command is slept through.
+    Parked is said first and the announcement looked at second; the coordinator announces first and looks at parked
+    second. Whatever the timing, one of the two sees the other, and no command is slept through.
     """
     store_word(mine, layout.PARKED, 1)
-    if load_word(control, layout.BELL) == mine[layout.BELLS]:
+    if load_word(control, layout.ANNOUNCED) <= mine[layout.COMMANDS]:
         wait([connection])
+    else:
+        time.sleep(NAP)  # the coordinator lost its core between announcing the command and giving it
     store_word(mine, layout.PARKED, 0)
-    mine[layout.BELLS] = load_word(control, layout.BELL)

@@ -44,7 +44,7 @@ COMMAND = 0  # number of the last command; changes when workers are to run frame
 ARRIVED = 8  # arrivals at barriers since the pool started
 ABORT = 16  # 0, or why everybody must leave the frame loop
 MAIL = 24  # number of messages that wait in the workers' pipes to be read
-BELL = 56  # rung before every command, for workers about to park
+ANNOUNCED = 56  # number of the command that is about to be given: nobody may go to sleep before it
 COUNT = 32  # discs
 COLUMNS = 33
 ROWS = 34
@@ -85,7 +85,6 @@ FIRST_COLUMN = 12  # first column and one past the last column of this worker
 LAST_COLUMN = 13
 COMMANDS = 14  # commands this worker has begun
 MAILS = 15  # messages it has read
-BELLS = 16  # rings it has heard
 TEAM = 32
 
 # Phases of one frame, in the order of the last axis of `times`.

@@ -77,6 +77,7 @@ def _compile_overlap_lanes(x, y, start, xi, yi, diameter_squared):
 
 def lowest_bit(mask):
     """Index of the lowest set bit of a mask that is not zero."""
+    mask = int(mask)
     return (mask & -mask).bit_length() - 1
 
 

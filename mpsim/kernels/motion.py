@@ -1,5 +1,7 @@
 """Motion of a slice of discs over one step: acceleration, drift, walls, and the check that the state is finite."""
 
+import math
+
 import numpy as np
 
 from mpsim.kernels.compiling import compiled
@@ -44,6 +46,7 @@ def drift(discs, low, high, parameters):
     """
     x, y, vx, vy = discs.x[low:high], discs.y[low:high], discs.vx[low:high], discs.vy[low:high]
     zero = x.dtype.type(0)  # an integer 0 would turn float32 arithmetic into float64
+    infinity = x.dtype.type(math.inf)
     dt = parameters[DT]
     x_low, x_high, y_low, y_high = parameters[X_LOW], parameters[X_HIGH], parameters[Y_LOW], parameters[Y_HIGH]
     bounce, restitution = parameters[WALL_BOUNCE], parameters[WALL_RESTITUTION]
@@ -55,17 +58,20 @@ def drift(discs, low, high, parameters):
         py = y[i] + uy * dt
         vx[i] = -ux * restitution if ((px < x_low) & (ux < zero)) | ((px > x_high) & (ux > zero)) else ux
         vy[i] = -uy * restitution if ((py < y_low) & (uy < zero)) | ((py > y_high) & (uy > zero)) else uy
-        px = x_low + bounce * (x_low - px) if px < x_low else px
-        px = x_high + bounce * (x_high - px) if px > x_high else px
-        py = y_low + bounce * (y_low - py) if py < y_low else py
-        py = y_high + bounce * (y_high - py) if py > y_high else py
+        px = x_low + bounce * (x_low - px) if (px < x_low) & (px > -infinity) else px
+        px = x_high + bounce * (x_high - px) if (px > x_high) & (px < infinity) else px
+        py = y_low + bounce * (y_low - py) if (py < y_low) & (py > -infinity) else py
+        py = y_high + bounce * (y_high - py) if (py > y_high) & (py < infinity) else py
         # A bounce that leads beyond the opposite wall (a disc faster than a box per step) ends at the first one.
-        px = x_low if px < x_low else px
-        py = y_low if py < y_low else py
+        px = x_low if (px < x_low) & (px > -infinity) else px
+        py = y_low if (py < y_low) & (py > -infinity) else py
+        px = x_high if (px > x_high) & (px < infinity) else px
+        py = y_high if (py > y_high) & (py < infinity) else py
         x[i] = px
         y[i] = py
-        # A NaN passes the clamps, an infinite velocity gives inf - inf = NaN: every comparison with them is false.
-        bad |= not ((px >= x_low) & (py >= y_low) & (ux - ux == zero) & (uy - uy == zero))
+        # NaN and infinity pass the clamps and end outside; for a velocity, inf - inf = NaN equals nothing.
+        inside = (px >= x_low) & (px <= x_high) & (py >= y_low) & (py <= y_high)
+        bad |= not (inside & (ux - ux == zero) & (uy - uy == zero))
     return bad
 
 
@@ -85,12 +91,12 @@ def tally_walls(discs, low, high, parameters, tally, frame):
 
 
 @compiled
-def worst_slot(discs, low, high, parameters):
+def worst_slot(discs, low, high):
     """Slot of the non-finite disc with the lowest id in [low, high), or -1."""
     worst = -1
     for i in range(low, high):
-        vx, vy = discs.vx[i], discs.vy[i]
-        fine = (discs.x[i] >= parameters[X_LOW]) & (discs.y[i] >= parameters[Y_LOW]) & (vx - vx == 0) & (vy - vy == 0)
+        x, y, vx, vy = discs.x[i], discs.y[i], discs.vx[i], discs.vy[i]
+        fine = (x - x == 0) & (y - y == 0) & (vx - vx == 0) & (vy - vy == 0)
         if not fine and (worst < 0 or discs.id[i] < discs.id[worst]):
             worst = i
     return worst
@@ -103,7 +109,7 @@ def move(discs, low, high, gravity, acceleration, parameters, control, mine, tal
     if tally is not None:
         tally_walls(discs, low, high, parameters, tally, mine[FRAME])
     if drift(discs, low, high, parameters):
-        mine[BAD_SLOT] = worst_slot(discs, low, high, parameters)
+        mine[BAD_SLOT] = worst_slot(discs, low, high)
         atomic_store(control, ABORT, BAD_STATE)
         return False
     return True

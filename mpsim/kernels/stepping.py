@@ -81,6 +81,7 @@ def enter(mine, phase):
 def meet(control, mine, times, since):
     """Barrier, its waiting time recorded. Returns the time now; the abort word tells whether to go on."""
     if control[WORKERS] > 1:
+        enter(mine, WAIT)
         barrier(control, mine)
         return record(times, mine, WAIT, since)
     return since

@@ -5,12 +5,14 @@ from mpsim.kernels.layout import (
     ABORT,
     ARRIVALS,
     ARRIVED,
+    BAD_STATE,
     CLOCK,
     COMMAND,
     COMMANDS,
     MAIL,
     MAILS,
     PATIENCE,
+    RUNNING,
     STALLED,
     WORKERS,
 )
@@ -42,7 +44,7 @@ def barrier(control, mine):
     started = 0
     while atomic_load(control, ARRIVED) < target:
         abort = atomic_load(control, ABORT)
-        if abort != 0:
+        if abort != RUNNING and abort != BAD_STATE:  # after a bad state all workers still come, and are heard
             return abort
         polls += 1
         if polls < SPINS:

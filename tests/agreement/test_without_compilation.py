@@ -62,3 +62,19 @@ def test_a_random_scene_is_the_same_without_compilation():
 def test_the_case_list_has_no_two_equal_results():
     found = digests(CASES)
     assert len(np.unique(found)) > len(found) / 2, "the cases hardly differ: they test little"
+
+
+def test_parallel_runs_on_one_worker_without_compilation():
+    """The atomic operations of plain Python are not atomic, so more workers would wait for each other for ever."""
+    outcome = run_script(
+        """
+        from support.scenes import crowd, digest_after, simulate
+        with simulate(crowd(24, 0.85, seed=33), method="parallel", workers=3, dt=0.05) as sim:
+            report = sim.run(frames=8)
+            print(report.workers, sim.digest())
+        """,
+        env={"NUMBA_DISABLE_JIT": "1"},
+        bound=30,
+    )
+    assert outcome.code == 0, outcome.err
+    assert outcome.out.split() == ["1", digest_after(crowd(24, 0.85, seed=33), 8, method="grid", dt=0.05)]

@@ -48,7 +48,7 @@ def scramble(sim: mpsim.Simulation, seed: int) -> None:
 def peek(sim: mpsim.Simulation, worker: int) -> tuple[str, int]:
     """Phase and frame (frames finished since the start) that a worker is in at this moment."""
     mine, control = _arrays(sim)["team"][worker], _arrays(sim)["control"]
-    return layout.PHASES[int(mine[layout.PHASE])], int(control[layout.FIRST_FRAME] + mine[layout.FRAME])
+    return layout.PHASES[int(mine[layout.PHASE])], int(control[layout.DONE] + mine[layout.FRAME])
 
 
 def columns_of(sim: mpsim.Simulation) -> int:

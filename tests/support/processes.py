@@ -71,6 +71,9 @@ class Script:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.pid, signal.SIGKILL)
         self._process.wait()
+        for reader, pipe in zip(self._readers, (self._process.stdout, self._process.stderr), strict=True):
+            reader.join(5)
+            pipe.close()
         self._folder.cleanup()
 
     @property

@@ -1,0 +1,110 @@
+"""The cache of machine code: never stale, not needed to be writable; and importing mpsim compiles nothing."""
+
+import re
+import shutil
+
+import pytest
+from support.processes import PACKAGE_PARENT, assert_clean, run_script
+
+IMPORT_WITHIN = 2.0
+
+RUN = """
+import mpsim
+scene = mpsim.Scene(width=9, height=9, position=[[3, 3], [3.75, 3], [6, 6]], velocity=[[1, 0], [-1, 0], [0, 1]],
+                    radius=0.5)
+import warnings
+warnings.simplefilter("ignore")
+with mpsim.Simulation(scene, mpsim.Settings(method="{method}", workers=2, dt=0.01)) as sim:
+    sim.run(frames=4)
+    print(mpsim.__file__)
+    print(sim.digest())
+"""
+
+
+@pytest.fixture
+def copy(tmp_path):
+    """A copy of the package: returns a function that edits it, and one that runs a scene with it."""
+    folder = tmp_path / "copy"
+    shutil.copytree(PACKAGE_PARENT / "mpsim", folder / "mpsim", ignore=shutil.ignore_patterns("__pycache__"))
+    cache = tmp_path / "cache"
+
+    def edit(file, old, new):
+        path = folder / "mpsim" / "kernels" / file
+        text = path.read_text()
+        assert len(re.findall(old, text)) == 1, f"{file} must have one place that matches {old!r} for this test to edit"
+        path.write_text(re.sub(old, new, text))
+
+    def digest():
+        outcome = run_script(
+            f"import sys; sys.path.insert(0, {str(folder)!r})\n" + RUN.format(method="naive"),
+            env={"NUMBA_CACHE_DIR": str(cache)},
+            bound=90,
+        )
+        assert_clean(outcome)
+        file, found = outcome.out.split()
+        assert file.startswith(str(folder)), "the copy was not the one that ran"
+        return found, sorted(path.name for path in (cache / "mpsim").iterdir())
+
+    return edit, digest
+
+
+@pytest.mark.timeout(150)
+def test_an_edit_in_a_file_that_kernels_call_is_never_answered_from_a_stale_cache(copy):
+    """Half the push in contacts.py: Numba's own cache would go on running the old code, as stepping.py is the same."""
+    edit, digest = copy
+    original, folders = digest()
+    edit("contacts.py", r"distance\) / two", "distance) / (two + two)")
+    changed, folders_after = digest()
+    assert changed != original, "the edited kernel did not run"
+    assert len(folders_after) == len(folders) + 1
+    edit("contacts.py", r"distance\) / \(two \+ two\)", "distance) / two")
+    assert digest() == (original, folders_after)
+
+
+NO_CACHE = {"NUMBA_CACHE_DIR": "/proc/mpsim-cannot-write-here"}
+
+
+def test_a_cache_folder_that_cannot_be_written_costs_one_log_line_and_nothing_else():
+    with_cache, without = (run_script(RUN.format(method="naive"), env=env, bound=90) for env in ({}, NO_CACHE))
+    assert_clean(with_cache)
+    assert (without.code, without.out) == (0, with_cache.out)
+    assert without.err.count("\n") == 1, without.err
+    assert "no writable cache folder" in without.err
+    assert "NUMBA_CACHE_DIR" in without.err
+
+
+def test_a_home_that_does_not_exist_is_no_error():
+    env = {"HOME": "/proc/nowhere", "XDG_CACHE_HOME": "", "NUMBA_CACHE_DIR": ""}
+    outcome = run_script("import mpsim; print(mpsim.__version__)", env=env)
+    assert outcome.code == 0
+    assert outcome.err.count("\n") == 1, outcome.err
+
+
+def test_importing_mpsim_compiles_nothing_and_is_quick():
+    text = """
+    import time
+    start = time.perf_counter()
+    import mpsim
+    print(time.perf_counter() - start)
+    from mpsim.kernels.compiling import compiled_kernels
+    print(compiled_kernels())
+    import sys
+    print("matplotlib" in sys.modules)
+    """
+    seconds = []
+    for _ in range(2):
+        outcome = run_script(text)
+        assert_clean(outcome)
+        took, kernels, plots = outcome.out.split()
+        assert (kernels, plots) == ("0", "False")
+        seconds.append(float(took))
+    assert min(seconds) < IMPORT_WITHIN
+
+
+def test_the_count_of_compiled_kernels_notices_a_run():
+    text = (
+        RUN.format(method="naive") + "from mpsim.kernels.compiling import compiled_kernels\nprint(compiled_kernels())"
+    )
+    outcome = run_script(text)
+    assert_clean(outcome)
+    assert int(outcome.out.split()[-1]) > 0

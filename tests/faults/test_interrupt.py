@@ -1,0 +1,113 @@
+"""Ctrl-C, which reaches coordinator and workers alike, is one KeyboardInterrupt; the state stays whole."""
+
+import signal
+import time
+
+import pytest
+from support.compare import assert_same_bits
+from support.processes import Script, assert_nothing_left_of
+from support.scenes import lattice, simulate, state_after
+
+import mpsim
+
+ENDS_WITHIN = {"running": 2.0, "starting": 5.0}
+"""Seconds from Ctrl-C to the end of the process. A slice of frames is 0.05 s, ending Python and workers the rest, on a
+busy machine; a worker that is still starting gets 2 s to come to its senses before it is ended."""
+
+SCRIPT = """
+import mpsim
+from support.scenes import lattice
+
+scene = lattice(100, 100)
+print("starting")
+with mpsim.Simulation(scene, mpsim.Settings(method="{method}", workers=3, start_method="{start}")) as sim:
+    print("running")
+    sim.run(frames=10**9)
+"""
+
+
+def interrupt(text, after, delay):
+    """Run a script, press Ctrl-C a while after it has printed a word, and check how it ends."""
+    with Script(text) as script:
+        while script.line() != after:
+            pass
+        time.sleep(delay)
+        pressed = time.monotonic()
+        script.send_to_group(signal.SIGINT)
+        outcome = script.finish(15)
+        took = time.monotonic() - pressed
+        assert_nothing_left_of(script.pid)
+    assert outcome.code == -signal.SIGINT, f"{outcome.code}: {outcome.err}"
+    assert outcome.err.count("Traceback") == 1, f"more or less than one traceback:\n{outcome.err}"
+    assert outcome.err.rstrip().endswith("KeyboardInterrupt"), outcome.err
+    assert "Exception ignored" not in outcome.err, outcome.err
+    assert took < ENDS_WITHIN[after], f"it took {took:.1f} s to end"
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("start", ["fork", "spawn", "forkserver"])
+def test_an_interrupt_during_a_run_is_one_keyboard_interrupt(start):
+    interrupt(SCRIPT.format(method="parallel", start=start), "running", 0.3)
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("method", ["naive", "grid"])
+def test_an_interrupt_on_one_process_is_one_keyboard_interrupt(method):
+    interrupt(SCRIPT.format(method=method, start="fork"), "running", 0.1)
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("delay", [0.0, 0.01, 0.02, 0.03])
+def test_an_interrupt_while_kernels_are_loaded_is_one_keyboard_interrupt(delay):
+    interrupt(SCRIPT.format(method="grid", start="fork"), "starting", delay)
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize(("start", "delay"), [("fork", 0.05), ("spawn", 0.2), ("spawn", 0.5), ("forkserver", 0.2)])
+def test_an_interrupt_while_workers_start_is_one_keyboard_interrupt(start, delay):
+    interrupt(SCRIPT.format(method="parallel", start=start), "starting", delay)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("start", ["fork", "spawn", "forkserver"])
+def test_an_interrupt_at_any_moment_is_one_keyboard_interrupt(start):
+    for attempt in range(25):
+        interrupt(SCRIPT.format(method="parallel", start=start), "starting", attempt * 0.06)
+
+
+@pytest.fixture
+def alarm():
+    """Call `alarm(seconds)`: this process then interrupts itself after so long, as Ctrl-C would."""
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    yield lambda seconds: signal.setitimer(signal.ITIMER_REAL, seconds)
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize(("method", "workers"), [("naive", 1), ("grid", 1), ("parallel", 3)])
+def test_an_interrupted_simulation_has_a_whole_number_of_frames_and_can_go_on(method, workers, alarm):
+    scene = lattice(9, 9)
+    with simulate(scene, method=method, workers=workers) as sim:
+        for attempt in range(3):
+            alarm(0.06 + attempt * 0.0137)
+            with pytest.raises(KeyboardInterrupt):
+                sim.run(frames=10**9)
+            frames, state = sim.frame, sim.state
+            assert frames > 0
+            assert_same_bits(state, state_after(scene, frames, method=method), f"interrupted after frame {frames}")
+            sim.run(frames=7)
+            expected = state_after(scene, frames + 7, method=method)
+            assert_same_bits(sim.state, expected, f"7 frames after an interrupt at {frames}")
+
+
+def test_an_interrupt_in_the_progress_callback_leaves_the_state_whole():
+    def interrupted(done, of):
+        raise KeyboardInterrupt
+
+    scene = lattice(9, 9)
+    with simulate(scene, method="grid") as sim:
+        with pytest.raises(KeyboardInterrupt):
+            sim.run(frames=10**6, progress=interrupted)
+        assert_same_bits(sim.state, state_after(scene, sim.frame, method="grid"), "after the callback's interrupt")
+        assert isinstance(sim.run(frames=3), mpsim.Report)

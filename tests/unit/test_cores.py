@@ -1,0 +1,114 @@
+"""How many cores may be used: the least of machine, affinity, container quota and the user's own limit."""
+
+import os
+from pathlib import Path
+
+import pytest
+from support.processes import assert_clean, run_script
+
+from mpsim.engine import cores
+
+
+@pytest.fixture
+def machine(monkeypatch, tmp_path):
+    """A pretended machine: `machine(cores=..., affinity=..., files={path: text})`."""
+
+    def pretend(machine_cores=8, affinity=8, files=None):
+        class Process:
+            def cpu_affinity(self):
+                return list(range(affinity))
+
+        for path, text in (files or {}).items():
+            (tmp_path / path.lstrip("/")).parent.mkdir(parents=True, exist_ok=True)
+            (tmp_path / path.lstrip("/")).write_text(text)
+        monkeypatch.setattr(cores.psutil, "cpu_count", lambda: machine_cores)
+        monkeypatch.setattr(cores.psutil, "Process", Process)
+        monkeypatch.setattr(cores, "Path", lambda path: tmp_path / str(path).lstrip("/"))
+        monkeypatch.delenv("PYTHON_CPU_COUNT", raising=False)
+
+    return pretend
+
+
+V2 = {"/proc/self/cgroup": "0::/user/job\n"}
+V1 = {"/proc/self/cgroup": "5:memory:/job\n3:cpu,cpuacct:/job\n0::/\n"}
+
+CASES = {
+    "no limits": ({}, 8),
+    "fewer cores": ({"machine_cores": 4}, 4),
+    "unknown cores": ({"machine_cores": None}, 1),
+    "affinity": ({"affinity": 3}, 3),
+    "no cgroup quota": ({"files": V2 | {"/sys/fs/cgroup/user/job/cpu.max": "max 100000\n"}}, 8),
+    "quota of two cores": ({"files": V2 | {"/sys/fs/cgroup/user/job/cpu.max": "200000 100000\n"}}, 2),
+    "quota rounded up": ({"files": V2 | {"/sys/fs/cgroup/user/job/cpu.max": "250000 100000\n"}}, 3),
+    "quota of half a core": ({"files": V2 | {"/sys/fs/cgroup/user/job/cpu.max": "50000 100000\n"}}, 1),
+    "quota of a parent": (
+        {
+            "files": V2
+            | {
+                "/sys/fs/cgroup/user/job/cpu.max": "max 100000\n",
+                "/sys/fs/cgroup/user/cpu.max": "300000 100000\n",
+            }
+        },
+        3,
+    ),
+    "quota of the root": ({"files": V2 | {"/sys/fs/cgroup/cpu.max": "400000 100000\n"}}, 4),
+    "affinity below quota": (
+        {"affinity": 2, "files": V2 | {"/sys/fs/cgroup/user/job/cpu.max": "500000 100000\n"}},
+        2,
+    ),
+    "version 1": (
+        {
+            "files": V1
+            | {
+                "/sys/fs/cgroup/cpu/job/cpu.cfs_quota_us": "300000\n",
+                "/sys/fs/cgroup/cpu/job/cpu.cfs_period_us": "100000\n",
+            }
+        },
+        3,
+    ),
+    "version 1 unlimited": (
+        {
+            "files": V1
+            | {
+                "/sys/fs/cgroup/cpu/job/cpu.cfs_quota_us": "-1\n",
+                "/sys/fs/cgroup/cpu/job/cpu.cfs_period_us": "100000\n",
+            }
+        },
+        8,
+    ),
+    "unreadable quota": ({"files": V2 | {"/sys/fs/cgroup/user/job/cpu.max": "nonsense\n"}}, 8),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_least_limit_counts(case, machine):
+    pretended, expected = CASES[case]
+    machine(**pretended)
+    assert cores.usable_cores() == expected
+
+
+@pytest.mark.parametrize(("text", "expected"), [("3", 3), ("0", 1), ("99", 8), ("default", 8), ("", 8), ("-2", 8)])
+def test_the_users_own_limit_counts_too(text, expected, machine, monkeypatch):
+    machine()
+    monkeypatch.setenv("PYTHON_CPU_COUNT", text)
+    assert cores.usable_cores() == expected
+
+
+def test_the_real_affinity_is_respected():
+    first = min(os.sched_getaffinity(0))
+    outcome = run_script(f"""
+    import os
+    os.sched_setaffinity(0, {{{first}}})
+    import mpsim
+    from mpsim.engine.cores import usable_cores
+    scene = mpsim.Scene.random(count=300, packing=0.3, radius=0.5)
+    with mpsim.Simulation(scene, mpsim.Settings(method="parallel")) as sim:
+        print(usable_cores(), sim.run(frames=2).workers)
+    """)
+    assert_clean(outcome)
+    assert outcome.out == "1 1\n"
+
+
+def test_this_machine_has_a_sensible_number():
+    assert 1 <= cores.usable_cores() <= len(os.sched_getaffinity(0))
+    assert Path("/proc/self").exists()

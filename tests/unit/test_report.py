@@ -1,0 +1,97 @@
+"""Report: shapes and sums of the times, counts, and what ran."""
+
+import numpy as np
+import pytest
+from support.scenes import crowd, gas, simulate
+
+import mpsim
+from mpsim.kernels.layout import PHASES
+
+LAYOUTS = [("naive", 1), ("grid", 1), ("parallel", 1), ("parallel", 3)]
+
+
+@pytest.mark.parametrize(("method", "workers"), LAYOUTS)
+def test_times_have_the_documented_shapes_and_add_up(method, workers):
+    frames = 5000
+    with simulate(gas(100, 0.4), method=method, workers=workers) as sim:
+        report = sim.run(frames=frames // (10 if workers > 1 else 1))
+    frames = report.frames
+    assert (report.method, report.workers) == (method, workers)
+    assert report.frame_seconds.shape == (frames,)
+    assert report.frame_seconds.dtype == np.float64
+    assert set(report.phase_seconds) == set(PHASES)
+    for name, seconds in report.phase_seconds.items():
+        assert seconds.shape == (frames, workers), name
+        assert (seconds >= 0).all(), name
+    total = sum(report.phase_seconds.values())
+    assert np.allclose(total[:, 0], report.frame_seconds)
+    assert total.sum(axis=0) == pytest.approx(report.frame_seconds.sum(), rel=0.5), "workers share the frame's time"
+    if workers == 1:
+        assert not report.phase_seconds["wait"].any(), "one worker waits for nobody"
+
+
+@pytest.mark.parametrize(("method", "workers"), LAYOUTS)
+def test_a_report_counts_the_contacts_of_its_own_run(method, workers):
+    with simulate(crowd(100, 0.8, seed=1), method=method, workers=workers) as sim:
+        parts = [sim.run(frames=frames).collisions for frames in (1, 0, 5, 14)]
+    with simulate(crowd(100, 0.8, seed=1), method=method, workers=workers) as sim:
+        assert sim.run(frames=20).collisions == sum(parts) > 100
+    assert parts[1] == 0
+
+
+def test_frame_times_are_wall_times():
+    import time  # noqa: PLC0415
+
+    with simulate(gas(3000, 0.4), method="grid") as sim:
+        sim.run(frames=10)
+        start = time.perf_counter()
+        report = sim.run(frames=200)
+        took = time.perf_counter() - start
+    assert 0.5 * took < report.frame_seconds.sum() <= took
+
+
+def test_the_memory_of_each_process_and_of_the_block_is_reported():
+    with simulate(gas(1000, 0.4), method="parallel", workers=3) as sim:
+        report = sim.run(frames=5)
+    assert len(report.memory_bytes) == 3
+    assert min(report.memory_bytes) > 10**6
+    assert report.block_bytes > 1000 * 2 * 4 * 8
+
+
+def test_a_million_float32_discs_need_at_most_100_bytes_each():
+    from mpsim.state import block_arrays, grid_for  # noqa: PLC0415
+
+    grid = grid_for(10**6, 1401, 1401, 1.0, "float32")
+    arrays = block_arrays(10**6, grid, 2, "float32", {})
+    assert sum(spec.nbytes for spec in arrays.values()) <= 100 * 10**6
+
+
+def test_no_frames_make_an_empty_report():
+    with simulate(gas(20, 0.2), method="grid") as sim:
+        report = sim.run(frames=0)
+    assert (report.frames, report.collisions, report.frame_seconds.shape) == (0, 0, (0,))
+    assert repr(report) == "<Report: 0 frames by grid>"
+
+
+def test_the_text_of_a_report_and_of_a_simulation_say_what_ran():
+    with simulate(gas(1000, 0.3), method="parallel", workers=2, dt=0.5) as sim:
+        report = sim.run(frames=3)
+        assert repr(sim) == "<Simulation: 1000 discs by parallel, frame 3, time 1.5>"
+    assert repr(report).startswith("<Report: 3 frames by parallel on 2 workers, median ")
+
+
+def test_auto_reports_what_it_chose():
+    for count, methods in ((50, {"naive"}), (200, {"grid"}), (5000, {"grid", "parallel"})):
+        with mpsim.Simulation(gas(count, 0.3), mpsim.Settings(workers=2)) as sim:
+            report = sim.run(frames=60)
+        assert report.method in methods
+        assert (report.workers > 1) == (report.method == "parallel")
+
+
+def test_more_frames_than_fit_the_block_are_all_timed():
+    from mpsim.state import MOST_FRAMES  # noqa: PLC0415
+
+    with simulate(gas(5, 0.1), method="naive") as sim:
+        report = sim.run(frames=3 * MOST_FRAMES + 1)
+    assert report.frames == 3 * MOST_FRAMES + 1
+    assert (report.frame_seconds > 0).mean() > 0.99
