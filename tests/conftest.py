@@ -25,7 +25,7 @@ LONGEST_EXIT = 60
 """Seconds that the interpreter may take to end after the last test."""
 
 set_hypothesis_home_dir(Path(tempfile.gettempdir()) / "mpsim-hypothesis")
-for name, examples in (("default", 40), ("long", 2000)):
+for name, examples in (("default", 40), ("long", 500)):
     hypothesis.settings.register_profile(
         name, max_examples=examples, deadline=None, database=None, derandomize=name == "default", print_blob=True
     )

@@ -9,7 +9,7 @@ from mpsim.settings import Settings
 
 logger = logging.getLogger("mpsim")
 
-NAIVE_UP_TO = 120
+NAIVE_UP_TO = 160
 """Discs up to which `auto` tests all pairs. A constant, not a measurement: naive and grid resolve contacts in different
 orders, so the choice between them must depend on the scene alone for the bits to be the same on every machine."""
 

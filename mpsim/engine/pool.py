@@ -13,6 +13,7 @@ from typing import Any
 from mpsim.engine.shared import SharedBlock
 from mpsim.engine.worker import worker_main
 from mpsim.errors import WorkerDied, WorkerStalled
+from mpsim.interrupts import interrupts_held_back
 from mpsim.kernels import layout
 from mpsim.kernels.waiting import add_to_word, load_word, store_word
 
@@ -126,7 +127,7 @@ class WorkerPool:
             name=f"mpsim-worker-{worker}",
             daemon=True,
         )
-        with _interrupts_held_back():
+        with interrupts_held_back():
             with _main_module_hidden():
                 process.start()
             theirs.close()
@@ -165,7 +166,9 @@ class WorkerPool:
         """Thread: at the first death, tell everybody to leave the frame loop. Ends when told to, without polling."""
         sentinels = {process.sentinel: worker for worker, process in enumerate(self._processes, start=1)}
         ready = wait([*sentinels, self._watch_end])
-        if self._watch_end not in ready and load_word(self._control, layout.ABORT) == layout.RUNNING:
+        # After a bad state, or when told to stop, workers end as they should.
+        ended = load_word(self._control, layout.ABORT) != layout.RUNNING or load_word(self._control, layout.BAD)
+        if self._watch_end not in ready and not ended:
             self._lost = min(sentinels[sentinel] for sentinel in ready)
             store_word(self._control, layout.ABORT, layout.WORKER_LOST)
 
@@ -189,24 +192,3 @@ def _main_module_hidden():
         finally:
             if main is not None:
                 sys.modules["__main__"] = main
-
-
-@contextmanager
-def _interrupts_held_back():
-    """Ctrl-C in here waits until the end: a process half started would belong to nobody.
-
-    A process started in here inherits a blocked SIGINT, so that its start prints no traceback. Blocking alone does not
-    hold Ctrl-C back, because the signal may go to another thread, of a numerical library say.
-    """
-    came: list[int] = []
-    in_main_thread = threading.current_thread() is threading.main_thread()
-    handler = signal.signal(signal.SIGINT, lambda *_: came.append(1)) if in_main_thread else None
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        if in_main_thread:
-            signal.signal(signal.SIGINT, handler)
-    if came:
-        raise KeyboardInterrupt

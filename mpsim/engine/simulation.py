@@ -269,7 +269,7 @@ def _warn_of_overlaps(scene: Scene) -> None:
 
 def _warn_of_guard(guarded: int) -> None:
     warnings.warn(
-        f"in {guarded} collisions the contact-time guard suppressed the loss of energy: the last contact of the disc was "
+        f"in {guarded} collisions the contact-time guard suppressed the loss of energy: a disc's last contact was "
         "an instant before, as in inelastic collapse or of a disc at rest. Without it the run would never end.",
         GuardWarning,
         stacklevel=3,

@@ -1,1 +1,1 @@
-"""Compiled loops only: no process, no file, no plot, and nothing of the rest of mpsim is imported here."""
+"""Compiled loops only: no process, no file, no plot; of the rest of mpsim only interrupts.py is imported here."""

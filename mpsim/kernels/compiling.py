@@ -22,6 +22,8 @@ import llvmlite
 import numba
 from numba import config, njit
 
+from mpsim.interrupts import interrupts_held_back
+
 logger = logging.getLogger("mpsim")
 
 JIT_DISABLED: bool = bool(config.DISABLE_JIT)
@@ -74,6 +76,8 @@ of a tuple costs the event solver more than its physics (measured: 1,150 ns a co
 
 def _cached(dispatcher: Any) -> Any:
     """Keep the machine code of a function in mpsim's own cache folder."""
+    if not JIT_DISABLED:
+        _hold_interrupts_while_compiling(dispatcher)
     if _FOLDER is not None:
         # Numba reads this setting only while a function's cache is set up, so other users' functions keep theirs.
         users_folder, config.CACHE_DIR = config.CACHE_DIR, str(_FOLDER)
@@ -81,12 +85,39 @@ def _cached(dispatcher: Any) -> Any:
             dispatcher.enable_caching()
         finally:
             config.CACHE_DIR = users_folder
+        _forgive_damage(dispatcher._cache)
     return dispatcher
+
+
+def _hold_interrupts_while_compiling(dispatcher: Any) -> None:
+    """Make Ctrl-C wait for the end of a compilation or load, whose callbacks from LLVM cannot pass an exception on."""
+    compile_signature = dispatcher.compile
+
+    def compile_undisturbed(signature: Any) -> Any:
+        with interrupts_held_back():
+            return compile_signature(signature)
+
+    dispatcher.compile = compile_undisturbed
+
+
+def _forgive_damage(cache: Any) -> None:
+    """Let a damaged cache file (a full disk, a killed process) be a reason to compile anew, not to fail."""
+    load = cache.load_overload
+
+    def load_or_recompile(signature: Any, target_context: Any) -> Any:
+        try:
+            return load(signature, target_context)
+        except Exception as error:  # whatever a damaged pickle may raise
+            logger.warning("mpsim: a file of the kernel cache is damaged (%r); that kernel is compiled anew.", error)
+            cache.flush()
+            return None
+
+    cache.load_overload = load_or_recompile
 
 
 def compiled(function: Callable[..., Any]) -> Any:
     """Numba-compile `function` at its first call, keeping the machine code between runs."""
-    return _cached(njit(**_OPTIONS)(function)) if not JIT_DISABLED else function
+    return _cached(njit(**_OPTIONS)(function))
 
 
 def inlined(function: Callable[..., Any]) -> Any:
@@ -100,7 +131,7 @@ def inlined(function: Callable[..., Any]) -> Any:
 
 def compiled_uncounted(function: Callable[..., Any]) -> Any:
     """Like `compiled`, without reference counts: for functions that allocate nothing, slices included."""
-    return _cached(njit(**_UNCOUNTED)(function)) if not JIT_DISABLED else function
+    return _cached(njit(**_UNCOUNTED)(function))
 
 
 def inlined_uncounted(function: Callable[..., Any]) -> Any:

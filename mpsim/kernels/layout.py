@@ -42,8 +42,9 @@ PARAMETERS = 12
 # Indices of `control`, an int64 array. Words that processes wait on have a cache line (8 words) each.
 COMMAND = 0  # number of the last command; changes when workers are to run frames
 ARRIVED = 8  # arrivals at barriers since the pool started
-ABORT = 16  # 0, or why everybody must leave the frame loop
+ABORT = 16  # 0, or what has happened to a process, so that everybody must leave the frame loop wherever he is
 MAIL = 24  # number of messages that wait in the workers' pipes to be read
+BAD = 48  # 1: a disc is not finite. Set while moving, read after the barrier that follows: everybody leaves there
 ANNOUNCED = 56  # number of the command that is about to be given: nobody may go to sleep before it
 COUNT = 32  # discs
 COLUMNS = 33
@@ -59,7 +60,7 @@ PASSES = 43  # times that contacts are looked for in one step
 GUARDED = 41  # 1: odd/even passes; 0: the demonstration of what goes wrong without them
 CONTROL = 64
 
-# Values of ABORT.
+# Outcomes of a command; all but BAD_STATE are values of ABORT.
 RUNNING = 0
 BAD_STATE = 1  # a disc's position or velocity is not finite
 WORKER_LOST = 2

@@ -6,9 +6,8 @@ import numpy as np
 
 from mpsim.kernels.compiling import compiled
 from mpsim.kernels.layout import (
-    ABORT,
+    BAD,
     BAD_SLOT,
-    BAD_STATE,
     DT,
     FRAME,
     TALLY_SCALE,
@@ -104,12 +103,12 @@ def worst_slot(discs, low, high):
 
 @compiled
 def move(discs, low, high, gravity, acceleration, parameters, control, mine, tally):
-    """Advance a slice; a non-finite disc raises the abort word before anything is binned by its position."""
+    """Advance a slice. False: a disc is not finite, and nothing may be binned by its position."""
     accelerate(discs, low, high, gravity, acceleration, parameters)
     if tally is not None:
         tally_walls(discs, low, high, parameters, tally, mine[FRAME])
     if drift(discs, low, high, parameters):
         mine[BAD_SLOT] = worst_slot(discs, low, high)
-        atomic_store(control, ABORT, BAD_STATE)
+        atomic_store(control, BAD, 1)
         return False
     return True

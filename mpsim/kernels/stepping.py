@@ -30,6 +30,8 @@ from mpsim.kernels.compiling import compiled
 from mpsim.kernels.contacts import resolve_all_pairs, resolve_columns
 from mpsim.kernels.layout import (
     ABORT,
+    BAD,
+    BAD_STATE,
     CLOCK,
     COLLISIONS,
     COLUMNS,
@@ -89,7 +91,7 @@ def meet(control, mine, times, since):
 
 @compiled
 def step(front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, tally, times, worker):
-    """One step of one worker from buffer `front` to buffer `back`. False: leave the loop, the abort word says why."""
+    """One step of one worker from buffer `front` to buffer `back`. Returns RUNNING, or why to leave the loop."""
     mine = team[worker]
     moment = now(mine[CLOCK : CLOCK + 2])
     enter(mine, MOVE)
@@ -98,8 +100,10 @@ def step(front, back, start, outbox, gravity, acceleration, parameters, control,
         count_cells(front, start, outbox, sent[worker], team, worker, control)
     moment = record(times, mine, MOVE, moment)
     moment = meet(control, mine, times, moment)
+    if control[BAD] != 0:
+        return BAD_STATE
     if control[ABORT] != RUNNING:
-        return False
+        return control[ABORT]
     enter(mine, SORT)
     slot, end = sort(front, back, start, outbox, team, sent, worker, control)
     moment = record(times, mine, SORT, moment)
@@ -112,7 +116,7 @@ def step(front, back, start, outbox, gravity, acceleration, parameters, control,
         )
         moment = record(times, mine, EVEN, moment)
         meet(control, mine, times, moment)
-        return control[ABORT] == RUNNING
+        return control[ABORT]
     for turn in range(2 * control[PASSES]):
         parity = turn % 2
         enter(mine, EVEN + parity)
@@ -122,23 +126,23 @@ def step(front, back, start, outbox, gravity, acceleration, parameters, control,
         )
         moment = record(times, mine, EVEN + parity, moment)
         moment = meet(control, mine, times, moment)
-    return control[ABORT] == RUNNING
+    return control[ABORT]
 
 
 @compiled
 def run_frames(
     front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, tally, times, worker
 ):
-    """All frames of one command, for one worker. Returns the abort word: RUNNING if all frames were done."""
+    """All frames of one command, for one worker. Returns RUNNING if all frames were done."""
     mine = team[worker]
     for frame in range(control[FRAMES]):
         mine[FRAME] = frame
         for _ in range(control[SUBSTEPS]):
-            going = step(
+            outcome = step(
                 front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, tally, times, worker
             )
-            if not going:
-                return control[ABORT]
+            if outcome != RUNNING:
+                return outcome
             front, back = back, front
     mine[FRAME] = control[FRAMES]
     if control[WORKERS] > 1:
@@ -159,7 +163,7 @@ def run_grid(a, b, start, outbox, gravity, acceleration, parameters, control, te
     between the two. Any other worker runs commands as they come, until none has come for `linger` nanoseconds (IDLE)
     or a message waits (MAILED). control[LIVE] says which of the buffers a and b holds the state.
     times: int64 (frames, phases) and tally: int64 (frames, tallies) or None, of this worker, zero at first.
-    Returns RUNNING, an abort word, IDLE or MAILED.
+    Returns RUNNING, what ended the frames before their number was done, IDLE or MAILED.
     """
     mine = team[worker]
     while True:
@@ -175,16 +179,16 @@ def run_grid(a, b, start, outbox, gravity, acceleration, parameters, control, te
         front, back = a, b
         if control[LIVE] == 1:
             front, back = b, a
-        abort = run_frames(
+        outcome = run_frames(
             front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, tally, times, worker
         )
-        if worker == 0 or abort != RUNNING:
-            return abort
+        if worker == 0 or outcome != RUNNING:
+            return outcome
 
 
 @compiled
 def run_naive(discs, gravity, acceleration, parameters, control, team, tally, times):
-    """All frames of one command by testing all pairs i < j in index order, on one process. Returns the abort word."""
+    """All frames of one command by testing all pairs i < j in index order. Returns RUNNING or BAD_STATE."""
     mine = team[0]
     count = control[COUNT]
     for frame in range(control[FRAMES]):
@@ -193,7 +197,7 @@ def run_naive(discs, gravity, acceleration, parameters, control, team, tally, ti
             moment = now(mine[CLOCK : CLOCK + 2])
             enter(mine, MOVE)
             if not move(discs, 0, count, gravity, acceleration, parameters, control, mine, tally):
-                return control[ABORT]
+                return BAD_STATE
             moment = record(times, mine, MOVE, moment)
             enter(mine, EVEN)
             for _turn in range(control[PASSES]):

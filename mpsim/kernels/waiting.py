@@ -5,7 +5,6 @@ from mpsim.kernels.layout import (
     ABORT,
     ARRIVALS,
     ARRIVED,
-    BAD_STATE,
     CLOCK,
     COMMAND,
     COMMANDS,
@@ -44,7 +43,7 @@ def barrier(control, mine):
     started = 0
     while atomic_load(control, ARRIVED) < target:
         abort = atomic_load(control, ABORT)
-        if abort != RUNNING and abort != BAD_STATE:  # after a bad state all workers still come, and are heard
+        if abort != RUNNING:
             return abort
         polls += 1
         if polls < SPINS:

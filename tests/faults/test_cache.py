@@ -1,10 +1,11 @@
 """The cache of machine code: never stale, not needed to be writable; and importing mpsim compiles nothing."""
 
+import contextlib
 import re
 import shutil
 
 import pytest
-from support.processes import PACKAGE_PARENT, assert_clean, run_script
+from support.processes import PACKAGE_PARENT, Script, assert_clean, run_script
 
 IMPORT_WITHIN = 2.0
 
@@ -78,6 +79,41 @@ def test_a_home_that_does_not_exist_is_no_error():
     outcome = run_script("import mpsim; print(mpsim.__version__)", env=env)
     assert outcome.code == 0
     assert outcome.err.count("\n") == 1, outcome.err
+
+
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+def test_a_truncated_cache_file_is_replaced(ending, tmp_path, cache_of_naive):
+    """A full disk or a power cut leaves such files; they must not stop every later run with an unpickling error."""
+    cache, expected = cache_of_naive
+    shutil.copytree(cache, tmp_path / "cache")
+    files = list((tmp_path / "cache").rglob(f"*.{ending}"))
+    assert files
+    for file in files:
+        file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    outcome = run_script(RUN.format(method="naive"), env={"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, bound=90)
+    assert (outcome.code, outcome.out) == (0, expected), outcome.err
+    assert "Traceback" not in outcome.err, outcome.err
+
+
+@pytest.fixture(scope="module")
+def cache_of_naive(tmp_path_factory):
+    """A cache folder with the kernels of `naive`, and what the run that filled it printed."""
+    cache = tmp_path_factory.mktemp("cache")
+    outcome = run_script(RUN.format(method="naive"), env={"NUMBA_CACHE_DIR": str(cache)}, bound=90)
+    assert_clean(outcome)
+    return cache, outcome.out
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+def test_many_first_runs_at_once_on_one_cold_cache_agree(tmp_path):
+    text, env = RUN.format(method="grid"), {"NUMBA_CACHE_DIR": str(tmp_path)}
+    with contextlib.ExitStack() as stack:
+        scripts = [stack.enter_context(Script(text, env=env)) for _ in range(8)]
+        outcomes = [script.finish(500) for script in scripts]
+    for outcome in outcomes:
+        assert_clean(outcome)
+    assert len({outcome.out for outcome in outcomes}) == 1
 
 
 def test_importing_mpsim_compiles_nothing_and_is_quick():

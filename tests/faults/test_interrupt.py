@@ -1,7 +1,9 @@
 """Ctrl-C, which reaches coordinator and workers alike, is one KeyboardInterrupt; the state stays whole."""
 
+import os
 import signal
 import time
+from multiprocessing.process import BaseProcess
 
 import pytest
 from support.compare import assert_same_bits
@@ -56,10 +58,36 @@ def test_an_interrupt_on_one_process_is_one_keyboard_interrupt(method):
     interrupt(SCRIPT.format(method=method, start="fork"), "running", 0.1)
 
 
-@pytest.mark.timeout(60)
-@pytest.mark.parametrize("delay", [0.0, 0.01, 0.02, 0.03])
-def test_an_interrupt_while_kernels_are_loaded_is_one_keyboard_interrupt(delay):
-    interrupt(SCRIPT.format(method="grid", start="fork"), "starting", delay)
+WHILE_LOADING = """
+import signal
+from numba.core.registry import cpu_target
+import mpsim
+from support.scenes import lattice
+
+engine = cpu_target.target_context.codegen()._engine._ee
+load = engine._object_cache_getbuffer
+
+def interrupt_and_load(module):
+    print("loading")
+    signal.raise_signal(signal.SIGINT)
+    return load(module)
+
+engine._object_cache_getbuffer = interrupt_and_load
+mpsim.Simulation(lattice(9, 9), mpsim.Settings(method="{method}", workers=2))
+print("made")
+"""
+
+
+@pytest.mark.parametrize("method", ["naive", "parallel"])
+def test_an_interrupt_while_kernels_are_loaded_is_one_keyboard_interrupt(method):
+    """Numba loads machine code from a callback of LLVM, in which Python throws a KeyboardInterrupt away."""
+    with Script(WHILE_LOADING.format(method=method)) as script:
+        outcome = script.finish(30)
+        assert_nothing_left_of(script.pid)
+    assert "loading" in outcome.out, "the moment was not hit, which tests nothing"
+    assert "made" not in outcome.out, f"Ctrl-C was lost:\n{outcome.err}"
+    assert outcome.code == -signal.SIGINT
+    assert outcome.err.count("Traceback") == 1, outcome.err
 
 
 @pytest.mark.timeout(60)
@@ -99,6 +127,28 @@ def test_an_interrupted_simulation_has_a_whole_number_of_frames_and_can_go_on(me
             sim.run(frames=7)
             expected = state_after(scene, frames + 7, method=method)
             assert_same_bits(sim.state, expected, f"7 frames after an interrupt at {frames}")
+
+
+@pytest.mark.parametrize("start", ["spawn", "forkserver"])
+def test_a_handler_of_the_user_gets_the_interrupt_that_comes_while_a_worker_starts(start, monkeypatch):
+    """Whoever handles SIGINT differently, to stop after the current batch for instance, must not get an exception."""
+    caught = []
+    begin = BaseProcess.start
+
+    def start_and_interrupt(process):
+        os.kill(os.getpid(), signal.SIGINT)
+        begin(process)
+
+    monkeypatch.setattr(BaseProcess, "start", start_and_interrupt)
+    before = signal.signal(signal.SIGINT, lambda number, frame: caught.append(number))
+    try:
+        with simulate(lattice(9, 9), method="parallel", workers=2, start_method=start) as sim:
+            assert sim.run(frames=3).frames == 3
+    except KeyboardInterrupt:  # which would end the whole test run
+        pytest.fail("a KeyboardInterrupt although the user handles SIGINT")
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert caught == [signal.SIGINT]
 
 
 def test_an_interrupt_in_the_progress_callback_leaves_the_state_whole():

@@ -155,7 +155,6 @@ def cycle(workers, start):
         return sim.digest()
 
 
-@pytest.mark.timeout(120)
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # 3.12: fork in a process with threads
 @pytest.mark.parametrize(("number", "workers", "start"), [(30, 3, "fork"), (6, 2, "forkserver")])
 def test_many_simulations_leak_no_descriptor_no_block_and_no_process(number, workers, start):

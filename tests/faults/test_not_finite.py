@@ -93,3 +93,13 @@ def test_a_huge_but_finite_velocity_loses_no_disc():
         sim.run(frames=20)
         assert np.isfinite(sim.state.position).all()
         assert sim.frame == BEFORE + 20
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+def test_a_bad_disc_is_named_alike_a_hundred_times_on_more_workers_than_cores():
+    """Workers that are late in leaving one command's barrier must still come to the next one's, bad state or not."""
+    bad = {particle: {"vx": np.nan} for particle in (880, 411, 23, 300, 24)}
+    for _ in range(100):
+        error = run_with(bad, "parallel", 5)
+        assert (error.particle, error.frame) == (23, BEFORE)

@@ -16,7 +16,6 @@ import mpsim
 from mpsim.kernels import layout
 
 
-@pytest.mark.timeout(60)
 def test_a_worker_stopped_for_two_seconds_is_waited_for_and_changes_nothing():
     scene, frames = lattice(40, 40), 400
     expected = state_after(scene, frames, method="grid")
@@ -33,7 +32,6 @@ def test_a_worker_stopped_for_two_seconds_is_waited_for_and_changes_nothing():
     assert report.phase_seconds["wait"][longest, 0] > 1.5, "the time lost must show as waiting"
 
 
-@pytest.mark.timeout(60)
 def test_waiting_for_a_stopped_worker_burns_little_cpu():
     with simulate(lattice(40, 40), method="parallel", workers=2) as sim:
         sim.run(frames=1)
@@ -45,7 +43,6 @@ def test_waiting_for_a_stopped_worker_burns_little_cpu():
     assert spent < 0.75, f"{spent:.2f} s of CPU during 1.5 s of waiting"
 
 
-@pytest.mark.timeout(60)
 def test_an_idle_pool_burns_no_cpu():
     with simulate(lattice(40, 40), method="parallel", workers=3) as sim:
         sim.run(frames=20)
@@ -81,7 +78,6 @@ print("done")
 """
 
 
-@pytest.mark.timeout(60)
 def test_a_coordinator_held_up_between_waking_workers_and_giving_the_command_still_gets_them():
     """On a busy machine the coordinator may lose its core at that moment; the workers must not go to sleep for good."""
     outcome = run_script(HELD_UP, bound=20)

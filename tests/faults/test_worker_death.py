@@ -94,7 +94,6 @@ def assert_over(sim, pids, block):
     sim.close()
 
 
-@pytest.mark.timeout(60)
 @pytest.mark.parametrize("worker", [1, 2])
 @pytest.mark.parametrize("phase", PHASES)
 def test_a_death_in_any_phase_is_named_in_full(phase, worker):
@@ -104,14 +103,12 @@ def test_a_death_in_any_phase_is_named_in_full(phase, worker):
         assert word in str(error)
 
 
-@pytest.mark.timeout(60)
 @pytest.mark.parametrize(("worker", "other"), [(1, 2), (2, 1)])
 def test_a_death_at_a_barrier_is_a_death_in_phase_wait(worker, other):
     error = death_during_run(lambda sim: kill_at_barrier(sim, worker, other))
     assert (error.worker, error.exitcode, error.phase) == (worker, -signal.SIGKILL, "wait")
 
 
-@pytest.mark.timeout(60)
 def test_another_signal_is_named_too():
     def terminate(sim):
         os.kill(sim.pids[0], signal.SIGTERM)
@@ -142,7 +139,6 @@ def test_a_death_between_runs_is_noticed_by_the_next_run(pause):
     assert_over(sim, pids, block)
 
 
-@pytest.mark.timeout(60)
 def test_a_death_before_a_growth_that_moves_the_workers_is_noticed():
     sim = simulate(lattice(8, 8), method="parallel", workers=2)
     sim.run(frames=5)
@@ -154,7 +150,6 @@ def test_a_death_before_a_growth_that_moves_the_workers_is_noticed():
     assert_over(sim, pids, block)
 
 
-@pytest.mark.timeout(60)
 def test_several_deaths_at_once_are_one_exception():
     sim = simulate(lattice(100, 100), method="parallel", workers=4)
     pids, block = sim.pids, block_name(sim)

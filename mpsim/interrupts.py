@@ -1,0 +1,29 @@
+"""Ctrl-C at moments at which it could only do harm."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def interrupts_held_back() -> Iterator[None]:
+    """Let Ctrl-C wait until the end of the block, then give it to whoever handles it.
+
+    For starting a process, which half started would belong to nobody (one started in here inherits a blocked SIGINT, so
+    that its start prints no traceback), and for loading compiled kernels: an exception in a callback of the compiler
+    takes the process down. Blocking alone does not hold Ctrl-C back: the signal may go to another thread, of a
+    numerical library say.
+    """
+    came: list[int] = []
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    handler = signal.signal(signal.SIGINT, lambda *_: came.append(1)) if in_main_thread else None
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if in_main_thread:
+            signal.signal(signal.SIGINT, handler)
+    if came:
+        signal.raise_signal(signal.SIGINT)
