@@ -279,7 +279,7 @@ class SteppedSolver:
             layout.Y_HIGH: scene.height - scene.radius,
             layout.CELLS_PER_X: self._grid.columns / scene.width,
             layout.CELLS_PER_Y: self._grid.rows / scene.height,
-            layout.RESTITUTION: scene.restitution,
+            layout.EXCHANGE: (1 + scene.restitution) / 2,
             layout.WALL_RESTITUTION: scene.wall_restitution,
             layout.WALL_BOUNCE: scene.wall_restitution if settings.contact == "impact" else 0.0,
             layout.TALLY_SCALE: self._tally_scale,

@@ -14,10 +14,10 @@ from mpsim.kernels.layout import (
     DIAMETER,
     DT,
     ELASTIC,
+    EXCHANGE,
     IMPACT,
     LAW,
     MET,
-    RESTITUTION,
     ROWS,
     TALLY_SCALE,
     VIRIAL,
@@ -57,11 +57,12 @@ def apply_law(discs, i, j, nx, ny, parameters, law):
     Returns the impulse, mass 1 [length/time] (for `reflect`, which has two of them, their mean).
     """
     vx, vy = discs.vx, discs.vy
-    zero, one, two = vx.dtype.type(0), vx.dtype.type(1), vx.dtype.type(2)
+    zero, two = vx.dtype.type(0), vx.dtype.type(2)
     along_i = vx[i] * nx + vy[i] * ny
     along_j = vx[j] * nx + vy[j] * ny
     if law == ELASTIC:
-        change_i = min(along_j - along_i, zero) * ((one + parameters[RESTITUTION]) / two)
+        approach = along_j - along_i
+        change_i = approach * parameters[EXCHANGE] if approach < zero else zero
         change_j = -change_i
     else:
         change_i = -two * along_i
@@ -173,7 +174,7 @@ def resolve_range(discs, i, first, last, parameters, control, tally, frame):
     return contacts
 
 
-@compiled
+@inlined
 def resolve_column(discs, start, column, stride, parameters, control, tally, frame):
     """Contacts of one column with itself and with the next one. Returns how many.
 
@@ -196,8 +197,8 @@ def resolve_column(discs, start, column, stride, parameters, control, tally, fra
         own_mask &= (1 << min(own, LANES)) - 1
         next_mask &= (1 << min(others, LANES)) - 1
         if (own_mask | next_mask) != 0 or own > LANES or others > LANES:
-            contacts += resolve_range(discs, i, i + 1, own_end, parameters, control, tally, frame)
-            contacts += resolve_range(discs, i, next_first, next_end, parameters, control, tally, frame)
+            for first, last in ((i + 1, np.int64(own_end)), (next_first, np.int64(next_end))):
+                contacts += resolve_range(discs, i, first, last, parameters, control, tally, frame)
     return contacts
 
 

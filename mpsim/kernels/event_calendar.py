@@ -12,7 +12,7 @@ two long, which makes its subtraction exact for every time that lies in its seco
 
 import numpy as np
 
-from mpsim.kernels.compiling import compiled_uncounted, inlined_uncounted
+from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.event_state import (
     AFTER,
     BASE,
@@ -33,13 +33,13 @@ from mpsim.kernels.event_state import (
 NOWHERE = -1
 
 
-@inlined_uncounted
+@inlined
 def due(disc, i):
     """The time of the next event of disc i [time]."""
     return min(disc[i, IMPACT], disc[i, BORDER])
 
 
-@inlined_uncounted
+@inlined
 def sooner(disc, i, j):
     """Whether disc i comes before disc j: by time, equal times by number."""
     ti = due(disc, i)
@@ -47,7 +47,7 @@ def sooner(disc, i, j):
     return ti < tj or (ti == tj and i < j)
 
 
-@inlined_uncounted
+@inlined
 def heap_rise(position, i, store):
     """Settle disc i in the heap at `position` or nearer the root."""
     heap = store.heap
@@ -63,7 +63,7 @@ def heap_rise(position, i, store):
     store.entry[i, PLACE] = -2 - position
 
 
-@inlined_uncounted
+@inlined
 def heap_sink(position, i, store):
     """Settle disc i in the heap at `position` or further from the root."""
     heap = store.heap
@@ -83,7 +83,7 @@ def heap_sink(position, i, store):
     store.entry[i, PLACE] = -2 - position
 
 
-@inlined_uncounted
+@inlined
 def heap_push(i, store):
     """Add disc i to the heap."""
     size = store.counter[WAITING]
@@ -91,7 +91,7 @@ def heap_push(i, store):
     heap_rise(size, i, store)
 
 
-@inlined_uncounted
+@inlined
 def heap_remove(position, store):
     """Take the disc at `position` out of the heap; the last one fills the gap."""
     size = store.counter[WAITING] - 1
@@ -102,7 +102,7 @@ def heap_remove(position, store):
         heap_rise(-2 - np.int64(store.entry[filler, PLACE]), filler, store)
 
 
-@inlined_uncounted
+@inlined
 def list_remove(i, step, store):
     """Take disc i out of the list of its step."""
     entry = store.entry
@@ -116,7 +116,7 @@ def list_remove(i, step, store):
         entry[after, BEFORE] = before
 
 
-@inlined_uncounted
+@inlined
 def list_insert(i, step, store):
     """Put disc i at the front of the list of a step."""
     entry = store.entry
@@ -129,7 +129,7 @@ def list_insert(i, step, store):
     store.step_head[step] = i
 
 
-@inlined_uncounted
+@inlined
 def insert(i, store):
     """Enter disc i, which has no place: in the heap, in a list, or nowhere if its event lies beyond the lap."""
     t = due(store.disc, i)
@@ -142,7 +142,7 @@ def insert(i, store):
         list_insert(i, step, store)
 
 
-@inlined_uncounted
+@inlined
 def reschedule(i, store):
     """Move disc i to where its new time belongs."""
     place = np.int64(store.entry[i, PLACE])
@@ -154,7 +154,7 @@ def reschedule(i, store):
     insert(i, store)
 
 
-@inlined_uncounted
+@inlined
 def earliest(store):
     """The disc whose event is next, or -1 when nothing is left in this lap."""
     counter = store.counter
@@ -172,7 +172,7 @@ def earliest(store):
     return np.int64(store.heap[0]) if counter[WAITING] > 0 else np.int64(NOWHERE)
 
 
-@compiled_uncounted
+@compiled
 def fill(store):
     """Empty the calendar and enter every disc."""
     store.step_head[:] = NOWHERE
@@ -184,7 +184,7 @@ def fill(store):
         insert(i, store)
 
 
-@compiled_uncounted
+@compiled
 def begin_lap(store):
     """Count time from the end of this lap on, and fit the step to the rate of events.
 

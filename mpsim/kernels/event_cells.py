@@ -2,11 +2,11 @@
 
 import math
 
-from mpsim.kernels.compiling import compiled_uncounted, inlined_uncounted
+from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.event_state import COLUMN, ROW, X, Y
 
 
-@inlined_uncounted
+@inlined
 def property_of(values, common, i):
     """A property of disc i: its own, or the one all discs share."""
     if values is None:
@@ -14,7 +14,7 @@ def property_of(values, common, i):
     return values[i]
 
 
-@inlined_uncounted
+@inlined
 def wrapped(cell, cells, length, periodic):
     """A neighbouring cell and the shift of its image along one axis: (cell or -1 for none, shift)."""
     if cell < 0:
@@ -24,7 +24,7 @@ def wrapped(cell, cells, length, periodic):
     return cell, 0.0
 
 
-@inlined_uncounted
+@inlined
 def nearest_image(difference, length, periodic):
     """One component of a relative position, to the nearest image."""
     if periodic and difference > 0.5 * length:
@@ -34,7 +34,7 @@ def nearest_image(difference, length, periodic):
     return difference
 
 
-@inlined_uncounted
+@inlined
 def leave_list(i, cell, store):
     """Take disc i out of the list of its cell."""
     j = store.cell_head[cell]
@@ -46,14 +46,14 @@ def leave_list(i, cell, store):
     store.cell_next[j] = store.cell_next[i]
 
 
-@inlined_uncounted
+@inlined
 def enter_list(i, cell, store):
     """Put disc i into the list of a cell."""
     store.cell_next[i] = store.cell_head[cell]
     store.cell_head[cell] = i
 
 
-@compiled_uncounted
+@compiled
 def link_cells(store, box):
     """Enter every disc of a scene just placed in the list of its cell."""
     store.cell_head[:] = -1
@@ -61,7 +61,7 @@ def link_cells(store, box):
         enter_list(i, store.event[i, ROW] * box.columns + store.event[i, COLUMN], store)
 
 
-@compiled_uncounted
+@compiled
 def worst_overlap(store, box):
     """The deepest overlap of a scene just placed: (particle, particle, depth [length]); (-1, -1, 0.0) for none.
 

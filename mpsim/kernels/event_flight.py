@@ -2,7 +2,7 @@
 
 import math
 
-from mpsim.kernels.compiling import inlined_uncounted
+from mpsim.kernels.compiling import inlined
 from mpsim.kernels.event_cells import (
     property_of,
     wrapped,
@@ -27,7 +27,7 @@ INFINITY = math.inf
 # --- one disc ---
 
 
-@inlined_uncounted
+@inlined
 def moved(disc, i, now, gravity):
     """Position [length] and velocity [length/time] of disc i at time `now`: (x, y, vx, vy)."""
     flight = now - disc[i, SINCE]
@@ -42,7 +42,7 @@ def moved(disc, i, now, gravity):
     return x, y, vx + fall_x, vy + fall_y
 
 
-@inlined_uncounted
+@inlined
 def move(disc, i, now, gravity):
     """Bring the stored state of disc i to time `now`."""
     x, y, vx, vy = moved(disc, i, now, gravity)
@@ -53,7 +53,7 @@ def move(disc, i, now, gravity):
     disc[i, SINCE] = now
 
 
-@inlined_uncounted
+@inlined
 def component(gravity, axis):
     """One component of the acceleration [length/time^2]."""
     if gravity is None:
@@ -61,14 +61,14 @@ def component(gravity, axis):
     return gravity[axis]
 
 
-@inlined_uncounted
+@inlined
 def note(record, key, amount):
     """Add to an entry of an optional record."""
     if record is not None:
         record[key] += amount
 
 
-@inlined_uncounted
+@inlined
 def is_finite(disc, i):
     """Whether the stored state of disc i holds neither a NaN nor an infinity."""
     total = disc[i, X] + disc[i, Y] + disc[i, VX] + disc[i, VY] + disc[i, SINCE]
@@ -78,7 +78,7 @@ def is_finite(disc, i):
 # --- leaving the cell, meeting a wall ---
 
 
-@inlined_uncounted
+@inlined
 def flight_to(distance, speed, pull):
     """Time until a limit `distance` ahead is met [time], `speed` and `pull` counted positive away from it.
 
@@ -92,7 +92,7 @@ def flight_to(distance, speed, pull):
     return (speed + math.sqrt(discriminant)) / -pull if pull < 0.0 else INFINITY
 
 
-@inlined_uncounted
+@inlined
 def leave_axis(place, speed, pull, cell, cells, length, periodic, radius, gravity):
     """Time until a centre leaves its cell, or meets a wall, along one axis: (time, 0 low or 1 high)."""
     side = length / cells
@@ -110,7 +110,7 @@ def leave_axis(place, speed, pull, cell, cells, length, periodic, radius, gravit
     return (up, 1) if up < down else (down, 0)
 
 
-@inlined_uncounted
+@inlined
 def predict_border(i, store, box, gravity):
     """Store when disc i, whose stored state is current, leaves its cell or meets a wall, and on which side."""
     disc = store.disc
@@ -149,7 +149,7 @@ def predict_border(i, store, box, gravity):
 # --- pairs ---
 
 
-@inlined_uncounted
+@inlined
 def time_to_impact(rx, ry, ux, uy, contact):
     """Time until two discs touch [time], infinity if they never do.
 
@@ -165,7 +165,7 @@ def time_to_impact(rx, ry, ux, uy, contact):
     return INFINITY
 
 
-@inlined_uncounted
+@inlined
 def earliest_partner(i, now, first_column, last_column, first_row, last_row, store, box, gravity):
     """The earliest impact of disc i with the discs of a block of cells: (time from now, partner or -1).
 

@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from mpsim.kernels.compiling import compiled_uncounted, inlined_uncounted
+from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.event_calendar import begin_lap, due, earliest, fill, reschedule
 from mpsim.kernels.event_cells import (
     enter_list,
@@ -113,7 +113,7 @@ __all__ = [
 # --- events ---
 
 
-@inlined_uncounted
+@inlined
 def effective_restitution(restitution, i_last, j_last, now, law, counter):
     """The restitution of one impact, 1 where the guard acts (Luding and McNamara 1998)."""
     if restitution is None:
@@ -124,7 +124,7 @@ def effective_restitution(restitution, i_last, j_last, now, law, counter):
     return restitution
 
 
-@inlined_uncounted
+@inlined
 def collide(i, j, now, store, box, law):
     """Impact of discs i and j at time `now`: momentum is kept, the normal velocity turns round times e.
 
@@ -154,7 +154,7 @@ def collide(i, j, now, store, box, law):
     store.event[j, DEFLECTIONS] += 1
 
 
-@inlined_uncounted
+@inlined
 def rebound(speed, pull, contact_time, gravity, counter):
     """Speed off a wall: never so small that gravity brings the disc back in less than `contact_time`.
 
@@ -170,7 +170,7 @@ def rebound(speed, pull, contact_time, gravity, counter):
     return speed
 
 
-@inlined_uncounted
+@inlined
 def hit_wall(i, now, side, store, box, law):
     """Impact of disc i, whose stored state is current, on a wall: its centre is put on the limit exactly."""
     disc = store.disc
@@ -192,7 +192,7 @@ def hit_wall(i, now, side, store, box, law):
     note(store.tally, side, property_of(store.mass, 1.0, i) * (speed + leaving))
 
 
-@inlined_uncounted
+@inlined
 def cross(i, side, store, box):
     """Disc i goes over to the neighbouring cell; through a periodic border its centre comes in opposite."""
     axis = side >> 1
@@ -211,7 +211,7 @@ def cross(i, side, store, box):
     store.counter[CROSSINGS] += 1
 
 
-@inlined_uncounted
+@inlined
 def block_to_search(i, side, event):
     """The cells to search for disc i: (first column, last column, first row, last row).
 
@@ -227,7 +227,7 @@ def block_to_search(i, side, event):
     return column - 1, column + 1, row + turn, row + turn
 
 
-@inlined_uncounted
+@inlined
 def foresee(i, now, side, deflected, store, box, law):
     """Predict the next event of disc i and enter it in the calendar.
 
@@ -247,7 +247,7 @@ def foresee(i, now, side, deflected, store, box, law):
     reschedule(i, store)
 
 
-@inlined_uncounted
+@inlined
 def meets_wall(i, side, event, box):
     """Whether the border at `side` of the cell of disc i is a wall."""
     if side < BOTTOM:
@@ -255,7 +255,7 @@ def meets_wall(i, side, event, box):
     return not box.periodic_y and event[i, ROW] == (box.rows - 1 if side == TOP else 0)
 
 
-@inlined_uncounted
+@inlined
 def stalled(t, store):
     """Whether far more events than can be legal have happened without time passing."""
     counter = store.counter
@@ -263,7 +263,7 @@ def stalled(t, store):
     return counter[STALL] > 1_000_000 + 64 * store.disc.shape[0]
 
 
-@inlined_uncounted
+@inlined
 def play(i, now, store, box, law):
     """The event of disc i at time `now`, and what it makes anew. Returns a disc that is not finite, or -1."""
     disc = store.disc
@@ -297,7 +297,7 @@ def play(i, now, store, box, law):
     return np.int64(-1)
 
 
-@compiled_uncounted
+@compiled
 def advance(store, box, law, until, max_events):
     """Play events up to time `until` [time], at most about `max_events` of them: (status, particle).
 
@@ -336,7 +336,7 @@ def advance(store, box, law, until, max_events):
 # --- the start ---
 
 
-@compiled_uncounted
+@compiled
 def schedule(store, box, law):
     """Predict the first event of every disc and fill the calendar. Call once, after `place`."""
     disc = store.disc
@@ -356,7 +356,7 @@ def schedule(store, box, law):
         foresee(np.int64(i), 0.0, np.int64(-1), True, store, box, law)
 
 
-@compiled_uncounted
+@compiled
 def advance_frames(store, box, law, dt, first, frames, max_events, times, seen, counts, timespec):
     """Play frames first, first + 1, ... of length dt [time]: (frames finished, status, particle).
 

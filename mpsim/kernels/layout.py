@@ -35,7 +35,7 @@ CELLS_PER_X = 6  # columns per length along x [1/length]
 CELLS_PER_Y = 7  # rows per length along y [1/length]
 WALL_BOUNCE = 8  # part of a disc's way beyond a wall that it is put inside it: 0 puts it at the wall
 TALLY_SCALE = 9  # a power of two: tallies are whole multiples of 1 / TALLY_SCALE [length/time]
-RESTITUTION = 10  # of two discs, 0 to 1
+EXCHANGE = 10  # (1 + e) / 2 with e the restitution of two discs: the part of the normal velocities that is exchanged
 WALL_RESTITUTION = 11
 PARAMETERS = 12
 

@@ -27,8 +27,11 @@ from mpsim.kernels.machine import atomic_store
 def accelerate(discs, low, high, gravity, acceleration, parameters):
     """v += a dt, for what the scene has: one acceleration for all, one per disc, or both. None compiles to nothing."""
     if gravity is not None:
-        discs.vx[low:high] += gravity[0] * parameters[DT]
-        discs.vy[low:high] += gravity[1] * parameters[DT]
+        vx, vy = discs.vx[low:high], discs.vy[low:high]
+        kick_x, kick_y = gravity[0] * parameters[DT], gravity[1] * parameters[DT]
+        for i in range(high - low):
+            vx[i] += kick_x
+            vy[i] += kick_y
     if acceleration is not None:
         for i in range(low, high):
             discs.vx[i] += acceleration[0, discs.id[i]] * parameters[DT]
