@@ -27,7 +27,9 @@ class Settings:
             really use (affinity and container quota). Never changes the result.
         law: "elastic" exchanges the normal velocities of discs that approach, keeping momentum and energy;
             "reflect", the term-project report's, mirrors each velocity about the contact line.
-        contact: "push" separates overlapping discs, half the overlap each, and applies the law where the frame ended.
+        contact: "impact" takes overlapping discs back to the instant at which they touched, applies the law there, and
+            lets them go on: second order in dt. "push", the report's, separates them, half the overlap each, and applies
+            the law where the frame ended: first order, and 10 % cheaper.
         passes: times that contacts are looked for in one step, >= 1. A second one catches the collisions that follow
             from those of the first.
         substeps: steps of dt / substeps in each frame, >= 1.
@@ -52,7 +54,7 @@ class Settings:
     method: str = "auto"
     workers: int | None = None
     law: str = "elastic"
-    contact: str = "push"
+    contact: str = "impact"
     passes: int = 1
     substeps: int = 1
     precision: str = "float64"

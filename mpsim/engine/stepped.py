@@ -209,8 +209,10 @@ class SteppedSolver:
     @property
     def _tally_scale(self) -> float:
         """A power of two that makes a typical velocity some 2^32: fine steps, and 2^31 discs' worth of room above."""
-        typical = float(np.sqrt((self._scene.velocity**2).mean())) if self.count else 0.0
-        return 2.0 ** (32 - np.frexp(typical)[1]) if typical > 0 else 2.0**32
+        speeds = self._scene.velocity
+        typical = float(np.sqrt((speeds**2).mean())) if len(speeds) else 0.0
+        # Far from 1 the exponent of a float32 would end; sums are then coarser or the room above is less.
+        return 2.0 ** float(np.clip(32 - np.frexp(typical)[1], -100, 100)) if typical > 0 else 2.0**32
 
     def _new_block(self, capacity: int) -> SharedBlock:
         scene, features = self._scene, {}
