@@ -38,7 +38,11 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
-    """Import on first use what needs matplotlib, so that `import mpsim` stays quick."""
+    """Import on first use what a simulation does not need, so that `import mpsim` stays quick."""
+    if name == "measure":
+        for module in ("observables", "predictability", "reference", "reference_motion", "statistics"):
+            importlib.import_module(f"mpsim.measure.{module}")
+        return importlib.import_module("mpsim.measure")
     if name == "animate":
         return importlib.import_module("mpsim.output.animation").animate
     raise AttributeError(f"module 'mpsim' has no attribute {name!r}")

@@ -28,8 +28,8 @@ class Settings:
         law: "elastic" exchanges the normal velocities of discs that approach, keeping momentum and energy;
             "reflect", the term-project report's, mirrors each velocity about the contact line.
         contact: "impact" takes overlapping discs back to the instant at which they touched, applies the law there, and
-            lets them go on: second order in dt. "push", the report's, separates them, half the overlap each, and applies
-            the law where the frame ended: first order, and 10 % cheaper.
+            lets them go on: second order in dt. "push", the report's, separates them, half the overlap each, and
+            applies the law where the frame ended: first order, and 10 % cheaper.
         passes: times that contacts are looked for in one step, >= 1. A second one catches the collisions that follow
             from those of the first.
         substeps: steps of dt / substeps in each frame, >= 1.

@@ -180,15 +180,16 @@ class ExactSolver:
 
     # --- the block
 
-    def _place(self, position: NDArray[np.float64], velocity: NDArray[np.float64], time: float) -> None:
+    def _place(self, position: NDArray[np.floating], velocity: NDArray[np.floating], time: float) -> None:
         """Put discs into a new block; `schedule` must follow."""
         scene = self._scene
-        cells = events.plan_cells(scene.width, scene.height, 2 * scene.radius, self.count)
+        # A box with walls always has cells; only a periodic one can be too short for them.
+        cells: Any = events.plan_cells(scene.width, scene.height, 2 * scene.radius, self.count)
         shapes = events.layout(self.count, cells, ("tally",))
         specs = {name: ArraySpec(np.dtype(dtype), shape) for name, (dtype, shape) in shapes.items()}
         self._block = SharedBlock.create(specs)
         self._store: Any = self._store_of(self._block)
-        self._box = events.Box(scene.width, scene.height, False, False, *cells, scene.radius)
+        self._box: Any = events.Box(scene.width, scene.height, False, False, cells[0], cells[1], scene.radius)
         self._seen: Any = np.zeros(4)
         self._clock: Any = np.zeros(2, np.int64)
         self._unfinished = 0, np.zeros(4)

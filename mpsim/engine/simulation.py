@@ -220,7 +220,7 @@ class Simulation:
             if getattr(scene, name) is not None:
                 checks.fitting(name, getattr(scene, name), precision)
 
-    def _open_solver(self) -> SteppedSolver:
+    def _open_solver(self) -> SteppedSolver | ExactSolver:
         if not self._closing.alive:
             raise ClosedError(
                 f"this simulation was closed after frame {self.frame}. A closed simulation has no state. "

@@ -331,7 +331,7 @@ def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r
     for state in states:
         position = _position(state)
         low = scene.radius + r_max
-        inside = np.asarray((position >= low) & (position <= low + inner)).all(axis=1)
+        inside: NDArray[np.bool_] = np.asarray((position >= low) & (position <= low + inner)).all(axis=1)
         references += int(inside.sum())
         for i, j, distance in _close_pairs(position, r_max):
             seen = inside[i].astype(float) + inside[j]  # by how many reference discs

@@ -15,7 +15,7 @@ class Twin:
     """A scene simulated by `naive` or `grid`, disc by disc, in the order in which the discs were given."""
 
     def __init__(self, scene: mpsim.Scene, **settings: Any):
-        self.settings = mpsim.Settings(**settings)
+        self.settings = mpsim.Settings(**{"contact": "push", **settings})  # as `simulate` has it
         self.scene = scene
         self.real = np.float32 if self.settings.precision == "float32" else np.float64
         self.p = scene.position.astype(self.real)
