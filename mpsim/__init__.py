@@ -11,6 +11,7 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from mpsim import measure
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import (
@@ -38,11 +39,7 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
-    """Import on first use what a simulation does not need, so that `import mpsim` stays quick."""
-    if name == "measure":
-        for module in ("observables", "predictability", "reference", "reference_motion", "statistics"):
-            importlib.import_module(f"mpsim.measure.{module}")
-        return importlib.import_module("mpsim.measure")
+    """Import on first use what needs matplotlib, so that `import mpsim` stays quick."""
     if name == "animate":
         return importlib.import_module("mpsim.output.animation").animate
     raise AttributeError(f"module 'mpsim' has no attribute {name!r}")
@@ -67,4 +64,5 @@ __all__ = [
     "WorkerDied",
     "WorkerStalled",
     "animate",
+    "measure",
 ]

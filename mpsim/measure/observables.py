@@ -331,7 +331,7 @@ def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r
     for state in states:
         position = _position(state)
         low = scene.radius + r_max
-        inside: NDArray[np.bool_] = np.asarray((position >= low) & (position <= low + inner)).all(axis=1)
+        inside = np.all((position >= low) & (position <= low + inner), axis=1, keepdims=True)[:, 0]
         references += int(inside.sum())
         for i, j, distance in _close_pairs(position, r_max):
             seen = inside[i].astype(float) + inside[j]  # by how many reference discs
