@@ -1,4 +1,4 @@
-"""Measuring: how right a run is. Functions of states, statistics, and closed forms and published values to compare with.
+"""Measuring how right a run is: functions of states, statistics, closed forms and published values.
 
 `reference` and `reference_motion` hold the values; `benchmark` (how fast a run is) is not imported here.
 """
