@@ -11,16 +11,20 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from mpsim import measure
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import (
     ClosedError,
     DivergedError,
+    GuardWarning,
     InputError,
     MpsimError,
+    NotRecordedError,
     OutputError,
     OverlapWarning,
     SharedMemoryError,
+    StalledError,
     WorkerDied,
     WorkerStalled,
 )
@@ -44,8 +48,10 @@ def __getattr__(name: str) -> Any:
 __all__ = [
     "ClosedError",
     "DivergedError",
+    "GuardWarning",
     "InputError",
     "MpsimError",
+    "NotRecordedError",
     "OutputError",
     "OverlapWarning",
     "Report",
@@ -53,8 +59,10 @@ __all__ = [
     "Settings",
     "SharedMemoryError",
     "Simulation",
+    "StalledError",
     "State",
     "WorkerDied",
     "WorkerStalled",
     "animate",
+    "measure",
 ]

@@ -52,6 +52,14 @@ def non_negative(name: str, value: Any, unit: str) -> float:
     return number
 
 
+def fraction(name: str, value: Any) -> float:
+    """A number from 0 to 1."""
+    number = _number(name, value, "a number from 0 to 1")
+    if not 0 <= number <= 1:
+        raise InputError(f"{name} must be a number from 0 to 1; got {value!r}.")
+    return number
+
+
 def whole(name: str, value: Any, low: int, high: int, remedy: str) -> int:
     """A whole number in [low, high]."""
     if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not low <= int(value) <= high:

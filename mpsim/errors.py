@@ -58,8 +58,24 @@ class WorkerStalled(MpsimError, RuntimeError):  # noqa: N818 - the established n
     """A worker is alive but did not come to a barrier in time."""
 
 
+class NotRecordedError(MpsimError, KeyError):
+    """A measure was asked of a run that did not record it."""
+
+    def __str__(self) -> str:
+        """The sentence itself; KeyError would quote it."""
+        return str(self.args[0])
+
+
 class OutputError(MpsimError, OSError):
     """A file cannot be written as asked; nothing was written."""
+
+
+class StalledError(MpsimError, RuntimeError):
+    """The exact solver met more collisions at one instant than can be."""
+
+
+class GuardWarning(UserWarning):
+    """The exact solver let collisions pass without their loss of energy, so that infinitely many came to an end."""
 
 
 class OverlapWarning(UserWarning):

@@ -23,6 +23,8 @@ class Scene:
         velocity: shape (N, 2) [length/time].
         radius: of every disc [length], > 0, at most half of the box.
         gravity: (gx, gy), one acceleration for all discs [length/time^2]; None: none, and no cost.
+        restitution: of two discs, from 0 (they part at rest against each other) to 1 (no loss) [dimensionless].
+        wall_restitution: of a disc and a wall, likewise.
         acceleration: one per disc, shape (N, 2) [length/time^2]; None: none, and no cost.
 
     Raises:
@@ -43,6 +45,8 @@ class Scene:
         radius: float,
         gravity: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
+        restitution: float = 1.0,
+        wall_restitution: float = 1.0,
     ):
         self.width: float = checks.positive("width", width, "[length]")
         self.height: float = checks.positive("height", height, "[length]")
@@ -66,6 +70,8 @@ class Scene:
             self.acceleration = checks.finite_array(
                 "acceleration", acceleration, (count, 2), f"({count}, 2), one row per row of position"
             )
+        self.restitution = checks.fraction("restitution", restitution)
+        self.wall_restitution = checks.fraction("wall_restitution", wall_restitution)
         self.check_inside("position", self.position)
 
     def check_inside(self, name: str, position: NDArray[np.float64]) -> None:

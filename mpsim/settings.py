@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 from mpsim import checks
 
-METHODS = ("naive", "grid", "parallel", "auto")
+METHODS = ("naive", "grid", "parallel", "event", "auto")
 LAWS = ("reflect", "elastic")
-CONTACTS = ("push",)
+CONTACTS = ("push", "impact")
 PRECISIONS = ("float32", "float64")
 START_METHODS = ("fork", "spawn", "forkserver")
 
@@ -21,12 +21,17 @@ class Settings:
     Args:
         dt: time of one frame [time], > 0. A disc should move less than its radius in one frame.
         method: "naive" tests all pairs; "grid" uses cells, one process; "parallel" uses cells and several processes;
-            "auto" takes the fastest of these for the scene and this machine.
+            "auto" takes the fastest of these for the scene and this machine. "event" is the exact solver, from
+            collision to collision: contact, passes and substeps mean nothing to it.
         workers: processes that compute, the coordinator being one of them, 1 to 1024; None: as many as this process may
             really use (affinity and container quota). Never changes the result.
         law: "elastic" exchanges the normal velocities of discs that approach, keeping momentum and energy;
             "reflect", the term-project report's, mirrors each velocity about the contact line.
-        contact: "push" separates overlapping discs, half the overlap each, and applies the law where the frame ended.
+        contact: "impact" takes overlapping discs back to the instant at which they touched, applies the law there, and
+            lets them go on: second order in dt. "push", the report's, separates them, half the overlap each, and
+            applies the law where the frame ended: first order, and 10 % cheaper.
+        passes: times that contacts are looked for in one step, >= 1. A second one catches the collisions that follow
+            from those of the first.
         substeps: steps of dt / substeps in each frame, >= 1.
         precision: "float32" (the report's) or "float64".
         start_method: how worker processes start: "forkserver" (the default where it exists: safe with threads, and each
@@ -39,17 +44,18 @@ class Settings:
 
     >>> Settings(dt=0.02, law="reflect").substeps
     1
-    >>> Settings(method="gird")
+    >>> Settings(method="gird")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
         ...
-    mpsim.errors.InputError: method must be one of 'naive', 'grid', 'parallel', 'auto'; got 'gird'. Did you mean 'grid'?
+    mpsim.errors.InputError: method must be one of 'naive', 'grid', ... got 'gird'. Did you mean 'grid'?
     """
 
     dt: float = 0.01
     method: str = "auto"
     workers: int | None = None
     law: str = "elastic"
-    contact: str = "push"
+    contact: str = "impact"
+    passes: int = 1
     substeps: int = 1
     precision: str = "float64"
     start_method: str | None = None
@@ -62,6 +68,7 @@ class Settings:
         checks.choice("contact", self.contact, CONTACTS)
         checks.choice("precision", self.precision, PRECISIONS)
         checks.whole("substeps", self.substeps, 1, 1_000_000, "Use dt for the frame and substeps to divide it.")
+        checks.whole("passes", self.passes, 1, 1000, "1 or 2 will do for most scenes.")
         if self.workers is not None:
             remedy = "Leave it out to use every core that this process may use."
             checks.whole("workers", self.workers, 1, MOST_WORKERS, remedy)

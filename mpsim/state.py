@@ -54,9 +54,12 @@ def grid_for(count: int, width: float, height: float, diameter: float, precision
 
 
 def block_arrays(
-    capacity: int, grid: Grid, workers: int, precision: str, features: dict[str, tuple[int, ...]]
+    capacity: int, grid: Grid, workers: int, precision: str, features: dict[str, tuple[int, ...]], tallied: bool
 ) -> dict[str, ArraySpec]:
-    """Every array of the shared block, by name. `features` holds the shapes of what only some scenes need."""
+    """Every array of the shared block, by name. `features` holds the shapes of what only some scenes need.
+
+    tallied: whether measures are gathered, which needs a place for what each worker counts in each frame.
+    """
     real, length = np.dtype(precision), capacity + layout.PADDING
     arrays = {}
     for buffer in ("a", "b"):
@@ -71,6 +74,8 @@ def block_arrays(
     arrays["team"] = ArraySpec(word, (workers, layout.TEAM))
     arrays["sent"] = ArraySpec(word, (workers, max(workers, layout.TEAM)))
     arrays["times"] = ArraySpec(word, (workers, MOST_FRAMES, len(layout.PHASES)))
+    if tallied:
+        arrays["tally"] = ArraySpec(word, (workers, MOST_FRAMES, layout.TALLIES))
     for name, shape in features.items():
         arrays[name] = ArraySpec(real, shape)
     return arrays

@@ -6,6 +6,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.kernels.layout import PHASES
+from mpsim.measure.gathering import Measures
+
+
+@dataclass(frozen=True)
+class Slice:
+    """What one command of a solver took and counted.
+
+    Attributes:
+        times: int64 [ns], shape (workers, frames, phases), zero for workers at rest.
+        contacts: contacts resolved.
+        tally: shape (frames, tallies), in the scene's units, or None if nothing was to be counted.
+    """
+
+    times: NDArray[np.int64]
+    contacts: int
+    tally: NDArray[np.float64] | None
 
 
 @dataclass(frozen=True)
@@ -21,6 +37,8 @@ class Report:
         memory_bytes: resident memory of each process, the coordinator first, at the end of the run; the shared block
             counts in each that touched it.
         block_bytes: size of the shared block.
+        measures: name -> Measure(value, error, samples), for those that the run was asked for.
+        guarded: collisions of the exact solver in which its guard suppressed the loss of energy.
     """
 
     frame_seconds: NDArray[np.float64]
@@ -30,6 +48,8 @@ class Report:
     workers: int
     memory_bytes: tuple[int, ...]
     block_bytes: int
+    measures: Measures
+    guarded: int
 
     @property
     def frames(self) -> int:

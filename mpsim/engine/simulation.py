@@ -3,18 +3,21 @@
 import math
 import warnings
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mpsim import checks, placement
 from mpsim.engine import methods
+from mpsim.engine.exact import ExactSolver
 from mpsim.engine.pacing import Pacer
 from mpsim.engine.report import Report, phase_seconds
 from mpsim.engine.stepped import SteppedSolver
-from mpsim.errors import ClosedError, InputError, OverlapWarning, WorkerDied
+from mpsim.errors import ClosedError, GuardWarning, InputError, OverlapWarning, WorkerDied
 from mpsim.kernels.layout import PHASES
+from mpsim.measure import observables
+from mpsim.measure.gathering import Gathering, Run, checked
 from mpsim.scene import Scene
 from mpsim.settings import Settings
 from mpsim.state import MOST_FRAMES, State
@@ -52,10 +55,12 @@ class Simulation:
         self._settings = settings
         self._check_precision()
         self._last_frame = 0
-        _warn_of_overlaps(scene)
         choice = methods.choose(scene.count, settings)
+        if choice.method != "event":  # which refuses them
+            _warn_of_overlaps(scene)
         self._pacer = Pacer(choice.workers, MOST_FRAMES)
-        self._solver = SteppedSolver(scene, settings, choice)
+        solver = ExactSolver if choice.method == "event" else SteppedSolver
+        self._solver: SteppedSolver | ExactSolver = solver(scene, settings, choice)
         self._closing = weakref.finalize(self, self._solver.close)
 
     def __enter__(self) -> "Simulation":
@@ -87,8 +92,8 @@ class Simulation:
 
     @property
     def time(self) -> float:
-        """Simulated time since the start [time]: frame * dt."""
-        return self.frame * self._settings.dt
+        """Simulated time since the start [time]: frame * dt (of `event` after Ctrl-C inside a frame: a little more)."""
+        return self._solver.time if self._closing.alive else self._last_frame * self._settings.dt
 
     @property
     def count(self) -> int:
@@ -114,6 +119,7 @@ class Simulation:
         frames: int | None = None,
         *,
         until: float | None = None,
+        measures: Iterable[str] | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> Report:
         """Run a number of frames, or until a time is reached.
@@ -121,6 +127,9 @@ class Simulation:
         Args:
             frames: how many, >= 0.
             until: simulated time at which to stop [time]: the first frame that reaches it is the last; not before now.
+            measures: names of what to gather along the way, for report.measures: "pressure", "pressure_virial",
+                "collision_rate", "overlap", "largest_overlap", "kinetic_energy", "temperature", "speed_kurtosis".
+                Gathering never changes the digest; what is not asked for costs nothing.
             progress: called as progress(done, of_frames) about twenty times a second.
 
         Raises:
@@ -130,23 +139,37 @@ class Simulation:
         """
         solver = self._open_solver()
         frames = self._frames_wanted(frames, until)
+        gathering = Gathering(self._measures_wanted(measures), frames)
+        solver.record(gathering.counting)
         times, collisions, done = [np.zeros((max(solver.choice.workers), 0, len(PHASES)), np.int64)], 0, 0
+        guarded = solver.guarded
         while done < frames:
-            workers, size = self._pacer.next_slice(frames - done)
+            workers, size = self._pacer.next_slice(
+                min(frames - done, int(min(gathering.frames_to_sample(done), frames)))
+            )
             try:
-                part, contacts = solver.advance(size, workers)
+                part = solver.advance(size, workers)
             except Exception:
                 self.close()
                 raise
-            self._pacer.note(workers, size, float(np.median(part[0].sum(axis=1))) * 1e-9)
+            size = part.times.shape[1]
+            if size:
+                self._pacer.note(workers, size, float(np.median(part.times[0].sum(axis=1))) * 1e-9)
             done += size
-            times.append(part)
-            collisions += contacts
+            times.append(part.times)
+            collisions += part.contacts
+            if size:
+                gathering.take(part.tally, done, solver.state, self._scene)
             if progress is not None:
                 progress(done, frames)
         frame_seconds, phases = phase_seconds(np.concatenate(times, axis=1))
         memory, block = solver.resources()
-        return Report(frame_seconds, phases, collisions, *self._what_ran(), memory, block)
+        energy = observables.kinetic_energy(solver.state(), self._scene) if gathering.counting else 0.0
+        gathered = gathering.measures(Run(self._scene, solver.count, self._settings.dt, energy))
+        guarded = solver.guarded - guarded
+        if guarded:
+            _warn_of_guard(guarded)
+        return Report(frame_seconds, phases, collisions, *self._what_ran(), memory, block, gathered, guarded)
 
     def add(self, position: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike | None = None) -> None:
         """Add one disc, or several.
@@ -197,7 +220,7 @@ class Simulation:
             if getattr(scene, name) is not None:
                 checks.fitting(name, getattr(scene, name), precision)
 
-    def _open_solver(self) -> SteppedSolver:
+    def _open_solver(self) -> SteppedSolver | ExactSolver:
         if not self._closing.alive:
             raise ClosedError(
                 f"this simulation was closed after frame {self.frame}. A closed simulation has no state. "
@@ -211,6 +234,15 @@ class Simulation:
         return (
             "grid" if self._settings.method == "auto" and method == "parallel" and workers == 1 else method
         ), workers
+
+    def _measures_wanted(self, measures: Iterable[str] | None) -> tuple[str, ...]:
+        names = checked(measures)
+        if "pressure_virial" in names and (self._scene.gravity is not None or self._scene.acceleration is not None):
+            raise InputError(
+                "measures may hold 'pressure_virial' only without gravity and acceleration, which the virial leaves "
+                "out; this scene has them. Use 'pressure', the impulses on the walls."
+            )
+        return names
 
     def _frames_wanted(self, frames: int | None, until: float | None) -> int:
         if (frames is None) == (until is None):
@@ -233,3 +265,12 @@ def _warn_of_overlaps(scene: Scene) -> None:
             OverlapWarning,
             stacklevel=3,
         )
+
+
+def _warn_of_guard(guarded: int) -> None:
+    warnings.warn(
+        f"in {guarded} collisions the contact-time guard suppressed the loss of energy: a disc's last contact was "
+        "an instant before, as in inelastic collapse or of a disc at rest. Without it the run would never end.",
+        GuardWarning,
+        stacklevel=3,
+    )

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from mpsim.engine.methods import Choice
 from mpsim.engine.pool import WorkerPool
+from mpsim.engine.report import Slice
 from mpsim.engine.shared import SharedBlock
 from mpsim.engine.worker import kernel_arguments, load_kernels
 from mpsim.errors import DivergedError
@@ -17,6 +18,7 @@ from mpsim.scene import Scene
 from mpsim.settings import Settings
 from mpsim.state import Grid, State, block_arrays, grid_for
 
+_CONTACTS = {"push": layout.PUSH, "impact": layout.IMPACT}
 _LAWS = {"reflect": layout.REFLECT, "elastic": layout.ELASTIC}
 
 
@@ -32,6 +34,7 @@ class SteppedSolver:
         self._scene = scene
         self._settings = settings
         self._sorted_grid: Grid | None = None
+        self._tallying = False
         self._pool: WorkerPool | None = None
         self._processes = [psutil.Process()]
         self._block = self._new_block(max(scene.count, 1))
@@ -56,10 +59,8 @@ class SteppedSolver:
 
     # --- frames
 
-    def advance(self, frames: int, workers: int) -> tuple[NDArray[np.int64], int]:
+    def advance(self, frames: int, workers: int) -> Slice:
         """Run up to MOST_FRAMES frames on all workers or on one (the coordinator, while the others rest).
-
-        Returns times [ns] of shape (workers, frames, phases), zero for workers at rest, and the contacts resolved.
 
         Raises:
             DivergedError, WorkerDied, WorkerStalled: the solver can then only be closed.
@@ -69,15 +70,33 @@ class SteppedSolver:
         control[layout.WORKERS] = workers
         arrays["team"][:, layout.COLLISIONS] = 0
         self._deal(workers)
-        times = arrays["times"]
-        times[:, :frames] = 0
+        times, tally = arrays["times"], arrays.get("tally")
+        for counts in (times, tally):
+            if counts is not None:
+                counts[:, :frames] = 0
         if self.choice.method == "naive":
             abort = run_naive(*self._naive_arguments())
         else:
             abort = self._run_grid(self._pool if workers > 1 else None)
         if abort != layout.RUNNING:
             raise self._failure(abort)
-        return times[:, :frames].copy(), int(arrays["team"][:, layout.COLLISIONS].sum())
+        contacts = int(arrays["team"][:, layout.COLLISIONS].sum())
+        return Slice(times[:, :frames].copy(), contacts, None if tally is None else self._tallied(tally[:, :frames]))
+
+    def _tallied(self, tally: NDArray[np.int64]) -> NDArray[np.float64]:
+        """What all workers counted in each frame, in the scene's units, shape (frames, tallies)."""
+        totals = tally.sum(axis=0).astype(np.float64)
+        totals[:, layout.DEEPEST] = tally[:, :, layout.DEEPEST].max(axis=0)
+        scale = float(self._block.arrays["parameters"][layout.TALLY_SCALE])
+        totals[:, [layout.WALL_X, layout.WALL_Y, layout.VIRIAL]] /= scale
+        totals[:, [layout.DEPTH, layout.DEEPEST]] *= 2 * self._scene.radius / scale
+        return totals
+
+    def record(self, tallied: bool) -> None:
+        """Have what measures need counted from now on, or not: frames that are not measured pay nothing for it."""
+        if tallied != self._tallying:
+            self._tallying = tallied
+            self._move(self._capacity, self.choice)
 
     def _run_grid(self, pool: WorkerPool | None) -> int:
         """Give the command to everybody and do the coordinator's part of it."""
@@ -129,6 +148,16 @@ class SteppedSolver:
         """Frames finished since the start."""
         return int(self._block.arrays["control"][layout.DONE])
 
+    @property
+    def time(self) -> float:
+        """Simulated time since the start [time]."""
+        return self.frame * self._settings.dt
+
+    @property
+    def guarded(self) -> int:
+        """Nothing: the stepped solver has no guard, and needs none."""
+        return 0
+
     def state(self) -> State:
         """Copies in the order of the scene's discs."""
         discs = self._live_discs()
@@ -177,6 +206,14 @@ class SteppedSolver:
 
     # --- the block
 
+    @property
+    def _tally_scale(self) -> float:
+        """A power of two that makes a typical velocity some 2^32: fine steps, and 2^31 discs' worth of room above."""
+        speeds = self._scene.velocity
+        typical = float(np.sqrt((speeds**2).mean())) if len(speeds) else 0.0
+        # Far from 1 the exponent of a float32 would end; sums are then coarser or the room above is less.
+        return 2.0 ** float(np.clip(32 - np.frexp(typical)[1], -100, 100)) if typical > 0 else 2.0**32
+
     def _new_block(self, capacity: int) -> SharedBlock:
         scene, features = self._scene, {}
         if scene.gravity is not None:
@@ -185,7 +222,7 @@ class SteppedSolver:
             features["acceleration"] = (2, capacity)
         grid = self._grid_for(capacity)
         self._capacity = capacity
-        specs = block_arrays(capacity, grid, self._most_workers, self._settings.precision, features)
+        specs = block_arrays(capacity, grid, self._most_workers, self._settings.precision, features, self._tallying)
         block = SharedBlock.create(specs)
         block.arrays["team"][:, layout.BAD_SLOT] = -1
         if scene.gravity is not None:
@@ -195,6 +232,7 @@ class SteppedSolver:
     def _move(self, capacity: int, choice: Choice) -> None:
         """Move everything to a new block, larger or for another method, and the workers with it."""
         old, same = self._block, choice == self.choice
+        loaded = "tally" in old.arrays or not self._tallying
         state, count = self.state(), self.count
         acceleration = old.arrays["acceleration"][:, :count].T.copy() if "acceleration" in old.arrays else None
         self.choice = choice
@@ -207,7 +245,10 @@ class SteppedSolver:
             if not same:
                 self._stop_pool()
                 self._prepare()
-            elif self._pool is not None:
+                return
+            if not loaded:
+                self._load_kernels()
+            if self._pool is not None:
                 self._pool.move_to(self._block)
         finally:
             old.close()
@@ -240,6 +281,10 @@ class SteppedSolver:
             layout.Y_HIGH: scene.height - scene.radius,
             layout.CELLS_PER_X: self._grid.columns / scene.width,
             layout.CELLS_PER_Y: self._grid.rows / scene.height,
+            layout.EXCHANGE: (1 + scene.restitution) / 2,
+            layout.WALL_RESTITUTION: scene.wall_restitution,
+            layout.WALL_BOUNCE: scene.wall_restitution if settings.contact == "impact" else 0.0,
+            layout.TALLY_SCALE: self._tally_scale,
         }
         for index, value in values.items():
             self._block.arrays["parameters"][index] = value
@@ -249,6 +294,8 @@ class SteppedSolver:
             layout.ROWS: self._grid.rows,
             layout.SUBSTEPS: settings.substeps,
             layout.LAW: _LAWS[settings.law],
+            layout.CONTACT: _CONTACTS[settings.contact],
+            layout.PASSES: settings.passes,
             layout.GUARDED: int(not settings.unguarded),
         }
         for index, word in words.items():
@@ -259,10 +306,9 @@ class SteppedSolver:
         return kernel_arguments(self._block, 0)[int(self._block.arrays["control"][layout.LIVE])]
 
     def _naive_arguments(self) -> tuple[Any, ...]:
-        discs, _, _, _, gravity, acceleration, parameters, control, team, _, times, *_ = kernel_arguments(
-            self._block, 0
-        )
-        return discs, gravity, acceleration, parameters, control, team, times
+        discs, _, _, _, gravity, acceleration, *rest = kernel_arguments(self._block, 0)
+        parameters, control, team, _, tally, times, *_ = rest
+        return discs, gravity, acceleration, parameters, control, team, tally, times
 
     def _load_kernels(self) -> None:
         """Compile or load what will run, by running no frame."""

@@ -44,6 +44,7 @@ def kernel_arguments(block: SharedBlock, worker: int) -> tuple[Any, ...]:
         arrays["control"],
         arrays["team"],
         arrays["sent"],
+        arrays["tally"][worker] if "tally" in arrays else None,
         arrays["times"][worker],
         worker,
         LINGER,
@@ -106,6 +107,7 @@ def _serve(worker: int, connection: Connection, block: SharedBlock) -> None:
                 del arguments
                 block.close()
                 block = SharedBlock.attach(name, specs)
+                load_kernels(block)
                 arguments = _join(worker, connection, block)
 
 

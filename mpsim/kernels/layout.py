@@ -33,7 +33,11 @@ Y_LOW = 4
 Y_HIGH = 5
 CELLS_PER_X = 6  # columns per length along x [1/length]
 CELLS_PER_Y = 7  # rows per length along y [1/length]
-PARAMETERS = 8
+WALL_BOUNCE = 8  # part of a disc's way beyond a wall that it is put inside it: 0 puts it at the wall
+TALLY_SCALE = 9  # a power of two: tallies are whole multiples of 1 / TALLY_SCALE [length/time]
+EXCHANGE = 10  # (1 + e) / 2 with e the restitution of two discs: the part of the normal velocities that is exchanged
+WALL_RESTITUTION = 11
+PARAMETERS = 12
 
 # Indices of `control`, an int64 array. Words that processes wait on have a cache line (8 words) each.
 COMMAND = 0  # number of the last command; changes when workers are to run frames
@@ -51,6 +55,8 @@ SUBSTEPS = 37
 LAW = 38
 WORKERS = 39
 DONE = 40  # frames finished since the start, in all commands
+CONTACT = 42
+PASSES = 43  # times that contacts are looked for in one step
 GUARDED = 41  # 1: odd/even passes; 0: the demonstration of what goes wrong without them
 CONTROL = 64
 
@@ -90,9 +96,24 @@ ODD = 3
 WAIT = 4
 PHASES = ("move", "sort", "even columns", "odd columns", "wait")
 
+# What is counted in each frame when measures ask for it, indices of the last axis of `tally`, int64.
+# Sums are kept in fixed point: whole numbers add up to the same total in any order, so on any number of workers.
+WALL_X = 0  # impulse on the two walls at the ends of x, times TALLY_SCALE (mass 1)
+WALL_Y = 1
+VIRIAL = 2  # impulse between discs, times TALLY_SCALE
+COLLISION = 3  # pairs whose velocities changed
+DEPTH = 4  # overlap of the pairs met, times TALLY_SCALE / diameter
+DEEPEST = 5  # the largest of them, likewise
+MET = 6  # pairs met
+TALLIES = 7
+
 # Collision laws.
 REFLECT = 0
 ELASTIC = 1
+
+# Contacts.
+PUSH = 0
+IMPACT = 1
 
 PATIENCE = 120_000_000_000
 """Nanoseconds after which a barrier counts as stalled: far above any pause of a living worker (a suspended laptop's

@@ -51,6 +51,7 @@ from mpsim.kernels.layout import (
     LOW,
     MAILED,
     MOVE,
+    PASSES,
     PHASE,
     RUNNING,
     SORT,
@@ -89,12 +90,12 @@ def meet(control, mine, times, since):
 
 
 @compiled
-def step(front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, times, worker):
+def step(front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, tally, times, worker):
     """One step of one worker from buffer `front` to buffer `back`. Returns RUNNING, or why to leave the loop."""
     mine = team[worker]
     moment = now(mine[CLOCK : CLOCK + 2])
     enter(mine, MOVE)
-    if move(front, mine[LOW], mine[HIGH], gravity, acceleration, parameters, control, mine):
+    if move(front, mine[LOW], mine[HIGH], gravity, acceleration, parameters, control, mine, tally):
         bin_discs(front, mine[LOW], mine[HIGH], parameters, control)
         count_cells(front, start, outbox, sent[worker], team, worker, control)
     moment = record(times, mine, MOVE, moment)
@@ -111,29 +112,34 @@ def step(front, back, start, outbox, gravity, acceleration, parameters, control,
     if control[GUARDED] == 0:
         # Neighbouring columns at the same time on different workers: the race of the report, on purpose.
         mine[COLLISIONS] += resolve_columns(
-            back, start, worker, control[COLUMNS], control[WORKERS], control, parameters
+            back, start, worker, control[COLUMNS], control[WORKERS], control, parameters, tally, mine[FRAME]
         )
         moment = record(times, mine, EVEN, moment)
         meet(control, mine, times, moment)
         return control[ABORT]
-    for parity in range(2):
+    for turn in range(2 * control[PASSES]):
+        parity = turn % 2
         enter(mine, EVEN + parity)
         first = mine[FIRST_COLUMN] + (mine[FIRST_COLUMN] + parity) % 2
-        mine[COLLISIONS] += resolve_columns(back, start, first, mine[LAST_COLUMN], 2, control, parameters)
+        mine[COLLISIONS] += resolve_columns(
+            back, start, first, mine[LAST_COLUMN], 2, control, parameters, tally, mine[FRAME]
+        )
         moment = record(times, mine, EVEN + parity, moment)
         moment = meet(control, mine, times, moment)
     return control[ABORT]
 
 
 @compiled
-def run_frames(front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, times, worker):
+def run_frames(
+    front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, tally, times, worker
+):
     """All frames of one command, for one worker. Returns RUNNING if all frames were done."""
     mine = team[worker]
     for frame in range(control[FRAMES]):
         mine[FRAME] = frame
         for _ in range(control[SUBSTEPS]):
             outcome = step(
-                front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, times, worker
+                front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, tally, times, worker
             )
             if outcome != RUNNING:
                 return outcome
@@ -150,13 +156,13 @@ def run_frames(front, back, start, outbox, gravity, acceleration, parameters, co
 
 
 @compiled
-def run_grid(a, b, start, outbox, gravity, acceleration, parameters, control, team, sent, times, worker, linger):
+def run_grid(a, b, start, outbox, gravity, acceleration, parameters, control, team, sent, tally, times, worker, linger):
     """Frames of `grid` (one worker) or `parallel`, for one worker.
 
     The coordinator, worker 0, gives the command and does its part of it; as that happens in here, nothing can come
     between the two. Any other worker runs commands as they come, until none has come for `linger` nanoseconds (IDLE)
     or a message waits (MAILED). control[LIVE] says which of the buffers a and b holds the state.
-    times: int64 (frames, phases) of this worker, zero at first.
+    times: int64 (frames, phases) and tally: int64 (frames, tallies) or None, of this worker, zero at first.
     Returns RUNNING, what ended the frames before their number was done, IDLE or MAILED.
     """
     mine = team[worker]
@@ -174,14 +180,14 @@ def run_grid(a, b, start, outbox, gravity, acceleration, parameters, control, te
         if control[LIVE] == 1:
             front, back = b, a
         outcome = run_frames(
-            front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, times, worker
+            front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, tally, times, worker
         )
         if worker == 0 or outcome != RUNNING:
             return outcome
 
 
 @compiled
-def run_naive(discs, gravity, acceleration, parameters, control, team, times):
+def run_naive(discs, gravity, acceleration, parameters, control, team, tally, times):
     """All frames of one command by testing all pairs i < j in index order. Returns RUNNING or BAD_STATE."""
     mine = team[0]
     count = control[COUNT]
@@ -190,11 +196,12 @@ def run_naive(discs, gravity, acceleration, parameters, control, team, times):
         for _ in range(control[SUBSTEPS]):
             moment = now(mine[CLOCK : CLOCK + 2])
             enter(mine, MOVE)
-            if not move(discs, 0, count, gravity, acceleration, parameters, control, mine):
+            if not move(discs, 0, count, gravity, acceleration, parameters, control, mine, tally):
                 return BAD_STATE
             moment = record(times, mine, MOVE, moment)
             enter(mine, EVEN)
-            mine[COLLISIONS] += resolve_all_pairs(discs, control, parameters)
+            for _turn in range(control[PASSES]):
+                mine[COLLISIONS] += resolve_all_pairs(discs, control, parameters, tally, frame)
             record(times, mine, EVEN, moment)
     control[DONE] += control[FRAMES]
     mine[FRAME] = 0

@@ -21,6 +21,7 @@ def parameters_of(real, width, height, radius=0.5, dt=0.01, columns=1, rows=1) -
     values = np.zeros(layout.PARAMETERS, real)
     values[[layout.DT, layout.DIAMETER]] = dt, 2 * radius
     values[[layout.X_LOW, layout.X_HIGH, layout.Y_LOW, layout.Y_HIGH]] = radius, width - radius, radius, height - radius
+    values[[layout.EXCHANGE, layout.WALL_RESTITUTION, layout.TALLY_SCALE]] = 1, 1, 2.0**20
     values[[layout.CELLS_PER_X, layout.CELLS_PER_Y]] = columns / width, rows / height
     return values
 
@@ -35,6 +36,8 @@ def control_of(count, columns=1, rows=1, workers=1, law=layout.ELASTIC) -> np.nd
         (layout.WORKERS, workers),
         (layout.LAW, law),
         (layout.SUBSTEPS, 1),
+        (layout.PASSES, 1),
+        (layout.CONTACT, layout.PUSH),
         (layout.GUARDED, 1),
     ):
         control[index] = value

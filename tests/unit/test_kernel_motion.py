@@ -99,9 +99,9 @@ def test_the_bad_disc_of_lowest_id_is_found(real):
 def test_a_bad_disc_raises_the_abort_word_and_an_empty_slice_does_not():
     discs = discs_of(np.float64, [3.0, 3.0], [3.0, 3.0])
     parameters, control, mine = parameters_of(np.float64, WIDTH, HEIGHT), control_of(2), team_of(1)[0]
-    assert move(discs, 0, 2, None, None, parameters, control, mine)
-    assert move(discs, 1, 1, None, None, parameters, control, mine)
+    assert move(discs, 0, 2, None, None, parameters, control, mine, None)
+    assert move(discs, 1, 1, None, None, parameters, control, mine, None)
     assert control[layout.BAD] == 0
     discs.y[1] = np.nan
-    assert not move(discs, 0, 2, None, None, parameters, control, mine)
+    assert not move(discs, 0, 2, None, None, parameters, control, mine, None)
     assert (control[layout.BAD], mine[layout.BAD_SLOT]) == (1, 1)

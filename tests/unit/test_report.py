@@ -62,7 +62,7 @@ def test_a_million_float32_discs_need_at_most_100_bytes_each():
     from mpsim.state import block_arrays, grid_for  # noqa: PLC0415
 
     grid = grid_for(10**6, 1401, 1401, 1.0, "float32")
-    arrays = block_arrays(10**6, grid, 2, "float32", {})
+    arrays = block_arrays(10**6, grid, 2, "float32", {}, False)
     assert sum(spec.nbytes for spec in arrays.values()) <= 100 * 10**6
 
 

@@ -23,7 +23,7 @@ def test_the_defaults_are_the_documented_ones():
     assert (settings.method, settings.law, settings.contact, settings.precision) == (
         "auto",
         "elastic",
-        "push",
+        "impact",
         "float64",
     )
     assert (settings.workers, settings.substeps, settings.unguarded) == (None, 1, False)

@@ -1,0 +1,407 @@
+"""What is known of equilibrium without simulating: closed forms and published values, each with its source.
+
+Discs have mass 1 and, where nothing else is said, restitution 1. kT is the mean square of one velocity component
+[length^2/time^2], the packing the fraction of the area that discs cover, sigma = 2 radius their diameter. Rates of
+pair collisions are per disc and time where called `rate` of a gas (a collision counts for both), and per pair where
+there are just two discs. What is known of motions and of gases out of equilibrium is in `reference_motion`.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim import checks
+from mpsim.errors import InputError
+
+VIRIAL = (
+    1.0,
+    4 / 3 - math.sqrt(3) / math.pi,
+    2 - 9 * math.sqrt(3) / (2 * math.pi) + 10 / math.pi**2,
+    0.33355604,
+    0.1988425,
+    0.1148728,
+    0.0649930,
+    0.0362193,
+    0.0199537,
+)
+"""B_k / B_2^(k-1) for k = 2 to 10 [1]. B_2 to B_4 are exact; the others have standard errors of 1e-8, 4.2e-6, 4.3e-6,
+3.4e-6, 3.5e-6 and 8.0e-6 (Clisby & McCoy, J. Stat. Phys. 122, 15, 2006, Table 1)."""
+
+LARGEST_PACKING = 0.62
+"""The Pade approximant is not used above: the virial series does not know of the freezing that begins at 0.70."""
+
+
+@dataclass(frozen=True)
+class Published:
+    """A published value with its source. Prints as 6.90107(7).
+
+    Attributes:
+        value: [1].
+        error: one standard error; None where the source gives none.
+        source: where to read it.
+    """
+
+    value: float
+    error: float | None
+    source: str
+
+    def __str__(self) -> str:
+        if self.error is None:
+            return f"{self.value:g}"
+        decimals = -math.floor(math.log10(self.error))
+        return f"{self.value:.{decimals}f}({self.error * 10**decimals:.0f})"
+
+
+DENSE_72 = Published(
+    6.90107, 7e-5, "Li, Nishikawa, Hollmer, Carillo, Maggs & Krauth, J. Chem. Phys. 157, 234111 (2022)"
+)
+"""Pressure P sigma^2 / kT of 72 discs at packing 0.65, periodic [1]."""
+
+COEXISTENCE = Published(
+    9.185, None, "Bernard & Krauth, Phys. Rev. Lett. 107, 155704 (2011); Engel et al., Phys. Rev. E 87, 042134 (2013)"
+)
+"""Pressure P sigma^2 / kT where fluid (packing about 0.700) and hexatic (0.716) coexist, large systems [1]."""
+
+
+def compressibility(packing: float) -> float:
+    """Compressibility factor Z = P A / (N kT) of the bulk fluid [1], good to the table's five digits.
+
+    Args:
+        packing: 0 <= packing <= LARGEST_PACKING [1].
+
+    Raises:
+        InputError: outside this range.
+
+    Source: [4/5] Pade approximant in the packing of the virial series Z = 1 + sum of VIRIAL_k (2 packing)^(k-1).
+
+    >>> [round(compressibility(packing), 5) for packing in (0.01, 0.1, 0.3, 0.5)]
+    [1.02032, 1.23614, 2.06326, 4.10624]
+    """
+    return 1 + 2 * packing * contact_value(packing)
+
+
+def contact_value(packing: float) -> float:
+    """Pair-correlation function at contact, g(sigma) = (Z - 1) / (2 packing) [1], 1 for a dilute gas.
+
+    Args:
+        packing: 0 <= packing <= LARGEST_PACKING [1].
+
+    Raises:
+        InputError: outside this range.
+
+    Source: the virial theorem, Z = 1 + 2 packing g(sigma) in 2-D; Z as in `compressibility`, divided by the packing
+    before it is evaluated, so that no digits cancel in a dilute gas.
+
+    >>> [round(contact_value(packing), 5) for packing in (0.0, 0.01, 0.1, 0.3, 0.5)]
+    [1.0, 1.01586, 1.18072, 1.7721, 3.10624]
+    """
+    packing = _packing(packing)
+    above, below = _pade()
+    return float(np.polyval(above[::-1], 2 * packing) / np.polyval(below[::-1], 2 * packing))
+
+
+def henderson(packing: float) -> float:
+    """Z by Henderson's closed form, (1 + packing^2/8) / (1 - packing)^2 [1]: 0.03 % high at 0.3, 0.5 % at 0.5.
+
+    Args:
+        packing: 0 <= packing <= LARGEST_PACKING [1].
+
+    Raises:
+        InputError: outside this range.
+
+    Source: Henderson, Mol. Phys. 30, 971 (1975).
+
+    >>> round(henderson(0.3), 5)
+    2.06378
+    """
+    packing = _packing(packing)
+    return (1 + packing**2 / 8) / (1 - packing) ** 2
+
+
+def enskog_rate(packing: float, radius: float = 0.5, temperature: float = 1.0) -> float:
+    """Collisions per disc and time in the bulk, 2 sqrt(pi) n sigma g(sigma) sqrt(kT) [1/time].
+
+    Args:
+        packing: 0 <= packing <= LARGEST_PACKING [1].
+        radius: > 0 [length].
+        temperature: kT >= 0 [length^2/time^2].
+
+    Raises:
+        InputError: naming the argument and its rule.
+
+    Source: Chapman & Cowling, The Mathematical Theory of Non-uniform Gases (1970), ch. 16, in two dimensions. Exact in
+    equilibrium but for terms of 1/N (see `shell_factor`), since places and velocities are independent.
+
+    >>> [round(enskog_rate(packing), 5) for packing in (0.01, 0.1, 0.3, 0.5)]
+    [0.04585, 0.53292, 2.39952, 7.01004]
+    """
+    radius = checks.positive("radius", radius, "[length]")
+    temperature = checks.non_negative("temperature", temperature, "[length^2/time^2]")
+    density = packing / (math.pi * radius**2)
+    return 4 * math.sqrt(math.pi * temperature) * density * radius * contact_value(packing)
+
+
+def compressibility_from_rate(rate: float, radius: float, temperature: float, degrees: int | None = None) -> float:
+    """Z from a measured collision rate: Z - 1 = (rate sigma / 4) sqrt(pi / kT) shell_factor [1].
+
+    Args:
+        rate: collisions per disc and time, >= 0 [1/time].
+        radius: > 0 [length].
+        temperature: kT > 0, with the degrees of freedom that there are: energy = degrees/2 x kT [length^2/time^2].
+        degrees: of freedom of the velocities: 2 N between walls, 2 (N - 1) periodic at rest; None: infinitely many.
+
+    Raises:
+        InputError: naming the argument and its rule.
+
+    >>> round(compressibility_from_rate(enskog_rate(0.3), radius=0.5, temperature=1.0), 5)
+    2.06326
+    """
+    rate = checks.non_negative("rate", rate, "[1/time]")
+    radius = checks.positive("radius", radius, "[length]")
+    temperature = checks.positive("temperature", temperature, "[length^2/time^2]")
+    factor = 1.0 if degrees is None else shell_factor(degrees)
+    return 1 + rate * radius / 2 * math.sqrt(math.pi / temperature) * factor
+
+
+def shell_factor(degrees: int) -> float:
+    """Mean |u| of one velocity component at infinitely many degrees of freedom over that at fixed energy [1], < 1.
+
+    sqrt(2/K) Gamma((K + 1)/2) / Gamma(K/2), which is 1 - 1/(4 K) + ... for K degrees of freedom.
+
+    Args:
+        degrees: K >= 1 [1].
+
+    Raises:
+        InputError: if degrees is not a whole number >= 1.
+
+    Source: mean of a component of a vector uniform on a sphere in K dimensions [D].
+
+    >>> round(shell_factor(142), 6), round(1 - 1 / (4 * 142), 6)
+    (0.998241, 0.998239)
+    """
+    degrees = checks.whole("degrees", degrees, 1, 10**9, "Give 2 N, or 2 (N - 1) at zero total momentum.")
+    if degrees > 10_000:  # beyond, the logarithms cancel; the next term is below 1e-13
+        return 1 - 1 / (4 * degrees) + 1 / (32 * degrees**2)
+    return math.exp(math.lgamma((degrees + 1) / 2) - math.lgamma(degrees / 2)) * math.sqrt(2 / degrees)
+
+
+@dataclass(frozen=True)
+class ClosedBox:
+    """A gas between hard walls.
+
+    Attributes:
+        pressure: mean force on a wall over the wall's full length, so on the full area [1/time^2].
+        compressibility: pressure x side^2 / (N kT) [1].
+        bulk_density: number density in the middle [1/length^2].
+    """
+
+    pressure: float
+    compressibility: float
+    bulk_density: float
+
+
+def closed_box(count: int, side: float, radius: float, temperature: float = 1.0) -> ClosedBox:
+    """Pressure on the walls of a square box, to some 0.1 to 0.4 % at 100 discs; exact as the box grows.
+
+    n_b solves N = n_b L^2 - 4 L R n_b (1 - eta_b)/(1 + eta_b), eta_b = pi R^2 n_b, and
+    P = n_b kT Z(eta_b) - 2 n_b kT R / ((1 - eta_b) L).
+
+    Args:
+        count: N, number of discs, >= 1.
+        side: L, of the box, > 2 radius [length].
+        radius: R > 0 [length].
+        temperature: kT > 0 [length^2/time^2].
+
+    Raises:
+        InputError: naming the argument and its rule; if the bulk would be denser than LARGEST_PACKING.
+
+    Source: excess of discs and line tension at a hard wall by scaled-particle theory (Helfand, Frisch & Lebowitz,
+    J. Chem. Phys. 34, 1037, 1961), to first order in perimeter over area [D]; Z as in `compressibility`.
+
+    >>> round(closed_box(100, math.sqrt(100 * math.pi / 4 / 0.3), 0.5).compressibility, 4)
+    2.2438
+    """
+    count = checks.whole("count", count, 1, 10**9, "Count the discs.")
+    side, radius = checks.positive("side", side, "[length]"), checks.positive("radius", radius, "[length]")
+    temperature = checks.positive("temperature", temperature, "[length^2/time^2]")
+    area = math.pi * radius**2
+
+    def held(density: float) -> float:
+        return density * (side**2 - 4 * side * radius * (1 - density * area) / (1 + density * area))
+
+    low, high = 0.0, LARGEST_PACKING / area
+    if side <= 2 * radius or held(high) < count:
+        raise InputError(
+            f"closed_box holds at most {held(high):.1f} discs of radius {radius:g} in a box of side {side:g} up to a "
+            f"packing of {LARGEST_PACKING} in its middle; got {count}. Use fewer or smaller discs, or a larger box."
+        )
+    for _ in range(200):
+        middle = (low + high) / 2
+        low, high = (middle, high) if held(middle) < count else (low, middle)
+    bulk = low * temperature * compressibility(low * area)
+    pressure = bulk - 2 * low * temperature * radius / ((1 - low * area) * side)
+    return ClosedBox(pressure, pressure * side**2 / (count * temperature), low)
+
+
+@dataclass(frozen=True)
+class TwoDiscs:
+    """Two discs in a box with hard walls.
+
+    Attributes:
+        phase_area: Omega, area of the allowed places of both [length^4].
+        force_x, force_y: mean force on one wall across x, and on one across y [length/time^2].
+        wall_rate: hits of either disc on any wall, per time [1/time].
+        pair_rate: collisions of the pair, per time [1/time].
+    """
+
+    phase_area: float
+    force_x: float
+    force_y: float
+    wall_rate: float
+    pair_rate: float
+
+
+def two_discs(width: float, height: float, radius: float, energy: float) -> TwoDiscs:
+    """Exact averages of two discs in a closed box, kT = energy/2, by the area of their allowed places.
+
+    Omega = a^2 b^2 - pi sigma^2 a b + 4/3 (a + b) sigma^3 - sigma^4/2 for a = width - sigma, b = height - sigma.
+
+    Args:
+        width, height: of the box, >= 2 sigma, so that each disc can go round the other [length].
+        radius: > 0 [length].
+        energy: kinetic, of both, >= 0 [length^2/time^2].
+
+    Raises:
+        InputError: naming the argument and its rule.
+
+    Source: force = kT dlnOmega/da; rates from the densities at the walls and at contact, with the mean of |u| of one
+    component at fixed energy, 4/(3 pi) sqrt(2 energy) [D]; averages over time equal those over places, since two discs
+    in a box are ergodic (Simanyi, Ergod. Theory Dyn. Syst. 19, 741, 1999).
+
+    >>> found = two_discs(1, 1, 0.2, energy=2)
+    >>> round(found.force_x, 6), round(found.wall_rate, 6), round(found.pair_rate, 6)
+    (5.641119, 9.576661, 4.155474)
+    """
+    width, height, radius = _box(width, height, radius, 2, "two_discs")
+    energy = checks.non_negative("energy", energy, "[length^2/time^2]")
+    sigma = 2 * radius
+    a, b = width - sigma, height - sigma
+    omega = a**2 * b**2 - math.pi * sigma**2 * a * b + 4 / 3 * (a + b) * sigma**3 - sigma**4 / 2
+    by_a = (2 * a * b**2 - math.pi * sigma**2 * b + 4 / 3 * sigma**3) / omega
+    by_b = (2 * a**2 * b - math.pi * sigma**2 * a + 4 / 3 * sigma**3) / omega
+    by_sigma = (-2 * math.pi * sigma * a * b + 4 * (a + b) * sigma**2 - 2 * sigma**3) / omega
+    speed = 4 / (3 * math.pi) * math.sqrt(2 * energy)
+    return TwoDiscs(
+        omega, energy / 2 * by_a, energy / 2 * by_b, (by_a + by_b) * speed, -by_sigma * math.sqrt(2) * speed / 2
+    )
+
+
+def sinai_rate(width: float, height: float, radius: float, relative_speed: float) -> float:
+    """Collisions per time of two discs in a periodic box at total momentum 0 [1/time].
+
+    2 sigma |v_1 - v_2| / (width height - pi sigma^2): in the frame of one disc the other is a point in Sinai's
+    billiard, whose mean free path is pi x area / perimeter.
+
+    Args:
+        width, height: of the box, >= 2 sigma [length].
+        radius: > 0 [length].
+        relative_speed: |v_1 - v_2|, which no collision changes, >= 0 [length/time].
+
+    Raises:
+        InputError: naming the argument and its rule.
+
+    Source: mean free path of billiards, Chernov, J. Stat. Phys. 88, 1 (1997); ergodic by Sinai, Russ. Math. Surv. 25,
+    137 (1970).
+
+    >>> round(sinai_rate(2, 2, 0.25, 1.0), 6)
+    0.311081
+    """
+    width, height, radius = _box(width, height, radius, 2, "sinai_rate")
+    relative_speed = checks.non_negative("relative_speed", relative_speed, "[length/time]")
+    sigma = 2 * radius
+    return 2 * sigma * relative_speed / (width * height - math.pi * sigma**2)
+
+
+def speed_kurtosis(count: int, *, at_rest: bool = False) -> float:
+    """<v^4>/<v^2>^2 of N discs in equilibrium at fixed energy, 2 N/(N + 1) [1]; 2 for a large gas.
+
+    Args:
+        count: N >= 1, N >= 2 with `at_rest`.
+        at_rest: the total momentum is 0 and conserved, as in a periodic box: 2 (N - 1)/N.
+
+    Raises:
+        InputError: naming the argument and its rule.
+
+    Source: moments of two components of a vector uniform on a sphere in 2 N, or 2 (N - 1), dimensions [D].
+
+    >>> speed_kurtosis(3), speed_kurtosis(4, at_rest=True)
+    (1.5, 1.5)
+    """
+    count = checks.whole("count", count, 2 if at_rest else 1, 10**9, "Count the discs.")
+    free = count - 1 if at_rest else count
+    return 2 * free / (free + 1)
+
+
+def potential_energy_per_disc(energy: float, count: int) -> float:
+    """Mean potential energy m g y of a disc under gravity at fixed total energy, energy/(2 N) [length^2/time^2].
+
+    y counts from the lowest place a centre may take. Exact at any N for discs that do not collide, or so small that
+    their area does not matter, in a box that none of them reaches the ceiling of: half of the energy is potential.
+
+    Args:
+        energy: kinetic and potential of all discs, >= 0 [length^2/time^2].
+        count: N >= 1.
+
+    Raises:
+        InputError: naming the argument and its rule.
+
+    Source: each disc has two kinetic terms v^2/2, of 1/2 share each, and one linear term m g y, of share 1, among the
+    2 N shares of the energy (microcanonical average, integration by parts) [D].
+
+    >>> potential_energy_per_disc(energy=30.0, count=10)
+    1.5
+    """
+    energy = checks.non_negative("energy", energy, "[length^2/time^2]")
+    return energy / (2 * checks.whole("count", count, 1, 10**9, "Count the discs."))
+
+
+@cache
+def _pade() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Numerator of g(sigma) and denominator, as polynomials in x = 2 packing, of the [4/5] Pade approximant of Z.
+
+    Z = P/Q with P of degree 4 and Q of degree 5 agrees with the series through x^9, so g = (Z - 1)/x = (P - Q)/(x Q).
+    """
+    series = np.array([1.0, *VIRIAL])
+    top, bottom = 4, 5
+    rows = range(top + 1, top + bottom + 1)
+    matrix = np.array([[series[k - j] if k >= j else 0.0 for j in range(1, bottom + 1)] for k in rows])
+    below = np.concatenate([[1.0], np.linalg.solve(matrix, -series[rows.start : rows.stop])])
+    product = np.convolve(series, below)
+    difference = -below
+    difference[: top + 1] += product[: top + 1]
+    return difference[1:], below
+
+
+def _packing(value: float) -> float:
+    packing = checks.non_negative("packing", value, "(a fraction of the area)")
+    if packing > LARGEST_PACKING:
+        raise InputError(
+            f"packing must be at most {LARGEST_PACKING} for the virial equation of state; got {value!r}. Denser discs "
+            "are near freezing: compare with published values such as DENSE_72."
+        )
+    return packing
+
+
+def _box(width: float, height: float, radius: float, diameters: int, name: str) -> tuple[float, float, float]:
+    """Width, height and radius, checked: each side at least so many diameters."""
+    width, height = checks.positive("width", width, "[length]"), checks.positive("height", height, "[length]")
+    radius = checks.positive("radius", radius, "[length]")
+    if min(width, height) < 2 * diameters * radius:
+        raise InputError(
+            f"{name} needs width and height of at least {diameters} diameters, {2 * diameters * radius:g}; got "
+            f"{width:g} and {height:g}. Use smaller discs or a larger box."
+        )
+    return width, height, radius

@@ -1,0 +1,133 @@
+"""A slow, obvious twin of the exact solver: plain Python, no cells, no calendar, no lazy positions.
+
+Before every event it solves all pairs, all images and all walls anew, then moves every disc. It shares no line with
+the solver. Roots are the textbook ones.
+"""
+
+import math
+
+
+class Twin:
+    """Hard discs as lists of floats. Fields as in a scene; `contact_time` is the guard."""
+
+    def __init__(
+        self,
+        position,
+        velocity,
+        radius,
+        width,
+        height,
+        mass=None,
+        gravity=(0.0, 0.0),
+        restitution=1.0,
+        wall_restitution=1.0,
+        contact_time=0.0,
+        periodic=(False, False),
+        images=2,
+    ):
+        count = len(position)
+        self.x = [[float(a) for a in p] for p in position]
+        self.v = [[float(a) for a in p] for p in velocity]
+        self.radius = [float(r) for r in radius]
+        self.mass = [1.0] * count if mass is None else [float(m) for m in mass]
+        self.size = (width, height)
+        self.gravity, self.restitution, self.wall_restitution = gravity, restitution, wall_restitution
+        self.contact_time, self.periodic = contact_time, periodic
+        # Between two events a pair may fly past this many boxes.
+        self.images = images
+        self.time = 0.0
+        self.last = [-math.inf] * count
+        self.guards = 0
+
+    def pair_time(self, i, j, shift):
+        """Time until i and the image of j displaced by `shift` touch."""
+        r = [self.x[j][k] + shift[k] - self.x[i][k] for k in (0, 1)]
+        u = [self.v[j][k] - self.v[i][k] for k in (0, 1)]
+        a = u[0] ** 2 + u[1] ** 2
+        b = r[0] * u[0] + r[1] * u[1]
+        c = r[0] ** 2 + r[1] ** 2 - (self.radius[i] + self.radius[j]) ** 2
+        if b >= 0.0:
+            return math.inf
+        if c <= 0.0:
+            return 0.0
+        return (-b - math.sqrt(b * b - a * c)) / a if b * b > a * c else math.inf
+
+    def wall_time(self, i, axis, high):
+        """Time until disc i touches one wall: the first positive root at which it moves towards the wall."""
+        sign = 1.0 if high else -1.0
+        limit = self.size[axis] - self.radius[i] if high else self.radius[i]
+        gap = max(sign * (limit - self.x[i][axis]), 0.0)
+        speed, pull = sign * self.v[i][axis], sign * self.gravity[axis]
+        if pull == 0.0:
+            return gap / speed if speed > 0.0 else math.inf
+        if speed * speed + 2.0 * pull * gap < 0.0:
+            return math.inf
+        root = math.sqrt(speed * speed + 2.0 * pull * gap)
+        times = [(-speed + root) / pull, (-speed - root) / pull]
+        good = [t for t in times if t > 1e-12 and speed + pull * t > 0.0]
+        if gap < 1e-13 and speed > 0.0:
+            good.append(0.0)
+        return min(good, default=math.inf)
+
+    def next_event(self):
+        """(time from now, kind, i, j or (axis, high), shift) of the earliest event."""
+        count = len(self.x)
+        near = range(-self.images, self.images + 1)
+        shifts = [
+            (a * self.size[0], b * self.size[1])
+            for a in (near if self.periodic[0] else (0,))
+            for b in (near if self.periodic[1] else (0,))
+        ]
+        events = [
+            (self.pair_time(i, j, s), "pair", i, j, s)
+            for i in range(count)
+            for j in range(i + 1, count)
+            for s in shifts
+        ]
+        events += [
+            (self.wall_time(i, axis, high), "wall", i, (axis, high), None)
+            for i in range(count)
+            for axis in (0, 1)
+            if not self.periodic[axis]
+            for high in (0, 1)
+        ]
+        return min(events, key=lambda event: event[0])
+
+    def fly(self, t):
+        """Move every disc by the time t."""
+        for x, v in zip(self.x, self.v, strict=True):
+            for k in (0, 1):
+                x[k] += v[k] * t + 0.5 * self.gravity[k] * t * t
+                v[k] += self.gravity[k] * t
+                if self.periodic[k]:
+                    x[k] %= self.size[k]
+        self.time += t
+
+    def kept(self, restitution, discs):
+        """Restitution after the guard."""
+        if restitution < 1.0 and any(self.time - self.last[i] < self.contact_time for i in discs):
+            self.guards += 1
+            return 1.0
+        return restitution
+
+    def step(self):
+        """One event."""
+        t, kind, i, j, shift = self.next_event()
+        if kind == "wall":
+            self.fly(t)
+            axis, _ = j
+            self.v[i][axis] *= -self.kept(self.wall_restitution, [i])
+            self.last[i] = self.time
+            return
+        # The fall is the same for both discs; the image is the one that was predicted.
+        r = [self.x[j][k] + shift[k] - self.x[i][k] + (self.v[j][k] - self.v[i][k]) * t for k in (0, 1)]
+        self.fly(t)
+        distance = math.hypot(*r)
+        n = [r[0] / distance, r[1] / distance]
+        closing = sum((self.v[i][k] - self.v[j][k]) * n[k] for k in (0, 1))
+        reduced = self.mass[i] * self.mass[j] / (self.mass[i] + self.mass[j])
+        impulse = (1.0 + self.kept(self.restitution, [i, j])) * reduced * closing
+        for k in (0, 1):
+            self.v[i][k] -= impulse * n[k] / self.mass[i]
+            self.v[j][k] += impulse * n[k] / self.mass[j]
+        self.last[i] = self.last[j] = self.time

@@ -1,0 +1,177 @@
+"""Means with errors: numbers worked by hand, noise of known correlation, biases of known order."""
+
+import math
+
+import numpy as np
+import pytest
+
+from mpsim.errors import InputError
+from mpsim.measure.statistics import (
+    FEWEST_BLOCKS,
+    Measure,
+    block_average,
+    block_errors,
+    fit_order,
+    independent_average,
+)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (2.23991, 0.00163, "2.2399(16)"),
+        (5.641119, 0.00063, "5.64112(63)"),
+        (22.41, 1.63, "22.4(1.6)"),
+        (12345.6, 67.8, "12346(68)"),
+        (2.0, 0.0996, "2.00(10)"),
+        (-0.5, 0.02, "-0.500(20)"),
+        (1.2345e-9, 2.1e-11, "1.234(21)e-09"),
+        (0.0, 1e-12, "0.0(1.0)e-12"),
+        (3.0, 0.0, "3(0)"),
+        (3.25, math.nan, "3.25(?)"),
+        (math.nan, math.nan, "nan(?)"),
+    ],
+)
+def test_a_measure_prints_its_error_in_units_of_the_last_digit(value, error, text):
+    assert repr(Measure(value, error, 10)) == text
+
+
+def test_an_unsettled_error_prints_as_a_lower_bound():
+    assert repr(Measure(2.24, 0.16, 10, settled=False)) == "2.24(>16)"
+
+
+def test_deviation_counts_standard_errors():
+    assert Measure(2.0, 0.5, 9).deviation(1.0) == 2.0
+    assert Measure(2.0, 0.0, 9).deviation(2.0) == 0.0
+    assert Measure(2.0, 0.0, 9).deviation(3.0) == -math.inf
+
+
+def test_independent_average_by_hand():
+    found = independent_average([1.0, 2.0, 3.0, 4.0])
+    assert found.value == 2.5
+    assert found.error == pytest.approx(math.sqrt(5 / 3 / 4), rel=1e-15)
+    assert found.samples == 4
+
+
+def noise(n, correlation, seed):
+    """AR(1): x_k = a x_(k-1) + e_k, a = exp(-1/correlation); the error of its mean and that of independent samples."""
+    a = math.exp(-1 / correlation) if correlation else 0.0
+    steps = np.random.default_rng(seed).normal(size=n)
+    series = np.empty(n)
+    last = steps[0] / math.sqrt(1 - a * a)
+    for k in range(n):
+        last = a * last + steps[k] if k else last
+        series[k] = last
+    naive = 1 / math.sqrt(n * (1 - a * a))
+    return series, naive * math.sqrt((1 + a) / (1 - a)), naive
+
+
+@pytest.mark.parametrize("correlation", [0, 3, 20])
+def test_the_error_of_correlated_noise_is_that_of_its_correlation(correlation):
+    found = [(block_average(series), true) for series, true, _ in (noise(2**15, correlation, s) for s in range(10))]
+    ratios = [measure.error / true for measure, true in found]
+    assert np.mean(ratios) == pytest.approx(1, abs=0.06)
+    assert all(0.75 < ratio < 1.3 for ratio in ratios), ratios
+    assert all(measure.settled for measure, _ in found)
+    deviations = [measure.deviation(0.0) for measure, _ in found]
+    assert max(map(abs, deviations)) < 3.5, deviations
+
+
+def test_negative_control_taking_correlated_samples_for_independent_is_far_off():
+    series, true, naive = noise(2**15, 20, 1)
+    assert block_errors(series)[0] == pytest.approx(naive, rel=0.1)
+    assert naive < 0.2 * true
+
+
+def test_a_series_shorter_than_its_correlation_does_not_settle():
+    series, _, _ = noise(2048, 500, 3)
+    found = block_average(series)
+    assert not found.settled
+    assert found.error == block_errors(series).max()
+
+
+def test_no_error_comes_from_fewer_than_sixteen_blocks():
+    rng = np.random.default_rng(0)
+    assert math.isnan(block_average(rng.normal(size=FEWEST_BLOCKS - 1)).error)
+    assert len(block_errors(rng.normal(size=FEWEST_BLOCKS))) == 1
+    assert len(block_errors(rng.normal(size=100))) == 3  # 100, 50 and 25 blocks; 12 would be too few
+    assert block_average([1.0, 2.0]).value == 1.5
+
+
+def test_the_first_levels_by_hand():
+    series = np.tile([0.0, 0.0, 2.0, 2.0], 16)
+    errors = block_errors(series)
+    deviation = math.sqrt(64 / 63)
+    assert errors[0] == pytest.approx(deviation / 8, rel=1e-14)
+    assert errors[1] == pytest.approx(math.sqrt(32 / 31) / math.sqrt(32), rel=1e-14)
+    assert errors[2] == 0
+
+
+def test_small_noise_on_a_large_value_keeps_its_digits():
+    series, true, _ = noise(4096, 0, 5)
+    found = block_average(1e9 + 1e-3 * series)
+    assert found.value - 1e9 == pytest.approx(1e-3 * series.mean(), abs=2e-7)
+    assert found.error == pytest.approx(1e-3 * true, rel=0.3)
+
+
+def test_a_constant_series_has_no_error():
+    found = block_average(np.full(1000, 0.1))
+    assert (found.value, found.error, found.samples) == (0.1, 0.0, 1000)
+
+
+@pytest.mark.parametrize("power", [1.0, 2.0])
+def test_the_order_of_a_known_power_is_found(power):
+    h = np.array([0.1, 0.05, 0.02, 0.01])
+    rng = np.random.default_rng(4)
+    deviations = []
+    for _ in range(300):
+        errors = 0.05 * h**power
+        deviations.append(fit_order(h, -3 * h**power + errors * rng.normal(size=4), errors).deviation(power))
+    assert np.mean(deviations) == pytest.approx(0, abs=0.2)
+    assert 0.6 < np.std(deviations) < 1.1
+
+
+def test_two_points_give_the_exact_slope_and_its_propagated_error():
+    found = fit_order([0.2, 0.1], [0.08, 0.02], [0.008, 0.002])
+    assert found.value == pytest.approx(2, rel=1e-14)
+    assert found.error == pytest.approx(0.1 * math.sqrt(2) / math.log(2), rel=1e-14)
+
+
+def test_points_off_the_line_widen_the_error():
+    h = np.array([0.1, 0.05, 0.02, 0.01])
+    bias = h + 20 * h**3
+    tight = np.full(4, 1e-6)
+    assert fit_order(h, bias, tight).error > 100 * fit_order(h, h, tight).error
+
+
+def test_the_tables_of_push_and_impact():
+    h, exact = np.array([0.10, 0.05, 0.02, 0.01]), 2.2399
+    of_push, errors_of_push = [2.0001, 2.1189, 2.1906, 2.2129], [9e-4, 10e-4, 15e-4, 12e-4]
+    of_impact, errors_of_impact = [2.1982, 2.2277, 2.2371, 2.2380], [6e-4, 17e-4, 21e-4, 7e-4]
+    push = fit_order(h, np.array(of_push) - exact, np.hypot(errors_of_push, 16e-4))
+    impact = fit_order(h, np.array(of_impact) - exact, np.hypot(errors_of_impact, 16e-4))
+    assert push.value == pytest.approx(1.0, abs=0.15)
+    assert 1.4 < impact.value < 2.0
+    assert impact.value > push.value + 2 * math.hypot(push.error, impact.error)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: block_average([]), "series must hold at least 1 sample; got 0"),
+        (lambda: block_average([1.0, math.nan]), r"series\[1\] is nan"),
+        (lambda: block_average([[1.0]]), "series must have shape"),
+        (lambda: independent_average([1.0]), "values must hold at least 2"),
+        (lambda: fit_order([0.1], [1.0], [1.0]), "h must hold at least 2"),
+        (lambda: fit_order([0.1, 0.2], [1.0, 2.0]), "h must hold at least 3"),
+        (lambda: fit_order([0.1, 0.1], [1.0, 2.0], [1.0, 1.0]), "not all equal"),
+        (lambda: fit_order([0.1, -0.1], [1.0, 2.0], [1.0, 1.0]), "h must be > 0"),
+        (lambda: fit_order([0.1, 0.2], [1.0, -2.0], [1.0, 1.0]), "bias must be of one sign"),
+        (lambda: fit_order([0.1, 0.2], [0.0, 2.0], [1.0, 1.0]), "bias must be of one sign"),
+        (lambda: fit_order([0.1, 0.2], [1.0, 2.0], [0.0, 1.0]), "errors must be > 0"),
+        (lambda: fit_order([0.1, 0.2], [1.0, 2.0, 3.0], [0.1, 1.0]), "bias must have shape"),
+    ],
+)
+def test_bad_input_is_refused_by_name(call, words):
+    with pytest.raises(InputError, match=words):
+        call()
