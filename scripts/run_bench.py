@@ -250,7 +250,11 @@ def main() -> int:
     started = time.perf_counter()
     try:
         settings = mpsim.Settings(
-            dt=benchmark.DT, law=options.law, precision=options.precision, workers=options.workers
+            dt=benchmark.DT,
+            law=options.law,
+            contact="push",  # the report's
+            precision=options.precision,
+            workers=options.workers,
         )
         options.out.mkdir(parents=True, exist_ok=True)
         machine_now = machine()

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 import time
 from multiprocessing.process import BaseProcess
 
@@ -107,10 +108,7 @@ def test_an_interrupt_at_any_moment_is_one_keyboard_interrupt(start):
 @pytest.fixture
 def alarm():
     """Call `alarm(seconds)`: this process then interrupts itself after so long, as Ctrl-C would."""
-    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
-    yield lambda seconds: signal.setitimer(signal.ITIMER_REAL, seconds)
-    signal.setitimer(signal.ITIMER_REAL, 0)
-    signal.signal(signal.SIGALRM, before)
+    return lambda seconds: threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT)).start()
 
 
 @pytest.mark.parametrize(("method", "workers"), [("naive", 1), ("grid", 1), ("parallel", 3)])

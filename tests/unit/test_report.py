@@ -88,6 +88,23 @@ def test_auto_reports_what_it_chose():
         assert (report.workers > 1) == (report.method == "parallel")
 
 
+@pytest.mark.parametrize("method", ["grid", "parallel", "auto"])
+def test_discs_may_be_added_while_progress_is_reported(method):
+    """`auto` goes from one process to several on the way, so that the number of workers changes during the run."""
+    place = np.stack(np.divmod(np.arange(900), 30), axis=1) * 1.5 + 1
+    scene = mpsim.Scene(width=46, height=46, position=place[:150], velocity=np.ones((150, 2)), radius=0.5)
+
+    def add(done, of):
+        if sim.count < 900:
+            sim.add(place[sim.count : sim.count + 150], np.zeros((150, 2)))
+
+    with simulate(scene, method=method, workers=2) as sim:
+        report = sim.run(frames=20_000 if method == "auto" else 5_000, progress=add)
+        assert sim.count > 500
+    assert report.frame_seconds.shape == (report.frames,)
+    assert {seconds.shape for seconds in report.phase_seconds.values()} <= {(report.frames, 1), (report.frames, 2)}
+
+
 def test_more_frames_than_fit_the_block_are_all_timed():
     from mpsim.state import MOST_FRAMES  # noqa: PLC0415
 
