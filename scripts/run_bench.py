@@ -245,6 +245,16 @@ def _write_csv(path: Path, header: list[str], rows: Any) -> None:
         writer.writerows(rows)
 
 
+def make_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise mpsim.OutputError(
+            f"--out must be a folder that can be made and written to; got {str(path)!r} ({error.strerror}). "
+            "Choose another place."
+        ) from None
+
+
 def main() -> int:
     options = arguments()
     started = time.perf_counter()
@@ -256,7 +266,7 @@ def main() -> int:
             precision=options.precision,
             workers=options.workers,
         )
-        options.out.mkdir(parents=True, exist_ok=True)
+        make_folder(options.out)
         machine_now = machine()
         results = run(options, settings)
     except (mpsim.MpsimError, OSError) as error:
