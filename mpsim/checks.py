@@ -86,6 +86,15 @@ def fitting(name: str, array: NDArray[np.float64], precision: str) -> None:
         )
 
 
+def not_vanishing(name: str, value: float, least: float, precision: str) -> None:
+    """Refuse a positive value that the precision of the run would lose."""
+    if value < least:
+        raise InputError(
+            f"{name} must be at least {least:.3g} in {precision}, below which it counts as 0; got {value!r}. "
+            "Use other units or precision='float64'."
+        )
+
+
 def choice(name: str, value: Any, allowed: Iterable[str]) -> str:
     """One of the allowed words, with a suggestion where the value is nearly one."""
     words = list(allowed)

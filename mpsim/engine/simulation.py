@@ -15,6 +15,7 @@ from mpsim.engine.pacing import Pacer
 from mpsim.engine.report import Report, phase_seconds
 from mpsim.engine.stepped import SteppedSolver
 from mpsim.errors import ClosedError, GuardWarning, InputError, OverlapWarning, WorkerDied
+from mpsim.interrupts import interrupts_held_back
 from mpsim.kernels.layout import PHASES
 from mpsim.measure import observables
 from mpsim.measure.gathering import Gathering, Run, checked
@@ -140,7 +141,8 @@ class Simulation:
         solver = self._open_solver()
         frames = self._frames_wanted(frames, until)
         gathering = Gathering(self._measures_wanted(measures), frames)
-        solver.record(gathering.counting)
+        with interrupts_held_back():
+            solver.record(gathering.counting)
         times, collisions, done = [np.zeros((max(solver.choice.workers), 0, len(PHASES)), np.int64)], 0, 0
         guarded = solver.guarded
         while done < frames:
@@ -162,6 +164,7 @@ class Simulation:
                 gathering.take(part.tally, done, solver.state, self._scene)
             if progress is not None:
                 progress(done, frames)
+                self._open_solver()  # which says so if the callback has closed the simulation
         frame_seconds, phases = phase_seconds(np.concatenate(times, axis=1))
         memory, block = solver.resources()
         energy = observables.kinetic_energy(solver.state(), self._scene) if gathering.counting else 0.0
@@ -198,7 +201,8 @@ class Simulation:
         checks.fitting("velocity", speeds, self._settings.precision)
         before, choice = solver.choice, methods.choose(solver.count + len(places), self._settings)
         try:
-            solver.add(places, speeds, kicks, choice)
+            with interrupts_held_back():  # half a growth would be no state at all
+                solver.add(places, speeds, kicks, choice)
         except WorkerDied:
             self.close()
             raise
@@ -216,6 +220,10 @@ class Simulation:
         """Refuse a scene whose numbers do not fit the precision of the run."""
         scene, precision = self._scene, self._settings.precision
         checks.fitting("the box", np.array([scene.width, scene.height]), precision)
+        # Squares of lengths must not underflow either, nor the time of a step.
+        tiny = float(np.finfo(precision).tiny)
+        checks.not_vanishing("radius", scene.radius, 1e4 * math.sqrt(tiny), precision)
+        checks.not_vanishing("dt / substeps", self._settings.dt / self._settings.substeps, tiny, precision)
         for name in ("velocity", "gravity", "acceleration"):
             if getattr(scene, name) is not None:
                 checks.fitting(name, getattr(scene, name), precision)

@@ -11,7 +11,7 @@ from mpsim.engine.pool import WorkerPool
 from mpsim.engine.report import Slice
 from mpsim.engine.shared import SharedBlock
 from mpsim.engine.worker import kernel_arguments, load_kernels
-from mpsim.errors import DivergedError
+from mpsim.errors import DivergedError, SharedMemoryError
 from mpsim.kernels import layout
 from mpsim.kernels.stepping import run_grid, run_naive
 from mpsim.scene import Scene
@@ -235,8 +235,13 @@ class SteppedSolver:
         loaded = "tally" in old.arrays or not self._tallying
         state, count = self.state(), self.count
         acceleration = old.arrays["acceleration"][:, :count].T.copy() if "acceleration" in old.arrays else None
+        before = self.choice, self._capacity
         self.choice = choice
-        self._block = self._new_block(capacity)
+        try:
+            self._block = self._new_block(capacity)
+        except SharedMemoryError:
+            self.choice, self._capacity = before
+            raise
         try:
             self._write_state(state.position, state.velocity, acceleration)
             self._block.arrays["control"][layout.DONE] = old.arrays["control"][layout.DONE]
