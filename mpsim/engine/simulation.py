@@ -165,7 +165,7 @@ class Simulation:
             if progress is not None:
                 progress(done, frames)
                 self._open_solver()  # which says so if the callback has closed the simulation
-        frame_seconds, phases = phase_seconds(np.concatenate(times, axis=1))
+        frame_seconds, phases = phase_seconds(_side_by_side(times))
         memory, block = solver.resources()
         energy = observables.kinetic_energy(solver.state(), self._scene) if gathering.counting else 0.0
         gathered = gathering.measures(Run(self._scene, solver.count, self._settings.dt, energy))
@@ -282,3 +282,9 @@ def _warn_of_guard(guarded: int) -> None:
         GuardWarning,
         stacklevel=3,
     )
+
+
+def _side_by_side(times: list[np.ndarray]) -> np.ndarray:
+    """Times of all slices, (workers, frames, phases); growth under `auto` may have raised the number of workers."""
+    workers = max(part.shape[0] for part in times)
+    return np.concatenate([np.pad(part, ((0, workers - len(part)), (0, 0), (0, 0))) for part in times], axis=1)
