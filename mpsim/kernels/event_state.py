@@ -29,6 +29,8 @@ NOW, BASE, STEP, LAP = range(4)
 PAIRS, WALLS, GUARDS, EVENTS, CROSSINGS, RENEWALS, CURSOR, WAITING, LAP_EVENTS, STALL = range(10)
 # Entries of `tally` (float64): impulse on each wall [mass length/time], sum of r.dp over impacts [mass length^2/time].
 LEFT, RIGHT, BOTTOM, TOP, VIRIAL = range(5)
+# Entries of `progress` (int64), which a caller that plays frames keeps beside the store.
+FRAME, SPENT = range(2)
 
 # The box and its cells, plain numbers: width, height [length]; periodic_x, periodic_y bool; columns, rows of cells;
 # radius [length] of every disc, if the scene does not give one for each.

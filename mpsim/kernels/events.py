@@ -40,6 +40,7 @@ from mpsim.kernels.event_state import (
     CROSSINGS,
     DEFLECTIONS,
     EVENTS,
+    FRAME,
     GUARDS,
     IMPACT,
     LAP,
@@ -58,6 +59,7 @@ from mpsim.kernels.event_state import (
     RIGHT,
     ROW,
     SIDE,
+    SPENT,
     STALL,
     STALLED,
     STEP,
@@ -84,6 +86,7 @@ __all__ = [
     "BOTTOM",
     "CROSSINGS",
     "EVENTS",
+    "FRAME",
     "GUARDS",
     "LEFT",
     "NOT_FINITE",
@@ -357,24 +360,28 @@ def schedule(store, box, law):
 
 
 @compiled
-def advance_frames(store, box, law, dt, first, frames, max_events, times, seen, counts, timespec):
-    """Play frames first, first + 1, ... of length dt [time]: (frames finished, status, particle).
+def advance_frames(store, box, law, dt, frames, max_events, progress, seen, times, counts, timespec):
+    """Play so many frames of length dt [time] more: (frames finished, status, particle).
 
-    times: int64 [ns], one per frame, to which this call adds. counts: (frames, 4) or None: impulse on the walls of x
-    and of y, sum of r.dp, and pair impacts, per frame, likewise; seen: the totals at the last look, (4,).
+    progress: int64, (2,): frames finished since the start, and the time [ns] spent so far on the one in hand; seen:
+    the totals at the end of the last finished one, (6,). Both are kept here, because Ctrl-C may throw away what a call
+    returns. times: int64 [ns], and counts: (frames, 6), or (0, 6) where they are not wanted: impulse on each wall, sum
+    of r.dp, and pair impacts; written for each finished frame.
     PAUSED after about max_events events, perhaps inside a frame: call again with what is left.
     """
     end = store.counter[EVENTS] + max_events
     for frame in range(frames):
         started = now(timespec)
-        status, particle = advance(store, box, law, (first + frame + 1) * dt, end - store.counter[EVENTS])
-        times[frame] += now(timespec) - started
-        if counts is not None:
-            tally = store.tally
-            totals = (tally[LEFT] + tally[RIGHT], tally[BOTTOM] + tally[TOP], tally[VIRIAL], store.counter[PAIRS] * 1.0)
-            for k in range(4):
-                counts[frame, k] += totals[k] - seen[k]
-                seen[k] = totals[k]
+        status, particle = advance(store, box, law, (progress[FRAME] + 1) * dt, end - store.counter[EVENTS])
+        progress[SPENT] += now(timespec) - started
         if status != REACHED:
             return frame, status, particle
+        times[frame] = progress[SPENT]
+        for k in range(VIRIAL + 2):
+            total = store.tally[k] if k <= VIRIAL else store.counter[PAIRS] * 1.0
+            if frame < counts.shape[0]:
+                counts[frame, k] = total - seen[k]
+            seen[k] = total
+        progress[SPENT] = 0
+        progress[FRAME] += 1
     return frames, REACHED, -1

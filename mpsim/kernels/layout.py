@@ -13,7 +13,8 @@ class Discs(NamedTuple):
     """One buffer of discs, structure of arrays, each of shape (capacity + PADDING,).
 
     x, y: centre [length]; vx, vy: velocity [length/time]; id: number of the disc in the scene;
-    cell: index of the grid cell, column-major. Only the first `count` elements are discs.
+    cell: index of the grid cell, column-major; radius: [length], or None where all discs have the same.
+    Only the first `count` elements are discs.
     """
 
     x: Any
@@ -22,22 +23,67 @@ class Discs(NamedTuple):
     vy: Any
     id: Any
     cell: Any
+    radius: Any
+
+
+class Obstacles(NamedTuple):
+    """Segments with a radius (capsules), and which of them are near a place; all None where there are none.
+
+    capsule: shape (K, 5): ax, ay, bx, by, radius [length].
+    near: for each cell of a grid of its own, column-major, where its part of `index` begins, shape (cells + 1,).
+    index: numbers of capsules. grid: columns and rows, shape (2,).
+    per_length: columns per length along x and rows per length along y, shape (2,) [1/length].
+    """
+
+    capsule: Any
+    near: Any
+    index: Any
+    grid: Any
+    per_length: Any
+
+
+class Features(NamedTuple):
+    """What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it.
+
+    gravity: (gx, gy) [length/time^2]. acceleration: shape (2, capacity), by id [length/time^2].
+    mass: shape (capacity,), by id [mass]. wrap_x, wrap_y: length of a periodic axis, shape (1,) [length].
+    exits: shape (3, capacity), by id: 1 for discs that an absorbing edge has swallowed, and where [length].
+    piston: see PISTON_WALL below. giants: shape (1,): discs of a larger radius are not in the grid [length].
+    """
+
+    gravity: Any
+    acceleration: Any
+    mass: Any
+    wrap_x: Any
+    wrap_y: Any
+    exits: Any
+    piston: Any
+    giants: Any
+    obstacles: Obstacles
 
 
 # Indices of `parameters`, an array of the precision of the run.
 DT = 0  # [time] of one step (a frame has `SUBSTEPS` of them)
 DIAMETER = 1  # [length]
-X_LOW = 2  # smallest and largest allowed centre, one radius away from the walls [length]
+X_LOW = 2  # least and largest centre: the walls, one radius inwards where all discs have the same [length]
 X_HIGH = 3
 Y_LOW = 4
 Y_HIGH = 5
 CELLS_PER_X = 6  # columns per length along x [1/length]
 CELLS_PER_Y = 7  # rows per length along y [1/length]
 WALL_BOUNCE = 8  # part of a disc's way beyond a wall that it is put inside it: 0 puts it at the wall
-TALLY_SCALE = 9  # a power of two: tallies are whole multiples of 1 / TALLY_SCALE [length/time]
+TALLY_SCALE = 9  # a power of two: tallies are whole multiples of 1 / TALLY_SCALE [mass length/time]
 EXCHANGE = 10  # (1 + e) / 2 with e the restitution of two discs: the part of the normal velocities that is exchanged
 WALL_RESTITUTION = 11
 PARAMETERS = 12
+
+# Elements of `piston`, of the precision of the run.
+PISTON_WALL = 0  # which limit it moves: X_LOW, X_HIGH, Y_LOW or Y_HIGH
+PISTON_START = 1  # that limit at time 0 [length]
+PISTON_SPEED = 2  # [length/time]
+PISTON_STOP = 3  # the limit at which it rests [length]
+PISTON_NOW = 4  # its speed in this step: 0 once it rests [length/time]
+PISTON = 5
 
 # Indices of `control`, an int64 array. Words that processes wait on have a cache line (8 words) each.
 COMMAND = 0  # number of the last command; changes when workers are to run frames
@@ -50,13 +96,16 @@ COUNT = 32  # discs
 COLUMNS = 33
 ROWS = 34
 LIVE = 35  # which of the two buffers holds the state: 0 or 1
-FRAMES = 36  # frames to run in this command
+FRAMES = 36  # frames to run in this command; worker 0 lowers it when their time is up
 SUBSTEPS = 37
 LAW = 38
 WORKERS = 39
 DONE = 40  # frames finished since the start, in all commands
 CONTACT = 42
 PASSES = 43  # times that contacts are looked for in one step
+CELLS = 44  # cells of the grid with all ghosts: one less than the length of `start`
+ABSORBING = 45  # edges that swallow discs: the sum of 1 << (limit - X_LOW) over their limits
+STEPS = 46  # steps done since the start
 GUARDED = 41  # 1: odd/even passes; 0: the demonstration of what goes wrong without them
 CONTROL = 64
 
@@ -98,14 +147,20 @@ PHASES = ("move", "sort", "even columns", "odd columns", "wait")
 
 # What is counted in each frame when measures ask for it, indices of the last axis of `tally`, int64.
 # Sums are kept in fixed point: whole numbers add up to the same total in any order, so on any number of workers.
-WALL_X = 0  # impulse on the two walls at the ends of x, times TALLY_SCALE (mass 1)
-WALL_Y = 1
-VIRIAL = 2  # impulse between discs, times TALLY_SCALE
-COLLISION = 3  # pairs whose velocities changed
-DEPTH = 4  # overlap of the pairs met, times TALLY_SCALE / diameter
-DEEPEST = 5  # the largest of them, likewise
-MET = 6  # pairs met
-TALLIES = 7
+LEFT = 0  # impulse on each wall, times TALLY_SCALE
+RIGHT = 1
+BOTTOM = 2
+TOP = 3
+VIRIAL = 4  # impulse between discs, times TALLY_SCALE
+COLLISION = 5  # pairs whose velocities changed
+DEPTH = 6  # overlap of the pairs met, times DEPTH_SCALE / diameter
+DEEPEST = 7  # the largest of them, likewise
+MET = 8  # pairs met
+TALLIES = 9
+WALLS = slice(LEFT, TOP + 1)
+
+DEPTH_SCALE = 2.0**32
+"""Depths are counted in parts of a diameter, whatever the impulses of a scene are."""
 
 # Collision laws.
 REFLECT = 0
@@ -114,6 +169,10 @@ ELASTIC = 1
 # Contacts.
 PUSH = 0
 IMPACT = 1
+
+SLICE = 100_000_000
+"""Nanoseconds after which a command ends with the frame it is in, however many frames it was given: a machine that has
+become slow, or more workers than cores, must not keep Ctrl-C and progress waiting."""
 
 PATIENCE = 120_000_000_000
 """Nanoseconds after which a barrier counts as stalled: far above any pause of a living worker (a suspended laptop's

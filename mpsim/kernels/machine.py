@@ -29,48 +29,80 @@ _HINT = {"x86_64": ("llvm.x86.sse2.pause", []), "aarch64": ("llvm.aarch64.hint",
 # --- the overlap test -------------------------------------------------------------------------------------------
 
 
-def overlap_lanes(x, y, start, xi, yi, diameter_squared):
-    """Bit k is set where disc `start + k` has its centre closer than one diameter to (xi, yi).
+def overlap_lanes(x, y, radius, start, xi, yi, reach):
+    """Bit k is set where disc `start + k` has its centre closer to (xi, yi) than where they touch.
 
-    Reads LANES elements of x and y from `start` on: arrays are padded by LANES. NaN compares as no overlap.
+    radius None: all discs have one, and reach is their diameter squared. Else reach is the radius of the disc at
+    (xi, yi). Reads LANES elements from `start` on: arrays are padded by LANES. NaN compares as no overlap.
     """
     mask = 0
     for lane in range(LANES):
         dx = x[start + lane] - xi
         dy = y[start + lane] - yi
-        if dx * dx + dy * dy < diameter_squared:
+        limit = reach if radius is None else (radius[start + lane] + reach) * (radius[start + lane] + reach)
+        if dx * dx + dy * dy < limit:
             mask |= 1 << lane
     return mask
+
+
+def _vector(context, signature):
+    return ir.VectorType(context.get_value_type(signature.args[0].dtype), LANES)
+
+
+def _load(context, builder, array_type, array, start, vector):
+    data = context.make_array(array_type)(context, builder, array).data
+    pointer = builder.bitcast(builder.gep(data, [start]), vector.as_pointer())
+    return builder.load(pointer, align=array_type.dtype.bitwidth // 8)
+
+
+def _broadcast(builder, scalar, vector):
+    lane = builder.insert_element(ir.Constant(vector, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
+    zeros = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    return builder.shuffle_vector(lane, lane, zeros)
+
+
+def _closer(builder, dx, dy, limit):
+    """The mask of lanes in which dx^2 + dy^2 < limit."""
+    distance_squared = builder.fadd(builder.fmul(dx, dx), builder.fmul(dy, dy))
+    overlap = builder.fcmp_ordered("<", distance_squared, limit)
+    return builder.zext(builder.bitcast(overlap, ir.IntType(LANES)), _WORD)
 
 
 @intrinsic
 def _overlap_lanes(typing_context, x, y, start, xi, yi, diameter_squared):
     def codegen(context, builder, signature, args):
-        vector = ir.VectorType(context.get_value_type(signature.args[0].dtype), LANES)
-
-        def load(array_type, array):
-            data = context.make_array(array_type)(context, builder, array).data
-            pointer = builder.bitcast(builder.gep(data, [args[2]]), vector.as_pointer())
-            return builder.load(pointer, align=array_type.dtype.bitwidth // 8)
-
-        def broadcast(scalar):
-            lane = builder.insert_element(ir.Constant(vector, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
-            zeros = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-            return builder.shuffle_vector(lane, lane, zeros)
-
-        dx = builder.fsub(load(signature.args[0], args[0]), broadcast(args[3]))
-        dy = builder.fsub(load(signature.args[1], args[1]), broadcast(args[4]))
-        distance_squared = builder.fadd(builder.fmul(dx, dx), builder.fmul(dy, dy))
-        overlap = builder.fcmp_ordered("<", distance_squared, broadcast(args[5]))
-        return builder.zext(builder.bitcast(overlap, ir.IntType(LANES)), _WORD)
+        vector = _vector(context, signature)
+        load = lambda k: _load(context, builder, signature.args[k], args[k], args[2], vector)  # noqa: E731
+        dx = builder.fsub(load(0), _broadcast(builder, args[3], vector))
+        dy = builder.fsub(load(1), _broadcast(builder, args[4], vector))
+        return _closer(builder, dx, dy, _broadcast(builder, args[5], vector))
 
     return types.int64(x, y, types.int64, x.dtype, x.dtype, x.dtype), codegen
 
 
+@intrinsic
+def _overlap_lanes_of_radii(typing_context, x, y, radius, start, xi, yi, radius_i):
+    def codegen(context, builder, signature, args):
+        vector = _vector(context, signature)
+        load = lambda k: _load(context, builder, signature.args[k], args[k], args[3], vector)  # noqa: E731
+        dx = builder.fsub(load(0), _broadcast(builder, args[4], vector))
+        dy = builder.fsub(load(1), _broadcast(builder, args[5], vector))
+        reach = builder.fadd(load(2), _broadcast(builder, args[6], vector))
+        return _closer(builder, dx, dy, builder.fmul(reach, reach))
+
+    return types.int64(x, y, radius, types.int64, x.dtype, x.dtype, x.dtype), codegen
+
+
 @overload(overlap_lanes)
-def _compile_overlap_lanes(x, y, start, xi, yi, diameter_squared):
-    def implementation(x, y, start, xi, yi, diameter_squared):
-        return _overlap_lanes(x, y, start, xi, yi, diameter_squared)
+def _compile_overlap_lanes(x, y, radius, start, xi, yi, reach):
+    if isinstance(radius, types.NoneType):
+
+        def implementation(x, y, radius, start, xi, yi, reach):
+            return _overlap_lanes(x, y, start, xi, yi, reach)
+    else:
+
+        def implementation(x, y, radius, start, xi, yi, reach):
+            return _overlap_lanes_of_radii(x, y, radius, start, xi, yi, reach)
 
     return implementation
 

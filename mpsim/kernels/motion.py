@@ -4,26 +4,31 @@ import math
 
 import numpy as np
 
-from mpsim.kernels.compiling import compiled
+from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.exits import is_gone, rest, swallow
+from mpsim.kernels.falling import fall
+from mpsim.kernels.gliding import BLOCK, glide
 from mpsim.kernels.layout import (
     BAD,
     BAD_SLOT,
+    CONTACT,
     DT,
     FRAME,
+    IMPACT,
     TALLY_SCALE,
     WALL_BOUNCE,
     WALL_RESTITUTION,
-    WALL_X,
-    WALL_Y,
     X_HIGH,
     X_LOW,
     Y_HIGH,
     Y_LOW,
 )
 from mpsim.kernels.machine import atomic_store
+from mpsim.kernels.obstacles import meet_obstacles
+from mpsim.kernels.optional import mass_of, radius_of, wall_speed, wrapped
 
 
-@compiled
+@inlined
 def accelerate(discs, low, high, gravity, acceleration, parameters):
     """v += a dt, for what the scene has: one acceleration for all, one per disc, or both. None compiles to nothing."""
     if gravity is not None:
@@ -38,8 +43,8 @@ def accelerate(discs, low, high, gravity, acceleration, parameters):
             discs.vy[i] += acceleration[1, discs.id[i]] * parameters[DT]
 
 
-@compiled
-def drift(discs, low, high, parameters):
+@inlined
+def drift_between_walls(discs, low, high, parameters):
     """p += v dt and the wall rule; returns True if a position or velocity is not finite.
 
     A disc beyond a wall and moving outward has that velocity component turned round. Its centre is clamped to
@@ -77,19 +82,85 @@ def drift(discs, low, high, parameters):
     return bad
 
 
+@inlined
+def reach_wall(p, v, low, high, low_speed, high_speed, bounce, restitution):
+    """The wall rule along one axis between walls that may move: place and velocity after the step that led to p."""
+    if p < low:
+        if v < low_speed:
+            v = low_speed - (v - low_speed) * restitution
+        p = min(low + bounce * (low - p), high)
+    elif p > high:
+        if v > high_speed:
+            v = high_speed - (v - high_speed) * restitution
+        p = max(high + bounce * (high - p), low)
+    return p, v
+
+
+@inlined
+def along_axis(p, v, axis_low, margin, wrap, piston, parameters):
+    """One step along x (axis_low is X_LOW) or y (Y_LOW): through a periodic border, or up to the walls and back."""
+    zero = parameters.dtype.type(0)
+    p = wrapped(p, wrap) + v * parameters[DT]
+    if wrap is not None:
+        return wrapped(p, wrap), v
+    low, high = parameters[axis_low] + margin, parameters[axis_low + 1] - margin
+    speeds = wall_speed(piston, axis_low, zero), wall_speed(piston, axis_low + 1, zero)
+    if p - p != zero:  # not finite: found out by the caller
+        return p, v
+    return reach_wall(p, v, low, high, *speeds, parameters[WALL_BOUNCE], parameters[WALL_RESTITUTION])
+
+
 @compiled
-def tally_walls(discs, low, high, parameters, tally, frame):
-    """Add up the impulses on the walls when this slice drifts: (1 + e) |v| of each disc that they turn round."""
+def drift_anyhow(discs, low, high, wrap_x, wrap_y, piston, parameters):
+    """p += v dt with radii, periodic axes or a piston; returns True if a position or velocity is not finite."""
+    zero = discs.x.dtype.type(0)
+    bad = False
+    for first in range(low, high, BLOCK):
+        last = min(first + BLOCK, high)
+        if glide(discs, first, last, None, None, None, None, parameters):
+            continue
+        for i in range(first, last):
+            margin = radius_of(discs.radius, i, zero)
+            x, vx = along_axis(discs.x[i], discs.vx[i], X_LOW, margin, wrap_x, piston, parameters)
+            y, vy = along_axis(discs.y[i], discs.vy[i], Y_LOW, margin, wrap_y, piston, parameters)
+            discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x, y, vx, vy
+            bad |= not ((x - x == zero) & (y - y == zero) & (vx - vx == zero) & (vy - vy == zero))
+    return bad
+
+
+@inlined
+def drift(discs, low, high, radius, wrap_x, wrap_y, piston, parameters):
+    """p += v dt, walls and borders; returns True if a position or velocity is not finite."""
+    # Numba drops the branch of a test of one argument, not of several at once.
+    if radius is None:  # noqa: SIM102
+        if wrap_x is None:  # noqa: SIM102
+            if wrap_y is None:  # noqa: SIM102
+                if piston is None:
+                    return drift_between_walls(discs, low, high, parameters)
+    return drift_anyhow(discs, low, high, wrap_x, wrap_y, piston, parameters)
+
+
+@compiled
+def tally_walls(discs, low, high, features, parameters, tally, frame):
+    """Add up the impulses on the walls when this slice drifts: m (1 + e) |v| of each disc that they turn round."""
     dt, scale = parameters[DT], np.float64(parameters[TALLY_SCALE])
-    gain = 1 + parameters[WALL_RESTITUTION]
+    zero, one = discs.x.dtype.type(0), discs.x.dtype.type(1)
+    walls_x, walls_y = features.wrap_x is None, features.wrap_y is None
     for i in range(low, high):
+        if is_gone(features.exits, discs.id[i]):
+            continue
+        margin = radius_of(discs.radius, i, zero)
+        gain = (1 + parameters[WALL_RESTITUTION]) * mass_of(features.mass, discs.id[i], one)
         ux, uy = discs.vx[i], discs.vy[i]
         px = discs.x[i] + ux * dt
         py = discs.y[i] + uy * dt
-        if ((px < parameters[X_LOW]) & (ux < 0)) | ((px > parameters[X_HIGH]) & (ux > 0)):
-            tally[frame, WALL_X] += np.int64(gain * abs(ux) * scale)
-        if ((py < parameters[Y_LOW]) & (uy < 0)) | ((py > parameters[Y_HIGH]) & (uy > 0)):
-            tally[frame, WALL_Y] += np.int64(gain * abs(uy) * scale)
+        for limit, p, u, walls in ((X_LOW, px, ux, walls_x), (Y_LOW, py, uy, walls_y)):
+            slow = u - wall_speed(features.piston, limit, zero)
+            fast = u - wall_speed(features.piston, limit + 1, zero)
+            if walls and p < parameters[limit] + margin and slow < 0:
+                tally[frame, limit - X_LOW] -= np.int64(gain * slow * scale)
+            if walls and p > parameters[limit + 1] - margin and fast > 0:
+                tally[frame, limit + 1 - X_LOW] += np.int64(gain * fast * scale)
 
 
 @compiled
@@ -104,14 +175,29 @@ def worst_slot(discs, low, high):
     return worst
 
 
+@inlined
+def has_any(gravity, acceleration):
+    """Whether discs are accelerated in this scene: a constant to the compiler."""
+    if gravity is None:
+        return acceleration is not None
+    return True
+
+
 @compiled
-def move(discs, low, high, gravity, acceleration, parameters, control, mine, tally):
+def move(discs, low, high, features, parameters, control, mine, tally):
     """Advance a slice. False: a disc is not finite, and nothing may be binned by its position."""
-    accelerate(discs, low, high, gravity, acceleration, parameters)
-    if tally is not None:
-        tally_walls(discs, low, high, parameters, tally, mine[FRAME])
-    if drift(discs, low, high, parameters):
+    swallow(discs, low, high, features.exits, features, parameters, control)
+    if has_any(features.gravity, features.acceleration) and control[CONTACT] == IMPACT:
+        bad = fall(discs, low, high, features, parameters, tally, mine[FRAME])
+    else:
+        accelerate(discs, low, high, features.gravity, features.acceleration, parameters)
+        if tally is not None:
+            tally_walls(discs, low, high, features, parameters, tally, mine[FRAME])
+        bad = drift(discs, low, high, discs.radius, features.wrap_x, features.wrap_y, features.piston, parameters)
+    rest(discs, low, high, features.exits)
+    if bad:
         mine[BAD_SLOT] = worst_slot(discs, low, high)
         atomic_store(control, BAD, 1)
         return False
+    meet_obstacles(discs, low, high, features.obstacles.capsule, features, parameters, control)
     return True

@@ -9,6 +9,7 @@ import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.layout import (
+    CELLS,
     CELLS_PER_X,
     CELLS_PER_Y,
     COLUMNS,
@@ -22,6 +23,9 @@ from mpsim.kernels.layout import (
     WORKERS,
 )
 from mpsim.kernels.machine import natural
+
+ORDERED_AT_ONCE = 64
+"""Discs whose order is looked at together."""
 
 
 @compiled
@@ -38,6 +42,15 @@ def bin_discs(discs, low, high, parameters, control):
         cells[i] = column * stride + row + ghost
 
 
+@inlined
+def cells_of(team, worker, control):
+    """First cell of a worker's columns and one past the last; the last worker has whatever lies beyond the grid."""
+    stride = control[ROWS] + 2
+    if worker == control[WORKERS] - 1:
+        return team[worker, FIRST_COLUMN] * stride, control[CELLS]
+    return team[worker, FIRST_COLUMN] * stride, team[worker, LAST_COLUMN] * stride
+
+
 @compiled
 def count_cells(discs, start, outbox, sent, team, worker, control):
     """Count own discs per cell, and list those that moved into another worker's columns.
@@ -45,8 +58,7 @@ def count_cells(discs, start, outbox, sent, team, worker, control):
     The list lies in the slice's own part of `outbox`; sent[w] tells how many of it go to worker w.
     """
     mine = team[worker]
-    stride = control[ROWS] + 2
-    first_cell, last_cell = mine[FIRST_COLUMN] * stride, mine[LAST_COLUMN] * stride
+    first_cell, last_cell = cells_of(team, worker, control)
     start[first_cell + 1 : last_cell + 1] = 0
     sent[:] = 0
     left = 0
@@ -58,9 +70,9 @@ def count_cells(discs, start, outbox, sent, team, worker, control):
         else:
             outbox[low + left] = i
             left += 1
-            column = cell // stride
             for other in range(control[WORKERS]):
-                sent[other] += team[other, FIRST_COLUMN] <= column < team[other, LAST_COLUMN]
+                first, last = cells_of(team, other, control)
+                sent[other] += first <= cell < last
     mine[OUTBOX] = left
     mine[KEPT] = high - low - left
 
@@ -68,8 +80,7 @@ def count_cells(discs, start, outbox, sent, team, worker, control):
 @compiled
 def count_immigrants(discs, start, outbox, team, worker, control):
     """Add to the counts the discs that other workers list and that now lie in own columns."""
-    stride = control[ROWS] + 2
-    first_cell, last_cell = team[worker, FIRST_COLUMN] * stride, team[worker, LAST_COLUMN] * stride
+    first_cell, last_cell = cells_of(team, worker, control)
     for other in range(control[WORKERS]):
         for k in range(team[other, LOW], team[other, LOW] + team[other, OUTBOX]):
             cell = discs.cell[outbox[k]]
@@ -111,14 +122,28 @@ def place(source, i, target, start):
     target.vy[slot] = source.vy[i]
     target.id[slot] = source.id[i]
     target.cell[slot] = cell
+    place_radius(source.radius, i, target.radius, slot)
+
+
+@inlined
+def place_radius(source, i, target, slot):
+    """The radius goes along, where each disc has its own."""
+    if source is not None:
+        target[slot] = source[i]
+
+
+@inlined
+def swap_radii(radius, i, j):
+    """Exchange the radii of two discs, where each has its own."""
+    if radius is not None:
+        radius[i], radius[j] = radius[j], radius[i]
 
 
 @compiled
 def place_all(source, target, start, outbox, team, worker, control):
     """Place the slice's discs that stayed, then those that arrive from other workers."""
     mine = team[worker]
-    stride = control[ROWS] + 2
-    first_cell, last_cell = mine[FIRST_COLUMN] * stride, mine[LAST_COLUMN] * stride
+    first_cell, last_cell = cells_of(team, worker, control)
     if mine[OUTBOX] == 0:
         for i in range(mine[LOW], mine[HIGH]):
             place(source, natural(i), target, start)
@@ -140,30 +165,39 @@ def swap(discs, i, j):
     discs.vx[i], discs.vx[j] = discs.vx[j], discs.vx[i]
     discs.vy[i], discs.vy[j] = discs.vy[j], discs.vy[i]
     discs.id[i], discs.id[j] = discs.id[j], discs.id[i]
+    swap_radii(discs.radius, i, j)
+
+
+@inlined
+def is_out_of_order(discs, low, high):
+    """Whether a disc of [low, high) has a lower id than the one before it in the same cell. Vector code."""
+    cells, cells_before = discs.cell[low:high], discs.cell[low - 1 : high - 1]
+    ids, ids_before = discs.id[low:high], discs.id[low - 1 : high - 1]
+    found = np.int32(0)
+    for i in range(high - low):
+        found |= np.int32((cells[i] == cells_before[i]) & (ids[i] < ids_before[i]))
+    return found != 0
 
 
 @compiled
 def order_by_id(discs, low, high):
     """Insertion sort by id inside each cell. Discs that stay in a cell are in order already, so this seldom acts."""
-    for i in range(natural(low) + 1, high):
-        if (discs.cell[i] == discs.cell[i - 1]) & (discs.id[i] < discs.id[i - 1]):
-            k = i
-            while k > low and discs.cell[k] == discs.cell[k - 1] and discs.id[k] < discs.id[k - 1]:
-                swap(discs, k, k - 1)
-                k -= 1
+    for block in range(natural(low) + 1, high, ORDERED_AT_ONCE):
+        end = min(block + ORDERED_AT_ONCE, high)
+        if is_out_of_order(discs, block, end):
+            for i in range(block, end):
+                k = i
+                while k > low and discs.cell[k] == discs.cell[k - 1] and discs.id[k] < discs.id[k - 1]:
+                    swap(discs, k, k - 1)
+                    k -= 1
 
 
 @compiled
 def sort(source, target, start, outbox, team, sent, worker, control):
     """Counting sort of the discs of own columns; afterwards the worker's slice is what lies there."""
-    mine = team[worker]
-    columns = control[COLUMNS]
-    stride = control[ROWS] + 2
     slot = first_slot_of(team, sent, worker, control)
     count_immigrants(source, start, outbox, team, worker, control)
-    end = counts_to_starts(start, mine[FIRST_COLUMN] * stride, mine[LAST_COLUMN] * stride, slot)
-    if worker == control[WORKERS] - 1:
-        start[columns * stride + 1 : (columns + 1) * stride + 1] = end
+    end = counts_to_starts(start, *cells_of(team, worker, control), slot)
     place_all(source, target, start, outbox, team, worker, control)
     order_by_id(target, slot, end)
     return slot, end

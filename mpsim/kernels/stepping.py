@@ -26,8 +26,10 @@ Inside a column the order is that of the sorted discs, a function of positions a
 nothing but the state in particle order: not on the workers, nor on the memory order left by earlier frames.
 """
 
-from mpsim.kernels.compiling import compiled
+from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.contacts import resolve_all_pairs, resolve_columns
+from mpsim.kernels.exits import bury
+from mpsim.kernels.giants import resolve_giants, take_out
 from mpsim.kernels.layout import (
     ABORT,
     BAD,
@@ -51,16 +53,20 @@ from mpsim.kernels.layout import (
     LOW,
     MAILED,
     MOVE,
+    ODD,
     PASSES,
     PHASE,
     RUNNING,
+    SLICE,
     SORT,
+    STEPS,
     SUBSTEPS,
     WAIT,
     WORKERS,
 )
 from mpsim.kernels.machine import atomic_add, atomic_load, now
 from mpsim.kernels.motion import move
+from mpsim.kernels.piston import advance_piston
 from mpsim.kernels.sorting import bin_discs, count_cells, sort
 from mpsim.kernels.waiting import await_command, barrier
 
@@ -89,14 +95,27 @@ def meet(control, mine, times, since):
     return since
 
 
+@inlined
+def meet_giants(giants, discs, start, features, parameters, control, mine, tally, times, worker, moment):
+    """Contacts of the discs that are too large for the grid, by worker 0 while the others wait. Returns the time."""
+    if giants is not None:
+        if worker == 0:
+            mine[COLLISIONS] += resolve_giants(discs, start, features, parameters, control, tally, mine[FRAME])
+            moment = record(times, mine, ODD, moment)
+        moment = meet(control, mine, times, moment)
+    return moment
+
+
 @compiled
-def step(front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, tally, times, worker):
+def step(front, back, start, outbox, features, parameters, control, team, sent, tally, times, worker):
     """One step of one worker from buffer `front` to buffer `back`. Returns RUNNING, or why to leave the loop."""
     mine = team[worker]
     moment = now(mine[CLOCK : CLOCK + 2])
     enter(mine, MOVE)
-    if move(front, mine[LOW], mine[HIGH], gravity, acceleration, parameters, control, mine, tally):
+    if move(front, mine[LOW], mine[HIGH], features, parameters, control, mine, tally):
         bin_discs(front, mine[LOW], mine[HIGH], parameters, control)
+        take_out(front, mine[LOW], mine[HIGH], features.giants, control)
+        bury(front, mine[LOW], mine[HIGH], features.exits, control)
         count_cells(front, start, outbox, sent[worker], team, worker, control)
     moment = record(times, mine, MOVE, moment)
     moment = meet(control, mine, times, moment)
@@ -105,6 +124,9 @@ def step(front, back, start, outbox, gravity, acceleration, parameters, control,
     if control[ABORT] != RUNNING:
         return control[ABORT]
     enter(mine, SORT)
+    if worker == 0:
+        control[STEPS] += 1
+        advance_piston(features.piston, parameters, control)
     slot, end = sort(front, back, start, outbox, team, sent, worker, control)
     moment = record(times, mine, SORT, moment)
     moment = meet(control, mine, times, moment)
@@ -112,7 +134,7 @@ def step(front, back, start, outbox, gravity, acceleration, parameters, control,
     if control[GUARDED] == 0:
         # Neighbouring columns at the same time on different workers: the race of the report, on purpose.
         mine[COLLISIONS] += resolve_columns(
-            back, start, worker, control[COLUMNS], control[WORKERS], control, parameters, tally, mine[FRAME]
+            back, start, worker, control[COLUMNS], control[WORKERS], features, control, parameters, tally, mine[FRAME]
         )
         moment = record(times, mine, EVEN, moment)
         meet(control, mine, times, moment)
@@ -122,29 +144,43 @@ def step(front, back, start, outbox, gravity, acceleration, parameters, control,
         enter(mine, EVEN + parity)
         first = mine[FIRST_COLUMN] + (mine[FIRST_COLUMN] + parity) % 2
         mine[COLLISIONS] += resolve_columns(
-            back, start, first, mine[LAST_COLUMN], 2, control, parameters, tally, mine[FRAME]
+            back, start, first, mine[LAST_COLUMN], 2, features, control, parameters, tally, mine[FRAME]
         )
         moment = record(times, mine, EVEN + parity, moment)
         moment = meet(control, mine, times, moment)
+        if parity == 1:
+            moment = meet_giants(
+                features.giants, back, start, features, parameters, control, mine, tally, times, worker, moment
+            )
     return control[ABORT]
 
 
+@inlined
+def end_when_time_is_up(control, mine, started):
+    """Make this frame the last of the command once it has run for SLICE. For worker 0, at the start of a frame.
+
+    Everybody else compares with FRAMES after the barriers of this frame, or sees that this frame is still to be run.
+    The time is that of the last look at the clock, so it costs nothing.
+    """
+    if mine[CLOCK] * 1_000_000_000 + mine[CLOCK + 1] - started > SLICE:
+        control[FRAMES] = mine[FRAME] + 1
+
+
 @compiled
-def run_frames(
-    front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, tally, times, worker
-):
+def run_frames(front, back, start, outbox, features, parameters, control, team, sent, tally, times, worker):
     """All frames of one command, for one worker. Returns RUNNING if all frames were done."""
     mine = team[worker]
-    for frame in range(control[FRAMES]):
-        mine[FRAME] = frame
+    mine[FRAME] = 0
+    started = now(mine[CLOCK : CLOCK + 2])
+    while mine[FRAME] < control[FRAMES]:
+        if worker == 0:
+            end_when_time_is_up(control, mine, started)
         for _ in range(control[SUBSTEPS]):
-            outcome = step(
-                front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, tally, times, worker
-            )
+            outcome = step(front, back, start, outbox, features, parameters, control, team, sent, tally, times, worker)
             if outcome != RUNNING:
                 return outcome
             front, back = back, front
-    mine[FRAME] = control[FRAMES]
+        mine[FRAME] += 1
     if control[WORKERS] > 1:
         barrier(control, mine)  # nobody still writes its times when the coordinator goes on
     if worker == 0:
@@ -156,7 +192,7 @@ def run_frames(
 
 
 @compiled
-def run_grid(a, b, start, outbox, gravity, acceleration, parameters, control, team, sent, tally, times, worker, linger):
+def run_grid(a, b, start, outbox, features, parameters, control, team, sent, tally, times, worker, linger):
     """Frames of `grid` (one worker) or `parallel`, for one worker.
 
     The coordinator, worker 0, gives the command and does its part of it; as that happens in here, nothing can come
@@ -180,29 +216,34 @@ def run_grid(a, b, start, outbox, gravity, acceleration, parameters, control, te
         if control[LIVE] == 1:
             front, back = b, a
         outcome = run_frames(
-            front, back, start, outbox, gravity, acceleration, parameters, control, team, sent, tally, times, worker
+            front, back, start, outbox, features, parameters, control, team, sent, tally, times, worker
         )
         if worker == 0 or outcome != RUNNING:
             return outcome
 
 
 @compiled
-def run_naive(discs, gravity, acceleration, parameters, control, team, tally, times):
+def run_naive(discs, features, parameters, control, team, tally, times):
     """All frames of one command by testing all pairs i < j in index order. Returns RUNNING or BAD_STATE."""
     mine = team[0]
     count = control[COUNT]
-    for frame in range(control[FRAMES]):
-        mine[FRAME] = frame
+    mine[FRAME] = 0
+    started = now(mine[CLOCK : CLOCK + 2])
+    while mine[FRAME] < control[FRAMES]:
+        end_when_time_is_up(control, mine, started)
         for _ in range(control[SUBSTEPS]):
             moment = now(mine[CLOCK : CLOCK + 2])
             enter(mine, MOVE)
-            if not move(discs, 0, count, gravity, acceleration, parameters, control, mine, tally):
+            if not move(discs, 0, count, features, parameters, control, mine, tally):
                 return BAD_STATE
             moment = record(times, mine, MOVE, moment)
+            control[STEPS] += 1
+            advance_piston(features.piston, parameters, control)
             enter(mine, EVEN)
             for _turn in range(control[PASSES]):
-                mine[COLLISIONS] += resolve_all_pairs(discs, control, parameters, tally, frame)
+                mine[COLLISIONS] += resolve_all_pairs(discs, features, control, parameters, tally, mine[FRAME])
             record(times, mine, EVEN, moment)
+        mine[FRAME] += 1
     control[DONE] += control[FRAMES]
     mine[FRAME] = 0
     return RUNNING

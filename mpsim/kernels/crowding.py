@@ -1,0 +1,258 @@
+"""Discs of any sizes, with or without periodic axes, among obstacles: which overlap, and how to part or shuffle them.
+
+Discs whose radii lie within a factor of two share a level, and a level has a grid of its own, of cells no narrower than
+its largest disc. A search visits a few cells of each level, so it is quick however different the discs are in size.
+"""
+
+import math
+from collections import namedtuple
+
+from mpsim.kernels.compiling import compiled, inlined
+
+EMPTY = -1
+
+# x, y, radius: shape (N,) [length]. level: of each disc, (N,). head: first disc of every cell of every level, all EMPTY
+# at first; following: next disc in the same cell, (N,). columns, rows, first (index in head), largest (radius): one per
+# level. width, height [length] and periodic_x, periodic_y: the box. capsule: obstacles, (K, 5): ax, ay, bx, by, radius.
+Crowd = namedtuple(
+    "Crowd",
+    "x y radius level head following columns rows first largest width height periodic_x periodic_y capsule",
+)
+
+
+@inlined
+def nearest(difference, length, periodic):
+    """One component of a relative position, to the nearest image."""
+    if periodic and difference > 0.5 * length:
+        return difference - length
+    if periodic and difference < -0.5 * length:
+        return difference + length
+    return difference
+
+
+@inlined
+def span(place, reach, length, cells, periodic):
+    """The cells that hold every centre within `reach` of a place along one axis: (first, last), to be taken modulo."""
+    low = math.floor((place - reach) * cells / length)
+    high = math.floor((place + reach) * cells / length)
+    if not periodic:
+        return max(low, 0), min(high, cells - 1)
+    return (0, cells - 1) if high - low + 1 >= cells else (low, high)
+
+
+@inlined
+def cell_of(crowd, i):
+    """Index in `head` of the cell where disc i is."""
+    level = crowd.level[i]
+    columns, rows = crowd.columns[level], crowd.rows[level]
+    column = min(max(int(crowd.x[i] * columns / crowd.width), 0), columns - 1)
+    row = min(max(int(crowd.y[i] * rows / crowd.height), 0), rows - 1)
+    return crowd.first[level] + column * rows + row
+
+
+@inlined
+def enter(crowd, i):
+    """Put disc i into the list of its cell."""
+    cell = cell_of(crowd, i)
+    crowd.following[i] = crowd.head[cell]
+    crowd.head[cell] = i
+
+
+@inlined
+def leave(crowd, i):
+    """Take disc i out of the list of its cell."""
+    cell = cell_of(crowd, i)
+    j = crowd.head[cell]
+    if j == i:
+        crowd.head[cell] = crowd.following[i]
+        return
+    while crowd.following[j] != i:
+        j = crowd.following[j]
+    crowd.following[j] = crowd.following[i]
+
+
+@inlined
+def settle(crowd, i, px, py):
+    """Put disc i, already in a list, to a place: inside the walls, round through a periodic border."""
+    leave(crowd, i)
+    radius = crowd.radius[i]
+    if crowd.periodic_x:
+        crowd.x[i] = px - math.floor(px / crowd.width) * crowd.width
+    else:
+        crowd.x[i] = min(max(px, radius), crowd.width - radius)
+    if crowd.periodic_y:
+        crowd.y[i] = py - math.floor(py / crowd.height) * crowd.height
+    else:
+        crowd.y[i] = min(max(py, radius), crowd.height - radius)
+    enter(crowd, i)
+
+
+@inlined
+def look(crowd, px, py, radius, mover, scale, slack):
+    """Overlaps of a disc at (px, py) with others than `mover`: (how many, the deepest, its depth [length]).
+
+    Radii count times `scale`, and two discs closer than their sum by no more than `slack` [length] do not overlap.
+    """
+    number, partner, worst = 0, EMPTY, 0.0
+    for level in range(crowd.columns.size):
+        columns, rows = crowd.columns[level], crowd.rows[level]
+        reach = scale * (radius + crowd.largest[level])
+        left, right = span(px, reach, crowd.width, columns, crowd.periodic_x)
+        bottom, top = span(py, reach, crowd.height, rows, crowd.periodic_y)
+        for c in range(left, right + 1):
+            for r in range(bottom, top + 1):
+                j = crowd.head[crowd.first[level] + (c % columns) * rows + r % rows]
+                while j != EMPTY:
+                    contact = scale * (radius + crowd.radius[j]) - slack
+                    dx = nearest(crowd.x[j] - px, crowd.width, crowd.periodic_x)
+                    dy = nearest(crowd.y[j] - py, crowd.height, crowd.periodic_y)
+                    square = dx * dx + dy * dy
+                    if j != mover and contact > 0.0 and square < contact * contact:
+                        number += 1
+                        depth = contact - math.sqrt(square)
+                        if depth > worst:
+                            partner, worst = j, depth
+                    j = crowd.following[j]
+    return number, partner, worst
+
+
+@inlined
+def off_obstacles(crowd, px, py, radius):
+    """The place to which a disc at (px, py) must go so as not to touch the obstacle it overlaps most: (x, y, depth)."""
+    x, y, worst = px, py, 0.0
+    for k in range(crowd.capsule.shape[0]):
+        ax, ay = crowd.capsule[k, 0], crowd.capsule[k, 1]
+        bx, by = crowd.capsule[k, 2] - ax, crowd.capsule[k, 3] - ay
+        rx = nearest(px - ax, crowd.width, crowd.periodic_x)
+        ry = nearest(py - ay, crowd.height, crowd.periodic_y)
+        square = bx * bx + by * by
+        part = min(max((rx * bx + ry * by) / square, 0.0), 1.0) if square > 0.0 else 0.0
+        gx, gy = rx - part * bx, ry - part * by
+        distance = math.sqrt(gx * gx + gy * gy)
+        depth = radius + crowd.capsule[k, 4] - distance
+        if depth > worst:
+            worst = depth
+            away = depth / distance if distance > 0.0 else 0.0
+            x, y = px + gx * away, py + gy * away + (depth if distance == 0.0 else 0.0)
+    return x, y, worst
+
+
+@compiled
+def link(crowd):
+    """Enter every disc in the list of its cell."""
+    crowd.head[:] = EMPTY
+    for i in range(crowd.x.size):
+        enter(crowd, i)
+
+
+@compiled
+def count_overlaps(crowd, slack, worst):
+    """Overlapping pairs among linked discs: (how many, depth of the deepest); worst[0:2] receives the deepest pair."""
+    twice, deepest = 0, 0.0
+    for i in range(crowd.x.size):
+        number, j, depth = look(crowd, crowd.x[i], crowd.y[i], crowd.radius[i], i, 1.0, slack)
+        twice += number
+        if depth > deepest:
+            deepest = depth
+            worst[0], worst[1] = min(i, j), max(i, j)
+    return twice // 2, deepest
+
+
+@compiled
+def crowded(crowd, scale):
+    """Whether any linked disc overlaps another or an obstacle."""
+    for i in range(crowd.x.size):
+        px, py, radius = crowd.x[i], crowd.y[i], crowd.radius[i]
+        if off_obstacles(crowd, px, py, scale * radius)[2] > 0.0 or look(crowd, px, py, radius, i, scale, 0.0)[0]:
+            return True
+    return False
+
+
+@compiled
+def add_sequentially(crowd, order, placed, candidates, scale):
+    """Try each candidate, (x, y) as parts of where a centre may be, for the next disc of `order` that has no place.
+
+    A disc takes its place if it overlaps none there yet. Returns the number of discs placed.
+    """
+    for k in range(candidates.shape[0]):
+        if placed == order.size:
+            break
+        i = order[placed]
+        radius = crowd.radius[i]
+        low_x = 0.0 if crowd.periodic_x else radius
+        low_y = 0.0 if crowd.periodic_y else radius
+        px = low_x + candidates[k, 0] * (crowd.width - 2.0 * low_x)
+        py = low_y + candidates[k, 1] * (crowd.height - 2.0 * low_y)
+        free = off_obstacles(crowd, px, py, scale * radius)[2] == 0.0
+        if free and look(crowd, px, py, radius, EMPTY, scale, 0.0)[0] == 0:
+            crowd.x[i], crowd.y[i] = px, py
+            enter(crowd, i)
+            placed += 1
+    return placed
+
+
+@compiled
+def throw(crowd, order, candidates, scale):
+    """Give each disc of `order` the first of its candidates that is not deep in another disc, else the least bad one.
+
+    candidates: shape (N, K, 2), (x, y) as parts of where a centre may be. Deep: by more than the disc's own radius.
+    """
+    for k in range(order.size):
+        i = order[k]
+        radius = crowd.radius[i]
+        low_x = 0.0 if crowd.periodic_x else radius
+        low_y = 0.0 if crowd.periodic_y else radius
+        least = math.inf
+        for choice in range(candidates.shape[1]):
+            px = low_x + candidates[k, choice, 0] * (crowd.width - 2.0 * low_x)
+            py = low_y + candidates[k, choice, 1] * (crowd.height - 2.0 * low_y)
+            depth = look(crowd, px, py, radius, EMPTY, scale, 0.0)[2]
+            depth = max(depth, off_obstacles(crowd, px, py, scale * radius)[2])
+            if depth < least:
+                least = depth
+                crowd.x[i], crowd.y[i] = px, py
+            if depth <= radius:
+                break
+        enter(crowd, i)
+
+
+@compiled
+def part(crowd, scale, beyond):
+    """Move each linked disc and the one it overlaps most out of each other, the smaller by more; then off obstacles.
+
+    beyond: how much farther than needed, as a part of the overlap.
+    """
+    for i in range(crowd.x.size):
+        _, j, depth = look(crowd, crowd.x[i], crowd.y[i], crowd.radius[i], i, scale, 0.0)
+        if j != EMPTY:
+            dx = nearest(crowd.x[j] - crowd.x[i], crowd.width, crowd.periodic_x)
+            dy = nearest(crowd.y[j] - crowd.y[i], crowd.height, crowd.periodic_y)
+            distance = math.sqrt(dx * dx + dy * dy)
+            # Two discs at one point part along x.
+            nx, ny = (dx / distance, dy / distance) if distance > 0.0 else (1.0, 0.0)
+            depth *= 1.0 + beyond
+            mine = depth * crowd.radius[j] / (crowd.radius[i] + crowd.radius[j])
+            settle(crowd, i, crowd.x[i] - mine * nx, crowd.y[i] - mine * ny)
+            settle(crowd, j, crowd.x[j] + (depth - mine) * nx, crowd.y[j] + (depth - mine) * ny)
+        if crowd.capsule.shape[0]:
+            px, py, depth = off_obstacles(crowd, crowd.x[i], crowd.y[i], scale * crowd.radius[i])
+            if depth > 0.0:
+                settle(crowd, i, px, py)
+
+
+@compiled
+def shuffle(crowd, moves, scale):
+    """One Monte Carlo move per disc, accepted if it leads into the box and to no overlap (Metropolis et al. 1953)."""
+    for i in range(crowd.x.size):
+        radius = crowd.radius[i]
+        px, py = crowd.x[i] + moves[i, 0], crowd.y[i] + moves[i, 1]
+        if crowd.periodic_x:
+            px -= math.floor(px / crowd.width) * crowd.width
+        if crowd.periodic_y:
+            py -= math.floor(py / crowd.height) * crowd.height
+        inside = crowd.periodic_x or (radius <= px) & (px <= crowd.width - radius)
+        inside = inside and (crowd.periodic_y or (radius <= py) & (py <= crowd.height - radius))
+        if not inside or off_obstacles(crowd, px, py, scale * radius)[2] > 0.0:
+            continue
+        if look(crowd, px, py, radius, i, scale, 0.0)[0] == 0:
+            settle(crowd, i, px, py)

@@ -1,0 +1,69 @@
+"""Edges that swallow discs. A swallowed disc keeps its number, stays where it left, at rest, and meets nobody."""
+
+from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.layout import ABSORBING, COLUMNS, CONTACT, DT, IMPACT, ROWS, X_HIGH, X_LOW, Y_HIGH, Y_LOW
+from mpsim.kernels.optional import pull_on, radius_of
+
+
+@inlined
+def is_gone(exits, disc):
+    """Whether a disc has left, by its id."""
+    if exits is None:
+        return False
+    return exits[0, disc] != 0
+
+
+@compiled
+def absorb(discs, low, high, exits, features, parameters, control):
+    """Swallow the discs of a slice that this step would bring to an absorbing edge."""
+    edges, dt = control[ABSORBING], parameters[DT]
+    zero, two = discs.x.dtype.type(0), discs.x.dtype.type(2)
+    late = dt / two if control[CONTACT] == IMPACT else zero  # a parabola is as far as its mean velocity leads
+    for i in range(low, high):
+        disc = discs.id[i]
+        margin = radius_of(discs.radius, i, zero)
+        pull_x = pull_on(features.gravity, features.acceleration, 0, disc, zero)
+        pull_y = pull_on(features.gravity, features.acceleration, 1, disc, zero)
+        x = discs.x[i] + (discs.vx[i] + pull_x * (dt - late)) * dt
+        y = discs.y[i] + (discs.vy[i] + pull_y * (dt - late)) * dt
+        left = (edges & 1) != 0 and x < parameters[X_LOW] + margin
+        right = (edges & 2) != 0 and x > parameters[X_HIGH] - margin
+        bottom = (edges & 4) != 0 and y < parameters[Y_LOW] + margin
+        top = (edges & 8) != 0 and y > parameters[Y_HIGH] - margin
+        if (left or right or bottom or top) and exits[0, disc] == 0:
+            exits[0, disc], exits[1, disc], exits[2, disc] = 1, discs.x[i], discs.y[i]
+
+
+@compiled
+def lay_to_rest(discs, low, high, exits):
+    """Undo what a step has done to the swallowed discs of a slice."""
+    zero = discs.x.dtype.type(0)
+    for i in range(low, high):
+        disc = discs.id[i]
+        if exits[0, disc] != 0:
+            discs.x[i], discs.y[i] = exits[1, disc], exits[2, disc]
+            discs.vx[i], discs.vy[i] = zero, zero
+
+
+@inlined
+def swallow(discs, low, high, exits, features, parameters, control):
+    """`absorb`, where there are such edges; swallowed discs stand still while the others move."""
+    if exits is not None:
+        absorb(discs, low, high, exits, features, parameters, control)
+
+
+@inlined
+def rest(discs, low, high, exits):
+    """`lay_to_rest`, where there are such edges."""
+    if exits is not None:
+        lay_to_rest(discs, low, high, exits)
+
+
+@inlined
+def bury(discs, low, high, exits, control):
+    """Bin the swallowed discs of a slice in a cell beyond the grid, where nobody looks for neighbours."""
+    if exits is not None:
+        graveyard = (control[COLUMNS] + 1) * (control[ROWS] + 2) + 1
+        for i in range(low, high):
+            if exits[0, discs.id[i]] != 0:
+                discs.cell[i] = graveyard

@@ -1,0 +1,110 @@
+"""One step of accelerated discs under contact `impact`: exact parabolas, exact bounces off walls at rest.
+
+The report's v += a dt, p += v dt, with a bounce where the frame ended, loses or gains energy at each bounce. Here a
+disc that ends a step beyond a wall is taken back along its parabola to the instant at which it touched, turned round
+there, and let go on. With depth d beyond the wall, speed s outward now and acceleration A outward:
+
+    speed at the wall   c = sqrt(s^2 - 2 A d)             energy
+    time since then     t = 2 d / (s + c)                 mean speed (s + c) / 2 over the way d
+    now                 e c t - A t^2 / 2 inside, moving inward at e c - A t
+"""
+
+import math
+
+import numpy as np
+
+from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.exits import is_gone
+from mpsim.kernels.gliding import BLOCK, glide
+from mpsim.kernels.layout import DT, TALLY_SCALE, WALL_RESTITUTION, X_LOW, Y_LOW
+from mpsim.kernels.optional import mass_of, pull_on, radius_of, wall_speed, wrapped
+
+
+@inlined
+def bounce_back(depth, speed, pull, parameters):
+    """(way inside, speed inward) of a disc `depth` beyond a wall; speed and pull are outward."""
+    zero, two = parameters.dtype.type(0), parameters.dtype.type(2)  # whole numbers would make float64 of float32
+    at_wall = math.sqrt(max(speed * speed - two * pull * depth, zero))
+    if speed + at_wall == zero:
+        return zero, zero
+    time = min(two * depth / (speed + at_wall), parameters[DT])
+    inward = parameters[WALL_RESTITUTION] * at_wall
+    way = (inward - pull * time / two) * time
+    inward -= pull * time
+    if way < zero:  # it does not leave the wall any more: it rests there
+        return zero, max(inward, zero)
+    return way, inward
+
+
+@inlined
+def fall_along(p, v, pull, axis_low, margin, wrap, piston, parameters):
+    """One step along x (X_LOW) or y (Y_LOW): place, velocity, and what the low and the high wall have changed it by."""
+    zero, two = parameters.dtype.type(0), parameters.dtype.type(2)
+    dt = parameters[DT]
+    v += pull * dt
+    p = wrapped(p, wrap) + (v - pull * dt / two) * dt
+    if wrap is not None:
+        return wrapped(p, wrap), v, zero, zero
+    low, high = parameters[axis_low] + margin, parameters[axis_low + 1] - margin
+    before = v
+    if p - p != zero:  # not finite: found out by the caller
+        return p, v, zero, zero
+    if p < low:
+        wall, way = wall_speed(piston, axis_low, zero), zero
+        if v < wall:
+            way, inward = bounce_back(low - p, wall - v, -pull, parameters)
+            v = wall + inward
+        return min(low + way, high), v, v - before, zero
+    if p > high:
+        wall, way = wall_speed(piston, axis_low + 1, zero), zero
+        if v > wall:
+            way, inward = bounce_back(p - high, v - wall, pull, parameters)
+            v = wall - inward
+        return max(high - way, low), v, zero, before - v
+    return p, v, zero, zero
+
+
+@inlined
+def glide_down(discs, low, high, gravity, acceleration, parameters):
+    """`glide` where all discs are accelerated alike. Returns whether it did."""
+    if acceleration is not None:
+        return False
+    if gravity is None:
+        return False
+    two, dt = parameters.dtype.type(2), parameters[DT]
+    kick_x, kick_y = gravity[0] * dt, gravity[1] * dt
+    return glide(discs, low, high, kick_x, kick_y, kick_x / two, kick_y / two, parameters)
+
+
+@compiled
+def fall(discs, low, high, features, parameters, tally, frame):
+    """Advance a slice of accelerated discs. Returns True if a position or velocity is not finite."""
+    bad = False
+    for first in range(low, high, BLOCK):
+        last = min(first + BLOCK, high)
+        if not glide_down(discs, first, last, features.gravity, features.acceleration, parameters):
+            for i in range(first, last):
+                bad |= fall_alone(discs, i, features, parameters, tally, frame)
+    return bad
+
+
+@inlined
+def fall_alone(discs, i, features, parameters, tally, frame):
+    """Advance one accelerated disc. Returns True if it is not finite."""
+    zero, one = discs.x.dtype.type(0), discs.x.dtype.type(1)
+    disc = discs.id[i]
+    margin = radius_of(discs.radius, i, zero)
+    pull_x = pull_on(features.gravity, features.acceleration, 0, disc, zero)
+    pull_y = pull_on(features.gravity, features.acceleration, 1, disc, zero)
+    x, vx, left, right = fall_along(
+        discs.x[i], discs.vx[i], pull_x, X_LOW, margin, features.wrap_x, features.piston, parameters
+    )
+    y, vy, bottom, top = fall_along(
+        discs.y[i], discs.vy[i], pull_y, Y_LOW, margin, features.wrap_y, features.piston, parameters
+    )
+    discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x, y, vx, vy
+    if tally is not None and not is_gone(features.exits, disc):
+        scale = np.float64(parameters[TALLY_SCALE]) * mass_of(features.mass, disc, one)
+        for wall, taken in enumerate((left, right, bottom, top)):
+            tally[frame, wall] += np.int64(taken * scale)
+    return not ((x - x == zero) & (y - y == zero) & (vx - vx == zero) & (vy - vy == zero))

@@ -1,0 +1,104 @@
+"""What a scene may lack, looked up in one line. For each of these None means "as if it were not there".
+
+Numba compiles a function anew for a None argument and drops what is tested against it, so each accessor is the value
+itself, a constant, or nothing at all.
+"""
+
+import numpy as np
+
+from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.layout import DIAMETER, PISTON_NOW, PISTON_WALL
+
+
+@inlined
+def radius_of(radius, i, otherwise):
+    """Radius of the disc in slot i, or what stands for it where all discs have the same."""
+    if radius is None:
+        return otherwise
+    return radius[i]
+
+
+@inlined
+def mass_of(mass, disc, one):
+    """Mass of a disc by its id; one where all have the same."""
+    if mass is None:
+        return one
+    return mass[disc]
+
+
+@inlined
+def share(mass, disc, other, one):
+    """2 m' / (m + m'): the part that `disc` takes of what a pair divides, 1 for equal masses (m' is the other's)."""
+    if mass is None:
+        return one
+    return (one + one) * mass[other] / (mass[disc] + mass[other])
+
+
+@inlined
+def touching_distance(radius, i, j, parameters):
+    """Distance at which the discs in slots i and j touch."""
+    if radius is None:
+        return parameters[DIAMETER]
+    return radius[i] + radius[j]
+
+
+@inlined
+def reach_of(radius, i, diameter_squared):
+    """What `overlap_lanes` compares with for the disc in slot i: its radius, or the diameter squared of all."""
+    if radius is None:
+        return diameter_squared
+    return radius[i]
+
+
+@inlined
+def seen_from(coordinate, image):
+    """A coordinate as seen by discs on the other side of a periodic border, `image` being the length to go back."""
+    if image is None:
+        return coordinate
+    return coordinate - image
+
+
+@inlined
+def confined(coordinate, low, high, margin, wrap):
+    """A coordinate kept between walls; along a periodic axis it is left alone until the next step begins."""
+    if wrap is None:
+        return min(max(coordinate, low + margin), high - margin)
+    return coordinate
+
+
+@inlined
+def wrapped(coordinate, wrap):
+    """A coordinate brought into [0, length) along a periodic axis. Doing it twice changes nothing."""
+    if wrap is None:
+        return coordinate
+    coordinate -= wrap[0] * np.floor(coordinate / wrap[0])
+    # Just below 0 the sum rounds to the length itself, and a flight of many lengths leaves rounding of either sign.
+    if (coordinate < 0) | (coordinate >= wrap[0]):
+        return wrap[0] - wrap[0]
+    return coordinate
+
+
+@inlined
+def pull_on(gravity, acceleration, axis, disc, zero):
+    """Acceleration of a disc along an axis, whatever the scene has of it."""
+    pull = zero
+    if gravity is not None:
+        pull += gravity[axis]
+    if acceleration is not None:
+        pull += acceleration[axis, disc]
+    return pull
+
+
+@inlined
+def wall_speed(piston, limit, zero):
+    """Speed of the wall that sets a limit (X_LOW, ...); only a piston has one."""
+    if piston is None:
+        return zero
+    return piston[PISTON_NOW] if int(piston[PISTON_WALL]) == limit else zero
+
+
+@compiled
+def wrap_places(places, wrap):
+    """`wrapped` for each of many coordinates, in place."""
+    for i in range(places.shape[0]):
+        places[i] = wrapped(places[i], wrap)
