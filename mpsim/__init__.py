@@ -15,19 +15,27 @@ from mpsim import measure
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import (
+    BudgetError,
+    CheckpointError,
+    CheckpointWarning,
     ClosedError,
     DivergedError,
+    EmitterWarning,
     GuardWarning,
     InputError,
     MpsimError,
     NotRecordedError,
     OutputError,
     OverlapWarning,
+    SceneFileError,
     SharedMemoryError,
     StalledError,
     WorkerDied,
     WorkerStalled,
 )
+from mpsim.features import Emitter, FixedDisc, Piston, Polyline
+from mpsim.measure.tradeoff import Tradeoff, tradeoff
+from mpsim.measure.tune import Tuned, tune
 from mpsim.scene import Scene
 from mpsim.settings import Settings
 from mpsim.state import State
@@ -46,23 +54,36 @@ def __getattr__(name: str) -> Any:
 
 
 __all__ = [
+    "BudgetError",
+    "CheckpointError",
+    "CheckpointWarning",
     "ClosedError",
     "DivergedError",
+    "Emitter",
+    "EmitterWarning",
+    "FixedDisc",
     "GuardWarning",
     "InputError",
     "MpsimError",
     "NotRecordedError",
     "OutputError",
     "OverlapWarning",
+    "Piston",
+    "Polyline",
     "Report",
     "Scene",
+    "SceneFileError",
     "Settings",
     "SharedMemoryError",
     "Simulation",
     "StalledError",
     "State",
+    "Tradeoff",
+    "Tuned",
     "WorkerDied",
     "WorkerStalled",
     "animate",
     "measure",
+    "tradeoff",
+    "tune",
 ]

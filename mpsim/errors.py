@@ -1,5 +1,7 @@
 """Every exception and warning a user can meet. Each text says: what, the rule, the value received, what to do."""
 
+from collections.abc import Sequence
+
 
 class MpsimError(Exception):
     """Base of all exceptions of mpsim: `except mpsim.MpsimError` catches every one of them."""
@@ -7,6 +9,22 @@ class MpsimError(Exception):
 
 class InputError(MpsimError, ValueError):
     """A scene, a setting or an argument breaks a rule; nothing was changed."""
+
+
+class SceneFileError(InputError):
+    """A scene file breaks rules.
+
+    Attributes: problems (one sentence each: key path, rule, value received), file (as it was named).
+    """
+
+    def __init__(self, file: str, problems: Sequence[str]):
+        self.file = file
+        self.problems = tuple(problems)
+        lines = [f"{file}: {problem}" for problem in problems]
+        super().__init__("\n".join([f"{len(lines)} problems in a scene file:", *lines] if len(lines) > 1 else lines))
+
+    def __reduce__(self) -> tuple[type, tuple[str, tuple[str, ...]]]:
+        return type(self), (self.file, self.problems)
 
 
 class ClosedError(MpsimError, RuntimeError):
@@ -66,12 +84,28 @@ class NotRecordedError(MpsimError, KeyError):
         return str(self.args[0])
 
 
+class BudgetError(MpsimError, ValueError):
+    """No settings meet the errors that `tune` was asked for."""
+
+
 class OutputError(MpsimError, OSError):
     """A file cannot be written as asked; nothing was written."""
 
 
 class StalledError(MpsimError, RuntimeError):
     """The exact solver met more collisions at one instant than can be."""
+
+
+class CheckpointError(MpsimError, OSError):
+    """A checkpoint cannot be read: it is missing, damaged, or of a newer version."""
+
+
+class CheckpointWarning(UserWarning):
+    """The newest checkpoint is damaged, and the one before it was taken instead."""
+
+
+class EmitterWarning(UserWarning):
+    """A disc that an emitter was to add waits, because its place is occupied."""
 
 
 class GuardWarning(UserWarning):

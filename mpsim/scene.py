@@ -1,31 +1,43 @@
 """Scene: what is simulated."""
 
+import copy
+import hashlib
 import math
+import os
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mpsim import checks, placement
+from mpsim import arrangement, checks, features, placement
 from mpsim.errors import InputError
+from mpsim.features import Emitter, Obstacle, Piston
+from mpsim.state import State
 
 LARGEST_COUNT = 100_000_000
 """More discs than this is taken for a mistake (a scene of this size needs some 10 GB)."""
 
 
 class Scene:
-    """Equal discs of mass 1 in a box with hard walls. Checked when made; its arrays are read-only copies.
+    """Discs in a box. Checked when made; its arrays are read-only copies. What is left out costs nothing.
 
     Args:
         width, height: inner size of the box, x in [0, width], y in [0, height] [length], > 0.
-        position: centres, shape (N, 2) [length], each in [radius, width - radius] x [radius, height - radius]; N may
-            be 0. Discs may overlap: the first frames push them apart.
+        position: centres, shape (N, 2) [length], each one radius from the walls or more (along a periodic axis: in
+            the box); N may be 0. Discs may overlap: the first frames push them apart.
         velocity: shape (N, 2) [length/time].
-        radius: of every disc [length], > 0, at most half of the box.
-        gravity: (gx, gy), one acceleration for all discs [length/time^2]; None: none, and no cost.
+        radius: of every disc, or one each, shape (N,) [length], > 0, at most half of the box.
+        mass: one each, shape (N,) [mass], > 0; None: 1 each.
+        gravity: (gx, gy), one acceleration for all discs [length/time^2].
+        acceleration: one per disc, shape (N, 2) [length/time^2].
         restitution: of two discs, from 0 (they part at rest against each other) to 1 (no loss) [dimensionless].
-        wall_restitution: of a disc and a wall, likewise.
-        acceleration: one per disc, shape (N, 2) [length/time^2]; None: none, and no cost.
+        wall_restitution: of a disc and a wall or an obstacle, likewise.
+        boundary: "walls" or "periodic", or one for x and one for y. A periodic axis is at least two diameters long.
+        obstacles: FixedDisc and Polyline objects, in the box.
+        emitters: Emitter objects, which add discs while the scene runs.
+        absorbing: edges, of "left", "right", "bottom", "top", at which discs leave for good.
+        piston: one wall that moves.
 
     Raises:
         InputError: naming the argument, its rule and the value received.
@@ -42,51 +54,173 @@ class Scene:
         height: float,
         position: ArrayLike,
         velocity: ArrayLike,
-        radius: float,
+        radius: ArrayLike,
+        mass: ArrayLike | None = None,
         gravity: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
         restitution: float = 1.0,
         wall_restitution: float = 1.0,
+        boundary: str | Sequence[str] = "walls",
+        obstacles: Sequence[Obstacle] | Obstacle = (),
+        emitters: Sequence[Emitter] | Emitter = (),
+        absorbing: Sequence[str] | str = (),
+        piston: Piston | None = None,
     ):
         self.width: float = checks.positive("width", width, "[length]")
         self.height: float = checks.positive("height", height, "[length]")
-        self.radius: float = checks.positive("radius", radius, "[length]")
-        if 2 * self.radius > min(self.width, self.height):
-            raise InputError(
-                f"radius must be at most half the box, {min(self.width, self.height) / 2:g} here; got {radius!r}. "
-                "Use smaller discs or a larger box."
-            )
         self.position: NDArray[np.float64] = checks.finite_array("position", position, (None, 2), "(N, 2)")
         count = len(self.position)
         checks.whole("the number of discs", count, 0, LARGEST_COUNT, "Simulate fewer discs.")
-        self.velocity: NDArray[np.float64] = checks.finite_array(
-            "velocity", velocity, (count, 2), f"({count}, 2), one row per row of position"
-        )
+        rows = f"({count}, 2), one row per row of position"
+        self.velocity: NDArray[np.float64] = checks.finite_array("velocity", velocity, (count, 2), rows)
+        self.radius: float | NDArray[np.float64] = _one_or_each("radius", radius, count, "[length]")
+        self.mass = None if mass is None else _masses(mass, count)
         self.gravity: NDArray[np.float64] | None = None
         if gravity is not None:
             self.gravity = checks.finite_array("gravity", gravity, (2,), "(2,)")
         self.acceleration: NDArray[np.float64] | None = None
         if acceleration is not None:
-            self.acceleration = checks.finite_array(
-                "acceleration", acceleration, (count, 2), f"({count}, 2), one row per row of position"
-            )
+            self.acceleration = checks.finite_array("acceleration", acceleration, (count, 2), rows)
         self.restitution = checks.fraction("restitution", restitution)
         self.wall_restitution = checks.fraction("wall_restitution", wall_restitution)
-        self.check_inside("position", self.position)
+        self.boundary = features.check_boundary(boundary)
+        self.obstacles = features.check_obstacles(obstacles, self.width, self.height)
+        self.emitters: tuple[Emitter, ...] = features.check_members("emitters", emitters, Emitter)
+        self.absorbing = features.check_edges(absorbing, self.boundary)
+        self.piston: Piston | None = features.check_piston(
+            piston, self.boundary, self.width, self.height, self.absorbing
+        )
+        self._check_room()
+        self.check_inside("position", self.position, self.radius)
+        for index, emitter in enumerate(self.emitters):
+            self._check_emitter(index, emitter)
 
-    def check_inside(self, name: str, position: NDArray[np.float64]) -> None:
+    def _check_room(self) -> None:
+        """The box must hold its largest disc; along a periodic axis, two of them."""
+        radii = np.append(np.ravel(self.radius), [e.radius for e in self.emitters if e.radius is not None])
+        largest = float(radii.max(initial=0.0))
+        _demand_room(largest, self.width, self.height, self.boundary)
+        if self.piston is not None:
+            length = self.width if self.piston.wall in ("left", "right") else self.height
+            room = self.piston.stop if self.piston.wall in ("right", "top") else length - self.piston.stop
+            if 2 * largest > room:
+                raise InputError(
+                    f"stop of the piston must leave room for the largest disc, of diameter {2 * largest:g}; got "
+                    f"{self.piston.stop:g}, which leaves {room:g}. Let it stop earlier."
+                )
+
+    def _check_emitter(self, index: int, emitter: Emitter) -> None:
+        """An emitter must know the radius and mass of its discs, and stand in the box."""
+        for name, common in (("radius", np.ndim(self.radius) == 0), ("mass", self.mass is None)):
+            if getattr(emitter, name) is None and not common:
+                raise InputError(
+                    f"emitters[{index}] must have a {name}, as the discs of this scene have one each; got None."
+                )
+        radius = self.radius if emitter.radius is None else emitter.radius
+        self.check_inside(f"the position of emitters[{index}]", np.array([emitter.position]), radius)
+
+    def limits(self, radius: float | NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Least and largest centre of discs of a radius, shapes (2,) or (N, 2) [length]."""
+        size = np.array([self.width, self.height])
+        walls = np.array([word == "walls" for word in self.boundary])
+        margin = np.multiply.outer(np.asarray(radius), walls)
+        return margin, size - margin
+
+    def check_inside(self, name: str, position: NDArray[np.float64], radius: float | NDArray[np.float64]) -> None:
         """Raise InputError, naming the first offender, unless every centre is at least one radius from each wall."""
-        high = np.array([self.width, self.height]) - self.radius
+        low, high = self.limits(radius)
         # A centre may touch the wall to within rounding of the box's own coordinates.
         slack = 4 * np.finfo(np.float64).eps * max(self.width, self.height)
-        outside = np.argwhere(((position < self.radius - slack) | (position > high + slack)).any(axis=1))
+        outside = np.argwhere(((position < low - slack) | (position > high + slack)).any(axis=1))
         if len(outside):
             index = int(outside[0, 0])
+            (x_low, y_low), (x_high, y_high) = (
+                np.broadcast_to(limit, (len(position), 2))[index] for limit in (low, high)
+            )
             raise InputError(
-                f"{name}[{index}] must lie in [{self.radius:g}, {high[0]:g}] x [{self.radius:g}, {high[1]:g}] (one "
+                f"{name}[{index}] must lie in [{x_low:g}, {x_high:g}] x [{y_low:g}, {y_high:g}] (one "
                 f"radius from the walls); got {tuple(position[index].tolist())} ({len(outside)} discs outside). "
                 "Move the disc or enlarge the box."
             )
+
+    @classmethod
+    def load(cls, source: str | os.PathLike[str]) -> "Scene":
+        """A scene that comes with mpsim, or one from a scene file.
+
+        Args:
+            source: a name, such as "gas", or a path that ends in .toml. The file may lead to arrays in its own folder
+                or below; nothing in it is executed. mpsim.scenefile.load also tells its settings and texts.
+
+        Raises:
+            InputError: if there is no such scene; SceneFileError, one of these, names all that is wrong in a file.
+
+        >>> Scene.load("gas")
+        <Scene: 100 discs of radius 0.5 in 14.0125 x 14.0125, packing 0.4>
+        """
+        from mpsim import scenefile  # noqa: PLC0415 - its checker takes a moment to load
+
+        return scenefile.load(source).scene
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a scene file, from which `load` makes the same scene, bit for bit.
+
+        Args:
+            path: ends in .toml; an existing file is replaced. Arrays of more than 64 rows go to .npy files beside it.
+
+        Raises:
+            InputError: if the path does not end in .toml.
+            OutputError: if it cannot be written.
+        """
+        from mpsim import scenefile  # noqa: PLC0415
+
+        scenefile.save(self, path)
+
+    def digest(self) -> str:
+        """Hex digest of all that the scene holds; equal digests mean equal bits.
+
+        >>> Scene.load("gas").digest() == Scene.random(count=100, packing=0.4, radius=0.5, seed=1).digest()
+        True
+        """
+        digest = hashlib.blake2b(digest_size=16)
+        for name, value in sorted(vars(self).items()):
+            digest.update(f"{name} ".encode())
+            if isinstance(value, np.ndarray):
+                digest.update(f"{value.shape} ".encode() + np.ascontiguousarray(value, "<f8").tobytes())
+            else:
+                digest.update(f"{value!r} ".encode())  # in which floats lose no bit
+        return digest.hexdigest()
+
+    @property
+    def largest_radius(self) -> float:
+        """Radius of the largest disc, emitters' discs included [length]."""
+        radii = np.append(np.ravel(self.radius), [e.radius for e in self.emitters if e.radius is not None])
+        return float(radii.max(initial=0.0))
+
+    @property
+    def smallest_radius(self) -> float:
+        """Radius of the smallest disc, emitters' discs included [length]."""
+        radii = np.append(np.ravel(self.radius), [e.radius for e in self.emitters if e.radius is not None])
+        return float(radii.min(initial=self.largest_radius))
+
+    @property
+    def periodic(self) -> tuple[bool, bool]:
+        """Whether x, and whether y, is periodic."""
+        return self.boundary[0] == "periodic", self.boundary[1] == "periodic"
+
+    @property
+    def radii(self) -> NDArray[np.float64]:
+        """Radius of each disc, shape (N,) [length]."""
+        return np.broadcast_to(np.asarray(self.radius), self.count)
+
+    @property
+    def masses(self) -> NDArray[np.float64]:
+        """Mass of each disc, shape (N,) [mass]."""
+        return np.ones(self.count) if self.mass is None else self.mass
+
+    @property
+    def capsules(self) -> NDArray[np.float64]:
+        """Obstacles as segments with a radius, shape (K, 5): ax, ay, bx, by, radius [length]."""
+        return features.capsules_of(self.obstacles)
 
     @property
     def count(self) -> int:
@@ -96,13 +230,70 @@ class Scene:
     @property
     def packing(self) -> float:
         """Packing fraction: area of the discs over area of the box."""
-        return self.count * math.pi * self.radius**2 / (self.width * self.height)
+        return math.pi * float((self.radii**2).sum()) / (self.width * self.height)
+
+    def starting_from(self, state: State) -> "Scene":
+        """The same scene with the places and velocities of a state.
+
+        Args:
+            state: of as many discs as the scene has.
+
+        Raises:
+            InputError: if the number of discs differs, or the state does not fit the box.
+
+        >>> scene = Scene(width=4, height=3, position=[[1, 1]], velocity=[[1, 0]], radius=0.5, gravity=(0, -1))
+        >>> scene.starting_from(State(np.array([[2.0, 2.0]]), np.array([[0.0, 0.0]]))).position.tolist()
+        [[2.0, 2.0]]
+        """
+        if len(state.position) != self.count:
+            raise InputError(
+                f"a state for starting_from must hold the scene's {self.count} discs; got {len(state.position)}. "
+                "Make a new Scene for another number of discs."
+            )
+        other = copy.copy(self)
+        other.position = checks.finite_array("position", state.position, (self.count, 2), f"({self.count}, 2)")
+        other.velocity = checks.finite_array("velocity", state.velocity, (self.count, 2), f"({self.count}, 2)")
+        other.check_inside("position", other.position, other.radius)
+        return other
+
+    def overlaps_at_start(self) -> str:
+        """What overlaps in words, for a warning: discs with each other, through periodic borders too, and obstacles.
+
+        >>> places, rest = [[2, 2], [2.75, 2]], np.zeros((2, 2))
+        >>> Scene(width=9, height=9, position=places, velocity=rest, radius=0.5).overlaps_at_start()
+        '1 pairs of discs overlap at the start, discs 0 and 1 deepest, by 0.25'
+        """
+        words = []
+        pairs, (i, j), depth = placement.overlaps(
+            self.position, self.width, self.height, 2 * self.radius, self.periodic
+        )
+        if pairs:
+            words.append(f"{pairs} pairs of discs overlap at the start, discs {i} and {j} deepest, by {depth:.3g}")
+        discs, disc, owner, depth = features.discs_in_obstacles(
+            self.position, self.radii, self.obstacles, (self.width, self.height), self.periodic
+        )
+        if discs:
+            words.append(
+                f"{discs} discs overlap an obstacle at the start, disc {disc} and obstacles[{owner}] deepest, "
+                f"by {depth:.3g}"
+            )
+        return "; ".join(words)
 
     def __repr__(self) -> str:
-        extras = [name for name in ("gravity", "acceleration") if getattr(self, name) is not None]
+        radii = f"radius {self.largest_radius:g}"
+        if np.ndim(self.radius):
+            radii = f"radii {self.radii.min(initial=np.inf):g} to {self.radii.max(initial=0):g}"
+        extras = [name for name in ("mass", "gravity", "acceleration", "piston") if getattr(self, name) is not None]
+        extras += [name for name in ("obstacles", "emitters", "absorbing") if getattr(self, name)]
+        extras += [
+            f"{name} {getattr(self, name):g}" for name in ("restitution", "wall_restitution") if getattr(self, name) < 1
+        ]
+        extras += [
+            "periodic " + "".join(axis for axis, word in zip("xy", self.boundary, strict=True) if word == "periodic")
+        ]
         return (
-            f"<Scene: {self.count} discs of radius {self.radius:g} in {self.width:g} x {self.height:g}, "
-            f"packing {self.packing:.3g}{''.join(', ' + name for name in extras)}>"
+            f"<Scene: {self.count} discs of {radii} in {self.width:g} x {self.height:g}, "
+            f"packing {self.packing:.3g}{''.join(', ' + name for name in extras if name != 'periodic ')}>"
         )
 
     @classmethod
@@ -110,55 +301,111 @@ class Scene:
         cls,
         *,
         count: int,
-        radius: float,
+        radius: ArrayLike,
+        mass: ArrayLike | None = None,
         temperature: float = 1.0,
         seed: int = 0,
         packing: float | None = None,
         width: float | None = None,
         height: float | None = None,
-        **features: Any,
+        boundary: str | Sequence[str] = "walls",
+        obstacles: Sequence[Obstacle] | Obstacle = (),
+        **others: Any,
     ) -> "Scene":
         """Discs at random places without overlap, with thermal velocities.
 
         Args:
             count: number of discs, >= 0.
-            radius: [length], > 0.
-            temperature: kT in units of the disc's mass: the mean square of one velocity component
-                [length^2/time^2], >= 0. Velocities are normally distributed, without drift from 2 discs on, and scaled
-                so that this mean square is exact.
+            radius: of every disc, or one each, shape (count,) [length], > 0.
+            mass: likewise [mass], > 0; None: 1 each.
+            temperature: kT: the mean of m v_x^2 and m v_y^2 over the discs [mass length^2/time^2], >= 0. Velocities are
+                normally distributed, without momentum in all from 2 discs on, and scaled so that this mean is exact.
             seed: of the random numbers, >= 0; the same seed gives the same scene.
             packing: packing fraction of a square box made to fit, 0 < packing <= 0.8.
             width, height: the box, instead of packing.
-            features: further arguments of Scene, such as gravity.
+            boundary, obstacles: as of Scene. Discs stay clear of obstacles; packing leaves them out of account.
+            others: further arguments of Scene, such as gravity.
 
-        Places are drawn by random sequential addition up to packing 0.4; denser scenes start from a hexagonal lattice
-        and take Monte Carlo steps (Metropolis et al. 1953), so they are near equilibrium.
+        Places are drawn by random sequential addition up to packing 0.4. Denser scenes start from a hexagonal lattice,
+        or, with discs of several sizes, periodic axes or obstacles, from discs that are parted until none overlap;
+        then they take Monte Carlo steps (Metropolis et al. 1953), so they are near equilibrium.
 
         Raises:
-            InputError: naming the argument, its rule and the value received.
+            InputError: naming the argument, its rule and the value received; if no arrangement is found.
 
         >>> scene = Scene.random(count=1000, packing=0.3, radius=0.5, seed=7)
         >>> round(scene.packing, 12), round(float((scene.velocity**2).mean()), 12)
         (0.3, 1.0)
+        >>> mixture = Scene.random(count=90, packing=0.7, radius=[0.5] * 30 + [0.2] * 60, boundary="periodic")
+        >>> round(mixture.packing, 12)
+        0.7
         """
         count = checks.whole("count", count, 0, LARGEST_COUNT, "Simulate fewer discs.")
         seed = checks.whole("seed", seed, 0, 2**63 - 1, "Any whole number will do.")
-        radius = checks.positive("radius", radius, "[length]")
-        temperature = checks.non_negative("temperature", temperature, "[length^2/time^2]")
-        width, height = _box(count, radius, packing, width, height)
+        radius = _one_or_each("radius", radius, count, "[length]")
+        masses = None if mass is None else _masses(mass, count)
+        temperature = checks.non_negative("temperature", temperature, "[mass length^2/time^2]")
+        edges = features.check_boundary(boundary)
+        width, height = _box(count, radius, packing, width, height, edges)
+        walls = features.check_obstacles(obstacles, width, height)
         rng = np.random.default_rng(seed)
-        position = placement.random_places(count, width, height, radius, rng)
-        velocity = rng.normal(size=(count, 2))
-        if count > 1:
-            velocity -= velocity.mean(axis=0)
-            velocity *= math.sqrt(temperature) / math.sqrt((velocity**2).mean())
+        if isinstance(radius, float) and edges == ("walls", "walls") and not walls:
+            position = placement.random_places(count, width, height, radius, rng)
         else:
-            velocity *= math.sqrt(temperature)
-        return cls(width=width, height=height, position=position, velocity=velocity, radius=radius, **features)
+            periodic = edges[0] == "periodic", edges[1] == "periodic"
+            radii = np.broadcast_to(radius, count)
+            position = placement.random_crowd(radii, width, height, rng, periodic, features.capsules_of(walls))
+        return cls(
+            width=width,
+            height=height,
+            position=position,
+            velocity=arrangement.thermal_velocities(count, temperature, masses, rng),
+            radius=radius,
+            mass=masses,
+            boundary=edges,
+            obstacles=walls,
+            **others,
+        )
+
+
+def _one_or_each(name: str, value: ArrayLike, count: int, unit: str) -> float | NDArray[np.float64]:
+    """A positive number for all, or one each, shape (count,); equal ones become one for all."""
+    if np.ndim(value) == 0:
+        return checks.positive(name, value, unit)
+    array = checks.finite_array(name, value, (count,), f"() or ({count},), one per row of position")
+    bad = np.flatnonzero(array <= 0)
+    if len(bad):
+        raise InputError(f"{name} must be > 0 {unit}; {name}[{bad[0]}] is {array[bad[0]]} ({len(bad)} such values).")
+    return float(array[0]) if count and (array == array[0]).all() else array
+
+
+def _masses(value: ArrayLike, count: int) -> NDArray[np.float64] | None:
+    """One mass per disc, or None where all are 1."""
+    masses = np.broadcast_to(_one_or_each("mass", value, count, "[mass]"), count)
+    if (masses == 1).all():
+        return None
+    return checks.finite_array("mass", masses, (count,), f"({count},)")
+
+
+def _demand_room(largest: float, width: float, height: float, boundary: tuple[str, str]) -> None:
+    """The box must hold its largest disc; along a periodic axis, two of them."""
+    for length, word in zip((width, height), boundary, strict=True):
+        diameters = 2 if word == "periodic" else 1
+        if 2 * largest * diameters > length:
+            rule = "a quarter of a periodic axis" if diameters == 2 else "half the box"
+            raise InputError(
+                f"radius must be at most {rule}, {length / (2 * diameters):g} here; got {largest!r}. "
+                "Use smaller discs or a larger box."
+            )
 
 
 def _box(
-    count: int, radius: float, packing: float | None, width: float | None, height: float | None
+    count: int,
+    radius: float | NDArray[np.float64],
+    packing: float | None,
+    width: float | None,
+    height: float | None,
+    boundary: tuple[str, str],
 ) -> tuple[float, float]:
     """Width and height from either a packing fraction (square box) or the two lengths themselves."""
     if (packing is None) == (width is None and height is None) or (width is None) != (height is None):
@@ -166,12 +413,17 @@ def _box(
             "the box must be given either by packing or by width and height; "
             f"got packing={packing!r}, width={width!r}, height={height!r}."
         )
+    if isinstance(radius, np.ndarray):
+        area, largest = math.pi * float((radius**2).sum()), float(radius.max(initial=0.0)) or 1.0
+    else:
+        area, largest = count * math.pi * radius**2, radius
     if width is not None and height is not None:
         width, height = checks.positive("width", width, "[length]"), checks.positive("height", height, "[length]")
-        packing = count * math.pi * radius**2 / (width * height)
+        packing = area / (width * height)
+        _demand_room(largest, width, height, boundary)
     else:
         packing = checks.positive("packing", packing, "(a fraction of the area)")
-        width = height = max(math.sqrt(count * math.pi * radius**2 / packing), 2 * radius)
+        width = height = max(math.sqrt(area / packing), (4 if "periodic" in boundary else 2) * largest)
     if packing > placement.LARGEST_PACKING:
         raise InputError(
             f"packing must be at most {placement.LARGEST_PACKING} for random places; got {packing:.3g}. "

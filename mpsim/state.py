@@ -35,35 +35,50 @@ class Grid:
 
     columns: int
     rows: int
+    outside: bool = False
 
     @property
     def table_size(self) -> int:
-        """Length of the table of cell starts, with a ghost cell below and above each column and a ghost column."""
-        return (self.columns + 1) * (self.rows + 2) + 1
+        """Length of the table of cell starts, with a ghost cell below and above each column and a ghost column.
+
+        outside: and a column for discs that are not in the grid, giants and those that have left.
+        """
+        return (self.columns + 1 + self.outside) * (self.rows + 2) + 1
 
 
-def grid_for(count: int, width: float, height: float, diameter: float, precision: str) -> Grid:
+def grid_for(
+    count: int,
+    width: float,
+    height: float,
+    diameter: float,
+    precision: str,
+    boundary: tuple[str, str] = ("walls", "walls"),
+    outside: bool = False,
+) -> Grid:
     """The grid of a scene: cells of one diameter, larger where there are fewer discs than cells / CELLS_PER_DISC.
 
     A cell is wider than a diameter by the rounding of a coordinate times the number of cells, so that discs two cells
-    apart can never overlap.
+    apart can never overlap. Along a periodic axis there are two or more, and an even number of columns: the last one is
+    odd, and meets the first in the odd pass.
     """
     rounding = 8 * float(np.finfo(precision).eps) * max(width, height)
     side = max(diameter + rounding, math.sqrt(width * height / (CELLS_PER_DISC * max(count, 1))))
-    return Grid(max(int(width / side), 1), max(int(height / side), 1))
+    least = [2 if word == "periodic" else 1 for word in boundary]
+    columns, rows = max(int(width / side), least[0]), max(int(height / side), least[1])
+    return Grid(columns - columns % least[0], rows, outside)
 
 
 def block_arrays(
-    capacity: int, grid: Grid, workers: int, precision: str, features: dict[str, tuple[int, ...]], tallied: bool
+    capacity: int, grid: Grid, workers: int, precision: str, features: dict[str, ArraySpec], tallied: bool
 ) -> dict[str, ArraySpec]:
-    """Every array of the shared block, by name. `features` holds the shapes of what only some scenes need.
+    """Every array of the shared block, by name. `features` holds what only some scenes need.
 
     tallied: whether measures are gathered, which needs a place for what each worker counts in each frame.
     """
     real, length = np.dtype(precision), capacity + layout.PADDING
     arrays = {}
     for buffer in ("a", "b"):
-        for field in layout.Discs._fields:
+        for field in layout.Discs._fields[:-1]:  # the radius is a feature
             integer = field in ("id", "cell")
             arrays[f"{buffer}.{field}"] = ArraySpec(np.dtype(np.int32) if integer else real, (length,))
     arrays["start"] = ArraySpec(np.dtype(np.int32), (grid.table_size,))
@@ -76,9 +91,7 @@ def block_arrays(
     arrays["times"] = ArraySpec(word, (workers, MOST_FRAMES, len(layout.PHASES)))
     if tallied:
         arrays["tally"] = ArraySpec(word, (workers, MOST_FRAMES, layout.TALLIES))
-    for name, shape in features.items():
-        arrays[name] = ArraySpec(real, shape)
-    return arrays
+    return arrays | features
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,270 @@
+"""What a scene may have besides discs in a box: obstacles, emitters, a piston. Checked when made; immutable."""
+
+from dataclasses import dataclass
+from itertools import pairwise, product
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mpsim import checks
+from mpsim.errors import InputError
+
+EDGES = ("left", "right", "bottom", "top")
+"""The walls of the box: x = 0, x = width, y = 0, y = height."""
+
+
+def _point(name: str, value: ArrayLike) -> tuple[float, float]:
+    x, y = checks.finite_array(name, value, (2,), "(2,)").tolist()
+    return x, y
+
+
+@dataclass(frozen=True)
+class FixedDisc:
+    """A disc that never moves: a peg.
+
+    Args:
+        position: centre (x, y) [length], in the box.
+        radius: [length], > 0.
+
+    Raises:
+        InputError: naming the argument, its rule and the value received.
+
+    >>> FixedDisc((2, 3), 0.5).capsules()
+    [(2.0, 3.0, 2.0, 3.0, 0.5)]
+    """
+
+    position: ArrayLike
+    radius: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", _point("position of a FixedDisc", self.position))
+        object.__setattr__(self, "radius", checks.positive("radius of a FixedDisc", self.radius, "[length]"))
+
+    def capsules(self) -> list[tuple[float, float, float, float, float]]:
+        """Segments with a radius, as the kernels take all obstacles: (ax, ay, bx, by, radius); here one of length 0."""
+        place: Any = self.position
+        x, y = place
+        return [(x, y, x, y, self.radius)]
+
+
+@dataclass(frozen=True)
+class Polyline:
+    """A chain of straight walls, solid from both sides: a funnel, a channel, a bin.
+
+    Args:
+        points: corners, shape (K, 2), K >= 2 [length], in the box; neighbours differ.
+        thickness: of the walls [length], >= 0.
+
+    Raises:
+        InputError: naming the argument, its rule and the value received.
+
+    >>> Polyline([(0, 0), (1, 0), (1, 2)]).capsules()
+    [(0.0, 0.0, 1.0, 0.0, 0.0), (1.0, 0.0, 1.0, 2.0, 0.0)]
+    """
+
+    points: ArrayLike
+    thickness: float = 0.0
+
+    def __post_init__(self) -> None:
+        points = checks.finite_array("points of a Polyline", self.points, (None, 2), "(K, 2)")
+        if len(points) < 2 or (np.diff(points, axis=0) == 0).all(axis=1).any():
+            raise InputError(
+                "points of a Polyline must be at least two, neighbours at different places; got "
+                f"{points.tolist()}. Use a FixedDisc for a point."
+            )
+        thickness = checks.non_negative("thickness of a Polyline", self.thickness, "[length]")
+        object.__setattr__(self, "points", tuple(map(tuple, points.tolist())))
+        object.__setattr__(self, "thickness", thickness)
+
+    def capsules(self) -> list[tuple[float, float, float, float, float]]:
+        """Segments with a radius, as the kernels take all obstacles: (ax, ay, bx, by, radius)."""
+        points: Any = self.points
+        return [(ax, ay, bx, by, self.thickness / 2) for (ax, ay), (bx, by) in pairwise(points)]
+
+
+Obstacle = FixedDisc | Polyline
+
+
+@dataclass(frozen=True)
+class Emitter:
+    """A place where a disc enters every so many frames, if it is free; otherwise the disc waits, and a warning says so.
+
+    Args:
+        position: centre of the new disc (x, y) [length].
+        velocity: of the new disc [length/time].
+        every: frames between two discs, >= 1.
+        limit: discs in all, >= 1; None: no end.
+        radius, mass: of the new discs; None: those of the scene, if its discs have one.
+
+    Raises:
+        InputError: naming the argument, its rule and the value received.
+    """
+
+    position: ArrayLike
+    velocity: ArrayLike
+    every: int = 1
+    limit: int | None = None
+    radius: float | None = None
+    mass: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", _point("position of an Emitter", self.position))
+        object.__setattr__(self, "velocity", _point("velocity of an Emitter", self.velocity))
+        checks.whole("every of an Emitter", self.every, 1, 10**12, "One disc every `every` frames.")
+        if self.limit is not None:
+            checks.whole("limit of an Emitter", self.limit, 1, 10**8, "Leave it out for no end.")
+        for name in ("radius", "mass"):
+            if getattr(self, name) is not None:
+                unit = "[length]" if name == "radius" else "[mass]"
+                object.__setattr__(self, name, checks.positive(f"{name} of an Emitter", getattr(self, name), unit))
+
+
+@dataclass(frozen=True)
+class Piston:
+    """A wall of the box that moves at constant speed.
+
+    Args:
+        wall: "left", "right", "bottom" or "top".
+        speed: along x or y [length/time]; a right wall with a negative speed compresses.
+        stop: coordinate at which it comes to rest [length], in the box, on the way.
+
+    Raises:
+        InputError: naming the argument, its rule and the value received.
+    """
+
+    wall: str
+    speed: float
+    stop: float
+
+    def __post_init__(self) -> None:
+        checks.choice("wall of a Piston", self.wall, EDGES)
+        speed = float(checks.finite_array("speed of a Piston", self.speed, (), "()"))
+        if speed == 0 or (speed < 0) != (self.wall in ("right", "top")):
+            raise InputError(
+                f"speed of a Piston must point into the box, {'< 0' if self.wall in ('right', 'top') else '> 0'} for "
+                f"the {self.wall} wall; got {speed:g}. Turn its sign, or leave the piston out."
+            )
+        object.__setattr__(self, "speed", speed)
+        object.__setattr__(self, "stop", checks.positive("stop of a Piston", self.stop, "[length]"))
+
+
+def capsules_of(obstacles: tuple[Obstacle, ...]) -> NDArray[np.float64]:
+    """All obstacles as segments with a radius, shape (K, 5): ax, ay, bx, by, radius [length]."""
+    parts = [capsule for obstacle in obstacles for capsule in obstacle.capsules()]
+    return np.array(parts, dtype=np.float64).reshape(-1, 5)
+
+
+def distance_to_capsules(position: NDArray[np.float64], capsules: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance from each centre to the surface of each capsule, shape (N, K) [length]; negative inside."""
+    a, b, radius = capsules[:, :2], capsules[:, 2:4], capsules[:, 4]
+    along = b - a
+    squared = (along**2).sum(axis=1)
+    r = position[:, None, :] - a
+    part = np.clip((r * along).sum(axis=2) / np.where(squared > 0, squared, 1), 0, 1)
+    gap = r - part[:, :, None] * along
+    return np.hypot(gap[..., 0], gap[..., 1]) - radius
+
+
+def discs_in_obstacles(
+    position: NDArray[np.float64],
+    radius: NDArray[np.float64],
+    obstacles: tuple[Obstacle, ...],
+    size: tuple[float, float],
+    periodic: tuple[bool, bool],
+) -> tuple[int, int, int, float]:
+    """Discs that overlap an obstacle: how many, the deepest one, the index of its obstacle, its depth [length].
+
+    Discs that touch one to within rounding of the box's coordinates do not count.
+
+    Args:
+        position: shape (N, 2) [length].
+        radius: shape (N,) [length].
+        obstacles: in the box.
+        size: width and height of the box [length].
+        periodic: along x and along y: the images of an obstacle count as it does.
+    """
+    depth, owner = np.zeros(len(position)), np.zeros(len(position), np.int64)
+    shifts = [(0.0, -length, length) if wraps else (0.0,) for length, wraps in zip(size, periodic, strict=True)]
+    images = [position + np.array(shift) for shift in product(*shifts)]
+    for index, obstacle in enumerate(obstacles):
+        for image in images:
+            inside = radius - distance_to_capsules(image, capsules_of((obstacle,))).min(axis=1, initial=np.inf)
+            owner[inside > depth] = index
+            depth = np.maximum(depth, inside)
+    counted = depth > 8 * np.finfo(np.float64).eps * max(size)
+    worst = int(depth.argmax()) if counted.any() else 0
+    return int(counted.sum()), worst, int(owner[worst]) if counted.any() else 0, float(depth.max(initial=0.0))
+
+
+def check_obstacles(obstacles: object, width: float, height: float) -> tuple[Obstacle, ...]:
+    """The obstacles as a tuple, if each is one and lies in the box."""
+    each_of: Any = obstacles
+    chosen = (each_of,) if isinstance(each_of, Obstacle) else tuple(each_of)
+    for index, obstacle in enumerate(chosen):
+        if not isinstance(obstacle, Obstacle):
+            raise InputError(
+                f"obstacles[{index}] must be an mpsim.FixedDisc or mpsim.Polyline; got {type(obstacle).__name__}."
+            )
+        places = capsules_of((obstacle,))[:, :4].reshape(-1, 2)
+        outside = (places < 0).any(axis=1) | (places[:, 0] > width) | (places[:, 1] > height)
+        if outside.any():
+            raise InputError(
+                f"obstacles[{index}] must lie in the box, [0, {width:g}] x [0, {height:g}]; got a point "
+                f"{tuple(places[outside][0].tolist())}. Move it, or enlarge the box."
+            )
+    return chosen
+
+
+def check_members(name: str, value: object, kind: type) -> tuple[Any, ...]:
+    """A tuple of objects of one kind; a single one counts as one."""
+    each_of: Any = value
+    chosen = (each_of,) if isinstance(each_of, kind) else tuple(each_of)
+    for index, member in enumerate(chosen):
+        if not isinstance(member, kind):
+            raise InputError(f"{name}[{index}] must be an mpsim.{kind.__name__}; got {type(member).__name__}.")
+    return chosen
+
+
+def check_boundary(boundary: object) -> tuple[str, str]:
+    """Boundary of x and of y, "walls" or "periodic" each; one word stands for both."""
+    each_of: Any = boundary
+    pair = (each_of, each_of) if isinstance(each_of, str) else tuple(each_of)
+    if len(pair) != 2:
+        raise InputError(f"boundary must be one word or one for x and one for y; got {boundary!r}.")
+    x, y = (checks.choice("boundary", word, ("walls", "periodic")) for word in pair)
+    return x, y
+
+
+def check_edges(absorbing: object, boundary: tuple[str, str]) -> tuple[str, ...]:
+    """Names of edges that swallow discs; they must be walls."""
+    each_of: Any = absorbing
+    names = (each_of,) if isinstance(each_of, str) else tuple(each_of)
+    for name in names:
+        checks.choice("absorbing", name, EDGES)
+        _demand_wall("absorbing", name, boundary)
+    return tuple(dict.fromkeys(names))
+
+
+def check_piston(piston: Any, boundary: tuple[str, str], width: float, height: float, absorbing: tuple[str, ...]):
+    """The piston, if it is one, moves a wall, and stops in the box."""
+    if piston is None:
+        return None
+    if not isinstance(piston, Piston):
+        raise InputError(f"piston must be an mpsim.Piston; got {type(piston).__name__}.")
+    _demand_wall("piston", piston.wall, boundary)
+    if piston.wall in absorbing:
+        raise InputError(f"piston must not be an absorbing edge; got {piston.wall!r} for both. Choose one.")
+    length = width if piston.wall in ("left", "right") else height
+    if not 0 < piston.stop < length:
+        raise InputError(f"stop of the piston must lie in the box, in (0, {length:g}); got {piston.stop:g}.")
+    return piston
+
+
+def _demand_wall(name: str, edge: str, boundary: tuple[str, str]) -> None:
+    axis = 0 if edge in ("left", "right") else 1
+    if boundary[axis] == "periodic":
+        raise InputError(
+            f"{name} must name a wall; got {edge!r}, and boundary is periodic along {'xy'[axis]}. "
+            "Make that axis 'walls', or choose another edge."
+        )

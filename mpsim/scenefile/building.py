@@ -1,0 +1,200 @@
+"""From the tables of a checked scene file to the Scene."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.arrangement import Taken, lattice_sites, random_places, thermal_velocities
+from mpsim.errors import InputError
+from mpsim.features import Obstacle, capsules_of
+from mpsim.scene import Scene
+from mpsim.scenefile.schema import Discs, SceneTable
+
+Problem = tuple[str, str]
+"""Key path and what is wrong there."""
+
+Arguments = dict[str, Any]
+"""Position, velocity, radius, mass and acceleration of a group of discs."""
+
+
+class ProblemsError(Exception):
+    """What is wrong with a scene whose tables are right one by one."""
+
+    def __init__(self, problems: list[Problem]):
+        super().__init__()
+        self.problems = problems
+
+
+def build(table: SceneTable) -> Scene:
+    """The scene that the tables describe.
+
+    Raises:
+        ProblemsError: with all that is wrong.
+    """
+    problems: list[Problem] = []
+    width, height = _box(table, problems)
+    obstacles = _obstacles(table, problems)
+    periodic = table.boundary[0] == "periodic", table.boundary[1] == "periodic"
+    taken = Taken(capsules=capsules_of(tuple(each for _, each in obstacles)))
+    groups: list[Arguments] = []
+    for index, discs in enumerate(table.discs):
+        try:
+            groups.append(_group(discs, (width, height), taken, periodic))
+        except InputError as error:
+            problems.append((f"discs[{index}]", str(error)))
+    if problems:
+        raise ProblemsError(problems)
+    box = {"width": width, "height": height, "boundary": table.boundary}
+    parts = {
+        "obstacles": [each for _, each in obstacles],
+        "emitters": [each.made() for each in table.emitters],
+        "absorbing": table.absorbing,
+        "piston": None if table.piston is None else table.piston.made(),
+    }
+    plain = {name: getattr(table, name) for name in ("gravity", "restitution", "wall_restitution")}
+    try:
+        return Scene(**box, **_joined(groups), **parts, **plain)
+    except InputError as error:
+        found = _all_problems(box, groups, parts, [index for index, _ in obstacles])
+        raise ProblemsError(found or [("", str(error))]) from None
+
+
+def _box(table: SceneTable, problems: list[Problem]) -> tuple[float, float]:
+    """Width and height, which `packing` leaves to the discs."""
+    if table.width is not None and table.height is not None:
+        return table.width, table.height
+    area, largest = 0.0, 0.0
+    for index, discs in enumerate(table.discs):
+        count = discs.count if discs.position is None else len(discs.position)
+        if count is None:
+            problems.append((f"discs[{index}].count", "count must be given where packing makes the box; got none."))
+            continue
+        if isinstance(discs.radius, float):
+            area += count * math.pi * discs.radius**2
+        else:
+            area += math.pi * float(np.square(discs.radius).sum())
+        largest = max(largest, float(np.max(discs.radius, initial=0.0)))
+    if not area and not problems:
+        problems.append(("packing", "packing needs discs to make a box for; got none. Give width and height."))
+    if not area:
+        return 1.0, 1.0  # for the search for further problems
+    assert table.packing is not None
+    side = max(math.sqrt(area / table.packing), (4 if "periodic" in table.boundary else 2) * largest)
+    return side, side
+
+
+def _obstacles(table: SceneTable, problems: list[Problem]) -> list[tuple[int, Obstacle]]:
+    """All obstacles, each with the number of its table."""
+    made: list[tuple[int, Obstacle]] = []
+    for index, each in enumerate(table.obstacles):
+        try:
+            made += [(index, obstacle) for obstacle in each.made()]
+        except InputError as error:
+            problems.append((f"obstacles[{index}]", str(error)))
+    return made
+
+
+def _group(discs: Discs, box: tuple[float, float], taken: Taken, periodic: tuple[bool, bool]) -> Arguments:
+    """One group of discs as arguments of Scene; it is noted in `taken`."""
+    rng = np.random.default_rng(discs.seed)
+    if discs.places == "random":
+        assert discs.count is not None
+        _demand_one_each(discs, discs.count)
+        position = random_places(discs.radius, discs.count, box, discs.region, taken, rng, periodic)
+    else:
+        position = _places(discs, box)
+    count = len(position)
+    _demand_one_each(discs, count)
+    mass = discs.mass
+    if discs.temperature is not None:
+        velocity = thermal_velocities(count, discs.temperature, mass, rng)
+    else:
+        velocity = _rows("velocity", discs.velocity, count)
+    acceleration = None if discs.acceleration is None else _rows("acceleration", discs.acceleration, count)
+    taken.add(position, np.broadcast_to(discs.radius, count))
+    return {
+        "position": position,
+        "velocity": velocity,
+        "radius": discs.radius,
+        "mass": mass,
+        "acceleration": acceleration,
+    }
+
+
+def _demand_one_each(discs: Discs, count: int) -> None:
+    for name in ("radius", "mass"):
+        value = getattr(discs, name)
+        if np.ndim(value) and len(value) != count:
+            raise InputError(f"{name} must be one number or {count}, one per disc; got {len(value)}.")
+
+
+def _places(discs: Discs, box: tuple[float, float]) -> NDArray[np.float64]:
+    """Centres that are given, or on a lattice."""
+    if discs.position is not None:
+        return discs.position
+    assert discs.places is not None
+    margin = float(np.max(discs.radius))
+    region = discs.region or (margin, margin, max(box[0] - margin, margin), max(box[1] - margin, margin))
+    return lattice_sites(discs.places, region, discs.spacing, discs.count)
+
+
+def _rows(name: str, value: NDArray[np.float64] | None, count: int) -> NDArray[np.float64]:
+    """One row per disc; None: zeros."""
+    if value is None:
+        return np.zeros((count, 2))
+    if value.ndim == 1:
+        return np.tile(value, (count, 1))
+    if len(value) != count:
+        raise InputError(f"{name} must be one row or {count}, one per disc; got {len(value)}.")
+    return value
+
+
+def _joined(groups: list[Arguments]) -> Arguments:
+    """The arguments of all groups as those of one."""
+    if len(groups) == 1:
+        return groups[0]
+    if not groups:
+        return {"position": (), "velocity": (), "radius": np.empty(0)}
+    joined: Arguments = {name: np.concatenate([group[name] for group in groups]) for name in ("position", "velocity")}
+    counts = [len(group["position"]) for group in groups]
+    for name in ("radius", "mass"):
+        values = [1.0 if group[name] is None else group[name] for group in groups]
+        if not any(map(np.ndim, values)) and len(set(values)) == 1:
+            joined[name] = values[0]  # one number for all, on which emitters may then rely
+        else:
+            each = [np.broadcast_to(value, count) for value, count in zip(values, counts, strict=True)]
+            joined[name] = np.concatenate(each)
+    if any(group["acceleration"] is not None for group in groups):
+        rows = [_rows("acceleration", group["acceleration"], len(group["position"])) for group in groups]
+        joined["acceleration"] = np.concatenate(rows)
+    return joined
+
+
+def _all_problems(box: Arguments, groups: list[Arguments], parts: Arguments, tables: list[int]) -> list[Problem]:
+    """What is wrong with a scene that was refused: each part is tried in the box by itself.
+
+    tables: number of the table that each obstacle comes from.
+    """
+    bare: Arguments = {**box, **_joined([])}
+    trials: list[tuple[str, Arguments]] = [(f"discs[{index}]", {**box, **group}) for index, group in enumerate(groups)]
+    for index, obstacle in zip(tables, parts["obstacles"], strict=True):
+        trials.append((f"obstacles[{index}]", {**bare, "obstacles": obstacle}))
+    every = _joined(groups)
+    for index, emitter in enumerate(parts["emitters"]):
+        # It may rely on the radius and the mass of the discs.
+        few = {name: value for name, value in every.items() if name in ("radius", "mass") and not np.ndim(value)}
+        trials.append((f"emitters[{index}]", {**bare, **few, "emitters": emitter}))
+    trials.append(("absorbing", {**bare, "absorbing": parts["absorbing"]}))
+    trials.append(("piston", {**bare, "piston": parts["piston"]}))
+    trials.append(("piston", {**bare, "absorbing": parts["absorbing"], "piston": parts["piston"]}))
+    problems: list[Problem] = []
+    for key, arguments in trials:
+        try:
+            Scene(**arguments)
+        except InputError as error:
+            text = str(error).replace("obstacles[0]", key).replace("emitters[0]", key)
+            if all(text != known for _, known in problems):
+                problems.append((key, text))
+    return problems

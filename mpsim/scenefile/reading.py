@@ -1,0 +1,197 @@
+"""From a name or a path to a scene: find the file, check all of it, say all that is wrong at once."""
+
+import difflib
+import logging
+import os
+import re
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import pydantic
+
+from mpsim.errors import InputError, SceneFileError
+from mpsim.scene import Scene
+from mpsim.scenefile import schema
+from mpsim.scenefile.arrays import Source
+from mpsim.scenefile.building import ProblemsError, build
+from mpsim.settings import Settings
+
+logger = logging.getLogger("mpsim")
+
+_OF_WHAT = re.compile(r"(?<=\w) of (a|an|the) (FixedDisc|Polyline|Emitter|Piston|piston)(?= must)")
+_FIRST_WORD = re.compile(r"\w+(?=[ \[])")
+
+PACKAGED = Path(str(resources.files("mpsim"))) / "scenes"
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """A scene file that was read.
+
+    Attributes:
+        name: of the file, without .toml.
+        scene: what it describes.
+        settings: those that it recommends; None if it has none.
+        title, text, look_for: for people; "" if it has none.
+        read: files that were read, the scene file first.
+    """
+
+    name: str
+    scene: Scene
+    settings: Settings | None
+    title: str
+    text: str
+    look_for: str
+    read: tuple[Path, ...]
+
+
+def names() -> tuple[str, ...]:
+    """Names of the scenes that come with mpsim, in alphabetical order."""
+    return tuple(sorted(path.stem for path in PACKAGED.glob("*.toml")))
+
+
+def titles() -> dict[str, str]:
+    """Titles of the scenes that come with mpsim, by name; quick, as no scene is made."""
+    return {name: tomllib.loads((PACKAGED / f"{name}.toml").read_text())["about"]["title"] for name in names()}
+
+
+def load(source: str | os.PathLike[str]) -> SceneFile:
+    """Read a scene file.
+
+    Args:
+        source: the name of a scene that comes with mpsim, such as "gas", or a path that ends in .toml.
+
+    Raises:
+        InputError: if there is no such scene or file.
+        SceneFileError: with all that is wrong in it; an InputError too.
+
+    >>> load("gas").scene.count
+    100
+    """
+    path = _find(source)
+    label = os.fspath(source) if path.parent != PACKAGED else f"scenes/{path.name}"
+    tables = _parsed(path, label)
+    arrays = Source(path.parent)
+    logger.info("mpsim: reading %s", path)
+    try:
+        table = schema.SceneTable.model_validate(tables, context=arrays)
+        scene = build(table)
+    except pydantic.ValidationError as error:
+        raise SceneFileError(label, list(_sentences(error))) from None
+    except ProblemsError as error:
+        raise SceneFileError(label, [_at(key, text) for key, text in error.problems]) from None
+    chosen = None if table.settings is None else Settings(**dict(table.settings))
+    about = table.about or schema.About(title="")
+    return SceneFile(path.stem, scene, chosen, about.title, about.text, about.look_for, (path, *arrays.read))
+
+
+def _find(source: Any) -> Path:
+    """The file of a name or a path."""
+    if not isinstance(source, str | os.PathLike) or not isinstance(os.fspath(source), str):
+        raise InputError(f"scene must be a name or a path to a .toml file; got {type(source).__name__}.")
+    text = os.fspath(source)
+    known = names()
+    if text in known:
+        return PACKAGED / f"{text}.toml"
+    path = Path(text)
+    if path.suffix != ".toml":
+        near = difflib.get_close_matches(text, known, n=1)
+        hint = f" Did you mean {near[0]!r}?" if near else ""
+        raise InputError(f"scene must be a path that ends in .toml or one of {', '.join(known)}; got {text!r}.{hint}")
+    return path
+
+
+def _parsed(path: Path, label: str) -> dict[str, Any]:
+    """The file as nested tables."""
+    try:
+        text = path.read_bytes().decode()
+    except UnicodeDecodeError as error:
+        raise SceneFileError(
+            label, [f"the file must be text in UTF-8; got byte {error.start} ({error.reason})."]
+        ) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"scene must be a file that can be read; got {str(path)!r} ({reason}).") from None
+    try:
+        tables = tomllib.loads(text)
+    except RecursionError:
+        raise SceneFileError(label, ["the file must be TOML; got tables or lists nested too deeply."]) from None
+    except ValueError as error:
+        raise SceneFileError(label, [f"the file must be TOML; got this error: {error}."]) from None
+    version = tables.get("schema")
+    if isinstance(version, int) and version != schema.SCHEMA:  # then nothing else can be judged
+        problem = schema.version_problem(version)
+        raise SceneFileError(label, [problem])
+    return tables
+
+
+def _sentences(error: pydantic.ValidationError) -> Iterable[str]:
+    """What is wrong, a sentence each."""
+    for each in error.errors(include_url=False):
+        location = tuple(part for part in each["loc"] if part not in schema.OBSTACLES)
+        yield _at(_path(location), _sentence(location, each["type"], each.get("input"), each))
+
+
+def _sentence(location: tuple[int | str, ...], kind: str, value: Any, details: Any) -> str:
+    name = _path(location[-2:] if location and isinstance(location[-1], int) else location[-1:])
+    match kind:
+        case "extra_forbidden":
+            keys = _keys_beside(location)
+            near = difflib.get_close_matches(name, keys, n=1)
+            hint = f"Did you mean {near[0]!r}?" if near else f"Keys there: {', '.join(keys)}."
+            return f"{name} must be a key of a scene file; this one is unknown, with the value {_brief(value)}. {hint}"
+        case "missing":
+            example = f"schema = {schema.SCHEMA}" if name == "schema" else ""
+            return f"{name} must be given; got nothing.{f' Write {example!r} at the top.' if example else ''}"
+        case "list_type":
+            return f"{name} must be a list of tables, [[{name}]] for each; got {_brief(value)}."
+        case "model_type" | "model_attributes_type" | "dict_type":
+            return f"{name} must be a table; got {_brief(value)}."
+        case "value_error":
+            return str(details["ctx"]["error"])
+    return f"{name}: {details['msg']}; got {_brief(value)}."
+
+
+def _keys_beside(location: tuple[int | str, ...]) -> list[str]:
+    """Keys that the table of a key may have."""
+    return _keys_of(str(location[0]) if len(location) > 1 else "")
+
+
+def _keys_of(level: str) -> list[str]:
+    """Keys of the tables of a level."""
+    tables = schema.OBSTACLES.values() if level == "obstacles" else [schema.LEVELS[level]]
+    return list(dict.fromkeys(key for table in tables for key in schema.keys_of(table)))
+
+
+def _path(location: Iterable[int | str]) -> str:
+    """A key path such as discs[0].radius."""
+    text = ""
+    for part in location:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
+    return text
+
+
+def _at(key: str, text: str) -> str:
+    """A sentence that begins with the key path, instead of the bare key if it begins with that."""
+    if not key:
+        return text
+    text = _OF_WHAT.sub("", text, count=1)  # the key path says of what
+    first = _FIRST_WORD.match(text)
+    word = first[0] if first else ""
+    level, _, own = re.sub(r"\[\d+\]", "", key).partition(".")
+    if text.startswith(key) or key == word:
+        return text
+    if word == (own or level):
+        return key + text[len(word) :]
+    if not own and level in (*schema.LEVELS, "obstacles") and word in _keys_of(level):
+        return f"{key}.{text}"
+    return f"{key}: {text}"
+
+
+def _brief(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,374 @@
+"""What a scene file may hold: a table of keys per level. Every rule is that of the Python class it stands for."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import numpy as np
+import pydantic
+from numpy.typing import NDArray
+from pydantic import Discriminator, Field, PlainValidator, Tag, ValidationInfo, model_validator
+
+from mpsim import checks
+from mpsim.arrangement import LATTICES, lattice_sites
+from mpsim.errors import InputError
+from mpsim.features import Emitter, FixedDisc, Obstacle, Piston, Polyline
+from mpsim.scene import LARGEST_COUNT, Scene
+from mpsim.scenefile import arrays
+from mpsim.settings import Settings
+
+SCHEMA = 1
+"""Version of this format."""
+
+Numbers = NDArray[np.float64]
+Check = Callable[[str, Any, ValidationInfo], Any]
+
+
+class Table(pydantic.BaseModel):
+    """A table of a scene file: no key but its own, no conversion of one type into another."""
+
+    model_config = pydantic.ConfigDict(extra="forbid", strict=True, frozen=True, arbitrary_types_allowed=True)
+
+
+def _checked(check: Check) -> PlainValidator:
+    """The key goes through one of mpsim's own checks, which raise InputError with a text."""
+
+    def validate(value: Any, info: ValidationInfo) -> Any:
+        return check(str(info.field_name), value, info)
+
+    return PlainValidator(validate)
+
+
+def _plain(check: Callable[..., Any], *rule: Any) -> PlainValidator:
+    return _checked(lambda name, value, _: check(name, value, *rule))
+
+
+def _as_in(*examples: Any, words: bool = False) -> PlainValidator:
+    """The rule that a class of mpsim has for this argument.
+
+    It is asked by making the class with this one argument exchanged in arguments that are right. Where an argument is
+    right only beside some values of another there are several examples, and one that accepts it will do.
+    words: whether it is a word or a list of words.
+    """
+
+    def check(name: str, value: Any, _: ValidationInfo) -> Any:
+        if words and not isinstance(value, str | list):
+            raise InputError(f"{name} must be a word or a list of words; got {value!r}.")
+        if isinstance(value, list) and not words:
+            arrays.demand_numbers(name, value)
+        refused = None
+        for kind, arguments in examples:
+            try:
+                return getattr(kind(**{**arguments, name: value}), name)
+            except InputError as error:
+                refused = refused or error
+        assert refused is not None
+        raise refused
+
+    return _checked(check)
+
+
+def _array(*shapes: tuple[int | None, ...], meaning: str, unit: str | None = None) -> PlainValidator:
+    """Numbers, or a file of them; > 0 in a unit, if one is given."""
+
+    def check(name: str, value: Any, info: ValidationInfo) -> Any:
+        if unit is not None and isinstance(value, int | float):
+            return checks.positive(name, value, unit)
+        numbers = arrays.array(name, value, shapes, meaning, _source(info))
+        if unit is not None:
+            arrays.positive(name, numbers, unit)
+        return float(numbers) if numbers.ndim == 0 else numbers
+
+    return _checked(check)
+
+
+def _source(info: ValidationInfo) -> arrays.Source:
+    """Where arrays may come from: what the file is validated with."""
+    assert isinstance(info.context, arrays.Source)
+    return info.context
+
+
+def _text(name: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise InputError(f"{name} must be a text in quotation marks; got {value!r}.")
+    return value
+
+
+def version_problem(value: Any) -> str:
+    """What is wrong with a version that is not SCHEMA."""
+    return (
+        f"schema must be {SCHEMA}, the version of scene files that this mpsim reads; got {value!r}. "
+        "A newer mpsim may read it."
+    )
+
+
+def _version(_: str, value: Any) -> int:
+    if isinstance(value, bool) or value != SCHEMA or not isinstance(value, int):
+        raise InputError(version_problem(value))
+    return value
+
+
+def _region(name: str, value: Any, info: ValidationInfo) -> tuple[float, float, float, float]:
+    numbers = arrays.array(name, value, ((4,),), "(4,): x_low, y_low, x_high, y_high", _source(info)).tolist()
+    if numbers[0] > numbers[2] or numbers[1] > numbers[3]:
+        raise InputError(f"{name} must be [x_low, y_low, x_high, y_high], low before high; got {numbers}.")
+    return tuple(numbers)
+
+
+Text = Annotated[str, _plain(_text)]
+Positive = Annotated[float, _plain(checks.positive, "[length]")]
+Region = Annotated[tuple[float, float, float, float], _checked(_region)]
+Spacing = Annotated[float, _plain(checks.positive, "[length]")]
+Count = Annotated[int, _plain(checks.whole, 0, LARGEST_COUNT, "Simulate fewer discs.")]
+Seed = Annotated[int, _plain(checks.whole, 0, 2**63 - 1, "Any whole number will do.")]
+
+
+class About(Table):
+    """What a scene is, for people."""
+
+    title: Annotated[Text, Field(description="a line")]
+    text: Annotated[Text, Field(description="what it is")] = ""
+    look_for: Annotated[Text, Field(description="what to look for when it runs")] = ""
+
+
+_SETTINGS: dict[str, Any] = {
+    field.name: (Annotated[Any, _as_in((Settings, {}))], field.default) for field in dataclasses.fields(Settings)
+}
+SettingsTable: type[Table] = pydantic.create_model("SettingsTable", __base__=Table, **_SETTINGS)
+SettingsTable.__doc__ = "Recommended settings, by the names that Settings has for them."
+
+
+class Discs(Table):
+    """A group of discs: where they start, how fast, how large."""
+
+    position: Annotated[
+        Numbers | None, _array((None, 2), meaning="(N, 2)"), Field(description="centres [[x, y], ...], or a file")
+    ] = None
+    places: Annotated[
+        str | None,
+        _plain(checks.choice, ("random", *LATTICES)),
+        Field(description="instead of position: random, square or hexagonal (a lattice)"),
+    ] = None
+    count: Annotated[Count | None, Field(description="number of discs; of a lattice also left out: all that fit")] = (
+        None
+    )
+    spacing: Annotated[
+        Spacing | None, Field(description="of a lattice, between neighbours; left out: the widest that holds count")
+    ] = None
+    region: Annotated[
+        Region | None,
+        Field(description="[x_low, y_low, x_high, y_high], where the centres lie; left out: the box, a radius inside"),
+    ] = None
+    seed: Annotated[Seed, Field(description="of random places and thermal velocities")] = 0
+    radius: Annotated[
+        float | Numbers,
+        _array((), (None,), meaning="() or (N,)", unit="[length]"),
+        Field(description="one for all, one each, or a file"),
+    ]
+    mass: Annotated[
+        float | Numbers | None,
+        _array((), (None,), meaning="() or (N,)", unit="[mass]"),
+        Field(description="one for all, one each, or a file; left out: 1"),
+    ] = None
+    velocity: Annotated[
+        Numbers | None,
+        _array((2,), (None, 2), meaning="(2,) or (N, 2)"),
+        Field(description="[vx, vy] for all, one row each, or a file; left out: at rest"),
+    ] = None
+    temperature: Annotated[
+        float | None,
+        _plain(checks.non_negative, "[mass length^2/time^2]"),
+        Field(description="instead of velocity: kT of normally distributed ones, without drift, scaled to be exact"),
+    ] = None
+    acceleration: Annotated[
+        Numbers | None,
+        _array((2,), (None, 2), meaning="(2,) or (N, 2)"),
+        Field(description="[ax, ay] for all, one row each, or a file; left out: none"),
+    ] = None
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> "Discs":
+        if (self.position is None) == (self.places is None):
+            got = "neither" if self.position is None else "both"
+            raise InputError(f"discs must have either position or places; got {got}.")
+        if self.velocity is not None and self.temperature is not None:
+            raise InputError("discs must have velocity or temperature, not both; got both.")
+        needless = [name for name in ("count", "spacing", "region") if getattr(self, name) is not None]
+        if self.position is not None and needless:
+            raise InputError(f"{needless[0]} belongs to places, and these discs have a position. Leave it out.")
+        if self.places == "random":
+            if self.count is None:
+                raise InputError("count must be given for places = 'random'; got none.")
+            if self.spacing is not None:
+                raise InputError("spacing belongs to a lattice; got it for places = 'random'. Leave it out.")
+        if self.places in LATTICES and self.count is None and self.spacing is None:
+            raise InputError(f"count or spacing must be given for places = {self.places!r}; got neither.")
+        return self
+
+
+_PEG = (FixedDisc, {"position": (0.0, 0.0), "radius": 1.0})
+_LINE = (Polyline, {"points": ((0.0, 0.0), (1.0, 0.0)), "thickness": 0.0})
+_EMITTER = (Emitter, {"position": (0.0, 0.0), "velocity": (0.0, 0.0)})
+_PISTONS = (
+    (Piston, {"wall": "left", "speed": 1.0, "stop": 1.0}),
+    (Piston, {"wall": "right", "speed": -1.0, "stop": 1.0}),
+)
+_SCENE = (Scene, {"width": 1.0, "height": 1.0, "position": (), "velocity": (), "radius": 0.1})
+
+
+class PegTable(Table):
+    """A FixedDisc."""
+
+    position: Annotated[Any, _as_in(_PEG), Field(description="centre [x, y]")]
+    radius: Annotated[float, _as_in(_PEG), Field(description="> 0")]
+
+    def made(self) -> list[Obstacle]:
+        """The obstacles of this table."""
+        return [FixedDisc(self.position, self.radius)]
+
+
+class PegsTable(Table):
+    """FixedDiscs on a lattice."""
+
+    places: Annotated[str, _plain(checks.choice, LATTICES), Field(description="square or hexagonal")]
+    region: Annotated[Region, Field(description="[x_low, y_low, x_high, y_high], where the centres lie")]
+    spacing: Annotated[Spacing, Field(description="between neighbours")]
+    radius: Annotated[float, _as_in(_PEG), Field(description="> 0")]
+
+    def made(self) -> list[Obstacle]:
+        """The obstacles of this table."""
+        return [FixedDisc(place, self.radius) for place in lattice_sites(self.places, self.region, self.spacing)]
+
+
+class LineTable(Table):
+    """A Polyline."""
+
+    points: Annotated[Any, _as_in(_LINE), Field(description="corners [[x, y], [x, y], ...]")]
+    thickness: Annotated[float, _as_in(_LINE), Field(description=">= 0")] = 0.0
+
+    def made(self) -> list[Obstacle]:
+        """The obstacles of this table."""
+        return [Polyline(self.points, self.thickness)]
+
+
+def _obstacle_kind(value: Any) -> str:
+    keys = value if isinstance(value, dict) else {}
+    return "line" if {"points", "thickness"} & set(keys) else "pegs" if "places" in keys else "peg"
+
+
+OBSTACLES: dict[str, type[Table]] = {"peg": PegTable, "pegs": PegsTable, "line": LineTable}
+ObstacleTable = Annotated[
+    Annotated[PegTable, Tag("peg")] | Annotated[PegsTable, Tag("pegs")] | Annotated[LineTable, Tag("line")],
+    Discriminator(_obstacle_kind),
+]
+
+
+class EmitterTable(Table):
+    """An Emitter."""
+
+    position: Annotated[Any, _as_in(_EMITTER), Field(description="centre of the new disc [x, y]")]
+    velocity: Annotated[Any, _as_in(_EMITTER), Field(description="of the new disc [vx, vy]")]
+    every: Annotated[int, _as_in(_EMITTER), Field(description="frames between two discs")] = 1
+    limit: Annotated[int | None, _as_in(_EMITTER), Field(description="discs in all; left out: no end")] = None
+    radius: Annotated[float | None, _as_in(_EMITTER), Field(description="left out: that of all discs")] = None
+    mass: Annotated[float | None, _as_in(_EMITTER), Field(description="left out: 1, if all discs have that")] = None
+
+    def made(self) -> Emitter:
+        """The emitter."""
+        return Emitter(**dict(self))
+
+
+class PistonTable(Table):
+    """A Piston."""
+
+    wall: Annotated[str, _as_in(*_PISTONS), Field(description="left, right, bottom or top")]
+    speed: Annotated[float, _as_in(*_PISTONS), Field(description="along x or y, into the box")]
+    stop: Annotated[float, _as_in(*_PISTONS), Field(description="coordinate at which it comes to rest")]
+
+    @model_validator(mode="after")
+    def _moves_inwards(self) -> "PistonTable":
+        self.made()
+        return self
+
+    def made(self) -> Piston:
+        """The piston."""
+        return Piston(**dict(self))
+
+
+class SceneTable(Table):
+    """A scene file."""
+
+    schema_: Annotated[int, _plain(_version), Field(alias="schema", description=f"version of the format, {SCHEMA}")]
+    width: Annotated[Positive | None, Field(description="of the box")] = None
+    height: Annotated[Positive | None, Field(description="of the box")] = None
+    packing: Annotated[
+        float | None,
+        _plain(checks.positive, "(a fraction of the area)"),
+        Field(description="instead of width and height: of a square box, made to fit the discs"),
+    ] = None
+    boundary: Annotated[
+        Any,
+        _as_in(_SCENE, words=True),
+        Field(description='"walls", "periodic", or one for x and one for y: ["periodic", "walls"]'),
+    ] = "walls"
+    gravity: Annotated[Any, _as_in(_SCENE), Field(description="[gx, gy], one acceleration for all discs")] = None
+    restitution: Annotated[float, _as_in(_SCENE), Field(description="of two discs, 0 to 1")] = 1.0
+    wall_restitution: Annotated[float, _as_in(_SCENE), Field(description="of a disc and a wall or obstacle")] = 1.0
+    absorbing: Annotated[
+        Any,
+        _as_in(_SCENE, words=True),
+        Field(description='edges at which discs leave: a list of "left", "right", "bottom", "top"'),
+    ] = ()
+    about: Annotated[About | None, Field(description="for people")] = None
+    settings: Annotated[SettingsTable | None, Field(description="recommended ones")] = None  # type: ignore[valid-type]
+    discs: Annotated[list[Discs], Field(description="groups of discs")] = []
+    obstacles: Annotated[list[ObstacleTable], Field(description="what stands in the box")] = []
+    emitters: Annotated[list[EmitterTable], Field(description="where discs enter")] = []
+    piston: Annotated[PistonTable | None, Field(description="a wall that moves")] = None
+
+    @model_validator(mode="after")
+    def _box_is_given_once(self) -> "SceneTable":
+        both = self.width is not None and self.height is not None
+        if (self.packing is None) != both or (self.packing is not None and (self.width or self.height)):
+            raise InputError(
+                "the box must be given either by packing or by width and height; "
+                f"got packing={self.packing!r}, width={self.width!r}, height={self.height!r}."
+            )
+        return self
+
+
+LEVELS: dict[str, type[Table]] = {
+    "": SceneTable,
+    "about": About,
+    "settings": SettingsTable,
+    "discs": Discs,
+    "emitters": EmitterTable,
+    "piston": PistonTable,
+}
+"""Tables by the key that holds them; those of obstacles are in OBSTACLES."""
+
+
+def keys_of(table: type[Table]) -> list[str]:
+    """The keys of a table, as they are written."""
+    return [field.alias or name for name, field in table.model_fields.items()]
+
+
+def reference() -> str:
+    """All keys as tables in Markdown, for docs/scenes.md."""
+    titles = {"": "The file itself", **{name: f"`[{name}]`" for name in ("about", "settings", "piston")}}
+    titles |= {name: f"`[[{name}]]`" for name in ("discs", "emitters")}
+    parts = [(titles[name], table) for name, table in LEVELS.items() if name != "settings"]
+    kinds = {"peg": "a disc", "pegs": "discs on a lattice", "line": "a chain of walls"}
+    parts[3:3] = [(f"`[[obstacles]]`: {kinds[name]}", table) for name, table in OBSTACLES.items()]
+    lines: list[str] = []
+    for title, table in parts:
+        lines += [f"### {title}", "", "| key | default | meaning |", "|---|---|---|"]
+        for name, field in table.model_fields.items():
+            default = "needed" if field.is_required() else _default_text(field.default)
+            lines.append(f"| `{field.alias or name}` | {default} | {field.description} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _default_text(default: Any) -> str:
+    return "-" if default is None or default in ((), [], "") else f"`{default}`".replace("'", '"')
