@@ -1,5 +1,7 @@
 """The exact solver as the coordinator sees it: event-driven, one process, float64."""
 
+import math
+import time
 from typing import Any
 
 import numpy as np
@@ -7,6 +9,7 @@ import psutil
 from numpy.typing import NDArray
 
 from mpsim.engine.methods import Choice
+from mpsim.engine.provision import has_masses, has_radii
 from mpsim.engine.report import Slice
 from mpsim.engine.shared import SharedBlock
 from mpsim.errors import DivergedError, InputError, StalledError
@@ -15,15 +18,24 @@ from mpsim.scene import Scene
 from mpsim.settings import Settings
 from mpsim.state import ArraySpec, State
 
-EVENTS_AT_ONCE = 50_000
-"""Events between two looks at Ctrl-C: 25 ms at 10,000 discs, below 0.1 s at a million."""
+SECONDS_AT_ONCE = 0.03
+"""Time between two looks at Ctrl-C, about: a turn of the calendar, 0.025 s at a million discs, may come on top."""
+
+FEWEST_EVENTS = 1_000
+"""Events between two looks at Ctrl-C at least, so that the Python around a call costs next to nothing."""
+
+COUNTED = events.VIRIAL + 2
+"""What the kernel counts per frame: impulses on the four walls, the sum of r.dp, and impacts of pairs."""
+
+KEPT = ("disc", "event", "cell_head", "cell_next", "order", "clock", "counter", "tally")
+"""Arrays of the block that a snapshot holds; radii and masses come beside them, the calendar is made anew."""
 
 GUARD = 1e-6
-"""The contact-time guard, as a part of the time in which a typical disc moves one radius: an impact so soon after the
-last one loses no energy. Small against any time between collisions of a gas, large against rounding."""
+"""The contact-time guard, as a part of the time in which a typical disc moves the smallest radius: an impact so soon
+after the last one loses no energy. Small against any time between collisions of a gas, large against rounding."""
 
 ROUNDING = 1e-12
-"""Depth of an overlap, in diameters, up to which a start counts as touching."""
+"""Depth of an overlap, in diameters of the largest disc, up to which a start counts as touching."""
 
 
 class ExactSolver:
@@ -40,14 +52,21 @@ class ExactSolver:
         self._scene = scene
         self._settings = settings
         self._law = _law_of(scene)
+        self._radii, self._masses = scene.radii, scene.masses
+        self.torn = False
         self._process = psutil.Process()
-        self._frame = 0
         self._counting = False
-        self._place(scene.position, scene.velocity, 0.0)
+        self._at_once = 10 * FEWEST_EVENTS
+        self._progress: Any = np.zeros(2, np.int64)
+        self._seen: Any = np.zeros(COUNTED)
+        self._clock: Any = np.zeros(2, np.int64)
+        self._store: Any
+        self._block, self._store, self._box = self._placed(
+            scene.position, scene.velocity, self._radii, self._masses, 0.0
+        )
         try:
-            self._refuse_overlap()
-            events.schedule(self._store, self._box, self._law)
-            self._play(np.zeros(0, np.int64), None)  # compiles or loads, so that no frame time contains it
+            # Compiles or loads the kernel, so that no frame time contains it, and no wait for Ctrl-C.
+            self._play(np.zeros(0, np.int64), np.zeros((0, COUNTED)))
         except BaseException:
             self.close()
             raise
@@ -55,7 +74,7 @@ class ExactSolver:
     # --- frames
 
     def advance(self, frames: int, workers: int) -> Slice:
-        """Run up to `frames` frames, fewer where they are long: after EVENTS_AT_ONCE events it returns.
+        """Run up to `frames` frames, fewer where they are long: after about SECONDS_AT_ONCE it returns.
 
         What was done of an unfinished frame counts for the slice in which it ends.
 
@@ -63,71 +82,73 @@ class ExactSolver:
             DivergedError, StalledError: the solver can then only be closed.
         """
         before = int(self._store.counter[events.PAIRS])
-        times = np.zeros(frames + 1, np.int64)
-        counts = np.zeros((frames + 1, 4))
-        times[0], counts[0] = self._unfinished
-        done = self._play(times[:frames], counts[:frames] if self._counting else None)
-        self._unfinished = times[done], counts[done]
+        times = np.zeros(frames, np.int64)
+        counts = np.zeros((frames if self._counting else 0, COUNTED))
+        done = self._play(times, counts)
         by_phase = np.zeros((1, done, len(layout.PHASES)), np.int64)
         by_phase[0, :, layout.MOVE] = times[:done]
         contacts = int(self._store.counter[events.PAIRS]) - before
         return Slice(by_phase, contacts, self._tally(counts[:done]) if self._counting else None)
 
-    def _play(self, times: NDArray[np.int64], counts: NDArray[np.float64] | None) -> int:
+    def _play(self, times: NDArray[np.int64], counts: NDArray[np.float64]) -> int:
         """One call of the kernel. Returns the frames it finished."""
+        before, started = int(self._store.counter[events.EVENTS]), time.perf_counter()
         finished, status, particle = events.advance_frames(
             self._store,
             self._box,
             self._law,
             self._settings.dt,
-            self._frame,
             len(times),
-            EVENTS_AT_ONCE,
-            times,
+            self._at_once,
+            self._progress,
             self._seen,
+            times,
             counts,
             self._clock,
         )
-        self._frame += finished
+        if status == events.PAUSED:
+            self._pace(int(self._store.counter[events.EVENTS]) - before, time.perf_counter() - started)
         if status == events.NOT_FINITE:
             now = self.state()
             place, speed = now.position[particle].tolist(), now.velocity[particle].tolist()
-            raise DivergedError(int(particle), self._frame, (place[0], place[1]), (speed[0], speed[1]))
+            raise DivergedError(int(particle), self.frame, (place[0], place[1]), (speed[0], speed[1]))
         if status == events.STALLED:
             raise StalledError(
-                f"disc {particle} collided without end at one instant of frame {self._frame}. Time must pass between "
+                f"disc {particle} collided without end at one instant of frame {self.frame}. Time must pass between "
                 "collisions. Give the discs more room, or use method='grid'."
             )
         return int(finished)
 
+    def _pace(self, played: int, seconds: float) -> None:
+        """Fit the events of a call to the speed of scene and machine; how a run is cut into calls changes no bit."""
+        fitting = played * SECONDS_AT_ONCE / max(seconds, 1e-9)
+        self._at_once = int(max(min(fitting, 2 * self._at_once), self._at_once / 2, FEWEST_EVENTS))
+
     def _tally(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
         """The kernel's counts in the form of the stepped solver's: impulses instead of r.dp, and no overlaps."""
         tally = np.zeros((len(counts), layout.TALLIES))
-        tally[:, [layout.WALL_X, layout.WALL_Y]] = counts[:, :2]
-        tally[:, layout.VIRIAL] = counts[:, 2] / (2 * self._scene.radius)
-        tally[:, layout.COLLISION] = counts[:, 3]
+        tally[:, layout.WALLS] = counts[:, : events.VIRIAL]
+        tally[:, layout.VIRIAL] = counts[:, events.VIRIAL] / (2 * self._scene.largest_radius or 1.0)
+        tally[:, layout.COLLISION] = counts[:, events.VIRIAL + 1]
         return tally
 
     def record(self, counting: bool) -> None:
         """Have what measures need handed out from now on, or not. It is always counted: that costs 1 %."""
         self._counting = counting
-        if counting:
-            tally = self._store.tally
-            walls = tally[events.LEFT] + tally[events.RIGHT], tally[events.BOTTOM] + tally[events.TOP]
-            self._seen[:] = *walls, tally[events.VIRIAL], self._store.counter[events.PAIRS]
 
     # --- state
 
     @property
     def frame(self) -> int:
         """Frames finished since the start."""
-        return self._frame
+        return int(self._progress[events.FRAME])
 
     @property
     def time(self) -> float:
         """The time that has been reached [time]: the end of the last frame, or later if a stop came inside one."""
         present = float(self._store.clock[events.BASE] + self._store.clock[events.NOW])
-        return max(self._frame * self._settings.dt, present)
+        frame, dt = self.frame, self._settings.dt
+        return min(max(frame * dt, present), (frame + 1) * dt)  # beyond its frame only by rounding
 
     def state(self) -> State:
         """Synchronised copies at `time`, in the order of the scene's discs. Taking them changes nothing."""
@@ -141,28 +162,47 @@ class ExactSolver:
         velocity: NDArray[np.float64],
         acceleration: NDArray[np.float64] | None,
         choice: Choice,
+        radius: NDArray[np.float64] | None = None,
+        mass: NDArray[np.float64] | None = None,
     ) -> None:
-        """Append discs at the present time; refused if they overlap."""
-        old, state, time, guarded = self._block, self.state(), self.time, self.guarded
-        self.count += len(position)
+        """Append discs at the present time; refused if they overlap. Radius and mass: those of the scene if left out.
+
+        Raises:
+            InputError: then nothing was added.
+        """
+        state = self.state()
         places, speeds = np.concatenate([state.position, position]), np.concatenate([state.velocity, velocity])
-        try:
-            self._place(places, speeds, time)
-            self._refuse_overlap()
-        except InputError:
-            self._block.close()
-            self.count -= len(position)
-            self._block = old
-            self._store = self._store_of(old)
-            raise
-        events.schedule(self._store, self._box, self._law)
-        self._store.counter[events.GUARDS] = guarded
-        old.close()
+        common = np.full(len(position), self._scene.largest_radius)
+        radii = np.concatenate([self._radii, common if radius is None else radius])
+        masses = np.concatenate([self._masses, np.ones(len(position)) if mass is None else mass])
+        block, store, box = self._placed(places, speeds, radii, masses, self.time)
+        # Of a frame in hand, the new store has counted nothing yet, and the guard acts once for the whole run.
+        self._seen -= *self._store.tally, self._store.counter[events.PAIRS]
+        store.counter[events.GUARDS] = self.guarded
+        self._store = None
+        self._block.close()
+        self.count, self._block, self._store, self._box = len(places), block, store, box
+        self._radii, self._masses = radii, masses
+
+    @property
+    def radii(self) -> NDArray[np.float64]:
+        """Radius of each disc, shape (N,) [length]."""
+        return self._radii.copy()
+
+    @property
+    def absorbed(self) -> NDArray[np.bool_]:
+        """Which discs have left through an absorbing edge, shape (N,): none, as such edges are refused."""
+        return np.zeros(self.count, bool)
 
     @property
     def guarded(self) -> int:
         """Losses of energy that the contact-time guard has suppressed."""
         return int(self._store.counter[events.GUARDS])
+
+    @property
+    def array_names(self) -> tuple[str, ...]:
+        """Names of the arrays in the block."""
+        return tuple(self._block.specs)
 
     def resources(self) -> tuple[tuple[int, ...], int]:
         """Resident bytes of this process, and the size of the block."""
@@ -178,40 +218,89 @@ class ExactSolver:
         self._store = self._seen = self._clock = None
         self._block.close()
 
-    # --- the block
+    # --- snapshots
 
-    def _place(self, position: NDArray[np.floating], velocity: NDArray[np.floating], time: float) -> None:
-        """Put discs into a new block; `schedule` must follow."""
-        scene = self._scene
-        # A box with walls always has cells; only a periodic one can be too short for them.
-        cells: Any = events.plan_cells(scene.width, scene.height, 2 * scene.radius, self.count)
-        shapes = events.layout(self.count, cells, ("tally",))
-        specs = {name: ArraySpec(np.dtype(dtype), shape) for name, (dtype, shape) in shapes.items()}
-        self._block = SharedBlock.create(specs)
-        self._store: Any = self._store_of(self._block)
-        self._box: Any = events.Box(scene.width, scene.height, False, False, cells[0], cells[1], scene.radius)
-        self._seen: Any = np.zeros(4)
-        self._clock: Any = np.zeros(2, np.int64)
-        self._unfinished = 0, np.zeros(4)
-        status, particle = events.place(position, velocity, None, None, time, self._store, self._box)
-        if status != events.REACHED:
-            raise InputError(
-                f"velocity[{particle}] must be below 1e100 for method='event'; got {velocity[particle].tolist()}. "
-                "Choose units in which the numbers are smaller."
-            )
+    def snapshot(self) -> dict[str, NDArray]:
+        """Copies of everything that the next event depends on; the calendar follows from the discs' next events."""
+        found = {name: self._block.arrays[name].copy() for name in KEPT}
+        found |= {"radii": self._radii.astype(float), "masses": self._masses.astype(float)}
+        return found | {"progress": self._progress.copy(), "seen": self._seen.copy()}
 
     @staticmethod
-    def _store_of(block: SharedBlock) -> events.Store:
-        return events.Store(*(block.arrays.get(name) for name in events.Store._fields))
+    def count_in(snapshot: dict[str, NDArray]) -> int:
+        """Discs in a snapshot."""
+        return len(snapshot["order"])
 
-    def _refuse_overlap(self) -> None:
-        first, second, depth = events.worst_overlap(self._store, self._box)
-        if depth > ROUNDING * 2 * self._scene.radius:
-            raise InputError(
-                "method='event' needs discs that do not overlap; discs "
-                f"{min(first, second)} and {max(first, second)} overlap by {depth:.3g}, the most of all. Move them "
-                "apart, or run a few frames with method='grid' and start from there."
-            )
+    def restore(self, snapshot: dict[str, NDArray], choice: Choice, new_workers: bool) -> None:
+        """Go back (or on) to a snapshot. It has no workers."""
+        count = self.count_in(snapshot)
+        block, store, box = self._room(count)
+        for name in KEPT:
+            block.arrays[name][...] = snapshot[name]
+        for name, values in (("radius", snapshot["radii"]), ("mass", snapshot["masses"])):
+            if name in block.arrays:
+                block.arrays[name][...] = values[store.order]
+        lap_events = int(store.counter[events.LAP_EVENTS])
+        events.fill(store)  # whose order is total, so that it does not matter where the calendar keeps an event
+        store.counter[events.LAP_EVENTS] = lap_events
+        self._store = None
+        self._block.close()
+        self.count, self.choice, self._block, self._store, self._box = count, choice, block, store, box
+        self._radii, self._masses = snapshot["radii"].copy(), snapshot["masses"].copy()
+        self._progress[:], self._seen[:] = snapshot["progress"], snapshot["seen"]
+
+    # --- the block
+
+    def _room(self, count: int) -> tuple[SharedBlock, Any, Any]:
+        """A new block for so many discs, its arrays as the kernel takes them, and the box."""
+        scene = self._scene
+        each = {"tally": True, "radius": has_radii(scene), "mass": has_masses(scene)}
+        # A scene has room for two discs along a periodic axis, so that there always are cells.
+        cells: Any = events.plan_cells(scene.width, scene.height, 2 * scene.largest_radius, count, scene.periodic)
+        shapes = events.layout(count, cells, [name for name in each if each[name]])
+        block = SharedBlock.create({name: ArraySpec(np.dtype(dtype), shape) for name, (dtype, shape) in shapes.items()})
+        common = 0.0 if each["radius"] else scene.largest_radius
+        box: Any = events.Box(scene.width, scene.height, *scene.periodic, cells[0], cells[1], common)
+        store: Any = events.Store(*(block.arrays.get(name) for name in events.Store._fields))
+        return block, store, box
+
+    def _placed(
+        self,
+        position: NDArray[np.floating],
+        velocity: NDArray[np.floating],
+        radii: NDArray[np.float64],
+        masses: NDArray[np.float64],
+        time: float,
+    ) -> tuple[SharedBlock, Any, Any]:
+        """A new block with discs in it that are ready to go, its arrays as the kernel takes them, and the box."""
+        scene = self._scene
+        block, store, box = self._room(len(position))
+        own = radii if has_radii(scene) else None, masses if has_masses(scene) else None
+        try:
+            status, particle = events.place(position, velocity, *own, time, store, box)
+            if status != events.REACHED:
+                raise InputError(
+                    f"velocity[{particle}] must be below 1e100 for method='event'; got {velocity[particle].tolist()}. "
+                    "Choose units in which the numbers are smaller."
+                )
+            _refuse_overlap(store, box, ROUNDING * 2 * scene.largest_radius)
+            events.schedule(store, box, self._law)
+        except BaseException:
+            store = None
+            block.close()
+            raise
+        return block, store, box
+
+
+def _refuse_overlap(store: events.Store, box: events.Box, rounding: float) -> None:
+    """Raise InputError for discs that overlap by more than rounding [length], naming the worst pair."""
+    first, second, depth = events.worst_overlap(store, box)
+    if depth > rounding:
+        raise InputError(
+            "method='event' needs discs that do not overlap; discs "
+            f"{min(first, second)} and {max(first, second)} overlap by {depth:.3g}, the most of all. Move them "
+            "apart, or run a few frames with method='grid' and start from there."
+        )
 
 
 def _refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
@@ -223,6 +312,9 @@ def _refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
         ),
         "precision='float32'": settings.precision != "float64",
         "unguarded=True": settings.unguarded,
+        "obstacles": bool(scene.obstacles),
+        "absorbing edges": bool(scene.absorbing),
+        "a piston": scene.piston is not None,
     }
     for what, present in refusals.items():
         if present:
@@ -235,5 +327,7 @@ def _law_of(scene: Scene) -> events.Law:
     restitution = scene.restitution if scene.restitution < 1 else None
     wall_restitution = scene.wall_restitution if scene.wall_restitution < 1 else None
     pull = 0.0 if gravity is None else float(np.hypot(*gravity))
-    speed = float(np.sqrt((scene.velocity**2).sum(axis=1).mean() if scene.count else 0.0 + pull * scene.radius))
-    return events.Law(gravity, restitution, wall_restitution, GUARD * scene.radius / speed if speed > 0 else GUARD)
+    squares = float((scene.velocity**2).sum(axis=1).mean()) if scene.count else 0.0
+    smallest = scene.smallest_radius
+    speed = math.sqrt(squares + pull * smallest)
+    return events.Law(gravity, restitution, wall_restitution, GUARD * smallest / speed if speed > 0 else GUARD)

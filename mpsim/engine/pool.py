@@ -5,10 +5,13 @@ import os
 import signal
 import sys
 import threading
+import time
 import types
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection, wait
 from typing import Any
+
+import psutil
 
 from mpsim.engine.shared import SharedBlock
 from mpsim.engine.worker import worker_main
@@ -19,6 +22,12 @@ from mpsim.kernels.waiting import add_to_word, load_word, store_word
 
 PATIENCE = 2.0
 """Seconds in which a worker that was told to stop may do so before it is ended by signal."""
+
+LOOK = 0.05
+"""Seconds between two looks at workers whose fork server, which tells of their ends, has itself been ended."""
+
+START_PATIENCE = 1200.0
+"""Seconds in which a worker must be ready: it may have to compile every kernel, on a busy machine."""
 
 _hiding = threading.Lock()
 
@@ -43,6 +52,7 @@ class WorkerPool:
         self._team: Any = block.arrays["team"]
         self._connections: list[Connection] = []
         self._processes: list[Any] = []
+        self._pids: list[int] = []
         self._lost: int | None = None
         self._creator = os.getpid()
         self._watch_end, self._watched_end = os.pipe()
@@ -60,7 +70,7 @@ class WorkerPool:
     @property
     def pids(self) -> list[int]:
         """Process numbers of the workers, worker 1 first."""
-        return [process.pid for process in self._processes]
+        return list(self._pids)  # a process that another thread is replacing right now would not tell its own
 
     def wake(self) -> None:
         """Announce a command and rouse the workers that sleep. The command itself is given by the kernel."""
@@ -109,6 +119,9 @@ class WorkerPool:
                 if process.is_alive():
                     end()
                     process.join(PATIENCE)
+            if _lives(process.pid):  # without its fork server, `process` knows nothing of it
+                with suppress(ProcessLookupError):
+                    os.kill(process.pid, signal.SIGKILL)
             process.close()
         for connection in self._connections:
             connection.close()
@@ -116,7 +129,7 @@ class WorkerPool:
             if descriptor >= 0:
                 os.close(descriptor)
         self._watch_end = self._watched_end = -1
-        self._processes, self._connections = [], []
+        self._processes, self._pids, self._connections = [], [], []
         self._control = self._team = None
 
     def _start(self, context: Any, worker: int, block: SharedBlock) -> None:
@@ -133,12 +146,21 @@ class WorkerPool:
             theirs.close()
             self._connections.append(ours)
             self._processes.append(process)
+            self._pids.append(process.pid)
 
     def _await_ready(self, worker: int) -> None:
-        connection, process = self._connections[worker - 1], self._processes[worker - 1]
-        wait([connection, process.sentinel])
+        connection, deadline = self._connections[worker - 1], time.monotonic() + START_PATIENCE
+        while not connection.poll(LOOK):
+            lost = [number for number, process in enumerate(self._processes, start=1) if not _lives(process.pid)]
+            if lost and not connection.poll():
+                raise self._death(lost[0], "start-up")
+            if time.monotonic() > deadline:
+                raise WorkerStalled(
+                    f"worker {worker} was not ready within {START_PATIENCE:g} s. A worker must keep running. It may be "
+                    "stopped (SIGSTOP, a debugger) or starved; start again, with fewer workers."
+                )
         try:
-            kind, text = connection.recv() if connection.poll() else ("gone", None)
+            kind, text = connection.recv()
         except (EOFError, ConnectionResetError):
             kind, text = "gone", None
         if kind != "ready":
@@ -159,23 +181,43 @@ class WorkerPool:
                 text = None
         if text:
             cause += f" after an error:\n{text}"
-        frame = int(self._control[layout.DONE] + mine[layout.FRAME])
+        # A worker that dies right after a command has no time to reset its count; the coordinator's is then 0.
+        frame = int(self._control[layout.DONE] + min(mine[layout.FRAME], self._team[0, layout.FRAME]))
         return WorkerDied(worker, process.pid, code, cause, frame, phase or layout.PHASES[mine[layout.PHASE]])
 
     def _watch(self) -> None:
-        """Thread: at the first death, tell everybody to leave the frame loop. Ends when told to, without polling."""
-        sentinels = {process.sentinel: worker for worker, process in enumerate(self._processes, start=1)}
-        ready = wait([*sentinels, self._watch_end])
+        """Thread: at the first death, tell everybody to leave the frame loop. Ends when told to.
+
+        A sentinel also fires when the fork server is ended, which a SIGTERM to the whole group does; its workers live
+        on, and are looked at now and then.
+        """
+        watched = {process.sentinel: worker for worker, process in enumerate(self._processes, start=1)}
+        orphans: set[int] = set()
+        lost: list[int] = []
+        while not lost:
+            ready = wait([*watched, self._watch_end], LOOK if orphans else None)
+            if self._watch_end in ready:
+                return
+            orphans |= {watched.pop(sentinel) for sentinel in ready}
+            lost = [worker for worker in orphans if not _lives(self._processes[worker - 1].pid)]
         # After a bad state, or when told to stop, workers end as they should.
         ended = load_word(self._control, layout.ABORT) != layout.RUNNING or load_word(self._control, layout.BAD)
-        if self._watch_end not in ready and not ended:
-            self._lost = min(sentinels[sentinel] for sentinel in ready)
+        if not ended:
+            self._lost = min(lost)
             store_word(self._control, layout.ABORT, layout.WORKER_LOST)
 
     @staticmethod
     def _send(connection: Connection, message: tuple[Any, ...]) -> None:
         with suppress(BrokenPipeError, ConnectionResetError):  # that worker is dead; the watcher says so
             connection.send(message)
+
+
+def _lives(pid: int | None) -> bool:
+    """Whether a process runs, or is stopped; a zombie does not."""
+    try:
+        return psutil.Process(pid).status() not in (psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
+    except psutil.NoSuchProcess:
+        return False
 
 
 @contextmanager

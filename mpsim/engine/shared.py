@@ -2,18 +2,24 @@
 
 Ownership: the coordinator creates the block before any worker starts, and it alone unlinks it. Workers attach without
 registering for clean-up, because a registered worker that exits would take the block away from everybody.
-If the coordinator is killed, its resource tracker unlinks the block as soon as the last worker has gone.
+If the coordinator is killed, its resource tracker unlinks the block as soon as the last worker has gone. If that is
+killed as well, the block stays; `remove_stale_blocks` finds it.
 """
 
+import fcntl
 import os
+import re
 import secrets
 import sys
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from multiprocessing.shared_memory import SharedMemory
+from pathlib import Path
 from typing import cast
 
 import numpy as np
+import psutil
 from numpy.typing import NDArray
 
 from mpsim.errors import SharedMemoryError
@@ -25,6 +31,16 @@ STAGGER = 384
 store to another page at the same place waits for it in vain (4 KiB aliasing): with arrays of about a page or a power of
 two, which the sort reads and writes side by side, that doubles its time. A multiple of two cache lines, 128, which is
 what the prefetcher takes at a time."""
+
+
+FOLDER = Path("/dev/shm")
+"""Where Linux shows shared memory as files."""
+
+_OWN_NAME = re.compile(r"mpsim-(\d+)-[0-9a-f]{8}")
+
+_CLOCK_SLACK = 10.0
+"""Seconds by which a process must be younger than a block before it is not the block's owner: the start of a process
+is known to the tick of a clock that may have been set since."""
 
 
 class SharedBlock:
@@ -58,7 +74,15 @@ class SharedBlock:
             SharedMemoryError: if the machine has not that much shared memory, with the sizes.
         """
         size = _offsets(specs)[-1]
-        memory = SharedMemory(f"mpsim-{os.getpid()}-{secrets.token_hex(4)}", create=True, size=size)
+        name = f"mpsim-{os.getpid()}-{secrets.token_hex(4)}"
+        # SharedMemory registers a block that it has made. A kill in between, which threads that wait for each other
+        # make likely, would leave it for ever; a name that never came to be is no harm.
+        resource_tracker.register(f"/{name}", "shared_memory")
+        try:
+            memory = SharedMemory(name, create=True, size=size)
+        except BaseException:
+            resource_tracker.unregister(f"/{name}", "shared_memory")
+            raise
         try:
             # Without this a too small /dev/shm would only show later, as SIGBUS at the first write.
             if hasattr(os, "posix_fallocate"):
@@ -67,6 +91,9 @@ class SharedBlock:
             memory.close()
             memory.unlink()
             raise SharedMemoryError(_too_small(size)) from error
+        with suppress(OSError):  # a system without such locks; then the process number alone tells who is dead
+            # Held until the owner closes the block or dies, however that happens and in whatever container.
+            fcntl.flock(memory._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)  # type: ignore[attr-defined]
         return cls(memory, specs, owner=True)
 
     @classmethod
@@ -94,6 +121,72 @@ class SharedBlock:
             except FileNotFoundError:
                 # A foreign Python before 3.13 that attached has removed the name on its exit, taking it for a leak.
                 resource_tracker.unregister(self._memory._name, "shared_memory")  # type: ignore[attr-defined]
+
+
+@dataclass(frozen=True)
+class StaleBlock:
+    """A block whose owner is dead.
+
+    Attributes:
+        name: of the block.
+        pid: process number of the owner.
+        nbytes: its size.
+    """
+
+    name: str
+    pid: int
+    nbytes: int
+
+
+def stale_blocks(folder: Path = FOLDER) -> list[StaleBlock]:
+    """Blocks of mpsim whose owner is dead, by name; of this user only.
+
+    A block counts as stale only if both are true: nobody holds the lock that its owner holds while it lives, and no
+    process has the owner's number, or only one that was started after the block was made. The lock also knows owners
+    in other containers that share this folder, whose process numbers mean nothing here.
+    """
+    return [block for path in sorted(folder.glob("mpsim-*")) if (block := _as_stale(path)) is not None]
+
+
+def remove_stale_blocks(folder: Path = FOLDER) -> list[StaleBlock]:
+    """Remove `stale_blocks`, and nothing else. Returns those that were removed."""
+    removed = []
+    for block in stale_blocks(folder):
+        with suppress(OSError):
+            (folder / block.name).unlink()
+            removed.append(block)
+    return removed
+
+
+def _as_stale(path: Path) -> StaleBlock | None:
+    match = _OWN_NAME.fullmatch(path.name)
+    if match is None:
+        return None
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
+    except OSError:
+        return None
+    try:
+        status = os.fstat(descriptor)
+        if status.st_uid != os.getuid() or not _owner_is_dead(int(match[1]), status.st_mtime):
+            return None
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:  # BlockingIOError: it is held
+        return None
+    finally:
+        os.close(descriptor)
+    return StaleBlock(path.name, int(match[1]), status.st_size)
+
+
+def _owner_is_dead(pid: int, made: float) -> bool:
+    """Whether no process has this number, or one that did not live yet when the block was last known to be made."""
+    try:
+        process = psutil.Process(pid)
+        return process.status() == psutil.STATUS_ZOMBIE or process.create_time() > made + _CLOCK_SLACK
+    except psutil.NoSuchProcess:
+        return True
+    except psutil.Error:
+        return False
 
 
 @contextmanager

@@ -1,29 +1,57 @@
 """Simulation: the coordinator. It checks what comes in, runs the frame loop in slices, and hands out copies."""
 
+import atexit
+import dataclasses
 import math
+import os
 import warnings
 import weakref
 from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from mpsim import checks, placement
-from mpsim.engine import methods
+from mpsim import checks
+from mpsim.engine import checkpoint as checkpoint_file
+from mpsim.engine import methods, soundness
+from mpsim.engine.emission import Emission
 from mpsim.engine.exact import ExactSolver
 from mpsim.engine.pacing import Pacer
+from mpsim.engine.provision import has_masses, has_radii
 from mpsim.engine.report import Report, phase_seconds
+from mpsim.engine.running import MOST_DEATHS, Checkpointer, Keeper, Ledger, tell_of
 from mpsim.engine.stepped import SteppedSolver
-from mpsim.errors import ClosedError, GuardWarning, InputError, OverlapWarning, WorkerDied
+from mpsim.errors import (
+    CheckpointError,
+    ClosedError,
+    GuardWarning,
+    InputError,
+    OverlapWarning,
+    WorkerDied,
+    WorkerStalled,
+)
 from mpsim.interrupts import interrupts_held_back
-from mpsim.kernels.layout import PHASES
-from mpsim.measure import observables
 from mpsim.measure.gathering import Gathering, Run, checked
 from mpsim.scene import Scene
 from mpsim.settings import Settings
 from mpsim.state import MOST_FRAMES, State
 
 MOST_FRAMES_OF_A_RUN = 10**12
+
+_open: "weakref.WeakSet[Simulation]" = weakref.WeakSet()
+
+
+@atexit.register
+def _close_all() -> None:
+    """Close what a program leaves open when it ends.
+
+    Registered after multiprocessing's own end, so it runs before that, which would ask the workers to end by SIGTERM,
+    a signal they leave to the coordinator, and wait for them for ever.
+    """
+    for simulation in list(_open):
+        simulation.close()
 
 
 class Simulation:
@@ -56,6 +84,7 @@ class Simulation:
         self._settings = settings
         self._check_precision()
         self._last_frame = 0
+        self._emission = Emission(scene)
         choice = methods.choose(scene.count, settings)
         if choice.method != "event":  # which refuses them
             _warn_of_overlaps(scene)
@@ -63,6 +92,7 @@ class Simulation:
         solver = ExactSolver if choice.method == "event" else SteppedSolver
         self._solver: SteppedSolver | ExactSolver = solver(scene, settings, choice)
         self._closing = weakref.finalize(self, self._solver.close)
+        _open.add(self)
 
     def __enter__(self) -> "Simulation":
         return self
@@ -122,6 +152,9 @@ class Simulation:
         until: float | None = None,
         measures: Iterable[str] | None = None,
         progress: Callable[[int, int], None] | None = None,
+        checkpoint: str | os.PathLike[str] | None = None,
+        checkpoint_every: int | None = None,
+        checkpoint_seconds: float = 60.0,
     ) -> Report:
         """Run a number of frames, or until a time is reached.
 
@@ -129,58 +162,195 @@ class Simulation:
             frames: how many, >= 0.
             until: simulated time at which to stop [time]: the first frame that reaches it is the last; not before now.
             measures: names of what to gather along the way, for report.measures: "pressure", "pressure_virial",
-                "collision_rate", "overlap", "largest_overlap", "kinetic_energy", "temperature", "speed_kurtosis".
-                Gathering never changes the digest; what is not asked for costs nothing.
-            progress: called as progress(done, of_frames) about twenty times a second.
+                "collision_rate", "overlap", "largest_overlap", "kinetic_energy", "temperature", "speed_kurtosis",
+                "energy_drift", "momentum_drift".
+                Gathering never changes the digest; what is not asked for costs nothing. Of a run that begins inside a
+                frame (`event`, after Ctrl-C) the two drifts are NaN.
+            progress: called as progress(done, of_frames) about twenty times a second, inside a long frame as well
+                (of `event`; of the others at the end of each frame).
+            checkpoint: file for `save`, written along the way and at the end; on SIGTERM too, which then ends the
+                process by SystemExit. See `resume`.
+            checkpoint_every: frames between two checkpoints, >= 1; None: checkpoint_seconds [s], > 0, count.
 
         Raises:
             InputError: both or neither of frames and until, or one out of range.
             ClosedError: after `close`.
             DivergedError, WorkerDied, WorkerStalled: the run cannot go on; the simulation is closed.
+            OutputError: a checkpoint cannot be written; the simulation is as it was before that.
         """
         solver = self._open_solver()
         frames = self._frames_wanted(frames, until)
-        gathering = Gathering(self._measures_wanted(measures), frames)
-        with interrupts_held_back():
-            solver.record(gathering.counting)
-        times, collisions, done = [np.zeros((max(solver.choice.workers), 0, len(PHASES)), np.int64)], 0, 0
-        guarded = solver.guarded
-        while done < frames:
-            workers, size = self._pacer.next_slice(
-                min(frames - done, int(min(gathering.frames_to_sample(done), frames)))
-            )
-            try:
-                part = solver.advance(size, workers)
-            except Exception:
-                self.close()
-                raise
-            size = part.times.shape[1]
-            if size:
-                self._pacer.note(workers, size, float(np.median(part.times[0].sum(axis=1))) * 1e-9)
-            done += size
-            times.append(part.times)
-            collisions += part.contacts
-            if size:
-                gathering.take(part.tally, done, solver.state, self._scene)
-            if progress is not None:
-                progress(done, frames)
-                self._open_solver()  # which says so if the callback has closed the simulation
-        frame_seconds, phases = phase_seconds(_side_by_side(times))
+        whole = solver.time == solver.frame * self._settings.dt
+        gathering = Gathering(self._measures_wanted(measures), frames, solver.state, whole)
+        self._between_frames(lambda: solver.record(gathering.counting))
+        ledger, guarded = Ledger(max(solver.choice.workers), gathering), solver.guarded
+        keeper = Keeper(self._snapshot, self._restore, ledger) if self._heals else None
+        with self._checkpointer(checkpoint, checkpoint_every, checkpoint_seconds) as checkpoints:
+            if not frames:
+                checkpoints.look(0, last=True)
+            while ledger.done < frames:
+                ahead = min(frames - ledger.done, checkpoints.frames_ahead(ledger.done))
+                self._advance(ahead, ledger, keeper)
+                checkpoints.look(ledger.done, last=ledger.done == frames)
+                if progress is not None:
+                    progress(ledger.done, frames)
+                    self._open_solver()  # which says so if the callback has closed the simulation
+        frame_seconds, phases = phase_seconds(ledger.times)
         memory, block = solver.resources()
-        energy = observables.kinetic_energy(solver.state(), self._scene) if gathering.counting else 0.0
-        gathered = gathering.measures(Run(self._scene, solver.count, self._settings.dt, energy))
+        gathered = gathering.measures(Run(self._scene, solver.count, self._settings.dt))
         guarded = solver.guarded - guarded
         if guarded:
             _warn_of_guard(guarded)
-        return Report(frame_seconds, phases, collisions, *self._what_ran(), memory, block, gathered, guarded)
+        return Report(frame_seconds, phases, ledger.collisions, *self._what_ran(), memory, block, gathered, guarded)
 
-    def add(self, position: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike | None = None) -> None:
+    def _advance(self, most: int, ledger: Ledger, keeper: Keeper | None) -> None:
+        """One slice of frames: what emitters add, a command of the solver, and, where wanted, the way back."""
+        try:
+            self._emission.emit(self)
+            if keeper is not None and self._solver.pids:
+                keeper.keep()
+            ahead = min(ledger.gathering.frames_to_sample(ledger.done), self._emission.frames_ahead(self.frame))
+            workers, size = self._pacer.next_slice(int(min(most, ahead)))
+            part = self._solver.advance(size, workers)
+        except WorkerDied as death:
+            if keeper is None or not self._closing.alive:
+                self.close()
+                raise
+            try:
+                with interrupts_held_back():
+                    keeper.go_back(death)
+            except Exception:
+                self.close()
+                raise
+            return
+        except BaseException as error:
+            if isinstance(error, Exception) or self._solver.torn:
+                self.close()
+            raise
+        if part.times.shape[1]:
+            self._pacer.note(workers, part.times.shape[1], float(np.median(part.times[0].sum(axis=1))) * 1e-9)
+        ledger.take(part, self._scene)
+
+    @property
+    def _heals(self) -> bool:
+        """Whether a worker that dies is to be replaced."""
+        return self._settings.on_worker_death == "restart"
+
+    def _snapshot(self) -> tuple[Any, Any]:
+        return self._solver.snapshot(), self._emission.progress
+
+    def _restore(self, kept: tuple[Any, Any], new_workers: bool = True) -> None:
+        snapshot, progress = kept
+        choice = methods.choose(self._solver.count_in(snapshot), self._settings)
+        with interrupts_held_back():
+            self._solver.restore(snapshot, choice, new_workers)
+            self._emission.progress = progress
+            self._pacer = Pacer(choice.workers, MOST_FRAMES)
+
+    def _between_frames(self, deed: Callable[[], None]) -> None:
+        """Do what may move the workers to another block; where one has died, again on new ones, if that is wanted.
+
+        The state is whole, so nothing is lost by a death. Ctrl-C waits: half a move would be no state at all.
+        """
+        died = False
+        with interrupts_held_back():
+            for chances in range(MOST_DEATHS, -1, -1):
+                try:
+                    if died:
+                        self._restore(self._snapshot())
+                    deed()
+                    return
+                except WorkerStalled:
+                    self.close()
+                    raise
+                except WorkerDied as death:
+                    if not (self._heals and chances):
+                        self.close()
+                        raise
+                    tell_of(death, "trying again")
+                    died = True
+
+    def _checkpointer(self, path: str | os.PathLike[str] | None, every: int | None, seconds: float) -> Checkpointer:
+        if every is not None:
+            checks.whole("checkpoint_every", every, 1, MOST_FRAMES_OF_A_RUN, "Frames between two checkpoints.")
+            if path is None:
+                raise InputError(f"checkpoint_every needs checkpoint, the file to write; got {every!r} and no file.")
+        seconds = checks.positive("checkpoint_seconds", seconds, "[s]")
+        return Checkpointer(self.save, None if path is None else checkpoint_file.checked_place(path), every, seconds)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write everything that the next frame depends on to a file; `resume` goes on with the same bits.
+
+        The file is whole or not there, whenever the process or the machine dies; the one before it is kept as
+        <path>.previous. No pickle: reading it runs no code.
+
+        Raises:
+            OutputError: if it cannot be written; what was there before is untouched.
+            ClosedError: after `close`.
+
+        >>> import tempfile
+        >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     with Simulation(scene, Settings(method="grid")) as sim:
+        ...         report = sim.run(frames=10)
+        ...         path = sim.save(f"{folder}/run.mpsim")
+        ...         report = sim.run(frames=10)
+        ...     with Simulation.resume(path) as again:
+        ...         report = again.run(frames=10)
+        ...         again.frame
+        20
+        """
+        solver = self._open_solver()
+        run = {"frame": self.frame, "emission": self._emission.progress}
+        return checkpoint_file.write(path, self._scene, self._settings, run, solver.snapshot())
+
+    @classmethod
+    def resume(
+        cls, path: str | os.PathLike[str], *, workers: int | None = None, start_method: str | None = None
+    ) -> "Simulation":
+        """A simulation that goes on where `save` was called, with the same bits as if it had never stopped.
+
+        Args:
+            path: of the file. If it is damaged, the one before it is taken, with a CheckpointWarning that names both.
+            workers, start_method: as in Settings; they change no bit.
+
+        Raises:
+            CheckpointError: if there is no whole file, or it is of a newer version.
+        """
+        found = checkpoint_file.read(path, soundness.check)
+        settings = dataclasses.replace(found.settings, workers=workers, start_method=start_method)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", OverlapWarning)  # of the start, long ago
+                sim = cls(found.scene, settings)
+        except InputError as error:
+            raise CheckpointError(
+                f"the checkpoint {str(found.path)!r} must hold a scene and settings that go together; {error}"
+            ) from error
+        try:
+            sim._restore((found.arrays, found.run["emission"]), new_workers=False)
+        except BaseException:
+            sim.close()
+            raise
+        return sim
+
+    def add(
+        self,
+        position: ArrayLike,
+        velocity: ArrayLike,
+        acceleration: ArrayLike | None = None,
+        *,
+        radius: ArrayLike | None = None,
+        mass: ArrayLike | None = None,
+    ) -> None:
         """Add one disc, or several.
 
         Args:
             position, velocity: shape (2,) or (K, 2); centres inside the box [length], [length/time]. A new disc may
                 overlap others: the next frames push them apart.
             acceleration: as position, only in a scene that has it; left out it is zero [length/time^2].
+            radius, mass: one or one each; needed in a scene whose discs have one each, and only there. No disc may be
+                larger than the largest of the scene [length], [mass].
 
         Raises:
             InputError: naming the argument, its rule and the value received; then nothing was added.
@@ -197,15 +367,12 @@ class Simulation:
                     f"one has none, and got {acceleration!r}. Give the scene acceleration=numpy.zeros((N, 2))."
                 )
             kicks = checks.finite_array("acceleration", np.atleast_2d(acceleration), shape, meaning)
-        self._scene.check_inside("position", places)
+        radii = self._one_each("radius", radius, len(places), has_radii(self._scene))
+        masses = self._one_each("mass", mass, len(places), has_masses(self._scene))
+        self._scene.check_inside("position", places, self._scene.largest_radius if radii is None else radii)
         checks.fitting("velocity", speeds, self._settings.precision)
         before, choice = solver.choice, methods.choose(solver.count + len(places), self._settings)
-        try:
-            with interrupts_held_back():  # half a growth would be no state at all
-                solver.add(places, speeds, kicks, choice)
-        except WorkerDied:
-            self.close()
-            raise
+        self._between_frames(lambda: solver.add(places, speeds, kicks, choice, radii, masses))
         if choice != before:
             self._pacer = Pacer(choice.workers, MOST_FRAMES)
 
@@ -216,13 +383,52 @@ class Simulation:
             f"<Simulation: {self.count} discs by {self._solver.choice.method}, frame {self.frame}, time {self.time:g}>"
         )
 
+    def _one_each(self, name: str, value: ArrayLike | None, count: int, wanted: bool) -> NDArray[np.float64] | None:
+        """Radii or masses of added discs, shape (count,), where the scene has one per disc; otherwise None."""
+        if not wanted:
+            if value is not None:
+                raise InputError(
+                    f"{name} can be given for added discs only in a scene whose discs have one each; here all have "
+                    f"the same, and got {value!r}. Leave it out, or give the scene {name}=numpy.full(N, ...) with "
+                    "different values."
+                )
+            return None
+        if value is None:
+            raise InputError(
+                f"{name} must be given for added discs, as the discs of this scene have one each; got None."
+            )
+        each = np.full(count, value) if np.ndim(value) == 0 else value
+        array = checks.finite_array(name, each, (count,), f"() or ({count},)")
+        largest = self._scene.largest_radius if name == "radius" else math.inf
+        if (array <= 0).any() or (array > largest).any():
+            limit = f" and at most that of the scene's largest disc, {largest:g}" if name == "radius" else ""
+            raise InputError(f"{name} of added discs must be > 0{limit}; got {array.tolist()}.")
+        return array
+
+    @property
+    def array_names(self) -> tuple[str, ...]:
+        """Names of the arrays in the shared block: those of features are there only where the scene has them."""
+        return self._open_solver().array_names
+
+    @property
+    def radii(self) -> NDArray[np.float64]:
+        """Radius of each disc, those added included, shape (N,) [length]."""
+        return self._open_solver().radii
+
+    @property
+    def absorbed(self) -> NDArray[np.bool_]:
+        """Which discs have left through an absorbing edge, shape (N,): they rest where they left, and meet nobody."""
+        return self._open_solver().absorbed
+
     def _check_precision(self) -> None:
         """Refuse a scene whose numbers do not fit the precision of the run."""
         scene, precision = self._scene, self._settings.precision
         checks.fitting("the box", np.array([scene.width, scene.height]), precision)
         # Squares of lengths must not underflow either, nor the time of a step.
         tiny = float(np.finfo(precision).tiny)
-        checks.not_vanishing("radius", scene.radius, 1e4 * math.sqrt(tiny), precision)
+        smallest = float(scene.radii.min(initial=scene.largest_radius))
+        if smallest > 0:  # with radii of their own, no discs have none
+            checks.not_vanishing("radius", smallest, 1e4 * math.sqrt(tiny), precision)
         checks.not_vanishing("dt / substeps", self._settings.dt / self._settings.substeps, tiny, precision)
         for name in ("velocity", "gravity", "acceleration"):
             if getattr(scene, name) is not None:
@@ -244,13 +450,7 @@ class Simulation:
         ), workers
 
     def _measures_wanted(self, measures: Iterable[str] | None) -> tuple[str, ...]:
-        names = checked(measures)
-        if "pressure_virial" in names and (self._scene.gravity is not None or self._scene.acceleration is not None):
-            raise InputError(
-                "measures may hold 'pressure_virial' only without gravity and acceleration, which the virial leaves "
-                "out; this scene has them. Use 'pressure', the impulses on the walls."
-            )
-        return names
+        return checked(measures, self._scene, self.count)
 
     def _frames_wanted(self, frames: int | None, until: float | None) -> int:
         if (frames is None) == (until is None):
@@ -265,11 +465,10 @@ class Simulation:
 
 
 def _warn_of_overlaps(scene: Scene) -> None:
-    pairs, (i, j), depth = placement.overlaps(scene.position, scene.width, scene.height, 2 * scene.radius)
-    if pairs:
+    words = scene.overlaps_at_start()
+    if words:
         warnings.warn(
-            f"{pairs} pairs of discs overlap at the start, discs {i} and {j} deepest, by {depth:.3g}. "
-            "The first frames push them apart. Give places at least one diameter apart to avoid it.",
+            f"{words}. The first frames push them apart. Give places that leave room for the discs to avoid it.",
             OverlapWarning,
             stacklevel=3,
         )
@@ -282,9 +481,3 @@ def _warn_of_guard(guarded: int) -> None:
         GuardWarning,
         stacklevel=3,
     )
-
-
-def _side_by_side(times: list[np.ndarray]) -> np.ndarray:
-    """Times of all slices, (workers, frames, phases); growth under `auto` may have raised the number of workers."""
-    workers = max(part.shape[0] for part in times)
-    return np.concatenate([np.pad(part, ((0, workers - len(part)), (0, 0), (0, 0))) for part in times], axis=1)

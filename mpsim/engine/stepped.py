@@ -8,16 +8,21 @@ from numpy.typing import NDArray
 
 from mpsim.engine.methods import Choice
 from mpsim.engine.pool import WorkerPool
+from mpsim.engine.provision import feature_specs, fill_features, giant_radius, has_radii, wall_limits
 from mpsim.engine.report import Slice
 from mpsim.engine.shared import SharedBlock
 from mpsim.engine.worker import kernel_arguments, load_kernels
 from mpsim.errors import DivergedError, SharedMemoryError
+from mpsim.features import EDGES
 from mpsim.kernels import layout
+from mpsim.kernels.optional import wrap_places
+from mpsim.kernels.piston import place_piston
 from mpsim.kernels.stepping import run_grid, run_naive
 from mpsim.scene import Scene
 from mpsim.settings import Settings
 from mpsim.state import Grid, State, block_arrays, grid_for
 
+LIMITS = (layout.X_LOW, layout.X_HIGH, layout.Y_LOW, layout.Y_HIGH)
 _CONTACTS = {"push": layout.PUSH, "impact": layout.IMPACT}
 _LAWS = {"reflect": layout.REFLECT, "elastic": layout.ELASTIC}
 
@@ -35,8 +40,11 @@ class SteppedSolver:
         self._settings = settings
         self._sorted_grid: Grid | None = None
         self._tallying = False
+        self.torn = False  # whether a worker died inside a frame and Ctrl-C came before anybody could be told
         self._pool: WorkerPool | None = None
         self._processes = [psutil.Process()]
+        self._radii = scene.radii.astype(float)
+        self._masses = scene.masses.astype(float)
         self._block = self._new_block(max(scene.count, 1))
         try:
             self._write_state(scene.position, scene.velocity, scene.acceleration)
@@ -62,6 +70,8 @@ class SteppedSolver:
     def advance(self, frames: int, workers: int) -> Slice:
         """Run up to MOST_FRAMES frames on all workers or on one (the coordinator, while the others rest).
 
+        Fewer where they take longer than expected: no command lasts much longer than layout.SLICE.
+
         Raises:
             DivergedError, WorkerDied, WorkerStalled: the solver can then only be closed.
         """
@@ -74,12 +84,18 @@ class SteppedSolver:
         for counts in (times, tally):
             if counts is not None:
                 counts[:, :frames] = 0
-        if self.choice.method == "naive":
-            abort = run_naive(*self._naive_arguments())
-        else:
-            abort = self._run_grid(self._pool if workers > 1 else None)
+        before = int(control[layout.DONE])
+        try:
+            if self.choice.method == "naive":
+                abort = run_naive(*self._naive_arguments())
+            else:
+                abort = self._run_grid(self._pool if workers > 1 else None)
+        except KeyboardInterrupt:
+            self.torn = control[layout.ABORT] != layout.RUNNING and control[layout.DONE] == before
+            raise
         if abort != layout.RUNNING:
             raise self._failure(abort)
+        frames = int(control[layout.FRAMES])
         contacts = int(arrays["team"][:, layout.COLLISIONS].sum())
         return Slice(times[:, :frames].copy(), contacts, None if tally is None else self._tallied(tally[:, :frames]))
 
@@ -88,8 +104,8 @@ class SteppedSolver:
         totals = tally.sum(axis=0).astype(np.float64)
         totals[:, layout.DEEPEST] = tally[:, :, layout.DEEPEST].max(axis=0)
         scale = float(self._block.arrays["parameters"][layout.TALLY_SCALE])
-        totals[:, [layout.WALL_X, layout.WALL_Y, layout.VIRIAL]] /= scale
-        totals[:, [layout.DEPTH, layout.DEEPEST]] *= 2 * self._scene.radius / scale
+        totals[:, [*range(layout.LEFT, layout.TOP + 1), layout.VIRIAL]] /= scale
+        totals[:, [layout.DEPTH, layout.DEEPEST]] *= 2 * self._scene.largest_radius / layout.DEPTH_SCALE
         return totals
 
     def record(self, tallied: bool) -> None:
@@ -160,6 +176,13 @@ class SteppedSolver:
 
     def state(self) -> State:
         """Copies in the order of the scene's discs."""
+        state = self._state_as_it_lies()
+        for axis, wrap in enumerate((self._block.arrays.get("wrap_x"), self._block.arrays.get("wrap_y"))):
+            if wrap is not None:  # a contact may have moved a disc through the border; the next step brings it back
+                wrap_places(state.position[:, axis], wrap)
+        return state
+
+    def _state_as_it_lies(self) -> State:
         discs = self._live_discs()
         order = discs.id[: self.count]
         position = np.empty((self.count, 2), discs.x.dtype)
@@ -169,20 +192,45 @@ class SteppedSolver:
             velocity[order, column] = speed[: self.count]
         return State(position, velocity)
 
+    @property
+    def radii(self) -> NDArray[np.float64]:
+        """Radius of each disc, shape (N,) [length]."""
+        return self._radii[: self.count].copy()
+
+    @property
+    def absorbed(self) -> NDArray[np.bool_]:
+        """Which discs have left through an absorbing edge, shape (N,)."""
+        exits = self._block.arrays.get("exits")
+        return np.zeros(self.count, bool) if exits is None else exits[0, : self.count] != 0
+
     def add(
         self,
         position: NDArray[np.float64],
         velocity: NDArray[np.float64],
         acceleration: NDArray[np.float64] | None,
         choice: Choice,
+        radius: NDArray[np.float64] | None = None,
+        mass: NDArray[np.float64] | None = None,
     ) -> None:
         """Append discs, ids continuing, and go on as `choice` says. The block doubles when it is full."""
         count = self.count + len(position)
-        if choice != self.choice or count > self._capacity:
+        common = np.full(len(position), self._scene.largest_radius)
+        radii = np.append(self._radii[: self.count], common if radius is None else radius)
+        masses = np.append(self._masses[: self.count], np.ones(len(position)) if mass is None else mass)
+        self._radii, self._masses = radii, masses
+        # Discs that make giants of others leave the grid finer than one for as many discs without giants.
+        crowded = self._grid_for(count).table_size > len(self._block.arrays["start"])
+        if choice != self.choice or count > self._capacity or crowded:
             self._move(max(2 * self._capacity, count) if count > self._capacity else self._capacity, choice)
+            self._radii, self._masses = radii, masses  # the move has carried over the discs of before
         self._write_state(position, velocity, acceleration, self.count)
         self.count = count
         self._configure()
+
+    @property
+    def array_names(self) -> tuple[str, ...]:
+        """Names of the arrays in the block."""
+        return tuple(self._block.specs)
 
     def resources(self) -> tuple[tuple[int, ...], int]:
         """Resident bytes of each process, and the size of the block."""
@@ -208,34 +256,32 @@ class SteppedSolver:
 
     @property
     def _tally_scale(self) -> float:
-        """A power of two that makes a typical velocity some 2^32: fine steps, and 2^31 discs' worth of room above."""
-        speeds = self._scene.velocity
-        typical = float(np.sqrt((speeds**2).mean())) if len(speeds) else 0.0
+        """A power of two that makes a typical momentum some 2^32: fine steps, and 2^31 discs' worth of room above."""
+        momenta = self._scene.velocity * self._scene.masses[:, None]
+        typical = float(np.sqrt((momenta**2).mean())) if len(momenta) else 0.0
         # Far from 1 the exponent of a float32 would end; sums are then coarser or the room above is less.
         return 2.0 ** float(np.clip(32 - np.frexp(typical)[1], -100, 100)) if typical > 0 else 2.0**32
 
     def _new_block(self, capacity: int) -> SharedBlock:
-        scene, features = self._scene, {}
-        if scene.gravity is not None:
-            features["gravity"] = (2,)
-        if scene.acceleration is not None:
-            features["acceleration"] = (2, capacity)
+        precision = self._settings.precision
+        features = feature_specs(self._scene, capacity, self._most_workers, precision)
         grid = self._grid_for(capacity)
         self._capacity = capacity
-        specs = block_arrays(capacity, grid, self._most_workers, self._settings.precision, features, self._tallying)
-        block = SharedBlock.create(specs)
+        block = SharedBlock.create(
+            block_arrays(capacity, grid, self._most_workers, precision, features, self._tallying)
+        )
         block.arrays["team"][:, layout.BAD_SLOT] = -1
-        if scene.gravity is not None:
-            block.arrays["gravity"][:] = scene.gravity
+        fill_features(block.arrays, self._scene)
         return block
 
     def _move(self, capacity: int, choice: Choice) -> None:
         """Move everything to a new block, larger or for another method, and the workers with it."""
-        old, same = self._block, choice == self.choice
+        self._replace_block(capacity, choice, self.snapshot(), new_pool=choice != self.choice)
+
+    def _replace_block(self, capacity: int, choice: Choice, snapshot: dict[str, NDArray], new_pool: bool) -> None:
+        """A new block that holds a snapshot; the workers attach to it, or others are started."""
+        old, before = self._block, (self.choice, self._capacity)
         loaded = "tally" in old.arrays or not self._tallying
-        state, count = self.state(), self.count
-        acceleration = old.arrays["acceleration"][:, :count].T.copy() if "acceleration" in old.arrays else None
-        before = self.choice, self._capacity
         self.choice = choice
         try:
             self._block = self._new_block(capacity)
@@ -243,11 +289,8 @@ class SteppedSolver:
             self.choice, self._capacity = before
             raise
         try:
-            self._write_state(state.position, state.velocity, acceleration)
-            self._block.arrays["control"][layout.DONE] = old.arrays["control"][layout.DONE]
-            self._sorted_grid = None
-            self._configure()
-            if not same:
+            self._enter(snapshot)
+            if new_pool:
                 self._stop_pool()
                 self._prepare()
                 return
@@ -258,9 +301,52 @@ class SteppedSolver:
         finally:
             old.close()
 
+    def snapshot(self) -> dict[str, NDArray]:
+        """Copies of everything that the next frame depends on, in the order of the scene's discs."""
+        state, count, arrays = self._state_as_it_lies(), self.count, self._block.arrays
+        control = arrays["control"]
+        found = {"position": state.position, "velocity": state.velocity}
+        found |= {"radii": self._radii[:count].copy(), "masses": self._masses[:count].copy()}
+        if "acceleration" in arrays:
+            found["acceleration"] = arrays["acceleration"][:, :count].T.copy()
+        if "exits" in arrays:
+            found["exits"] = arrays["exits"][:, :count].copy()
+        found["progress"] = np.array([control[layout.DONE], control[layout.STEPS]])
+        return found
+
+    @staticmethod
+    def count_in(snapshot: dict[str, NDArray]) -> int:
+        """Discs in a snapshot."""
+        return len(snapshot["position"])
+
+    def restore(self, snapshot: dict[str, NDArray], choice: Choice, new_workers: bool) -> None:
+        """Go back (or on) to a snapshot; on new workers where those that were there may be dead."""
+        capacity = max(self._capacity, len(snapshot["position"]))
+        self._radii = snapshot["radii"].copy()  # which the size of the grid may depend on
+        self._replace_block(capacity, choice, snapshot, new_pool=new_workers or choice != self.choice)
+
+    def _enter(self, snapshot: dict[str, NDArray]) -> None:
+        """Write a snapshot into the present, new block."""
+        self._radii, self._masses = snapshot["radii"].copy(), snapshot["masses"].copy()
+        self.count = len(self._radii)
+        self._write_state(snapshot["position"], snapshot["velocity"], snapshot.get("acceleration"))
+        control = self._block.arrays["control"]
+        control[layout.DONE], control[layout.STEPS] = snapshot["progress"]
+        if "exits" in snapshot:
+            self._block.arrays["exits"][:, : self.count] = snapshot["exits"]
+        self._sorted_grid = None
+        self._configure()
+
     def _grid_for(self, count: int) -> Grid:
-        scene = self._scene
-        return grid_for(count, scene.width, scene.height, 2 * scene.radius, self._settings.precision)
+        scene, precision = self._scene, self._settings.precision
+        giant = self._giant_radius()
+        largest = scene.largest_radius if giant is None else giant
+        outside = bool(scene.absorbing) or has_radii(scene)
+        return grid_for(count, scene.width, scene.height, 2 * largest, precision, scene.boundary, outside)
+
+    def _giant_radius(self) -> float | None:
+        """Radius above which discs are kept out of the grid."""
+        return giant_radius(self._radii) if has_radii(self._scene) and self.choice.method != "naive" else None
 
     def _write_state(self, position: NDArray, velocity: NDArray, acceleration: NDArray | None, first: int = 0) -> None:
         """Write discs `first`, `first + 1`, ... behind those that are there."""
@@ -270,6 +356,10 @@ class SteppedSolver:
         discs.x[first:last], discs.y[first:last] = position.T
         discs.vx[first:last], discs.vy[first:last] = velocity.T
         discs.id[first:last] = np.arange(first, last)
+        if discs.radius is not None:
+            discs.radius[first:last] = self._radii[first:last]
+        if "mass" in arrays:
+            arrays["mass"][first:last] = self._masses[first:last]
         if "acceleration" in arrays:
             arrays["acceleration"][:, first:last] = 0 if acceleration is None else acceleration.T
 
@@ -279,11 +369,8 @@ class SteppedSolver:
         self._grid = self._grid_for(self.count)
         values: dict[int, Any] = {
             layout.DT: settings.dt / settings.substeps,
-            layout.DIAMETER: 2 * scene.radius,
-            layout.X_LOW: scene.radius,
-            layout.X_HIGH: scene.width - scene.radius,
-            layout.Y_LOW: scene.radius,
-            layout.Y_HIGH: scene.height - scene.radius,
+            layout.DIAMETER: 2 * scene.largest_radius,
+            **dict(zip(LIMITS, wall_limits(scene), strict=True)),
             layout.CELLS_PER_X: self._grid.columns / scene.width,
             layout.CELLS_PER_Y: self._grid.rows / scene.height,
             layout.EXCHANGE: (1 + scene.restitution) / 2,
@@ -293,6 +380,11 @@ class SteppedSolver:
         }
         for index, value in values.items():
             self._block.arrays["parameters"][index] = value
+        if scene.piston is not None:
+            place_piston(self._block.arrays)
+        if "giants" in self._block.arrays:
+            giant = self._giant_radius()
+            self._block.arrays["giants"][0] = np.inf if giant is None else giant
         words = {
             layout.COUNT: self.count,
             layout.COLUMNS: self._grid.columns,
@@ -302,6 +394,8 @@ class SteppedSolver:
             layout.CONTACT: _CONTACTS[settings.contact],
             layout.PASSES: settings.passes,
             layout.GUARDED: int(not settings.unguarded),
+            layout.CELLS: self._grid.table_size - 1,
+            layout.ABSORBING: sum(1 << EDGES.index(edge) for edge in scene.absorbing),
         }
         for index, word in words.items():
             self._block.arrays["control"][index] = word
@@ -311,9 +405,8 @@ class SteppedSolver:
         return kernel_arguments(self._block, 0)[int(self._block.arrays["control"][layout.LIVE])]
 
     def _naive_arguments(self) -> tuple[Any, ...]:
-        discs, _, _, _, gravity, acceleration, *rest = kernel_arguments(self._block, 0)
-        parameters, control, team, _, tally, times, *_ = rest
-        return discs, gravity, acceleration, parameters, control, team, tally, times
+        discs, _, _, _, features, parameters, control, team, _, tally, times, *_ = kernel_arguments(self._block, 0)
+        return discs, features, parameters, control, team, tally, times
 
     def _load_kernels(self) -> None:
         """Compile or load what will run, by running no frame."""
@@ -321,6 +414,6 @@ class SteppedSolver:
             load_kernels(self._block)
             return
         arguments = list(self._naive_arguments())
-        arguments[4] = arguments[4].copy()
-        arguments[4][layout.FRAMES] = 0
+        arguments[3] = arguments[3].copy()
+        arguments[3][layout.FRAMES] = 0
         run_naive(*arguments)

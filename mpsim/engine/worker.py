@@ -35,11 +35,10 @@ def kernel_arguments(block: SharedBlock, worker: int) -> tuple[Any, ...]:
     """Arguments of `run_grid` for one worker, views of the block."""
     arrays = block.arrays
     return (
-        *(layout.Discs(*(arrays[f"{name}.{field}"] for field in layout.Discs._fields)) for name in "ab"),
+        *(layout.Discs(*(arrays.get(f"{name}.{field}") for field in layout.Discs._fields)) for name in "ab"),
         arrays["start"],
         arrays["outbox"],
-        arrays.get("gravity"),
-        arrays.get("acceleration"),
+        features_of(block),
         arrays["parameters"],
         arrays["control"],
         arrays["team"],
@@ -51,12 +50,19 @@ def kernel_arguments(block: SharedBlock, worker: int) -> tuple[Any, ...]:
     )
 
 
+def features_of(block: SharedBlock) -> layout.Features:
+    """What the scene has, as the kernels take it; None for the rest."""
+    arrays = block.arrays
+    obstacles = layout.Obstacles(*(arrays.get(f"obstacles.{field}") for field in layout.Obstacles._fields))
+    return layout.Features(**{field: arrays.get(field) for field in layout.Features._fields[:-1]}, obstacles=obstacles)
+
+
 def load_kernels(block: SharedBlock) -> None:
     """Compile or load everything that coordinator and workers call, by running no frame on private control words."""
     arguments = list(kernel_arguments(block, 0))
-    control, team = arguments[7].copy(), np.zeros_like(arguments[8])
+    control, team = arguments[6].copy(), np.zeros_like(arguments[7])
     control[layout.FRAMES], control[layout.WORKERS] = 0, 1
-    arguments[7:9] = control, team
+    arguments[6:8] = control, team
     run_grid(*arguments)
     store_word(control, layout.MAIL, 1)
     add_to_word(control, layout.ANNOUNCED, load_word(control, layout.MAIL))
@@ -64,7 +70,8 @@ def load_kernels(block: SharedBlock) -> None:
 
 def worker_main(worker: int, connection: Connection, name: str, specs: dict[str, ArraySpec]) -> None:
     """Entry point of worker `worker` (1 or above); ends with its coordinator, whatever happens."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the coordinator alone decides
+    for number in (signal.SIGINT, signal.SIGTERM):  # they may reach the whole group; the coordinator alone decides
+        signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_end_with_coordinator, daemon=True).start()
     try:
         _serve(worker, connection, SharedBlock.attach(name, specs))

@@ -1,0 +1,158 @@
+"""The arrays that a scene's features need in the shared block, and what stands in them at the start."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.features import EDGES, distance_to_capsules
+from mpsim.kernels import layout
+from mpsim.scene import Scene
+from mpsim.state import ArraySpec
+
+FEW_GIANTS = 8
+"""Discs that may be giants in any scene; in large ones, one in GIANTS_PER as well."""
+
+GIANTS_PER = 500
+
+GIANT = 2.0
+"""A giant's radius is more than this times that of the largest disc of the grid: below, larger cells cost less."""
+
+OBSTACLE_CELLS = 16
+"""Cells of the obstacles' grid for each obstacle, about."""
+
+
+def has_radii(scene: Scene) -> bool:
+    """Whether discs of the scene differ in size, those of its emitters included."""
+    return np.ndim(scene.radius) > 0 or any(
+        emitter.radius is not None and emitter.radius != scene.radius for emitter in scene.emitters
+    )
+
+
+def has_masses(scene: Scene) -> bool:
+    """Whether discs of the scene have masses other than 1, those of its emitters included."""
+    return scene.mass is not None or any(emitter.mass is not None and emitter.mass != 1 for emitter in scene.emitters)
+
+
+def giant_radius(radii: NDArray[np.float64]) -> float | None:
+    """Radius above which discs are kept out of the grid, or None where no disc is far larger than all but a few.
+
+    A function of the radii alone, so that the same discs are giants on every machine and after every resume.
+    """
+    most = FEW_GIANTS + len(radii) // GIANTS_PER
+    if len(radii) <= 2 * most:
+        return None
+    ordered = np.sort(radii)
+    largest_of_the_grid = float(ordered[-most - 1])
+    if ordered[-1] <= GIANT * largest_of_the_grid:
+        return None
+    return float(ordered[ordered <= GIANT * largest_of_the_grid][-1])
+
+
+def feature_specs(scene: Scene, capacity: int, workers: int, precision: str) -> dict[str, ArraySpec]:
+    """dtype and shape of every array that only this scene's features need."""
+    real = np.dtype(precision)
+    shapes: dict[str, tuple[int, ...]] = {}
+    if scene.gravity is not None:
+        shapes["gravity"] = (2,)
+    if scene.acceleration is not None:
+        shapes["acceleration"] = (2, capacity)
+    if has_masses(scene):
+        shapes["mass"] = (capacity,)
+    if has_radii(scene):
+        shapes |= {f"{buffer}.radius": (capacity + layout.PADDING,) for buffer in "ab"}
+        shapes["giants"] = (1,)
+    for axis, boundary in zip("xy", scene.boundary, strict=True):
+        if boundary == "periodic":
+            shapes[f"wrap_{axis}"] = (1,)
+    if scene.absorbing:
+        shapes["exits"] = (3, capacity)
+    if scene.piston is not None:
+        shapes["piston"] = (layout.PISTON,)
+    specs = {name: ArraySpec(real, shape) for name, shape in shapes.items()}
+    for name, values in obstacle_arrays(scene).items():
+        dtype = real if values.dtype.kind == "f" else values.dtype
+        specs[f"obstacles.{name}"] = ArraySpec(np.dtype(dtype), values.shape)
+    return specs
+
+
+def fill_features(arrays: dict[str, Any], scene: Scene) -> None:
+    """Write what does not change with the number of discs."""
+    if scene.gravity is not None:
+        arrays["gravity"][:] = scene.gravity
+    for axis, length in (("wrap_x", scene.width), ("wrap_y", scene.height)):
+        if axis in arrays:
+            arrays[axis][0] = length
+    for name, values in obstacle_arrays(scene).items():
+        arrays[f"obstacles.{name}"][...] = values
+    if scene.piston is not None:
+        wall, limits = EDGES.index(scene.piston.wall), wall_limits(scene)
+        inward = -1 if wall in (1, 3) else 1
+        margin = 0.0 if has_radii(scene) else scene.largest_radius
+        arrays["piston"][layout.PISTON_WALL] = layout.X_LOW + wall
+        arrays["piston"][layout.PISTON_START] = limits[wall]
+        arrays["piston"][layout.PISTON_SPEED] = scene.piston.speed
+        arrays["piston"][layout.PISTON_STOP] = scene.piston.stop + inward * margin
+
+
+def wall_limits(scene: Scene) -> tuple[float, float, float, float]:
+    """Least and largest centre along x and y: the walls, a radius inwards where all discs have the same [length]."""
+    margin = 0.0 if has_radii(scene) else scene.largest_radius
+    x, y = (margin if word == "walls" else 0.0 for word in scene.boundary)
+    return x, scene.width - x, y, scene.height - y
+
+
+def obstacle_arrays(scene: Scene) -> dict[str, NDArray[Any]]:
+    """Capsules, images beyond periodic borders included, and the grid of which ones are near a place; {} without any.
+
+    The same grid whatever the method and the number of discs. A cell lists every capsule that a disc with its centre in
+    the cell can touch.
+    """
+    capsules = _with_images(scene)
+    if not len(capsules):
+        return {}
+    reach = scene.largest_radius
+    side = max(2 * reach, math.sqrt(scene.width * scene.height / (OBSTACLE_CELLS * (len(capsules) + 1))))
+    columns, rows = (max(int(length / side), 1) for length in (scene.width, scene.height))
+    per_length = np.array([columns / scene.width, rows / scene.height])
+    # A disc may be a rounding outside its cell; a thousandth of the cell is far more than that.
+    margin = reach + math.hypot(*(0.5 / per_length)) * 1.001
+    cells = [_cells_near(capsule, margin, per_length, columns, rows) for capsule in capsules]
+    cell, index = np.concatenate(cells), np.repeat(np.arange(len(capsules)), [len(each) for each in cells])
+    order = np.lexsort((index, cell))
+    return {
+        "capsule": capsules,
+        "near": np.searchsorted(cell[order], np.arange(columns * rows + 1)).astype(np.int32),
+        "index": np.append(index[order], 0).astype(np.int32),
+        "grid": np.array([columns, rows], np.int64),
+        "per_length": per_length,
+    }
+
+
+def _cells_near(
+    capsule: NDArray[np.float64], margin: float, per_length: NDArray[np.float64], columns: int, rows: int
+) -> NDArray[np.int64]:
+    """Numbers, column-major, of the cells whose middle is at most `margin` from the surface of a capsule."""
+    ends, reach = capsule[:4].reshape(2, 2), margin + capsule[4]
+    first = np.maximum(((ends.min(axis=0) - reach) * per_length).astype(int), 0)
+    last = np.minimum(((ends.max(axis=0) + reach) * per_length).astype(int) + 1, [columns, rows])
+    column, row = (np.arange(low, max(low, high)) for low, high in zip(first, last, strict=True))
+    column, row = np.repeat(column, len(row)), np.tile(row, len(column))
+    centres = (np.stack([column, row], axis=1) + 0.5) / per_length
+    near = distance_to_capsules(centres, capsule[None])[:, 0] <= margin
+    return (column * rows + row)[near]
+
+
+def _with_images(scene: Scene) -> NDArray[np.float64]:
+    """Capsules, and their images one period away along periodic axes if a disc in the box can touch them."""
+    capsules = scene.capsules
+    for axis, length in enumerate((scene.width, scene.height)):
+        if scene.boundary[axis] == "periodic" and len(capsules):
+            step = np.zeros(5)
+            step[[axis, axis + 2]] = length
+            capsules = np.concatenate([capsules, capsules + step, capsules - step])
+            ends, margin = capsules[:, [axis, axis + 2]], scene.largest_radius + capsules[:, 4]
+            near = (ends.max(axis=1) > -margin) & (ends.min(axis=1) < length + margin)
+            capsules = capsules[near]
+    return capsules

@@ -1,0 +1,189 @@
+"""What accompanies the frames of one run: what was gathered, snapshots to go back to, checkpoints to go on from."""
+
+import logging
+import signal
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.engine.report import Slice
+from mpsim.errors import WorkerDied
+from mpsim.kernels.layout import PHASES
+from mpsim.measure.gathering import Gathering
+from mpsim.scene import Scene
+
+logger = logging.getLogger("mpsim")
+
+SNAPSHOT_PART = 0.01
+"""Part of the running time that in-memory snapshots may take: the next one waits until the last one's time is so small
+a part of what has passed since."""
+
+SNAPSHOT_SECONDS = 0.2
+"""Time between two snapshots, at least."""
+
+MOST_DEATHS = 5
+"""Deaths of workers without a snapshot in between after which there is no use in trying again."""
+
+Mark = tuple[int, int, int, Any]
+
+
+def tell_of(death: WorkerDied, what_now: str) -> None:
+    """One line in the log for a death that is healed."""
+    logger.warning(
+        "mpsim: worker %d (process %s) ended with exit code %s in frame %d, phase '%s'; %s, on new workers.",
+        death.worker,
+        death.pid,
+        death.exitcode,
+        death.frame,
+        death.phase,
+        what_now,
+    )
+
+
+class Ledger:
+    """Times, collisions and counts of the frames of a run so far."""
+
+    def __init__(self, workers: int, gathering: Gathering):
+        self.gathering = gathering
+        self.done = 0
+        self.collisions = 0
+        self._times = [np.zeros((workers, 0, len(PHASES)), np.int64)]
+
+    def take(self, part: Slice, scene: Scene) -> None:
+        """Take in what one command of the solver has done."""
+        size = part.times.shape[1]
+        self.done += size
+        self._times.append(part.times)
+        self.collisions += part.contacts
+        if size:
+            self.gathering.take(part.tally, self.done, scene)
+
+    def mark(self) -> Mark:
+        """Where it stands, for `rewind`."""
+        return self.done, self.collisions, len(self._times), self.gathering.mark()
+
+    def rewind(self, mark: Mark) -> None:
+        """Forget what came after a mark."""
+        self.done, self.collisions, slices, gathered = mark
+        del self._times[slices:]
+        self.gathering.rewind(gathered)
+
+    @property
+    def times(self) -> NDArray[np.int64]:
+        """Times of all frames, (workers, frames, phases); growth under `auto` may have raised the number of workers."""
+        workers = max(part.shape[0] for part in self._times)
+        padded = [np.pad(part, ((0, workers - len(part)), (0, 0), (0, 0))) for part in self._times]
+        return np.concatenate(padded, axis=1)
+
+
+class Keeper:
+    """Snapshots in memory, and the way back to the last one when a worker has died.
+
+    Args:
+        take: copies everything that the next frame depends on.
+        restore: goes back to such a copy, on new workers.
+        ledger: of the run, which goes back too.
+    """
+
+    def __init__(self, take: Callable[[], Any], restore: Callable[[Any], None], ledger: Ledger):
+        self._take = take
+        self._restore = restore
+        self._ledger = ledger
+        self._kept: tuple[Any, Mark] | None = None
+        self._due = 0.0
+        self._deaths = 0
+
+    def keep(self) -> None:
+        """Take a snapshot if it is time for one and there is anything new to keep."""
+        started = time.perf_counter()
+        if started >= self._due and (self._kept is None or self._ledger.done > self._kept[1][0]):
+            self._kept = self._take(), self._ledger.mark()
+            now = time.perf_counter()
+            self._due = now + max(SNAPSHOT_SECONDS, (now - started) / SNAPSHOT_PART)
+            self._deaths = 0
+
+    def go_back(self, death: WorkerDied) -> None:
+        """Restore the last snapshot.
+
+        Raises:
+            WorkerDied: the death itself, if workers die faster than snapshots can be taken.
+        """
+        while True:
+            self._deaths += 1
+            if self._kept is None or self._deaths > MOST_DEATHS:
+                raise death
+            snapshot, mark = self._kept
+            frames = self._ledger.done - mark[0]
+            tell_of(death, f"going back {frames} frames and more" if frames else "trying again")
+            self._ledger.rewind(mark)
+            try:
+                self._restore(snapshot)
+                return
+            except WorkerDied as another:  # a new worker, before it was ready
+                death = another
+
+
+class Checkpointer:
+    """Writes checkpoints while a run goes on, and one when the process is asked to end (SIGTERM).
+
+    Args:
+        save: writes one.
+        path: where; None: no checkpoints, and SIGTERM is left alone.
+        every: frames between two; None: `seconds` count.
+        seconds: between two.
+    """
+
+    def __init__(self, save: Callable[[Path], Any], path: Path | None, every: int | None, seconds: float):
+        self._save = save
+        self._path = path
+        self._every = every
+        self._seconds = seconds
+        self._last = time.monotonic()
+        self._frames = 0
+        self._asked_to_end = False
+        self._handler: Any = None
+
+    def __enter__(self) -> "Checkpointer":
+        if self._path is not None and threading.current_thread() is threading.main_thread():
+            self._handler = signal.signal(signal.SIGTERM, self._note)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *exception: object) -> None:
+        if self._handler is None:
+            return
+        signal.signal(signal.SIGTERM, self._handler)
+        self._handler = None
+        if self._asked_to_end and kind is None:  # after the last look
+            raise SystemExit(128 + signal.SIGTERM)
+        if self._asked_to_end and kind is not SystemExit:
+            signal.raise_signal(signal.SIGTERM)  # the run has ended otherwise: let it do what it does without us
+
+    def frames_ahead(self, done: int) -> int:
+        """Frames until the next checkpoint by frames; a very large number without one."""
+        if self._path is None or self._every is None:
+            return 2**62
+        return self._every - done % self._every
+
+    def look(self, done: int, last: bool) -> None:
+        """Write a checkpoint if it is time for one, or the last frame is done, or the process is to end.
+
+        Raises:
+            SystemExit: with 143, after SIGTERM and its checkpoint.
+        """
+        if self._path is None:
+            return
+        by_frames = self._every is not None and done - self._frames >= self._every
+        by_time = self._every is None and time.monotonic() - self._last >= self._seconds
+        if by_frames or by_time or last or self._asked_to_end:
+            self._save(self._path)
+            self._last, self._frames = time.monotonic(), done
+        if self._asked_to_end:
+            raise SystemExit(128 + signal.SIGTERM)
+
+    def _note(self, number: int, frame: Any) -> None:
+        self._asked_to_end = True
