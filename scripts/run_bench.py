@@ -3,14 +3,19 @@
 python scripts/run_bench.py            everything, under a minute on two cores
 python scripts/run_bench.py --quick    a few seconds
 python scripts/run_bench.py --only fixed scaling --workers 4
+python scripts/run_bench.py --features                   what each feature of a scene costs
+python scripts/run_bench.py --features --before REVISION and the bare scene beside an older version
 """
 
 import argparse
 import csv
+import dataclasses
 import json
 import platform
 import subprocess
 import sys
+import tarfile
+import tempfile
 import time
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -26,7 +31,7 @@ from rich.table import Table
 
 import mpsim
 from mpsim.engine.cores import usable_cores
-from mpsim.measure import benchmark
+from mpsim.measure import benchmark, feature_cost
 from mpsim.output import figures
 from mpsim.settings import LAWS, PRECISIONS
 
@@ -44,6 +49,8 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--precision", choices=PRECISIONS, default="float32", help="default: float32, the report's")
     parser.add_argument("--workers", type=int, default=None, help="workers of parallel (default: usable cores)")
     parser.add_argument("--quick", action="store_true", help="fewer frames and sizes: a few seconds")
+    parser.add_argument("--features", action="store_true", help="the cost of each feature of a scene instead")
+    parser.add_argument("--before", metavar="REVISION", help="with --features: a git revision to compare with")
     parser.add_argument("--out", type=Path, default=Path("results/bench"), help="default: results/bench")
     return parser.parse_args()
 
@@ -255,6 +262,51 @@ def make_folder(path: Path) -> None:
         ) from None
 
 
+def features(options: argparse.Namespace, settings: mpsim.Settings, machine_now: dict[str, Any]) -> str:
+    """Markdown: cost of each feature, and of the bare scene beside an older version."""
+    with console.status("compiling") as status:
+        found = feature_cost.feature_costs(settings, status.update)
+        bare = found[0].nanoseconds
+        lines = [
+            "| scene | ns per disc and frame | over bare | bytes per disc | arrays of its own |",
+            "|---|---|---|---|---|",
+        ]
+        for each in found:
+            arrays = ", ".join(each.arrays) or "none"
+            cells = (
+                each.name,
+                f"{each.nanoseconds:.2f}",
+                f"{each.nanoseconds / bare:.2f}",
+                f"{each.bytes_per_disc:.0f}",
+            )
+            lines.append(f"| {' | '.join(cells)} | {arrays} |")
+        lines += ["", f"10,000 discs, packing 0.40, `grid`, {settings.precision}, {settings.contact}."]
+        if options.before:
+            ratios, equal = beside(options.before, settings, status.update)
+            low, median, high = np.percentile(ratios, [25, 50, 75])
+            lines += [
+                "",
+                f"The bare scene here over the same at {options.before}: {median:.3f} ({low:.3f} to {high:.3f}, "
+                f"{len(ratios)} turns), digests {'equal' if equal else 'DIFFERENT'}.",
+            ]
+    lines += ["", f"{machine_now['date'][:10]}, commit {machine_now['commit']}, {machine_now['processor']}."]
+    return "\n".join(lines) + "\n"
+
+
+def beside(revision: str, settings: mpsim.Settings, tick: Any) -> tuple[list[float], bool]:
+    """Cost of the bare scene over that of an older revision, unpacked into a temporary folder."""
+    with tempfile.TemporaryDirectory() as folder:
+        packed = Path(folder, "revision.tar")
+        top = Path(__file__).parents[1]
+        command = ["git", "archive", "--output", str(packed), revision, "mpsim"]
+        done = subprocess.run(command, cwd=top, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise mpsim.InputError(f"--before must be a git revision of this checkout; got {revision!r}: {done.stderr}")
+        with tarfile.open(packed) as archive:
+            archive.extractall(folder, filter="data")
+        return feature_cost.bare_beside(Path(folder), settings, 10, tick)
+
+
 def main() -> int:
     options = arguments()
     started = time.perf_counter()
@@ -268,6 +320,12 @@ def main() -> int:
         )
         make_folder(options.out)
         machine_now = machine()
+        if options.features:
+            settings = dataclasses.replace(settings, contact="impact", method="grid")
+            text = features(options, settings, machine_now)
+            (options.out / "features.md").write_text(text)
+            console.print(text, highlight=False, markup=False, soft_wrap=True)
+            return 0
         results = run(options, settings)
     except (mpsim.MpsimError, OSError) as error:
         console.print(f"run_bench: {error}", style="red", highlight=False, soft_wrap=True)

@@ -4,16 +4,15 @@
 """
 
 from mpsim.measure import reference, reference_motion
+from mpsim.measure.correlation import PairCorrelation, pair_correlation
 from mpsim.measure.observables import (
     Overlap,
-    PairCorrelation,
     SpeedDistribution,
     TrajectoryError,
     kinetic_energy,
     mean_squared_displacement,
     momentum,
     overlap,
-    pair_correlation,
     potential_energy,
     speed_distribution,
     speed_kurtosis,

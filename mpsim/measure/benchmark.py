@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import MpsimError
+from mpsim.measure.observables import kinetic_energy
 from mpsim.scene import Scene
 from mpsim.settings import Settings
 from mpsim.state import State
@@ -223,13 +224,12 @@ def _timing(report: Report, discs: int, digest: str) -> Timing:
 def _check_state(sim: Simulation, scene: Scene, settings: Settings) -> None:
     """All discs finite and in the box, and the energy kept: both laws keep it."""
     state = sim.state
-    low, high = scene.radius, np.array([scene.width, scene.height]) - scene.radius
+    low, high = scene.limits(scene.radius)
     rounding = np.finfo(settings.precision).eps * max(scene.width, scene.height)
     inside = (state.position >= low - rounding) & (state.position <= high + rounding)
     if not inside.all():
         raise WrongAnswerError(f"{int((~inside).any(axis=1).sum())} discs are outside the box.")
-    before = float((scene.velocity**2).sum())
-    after = float((state.velocity.astype(np.float64) ** 2).sum())
+    before, after = (kinetic_energy(each, scene) for each in (State(scene.position, scene.velocity), state))
     if abs(after - before) > 1e-3 * before:
         raise WrongAnswerError(f"the kinetic energy changed from {before:.6g} to {after:.6g}.")
 

@@ -1,18 +1,20 @@
 """Measures gathered along a run: what each needs, and how its value and error come from the frames.
 
-Two kinds. *Counted* measures are sums that the kernels keep for each frame when asked to (impulses on walls and between
-discs, pairs met). *Sampled* measures are functions of a state, taken at fixed frames, so that neither the number of
-workers nor the length of a slice can change them.
+Three kinds. *Counted* measures are sums that the kernels keep for each frame when asked to (impulses on walls and
+between discs, pairs met). *Sampled* measures are functions of a state, taken at fixed frames, so that neither the
+number of workers nor the length of a slice can change them. *Balances* compare the state at the end with that at the
+start, and what the kernels have counted in between.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim import checks
-from mpsim.errors import NotRecordedError
+from mpsim.errors import InputError, NotRecordedError
+from mpsim.features import EDGES
 from mpsim.kernels import layout
 from mpsim.measure import observables
 from mpsim.measure.statistics import Measure, block_average
@@ -28,36 +30,66 @@ BLOCKS = 32
 
 @dataclass(frozen=True)
 class Run:
-    """What a measure may know besides the counts: the scene, the discs in it, time of a frame, and the energy."""
+    """What a measure may know besides the counts.
+
+    Attributes:
+        scene: the scene.
+        count: discs in it now.
+        dt: time of a frame [time].
+        kinetic_energy: at the end, without that of a drift along periodic axes, where a measure needs it
+            [mass length^2/time^2].
+    """
 
     scene: Scene
     count: int
     dt: float
-    kinetic_energy: float
+    kinetic_energy: float = 0.0
+
+    @property
+    def walls(self) -> list[int]:
+        """Which edges discs bounce off, indices of EDGES."""
+        wraps = [self.scene.periodic[0]] * 2 + [self.scene.periodic[1]] * 2
+        return [index for index, edge in enumerate(EDGES) if not wraps[index] and edge not in self.scene.absorbing]
 
     @property
     def perimeter(self) -> float:
-        """Length of all walls [length]."""
-        return 2 * (self.scene.width + self.scene.height)
+        """Length of these edges [length]."""
+        if len(self.walls) == len(EDGES):
+            return 2 * (self.scene.width + self.scene.height)
+        lengths = [self.scene.height] * 2 + [self.scene.width] * 2
+        return float(sum(lengths[index] for index in self.walls))
 
 
 Counts = NDArray[np.float64]
 
 
 def pressure(counts: Counts, run: Run) -> Measure:
-    """Impulse on all walls / (time x perimeter) [mass/time^2]: what a gauge in the wall shows."""
-    return block_average((counts[:, layout.WALL_X] + counts[:, layout.WALL_Y]) / (run.dt * run.perimeter))
+    """Impulse on all walls / (time x their length) [mass/time^2]: what a gauge in the wall shows.
+
+    Walls are the edges that are neither periodic nor absorbing. Where both axes are periodic it is `pressure_virial`.
+    """
+    if all(run.scene.periodic):
+        return pressure_virial(counts, run)
+    return block_average(counts[:, layout.WALLS][:, run.walls].sum(axis=1) / (run.dt * run.perimeter))
 
 
 def pressure_virial(counts: Counts, run: Run) -> Measure:
     """Pressure from the collisions of the discs [mass/time^2], mean over both directions.
 
-    The virial of a box with hard walls, exact for any number of discs (Clausius 1870):
-    (W - s) F_x + (H - s) F_y = 2 E + sum s |dp| / time, with s the diameter and F the mean force on one wall; here
-    F_x = P H and F_y = P W. Without gravity only.
+    The virial of a box with hard walls, exact for any number of discs of one size (Clausius 1870):
+    (W - s) F_x + (H - s) F_y = 2 E + sum r.dp / time, with s the diameter, r.dp = s |dp| of each collision, and F the
+    mean force on one wall; here F_x = P H and F_y = P W. Along a periodic axis s is left out and F is the force through
+    a section of the box, so that with two of them P = (E + sum r.dp / (2 time)) / area, for discs of any sizes. E is
+    the kinetic energy, in a periodic box without that of its drift: the momentum of the whole box is no pressure, so
+    this P is kT / area below that of a system whose momentum fluctuates (Ray and Zhang, Phys. Rev. E 59, 4781, 1999).
+    Without gravity only.
     """
-    scene, diameter = run.scene, 2 * run.scene.radius
-    area = (scene.width - diameter) * scene.height + (scene.height - diameter) * scene.width
+    scene, diameter = run.scene, 2 * run.scene.largest_radius
+    free_x, free_y = (
+        length if wraps else length - diameter
+        for length, wraps in zip((scene.width, scene.height), scene.periodic, strict=True)
+    )
+    area = free_x * scene.height + free_y * scene.width
     return block_average((2 * run.kinetic_energy + diameter * counts[:, layout.VIRIAL] / run.dt) / area)
 
 
@@ -97,16 +129,152 @@ SAMPLED: dict[str, Callable[[State, Scene], float]] = {
     "speed_kurtosis": lambda state, scene: observables.speed_kurtosis(state),
 }
 
-NAMES = (*COUNTED, *SAMPLED)
+
+def energy_drift(counts: Counts, run: Run, before: State, after: State) -> float:
+    """Change of kinetic plus potential energy per time, over the larger kinetic energy of both ends [1/time]."""
+    kinetic = [observables.kinetic_energy(state, run.scene) for state in (before, after)]
+    potential = [observables.potential_energy(state, run.scene) for state in (before, after)]
+    change = kinetic[1] - kinetic[0] + potential[1] - potential[0]
+    return change / (max(kinetic) * run.dt * len(counts)) if max(kinetic) else 0.0
 
 
-def checked(names: Iterable[str] | None) -> tuple[str, ...]:
-    """The names of measures, each checked."""
+def momentum_drift(counts: Counts, run: Run, before: State, after: State) -> float:
+    """Change of momentum that neither walls nor gravity have given, per time, over the sum of m |v| [1/time], >= 0.
+
+    Newton's third law keeps it at rounding; `reflect` does not know that law. Over the larger sum of both ends.
+    """
+    left, right, bottom, top = counts[:, layout.WALLS].sum(axis=0)
+    time, given = run.dt * len(counts), np.array([left - right, bottom - top])
+    masses = 1.0 if run.scene.mass is None else run.scene.mass
+    if run.scene.gravity is not None:
+        given += (run.count if run.scene.mass is None else run.scene.mass.sum()) * run.scene.gravity * time
+    if run.scene.acceleration is not None:
+        given += (run.scene.acceleration.T * masses).sum(axis=1) * time
+    gained = observables.momentum(after, run.scene) - observables.momentum(before, run.scene)
+    momenta = max(float((masses * np.hypot(*state.velocity.astype(float).T)).sum()) for state in (before, after))
+    return float(np.hypot(*(gained - given))) / (momenta * time) if momenta else 0.0
+
+
+BALANCES: dict[str, Callable[[Counts, Run, State, State], float]] = {
+    "energy_drift": energy_drift,
+    "momentum_drift": momentum_drift,
+}
+
+NAMES = (*COUNTED, *SAMPLED, *BALANCES)
+
+
+def _has_losses(scene: Scene) -> bool:
+    return scene.restitution < 1 or (scene.wall_restitution < 1 and not all(scene.periodic))
+
+
+_Rule = tuple[tuple[str, ...], Callable[[Scene], bool], str, str]
+
+_BALANCED = ("energy_drift", "momentum_drift")
+
+_RULES: tuple[_Rule, ...] = (
+    (
+        ("pressure_virial",),
+        lambda scene: scene.gravity is not None or scene.acceleration is not None,
+        "gravity and acceleration, which the virial leaves out",
+        "Use 'pressure', the impulses on the walls.",
+    ),
+    (
+        ("pressure_virial", "momentum_drift"),
+        lambda scene: bool(scene.obstacles),
+        "obstacles, whose impulses are not counted",
+        "Use 'energy_drift' for the health of a run, 'pressure' for the load on the walls.",
+    ),
+    (
+        ("pressure_virial",),
+        _has_losses,
+        "losses (a restitution below 1), as the virial takes the kinetic energy for constant",
+        "Use 'pressure', the impulses on the walls.",
+    ),
+    (
+        ("pressure_virial",),
+        lambda scene: scene.smallest_radius < scene.largest_radius and not all(scene.periodic),
+        "discs of several sizes between walls, which each keep the centres at a distance of their own",
+        "Use 'pressure', the impulses on the walls.",
+    ),
+    (
+        ("pressure", "pressure_virial", "energy_drift"),
+        lambda scene: scene.piston is not None,
+        "moving walls (a piston), which do work and change the box",
+        "Run until the piston rests, and measure in a scene that starts from there.",
+    ),
+    (
+        ("pressure_virial", "collision_rate", "temperature", "speed_kurtosis", *_BALANCED),
+        lambda scene: bool(scene.absorbing),
+        "absorbing edges, as discs that have left still count",
+        "Use sim.state without the discs of sim.absorbed.",
+    ),
+    (
+        ("pressure_virial", "collision_rate", *_BALANCED),
+        lambda scene: bool(scene.emitters),
+        "emitters, as the number of discs changes",
+        "Run until they have ended, and measure in a scene that starts from there.",
+    ),
+    (
+        ("energy_drift",),
+        observables.falls_round,
+        "fields along periodic axes, round which discs fall without end",
+        "Give such an axis walls.",
+    ),
+    (
+        ("pressure",),
+        lambda scene: not all(scene.periodic) and not Run(scene, 0, 1.0).walls,
+        "absorbing edges all round, which leave no wall",
+        "Give the scene a wall.",
+    ),
+)
+
+
+def refusal(name: str, scene: Scene, count: int | None = None) -> str | None:
+    """Why a measure would be wrong in a scene, or None.
+
+    Args:
+        name: of the measure.
+        scene: the scene.
+        count: discs in it now; None: those of the scene.
+
+    >>> refusal("pressure", Scene.random(count=3, packing=0.1, radius=0.5)) is None
+    True
+    """
+    virial = name == "pressure" and all(scene.periodic)
+    for names, present, what, remedy in _RULES:
+        if ("pressure_virial" if virial else name) in names and present(scene):
+            hint = "Without walls it is the virial: give the scene walls." if virial else remedy
+            return f"measures may hold {name!r} only without {what}; this scene has them. {hint}"
+    grown = count not in (None, scene.count) or bool(scene.emitters)
+    weighed = name in ("kinetic_energy", "temperature", "pressure_virial", *_BALANCED) or virial
+    pulled = name in _BALANCED and scene.acceleration is not None
+    if grown and (pulled or (weighed and (scene.mass is not None or any(e.mass for e in scene.emitters)))):
+        what = "acceleration" if pulled else "mass"
+        return (
+            f"measures may hold {name!r} only where the scene holds the {what} of every disc; it has {scene.count} "
+            f"discs, and others are added. Make a scene of all discs, and measure there."
+        )
+    return None
+
+
+def checked(names: Iterable[str] | None, scene: Scene | None = None, count: int | None = None) -> tuple[str, ...]:
+    """The names of measures, each checked.
+
+    Args:
+        names: one, several, or None for none.
+        scene: refuse what would be wrong in it.
+        count: discs in it now; None: those of the scene.
+
+    Raises:
+        InputError: for a name that is none, or a measure that the scene cannot have, with the reason.
+    """
     if names is None:
         return ()
-    if isinstance(names, str):
-        names = [names]
-    return tuple(checks.choice("measures", name, NAMES) for name in names)
+    chosen = tuple(checks.choice("measures", name, NAMES) for name in ([names] if isinstance(names, str) else names))
+    reasons = [] if scene is None else [refusal(name, scene, count) for name in chosen]
+    for reason in filter(None, reasons):
+        raise InputError(reason)
+    return chosen
 
 
 class Measures(dict[str, Measure]):
@@ -127,10 +295,15 @@ class Gathering:
     Args:
         names: of measures, checked.
         frames: of the run; states are sampled about every frames / SAMPLES frames.
+        state: copies the present state.
+        whole: whether the run begins with a whole frame. After Ctrl-C inside a frame it does not; the counts are then
+            those of all of that frame, which are right per time, but balance no two states.
     """
 
-    def __init__(self, names: tuple[str, ...], frames: int):
+    def __init__(self, names: tuple[str, ...], frames: int, state: Callable[[], State], whole: bool = True):
         self._names = names
+        self._state = state
+        self._before = state() if whole and any(name in BALANCES for name in names) else None
         self._counts: list[Counts] = []
         self._samples: dict[str, list[float]] = {name: [] for name in names if name in SAMPLED}
         self._every = max(frames // SAMPLES, 1)
@@ -138,25 +311,54 @@ class Gathering:
     @property
     def counting(self) -> bool:
         """Whether the kernels must count."""
-        return any(name in COUNTED for name in self._names)
+        return any(name in COUNTED or name in BALANCES for name in self._names)
 
     def frames_to_sample(self, done: int) -> int:
         """Frames until a state is wanted; a very large number where none is."""
         return self._every - done % self._every if self._samples else 2**62
 
-    def take(self, counts: Counts | None, done: int, state: Callable[[], State], scene: Scene) -> None:
+    def take(self, counts: Counts | None, done: int, scene: Scene) -> None:
         """Take in a slice, and a state if it is time for one."""
         if counts is not None:
             self._counts.append(counts)
         if self._samples and done % self._every == 0:
-            now = state()
+            now = self._state()
             for name, values in self._samples.items():
                 values.append(SAMPLED[name](now, scene))
+
+    def mark(self) -> tuple[int, dict[str, int]]:
+        """How much was gathered so far, for `rewind`."""
+        return len(self._counts), {name: len(values) for name, values in self._samples.items()}
+
+    def rewind(self, mark: tuple[int, dict[str, int]]) -> None:
+        """Forget what was gathered after a mark."""
+        counts, samples = mark
+        del self._counts[counts:]
+        for name, length in samples.items():
+            del self._samples[name][length:]
 
     def measures(self, run: Run) -> Measures:
         """The measures, when the run is over."""
         counts = np.concatenate(self._counts) if self._counts else np.zeros((0, layout.TALLIES))
+        if "pressure_virial" in self._names or ("pressure" in self._names and all(run.scene.periodic)):
+            run = replace(run, kinetic_energy=_energy_without_drift(self._state(), run.scene))
         results = Measures()
         for name in self._names:
-            results[name] = COUNTED[name](counts, run) if name in COUNTED else block_average(self._samples[name])
+            if name in COUNTED:
+                results[name] = COUNTED[name](counts, run)
+            elif name in SAMPLED:
+                results[name] = block_average(self._samples[name])
+            elif self._before is None or not len(counts):
+                results[name] = Measure(float("nan"), float("nan"), 1)
+            else:
+                value = BALANCES[name](counts, run, self._before, self._state())
+                results[name] = Measure(value, float("nan"), 1)
         return results
+
+
+def _energy_without_drift(state: State, scene: Scene) -> float:
+    """Kinetic energy less that of the mean flow along periodic axes, which no collision changes."""
+    energy = observables.kinetic_energy(state, scene)
+    mass = float(scene.masses.sum()) if scene.mass is not None else len(state.position)
+    flow = observables.momentum(state, scene)[list(scene.periodic)]
+    return energy - float((flow**2).sum()) / (2 * mass) if mass else energy

@@ -1,11 +1,11 @@
-"""What one state shows: energies, momentum, overlaps, speeds, structure; and how far apart two states are.
+"""What one state shows: energies, momentum, overlaps, speeds; and how far apart two states are.
 
-All is computed in float64, whatever the precision of the state. Discs have mass 1, so energies are in
-[length^2/time^2] and momenta in [length/time]. Positions are those in the box: nothing here unwraps periodic images.
+All is computed in float64, whatever the precision of the state. Masses are those of the scene, 1 where it has none.
+Positions are those in the box; a distance along a periodic axis is that of the nearest images. A state may hold more
+discs than its scene, if some were added since: then it must be clear what they are, so all must be alike.
 """
 
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,23 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim import checks
 from mpsim.errors import InputError
-from mpsim.measure.statistics import Measure
+from mpsim.measure.pairs import close_pairs, lengths_of, to_nearest_image
 from mpsim.scene import Scene
 from mpsim.state import State
 
 ROUNDINGS = 8
 """Discs closer than a diameter by up to this many units in the last place of the box's size count as touching: that
 much two coordinates lose by rounding. Less would report discs pushed exactly apart, more would hide real overlaps."""
-
-CONTACT_RANGE = 0.4
-"""The contact value is extrapolated from distances up to this many diameters beyond contact. A shorter range
-adds noise; a longer one adds bias (0.8 % from 0.3 to 0.5 at packing 0.6, nothing to be seen at packing 0.5)."""
-
-NEWTON_STEPS = 50
-"""Steps of the fit of the contact value, which converges in some five; one that does not gives NaN."""
-
-CANDIDATES = 2**21
-"""Pairs looked at together: bounds the memory of a pair search, some 100 MB, whatever the number of discs."""
 
 
 @dataclass(frozen=True)
@@ -70,27 +60,6 @@ class SpeedDistribution:
 
 
 @dataclass(frozen=True)
-class PairCorrelation:
-    """Pair-correlation function of a closed box, away from the walls.
-
-    Attributes:
-        r: shape (bins,), middle of each shell, from one diameter to r_max [length].
-        g: shape (bins,), density at that distance from a disc, over the density [1].
-        error: shape (bins,), its standard error from the number of pairs counted, a fraction 1/sqrt(pairs) [1].
-        contact: g at one diameter, extrapolated; its error is that of the counts [1].
-        density: number density where the reference discs are [1/length^2].
-        references: reference discs counted, over all states.
-    """
-
-    r: NDArray[np.float64]
-    g: NDArray[np.float64]
-    error: NDArray[np.float64]
-    contact: Measure
-    density: float
-    references: int
-
-
-@dataclass(frozen=True)
 class TrajectoryError:
     """Distance of each disc from where it should be.
 
@@ -106,62 +75,79 @@ class TrajectoryError:
 
 
 def kinetic_energy(state: State, scene: Scene) -> float:
-    """Kinetic energy, sum of v^2 / 2 over the discs [length^2/time^2], >= 0. `scene`: that of the state.
+    """Kinetic energy, sum of m v^2 / 2 over the discs [mass length^2/time^2], >= 0. `scene`: that of the state.
 
     Raises:
-        InputError: if the state is not finite.
+        InputError: if the state is not finite, or holds more or fewer discs than the scene has masses.
 
     >>> scene = Scene(width=9, height=9, position=[[1, 1], [5, 5]], velocity=[[3, 4], [0, 1]], radius=0.5)
     >>> kinetic_energy(State(scene.position, scene.velocity), scene)
     13.0
     """
-    return 0.5 * float((_velocity(state) ** 2).sum())
+    velocity = _velocity(state)
+    return 0.5 * float((_masses("kinetic_energy", scene, velocity) * velocity**2).sum())
 
 
 def potential_energy(state: State, scene: Scene) -> float:
-    """Energy in gravity and in each disc's own acceleration, - sum of (g + a_i).r_i from the box's origin.
+    """Energy in gravity and in each disc's own acceleration, - sum of m_i (g + a_i).r_i from the box's origin.
 
     Each of these fields is uniform and constant, so kinetic plus potential energy is conserved by exact motion [D].
 
     Returns:
-        [length^2/time^2]; 0.0 for a scene with neither.
+        [mass length^2/time^2]; 0.0 for a scene with neither.
 
     Raises:
-        InputError: if the state is not finite, or holds more or fewer discs than the scene's acceleration has rows:
-            the acceleration of a disc added later is not in the scene.
+        InputError: if the state is not finite, or holds more or fewer discs than the scene's acceleration has rows, or
+            than it has masses: those of a disc added later are not in the scene. If a field points along a periodic
+            axis, round which discs fall without end.
 
     >>> scene = Scene(width=4, height=3, position=[[1, 2]], velocity=[[0, 0]], radius=0.5, gravity=(0, -10))
     >>> potential_energy(State(scene.position, scene.velocity), scene)
     20.0
     """
     position, energy = _position(state), 0.0
+    if falls_round(scene):
+        raise InputError(
+            "potential_energy needs fields that point along axes with walls; got one along a periodic axis, round "
+            "which discs fall without end. Give that axis walls, or compare kinetic energies."
+        )
+    mass = _masses("potential_energy", scene, position)
     if scene.gravity is not None:
-        energy -= float((position @ scene.gravity).sum())
+        energy -= float((mass * position @ scene.gravity).sum())
     if scene.acceleration is not None:
         if len(scene.acceleration) != len(position):
             raise InputError(
                 f"potential_energy needs one row of the scene's acceleration per disc; got {len(scene.acceleration)} "
                 f"rows and {len(position)} discs. Make a scene that holds all discs and their accelerations."
             )
-        energy -= float((position * scene.acceleration).sum())
+        energy -= float((mass * position * scene.acceleration).sum())
     return energy
 
 
+def falls_round(scene: Scene) -> bool:
+    """Whether gravity or an acceleration points along a periodic axis."""
+    fields = [field for field in (scene.gravity, scene.acceleration) if field is not None]
+    return any(
+        bool((np.atleast_2d(field)[:, axis] != 0).any()) for field in fields for axis in (0, 1) if scene.periodic[axis]
+    )
+
+
 def momentum(state: State, scene: Scene) -> NDArray[np.float64]:
-    """Total momentum, sum of v, shape (2,) [length/time]. `scene`: that of the state.
+    """Total momentum, sum of m v, shape (2,) [mass length/time]. `scene`: that of the state.
 
     Raises:
-        InputError: if the state is not finite.
+        InputError: if the state is not finite, or holds more or fewer discs than the scene has masses.
 
     >>> scene = Scene(width=9, height=9, position=[[1, 1], [5, 5]], velocity=[[3, 4], [0, 1]], radius=0.5)
     >>> momentum(State(scene.position, scene.velocity), scene).tolist()
     [3.0, 5.0]
     """
-    return _velocity(state).sum(axis=0)
+    velocity = _velocity(state)
+    return (_masses("momentum", scene, velocity) * velocity).sum(axis=0)
 
 
 def temperature(state: State, scene: Scene, *, remove_drift: bool = False) -> float:
-    """Temperature kT: mean square of one velocity component [length^2/time^2], >= 0.
+    """Temperature kT: mean of m v_x^2 and m v_y^2 over the discs [mass length^2/time^2], >= 0.
 
     Args:
         state, scene: the state and its scene.
@@ -170,7 +156,8 @@ def temperature(state: State, scene: Scene, *, remove_drift: bool = False) -> fl
             a box with walls, whose kT is E/N.
 
     Raises:
-        InputError: if there is no disc (two are needed with `remove_drift`), or the state is not finite.
+        InputError: if there is no disc (two are needed with `remove_drift`), or the state is not finite, or holds more
+            or fewer discs than the scene has masses.
 
     >>> scene = Scene(width=9, height=9, position=[[1, 1], [5, 5]], velocity=[[3, 0], [1, 0]], radius=0.5)
     >>> state = State(scene.position, scene.velocity)
@@ -179,33 +166,41 @@ def temperature(state: State, scene: Scene, *, remove_drift: bool = False) -> fl
     """
     velocity = _velocity(state)
     _demand_discs("temperature", len(velocity), 2 if remove_drift else 1)
+    mass = _masses("temperature", scene, velocity)
     if remove_drift:
-        return float(((velocity - velocity.mean(axis=0)) ** 2).sum()) / (2 * (len(velocity) - 1))
-    return float((velocity**2).mean())
+        drift = (mass * velocity).mean(axis=0) / mass.mean()
+        return float((mass * (velocity - drift) ** 2).sum()) / (2 * (len(velocity) - 1))
+    return float((mass * velocity**2).mean())
 
 
 def overlap(state: State, scene: Scene) -> Overlap:
-    """Number of overlapping pairs, their largest and mean depth. O(N) by cells of one diameter.
+    """Number of overlapping pairs, their largest and mean depth. O(N) by cells of the largest diameter.
 
-    Pairs closer than rounding of the state's own precision (ROUNDINGS) count as touching, not as overlapping.
+    Pairs closer than rounding of the state's own precision (ROUNDINGS) count as touching, not as overlapping. Along a
+    periodic axis the nearest images count. Obstacles are left out.
 
     Raises:
-        InputError: if the state is not finite.
+        InputError: if the state is not finite, or holds more or fewer discs than the scene has radii.
 
     >>> scene = Scene(width=9, height=9, position=[[1, 1], [1.75, 1], [5, 5]], velocity=np.zeros((3, 2)), radius=0.5)
     >>> overlap(State(scene.position, scene.velocity), scene)
     Overlap(pairs=1, largest=0.25, mean=0.25, worst=(0, 1))
     """
     rounding = ROUNDINGS * float(np.finfo(state.position.dtype).eps) * max(scene.width, scene.height)
-    diameter = 2 * scene.radius
+    position = _position(state)
+    radii = _radii("overlap", scene, position)
+    diameter = 2 * float(radii.max(initial=0.0))
     pairs, total, largest, worst = 0, 0.0, 0.0, None
-    for i, j, distance in _close_pairs(_position(state), diameter - rounding):
-        if len(distance):
-            deepest = int(distance.argmin())
-            pairs += len(distance)
-            total += float((diameter - distance).sum())
-            if worst is None or diameter - distance[deepest] > largest:
-                largest = float(diameter - distance[deepest])
+    for i, j, distance in close_pairs(position, diameter - rounding, lengths_of(scene)):
+        depth = radii[i] + radii[j] - distance
+        deep = (depth > rounding) | (radii[i] + radii[j] == diameter)  # of which close_pairs has looked at the depth
+        i, j, depth = i[deep], j[deep], depth[deep]  # noqa: PLW2901
+        if len(depth):
+            deepest = int(depth.argmax())
+            pairs += len(depth)
+            total += float(depth.sum())
+            if worst is None or depth[deepest] > largest:
+                largest = float(depth[deepest])
                 worst = (int(min(i[deepest], j[deepest])), int(max(i[deepest], j[deepest])))
     return Overlap(pairs, largest, total / pairs if pairs else 0.0, worst)
 
@@ -214,7 +209,8 @@ def speed_kurtosis(state: State) -> float:
     """Fourth moment of the speeds over the square of the second, <v^4>/<v^2>^2 [1], >= 1.
 
     1 for equal speeds, 2 for a Maxwell distribution in two dimensions; `reference.speed_kurtosis` gives the value of a
-    box of N discs, and kurtosis/2 - 1 is the excess a_2 that relaxes to (almost) 0.
+    box of N discs, and kurtosis/2 - 1 is the excess a_2 that relaxes to (almost) 0. That is so for equal masses; a
+    mixture is far above 2 in equilibrium, as its light discs are faster: look at each kind by itself.
 
     Raises:
         InputError: if no disc moves, or the state is not finite.
@@ -228,6 +224,9 @@ def speed_kurtosis(state: State) -> float:
 
 def speed_distribution(state: State, bins: int | ArrayLike = 50) -> SpeedDistribution:
     """Speeds against the Maxwell distribution of the same mean square: density (v/kT) exp(-v^2/(2 kT)) in 2-D.
+
+    For discs of equal mass: in a mixture each kind has a distribution of its own, so give it the state of one kind,
+    State(position[kind], velocity[kind]).
 
     Args:
         state: the state; its drift, if any, is part of the speeds.
@@ -258,8 +257,13 @@ def speed_distribution(state: State, bins: int | ArrayLike = 50) -> SpeedDistrib
     return SpeedDistribution(edges, counted / (count * width), np.diff(below) / width, distance)
 
 
-def mean_squared_displacement(before: State, after: State) -> float:
+def mean_squared_displacement(before: State, after: State, scene: Scene | None = None) -> float:
     """Mean over the discs of |r(after) - r(before)|^2 [length^2], >= 0, for the same discs in the same order.
+
+    Args:
+        before, after: the states.
+        scene: theirs. Along its periodic axes the shorter way round counts, which is the way a disc went as long as no
+            disc has moved by half of that axis. Without a scene positions are taken as they are.
 
     Raises:
         InputError: if the states hold no disc or different numbers of them, or are not finite.
@@ -267,13 +271,17 @@ def mean_squared_displacement(before: State, after: State) -> float:
     >>> mean_squared_displacement(State(np.zeros((2, 2)), np.zeros((2, 2))), State(np.ones((2, 2)), np.zeros((2, 2))))
     2.0
     """
-    return float((_displacements("mean_squared_displacement", before, after) ** 2).sum(axis=1).mean())
+    return float((_displacements("mean_squared_displacement", before, after, scene) ** 2).sum(axis=1).mean())
 
 
-def trajectory_error(state: State, reference: State) -> TrajectoryError:
+def trajectory_error(state: State, reference: State, scene: Scene | None = None) -> TrajectoryError:
     """Distance of each disc from its place in a reference state of the same time, say the exact solver's.
 
     It means something only while the motion is predictable: see `predictability.require_predictable`.
+
+    Args:
+        state, reference: the states.
+        scene: theirs. Along its periodic axes the nearest images count; without a scene, positions as they are.
 
     Raises:
         InputError: if the states hold no disc or different numbers of them, or are not finite.
@@ -281,137 +289,9 @@ def trajectory_error(state: State, reference: State) -> TrajectoryError:
     >>> trajectory_error(State(np.array([[3.0, 4.0], [0, 0]]), np.zeros((2, 2))), State(*np.zeros((2, 2, 2))))
     TrajectoryError(rms=3.5355339059327378, largest=5.0, disc=0)
     """
-    distance = np.hypot(*_displacements("trajectory_error", state, reference).T)
+    distance = np.hypot(*_displacements("trajectory_error", state, reference, scene).T)
     worst = int(distance.argmax())
     return TrajectoryError(math.sqrt(float((distance**2).mean())), float(distance[worst]), worst)
-
-
-def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r_max: float) -> PairCorrelation:
-    """Pair-correlation function g(r) from contact to r_max, of one state or of several of the same scene together.
-
-    Walls: a disc counts as a reference only if its centre is at least radius + r_max from every wall, so that every
-    shell around it lies where centres may be. No shell needs correcting, the layers of discs at the walls bias nothing
-    but the shells that reach them, and the density is that of the same inner region:
-    g = pairs / (states x inner area x density^2 x shell area). The price: only the inner discs are references.
-    In dense gases choose r_max of some 4 diameters or more: nearer to the walls their layers still show in the density.
-
-    The contact value is exp(quadratic in r) fitted to the counts, as Poisson numbers, up to CONTACT_RANGE diameters
-    beyond contact, taken at one diameter. Pairs closer than a diameter are not counted: see `overlap`.
-
-    Args:
-        states: of equal discs in the scene's box; independent ones lower the noise.
-        scene: gives box and radius.
-        bins: shells of equal width, >= 1; at least 4 must lie within CONTACT_RANGE for a contact value, else NaN.
-        r_max: [length], > one diameter, and so small that some inner region remains.
-
-    Raises:
-        InputError: naming the argument and its rule; if no disc is a reference.
-
-    Source: minus sampling, Ripley, J. R. Stat. Soc. B 39, 172 (1977), sect. 6; Allen & Tildesley, Computer Simulation
-    of Liquids (2017), sect. 8.2.
-
-    >>> scene = Scene.random(count=2000, packing=0.3, radius=0.5, seed=1)
-    >>> found = pair_correlation(State(scene.position, scene.velocity), scene, bins=40, r_max=3.0)
-    >>> bool(abs(found.g[-10:].mean() - 1) < 0.05)
-    True
-    """
-    states = [states] if isinstance(states, State) else list(states)
-    bins = checks.whole("bins", bins, 1, 1_000_000, "Some 100 shells are usual.")
-    r_max = checks.positive("r_max", r_max, "[length]")
-    diameter = 2 * scene.radius
-    inner = np.array([scene.width, scene.height]) - 2 * (scene.radius + r_max)
-    if r_max <= diameter or (inner <= 0).any():
-        most = min(scene.width, scene.height) / 2 - scene.radius
-        raise InputError(
-            f"r_max must lie above one diameter, {diameter:g}, and below {most:g} (beyond that no disc is so far from "
-            f"the walls); got {r_max!r}. Use another r_max, or a larger box."
-        )
-    edges = np.linspace(diameter, r_max, bins + 1)
-    counts, variances, references = np.zeros(bins), np.zeros(bins), 0
-    for state in states:
-        position = _position(state)
-        low = scene.radius + r_max
-        inside = np.all((position >= low) & (position <= low + inner), axis=1, keepdims=True)[:, 0]
-        references += int(inside.sum())
-        for i, j, distance in _close_pairs(position, r_max):
-            seen = inside[i].astype(float) + inside[j]  # by how many reference discs
-            counts += np.histogram(distance, edges, weights=seen)[0]
-            variances += np.histogram(distance, edges, weights=seen**2)[0]
-    if references == 0:
-        raise InputError(
-            f"pair_correlation needs discs at least radius + r_max = {scene.radius + r_max:g} from the walls; got none "
-            f"in {len(states)} states. Use a smaller r_max."
-        )
-    density = references / (len(states) * float(inner.prod()))
-    expected = references * density * math.pi * np.diff(edges**2)
-    g, error, r = counts / expected, np.sqrt(variances) / expected, (edges[:-1] + edges[1:]) / 2
-    doubled = float(variances.sum() / max(counts.sum(), 1))
-    contact = _contact(r / diameter - 1, counts, expected, doubled)
-    return PairCorrelation(r, g, error, contact, density, references)
-
-
-def _contact(
-    gap: NDArray[np.float64], counts: NDArray[np.float64], expected: NDArray[np.float64], doubled: float
-) -> Measure:
-    """g at gap 0 [diameters] from counts near contact: Poisson regression on (1, gap, gap^2), Newton's method.
-
-    Unlike a line through log(counts) it stays unbiased where counts are few. `doubled`: variance of a count over the
-    count, above 1 because a pair of two inner discs is counted from both ends.
-    """
-    near = gap < CONTACT_RANGE
-    gap, counts, expected = gap[near], counts[near], expected[near]
-    pairs = int(counts.sum())
-    if (counts > 0).sum() < 4:
-        return Measure(math.nan, math.nan, pairs, settled=False)
-    design = np.vander(gap, 3, increasing=True)
-    powers = np.array([math.log(pairs / expected.sum()), 0.0, 0.0])
-    inverse = np.eye(3)
-    for _ in range(NEWTON_STEPS):
-        mean = expected * np.exp(np.clip(design @ powers, -50, 50))
-        inverse = np.linalg.pinv(design.T @ (mean[:, None] * design))
-        step = inverse @ (design.T @ (counts - mean))
-        powers = powers + step
-        if np.abs(step).max() < 1e-10:
-            value = math.exp(powers[0])
-            return Measure(value, value * math.sqrt(doubled * inverse[0, 0]), pairs)
-    return Measure(math.nan, math.nan, pairs, settled=False)
-
-
-def _close_pairs(
-    position: NDArray[np.float64], reach: float
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]]:
-    """Pairs of discs closer than `reach`, each once, in chunks: indices i, indices j, distances.
-
-    Discs are sorted by cell of side `reach`, cells numbered along y, then x, with an empty cell above each column. The
-    partners of a disc are then two runs of the sorted discs: the rest of its own cell with the cell above, and three
-    cells of the next column.
-    """
-    count = len(position)
-    if count < 2 or reach <= 0:
-        return
-    low = position.min(axis=0)
-    cell = ((position - low) / (reach * (1 + 1e-9))).astype(np.int64)
-    rows = int(cell[:, 1].max()) + 2
-    key = (cell[:, 0] + 1) * rows + cell[:, 1]
-    order = np.argsort(key, kind="stable")
-    key, x, y = key[order], position[order, 0], position[order, 1]
-    first = np.stack([np.arange(1, count + 1), np.searchsorted(key, key + rows - 1, "left")], axis=1).ravel()
-    last = np.stack(
-        [np.searchsorted(key, key + 1, "right"), np.searchsorted(key, key + rows + 1, "right")], axis=1
-    ).ravel()
-    lengths = np.maximum(last - first, 0)
-    ends = np.cumsum(lengths)
-    start = 0
-    while start < len(ends):
-        done = int(ends[start] - lengths[start])
-        stop = max(int(np.searchsorted(ends, done + CANDIDATES, "right")), start + 1)
-        part = lengths[start:stop]
-        i = np.repeat(np.arange(start, stop) // 2, part)
-        j = np.arange(len(i)) + np.repeat(first[start:stop] - (ends[start:stop] - part - done), part)
-        distance = np.hypot(x[i] - x[j], y[i] - y[j])
-        near = distance < reach
-        yield order[i[near]], order[j[near]], distance[near]
-        start = stop
 
 
 def _edges(bins: int | ArrayLike, largest: float) -> NDArray[np.float64]:
@@ -446,7 +326,7 @@ def _moving_squares(name: str, state: State) -> tuple[NDArray[np.float64], float
     return ((velocity / unit) ** 2).sum(axis=1), unit
 
 
-def _displacements(name: str, state: State, reference: State) -> NDArray[np.float64]:
+def _displacements(name: str, state: State, reference: State, scene: Scene | None) -> NDArray[np.float64]:
     a, b = _position(state), _position(reference)
     if len(a) != len(b):
         raise InputError(
@@ -454,7 +334,30 @@ def _displacements(name: str, state: State, reference: State) -> NDArray[np.floa
             "Compare states between which no disc was added."
         )
     _demand_discs(name, len(a), 1)
-    return a - b
+    return a - b if scene is None else to_nearest_image(a - b, lengths_of(scene))
+
+
+def _masses(name: str, scene: Scene, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Masses as a column: of each disc, shape (N, 1), or the one that all have, shape (1, 1)."""
+    if scene.mass is None and all(emitter.mass in (None, 1.0) for emitter in scene.emitters):
+        return np.ones((1, 1))
+    return _each(name, "mass", scene.masses, rows)[:, None]
+
+
+def _radii(name: str, scene: Scene, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Radius of each disc, shape (N,)."""
+    if isinstance(scene.radius, float) and scene.smallest_radius == scene.largest_radius:
+        return np.full(len(rows), scene.radius)
+    return _each(name, "radius", scene.radii, rows)
+
+
+def _each(name: str, what: str, values: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    if len(values) != len(rows):
+        raise InputError(
+            f"{name} needs one {what} of the scene per disc; got {len(values)} and {len(rows)} discs. "
+            f"Make a scene that holds all discs, with the {what} of each."
+        )
+    return values
 
 
 def _demand_discs(name: str, count: int, fewest: int) -> None:

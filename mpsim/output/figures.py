@@ -2,46 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection
-from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from mpsim.measure.benchmark import Fixed, Repeat, Timing
-from mpsim.scene import Scene
-
-STYLE = Path(__file__).with_name("mpsim.mplstyle")
+from mpsim.output.drawing import DISC_COLOUR, STYLE, draw_discs, new_figure
 
 METHOD_COLOURS = {"naive": "#0072B2", "grid": "#D55E00", "parallel": "#009E73", "auto": "#CC79A7"}
-DISC_COLOUR = "#56B4E9"
 ODD_ONE_OUT = "#D55E00"
-
-
-def new_figure(width: float, height: float) -> Figure:
-    """A figure of the given size [inch] in mpsim's style, bound to no window."""
-    with matplotlib.rc_context(fname=STYLE):
-        return Figure(figsize=(width, height))
-
-
-def draw_discs(axes: Axes, position: ArrayLike, scene: Scene, colours: Any = DISC_COLOUR) -> None:
-    """Discs at true radius in their box; no ticks, the box is the frame."""
-    position = np.asarray(position)
-    diameters = np.full(len(position), 2 * scene.radius)
-    discs = EllipseCollection(
-        diameters, diameters, np.zeros(len(position)), units="xy", offsets=position, offset_transform=axes.transData
-    )
-    discs.set_facecolor(colours)
-    discs.set_edgecolor("#00000060")
-    discs.set_linewidth(0.3)
-    axes.add_collection(discs)
-    axes.set(xlim=(0, scene.width), ylim=(0, scene.height), aspect="equal", xticks=[], yticks=[])
-    axes.grid(False)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(True)
 
 
 def frame_times(
@@ -111,7 +81,7 @@ def final_states(result: Fixed, frames: int, path: Path) -> None:
             draw_discs(panel, position, result.scene, hues[order])
             panel.set_title(name)
             if name != "initial":
-                gap = float(np.hypot(*(position - grid).T).max(initial=0)) / (2 * result.scene.radius)
+                gap = float(np.hypot(*(position - grid).T).max(initial=0)) / (2 * result.scene.largest_radius)
                 panel.set_xlabel("reference" if name == "grid" else f"largest distance to grid:\n{gap:.3g} diameters")
         figure.suptitle(f"After {frames} frames (colour: place at the start, from left to right)")
         figure.savefig(path)

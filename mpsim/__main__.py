@@ -1,0 +1,6 @@
+"""`python -m mpsim` is the command `mpsim`."""
+
+from mpsim.cli import main
+
+if __name__ == "__main__":
+    main(prog_name="mpsim")

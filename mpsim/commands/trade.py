@@ -1,0 +1,148 @@
+"""`mpsim tune` and `mpsim tradeoff`: speed against accuracy, on any scene."""
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mpsim import scenefile
+from mpsim.commands import terminal
+from mpsim.commands.scenes import settings_text
+from mpsim.errors import OutputError
+from mpsim.measure import tradeoff as trades
+from mpsim.measure import tune as tuning
+from mpsim.measure.replicas import MEASURES
+from mpsim.measure.tables import UNITS
+
+_WORDS = {"1/time": "per unit of time", "diam.": "in diameters"}
+
+until_option = click.option(
+    "--until", type=terminal.Positive("time"), help="Length of one run, in the scene's time; else it is chosen."
+)
+replicas_option = click.option(
+    "--replicas", type=click.IntRange(2, 100_000), default=8, show_default=True, help="Runs per candidate."
+)
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+
+
+def _budget_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """One option per measure that a budget may be given for."""
+    for name in reversed(MEASURES):
+        unit = _WORDS.get(UNITS.get(name, ""), "relative: 0.01 or 1%")
+        text = f"Largest error of {name.replace('_', ' ')}, {unit}."
+        kind = terminal.Positive("error", percent=True)
+        command = click.option(f"--{name.replace('_', '-')}", name, type=kind, help=text)(command)
+    return command
+
+
+TUNE_EXAMPLES = """\b
+Examples:
+  mpsim tune gas --pressure 1% --overlap 0.05
+  mpsim tune my_scene.toml --collision-rate 2% --until 50 --json > tuned.json
+"""
+
+
+@click.command(epilog=TUNE_EXAMPLES, short_help="Find the cheapest settings inside error budgets.")
+@click.argument("scene")
+@_budget_options
+@until_option
+@replicas_option
+@json_option
+@terminal.quiet_option
+def tune(scene: str, until: float | None, replicas: int, as_json: bool, quiet: bool, **budgets: float | None) -> None:
+    """Find the cheapest settings whose errors on SCENE stay inside every budget.
+
+    Give one budget or more; what has none is free.
+    """
+    asked = {name: budget for name, budget in budgets.items() if budget is not None}
+    if not asked:
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in MEASURES)
+        raise click.UsageError(f"Give at least one budget: {options}.")
+    chosen = scenefile.load(scene).scene
+    with terminal.progress(quiet) as progress:
+        tuned = tuning.tune(chosen, asked, until=until, replicas=replicas, progress=progress)
+    if as_json:
+        click.echo(terminal.json_text(_record(tuned)))
+        return
+    click.echo(str(tuned))
+    click.echo(f"in Python: {settings_text(tuned.settings)}")
+
+
+def _record(tuned: tuning.Tuned) -> dict[str, Any]:
+    """The answer as plain values."""
+    return {
+        "settings": dataclasses.asdict(tuned.settings),
+        "cost": dataclasses.asdict(tuned.cost),
+        "errors": {name: dataclasses.asdict(error) for name, error in tuned.errors.items()},
+        "budgets": tuned.budgets,
+        "reference": tuned.reference,
+        "tighter": tuned.tighter,
+        "tried": [{**trial.row.record(), "verdict": trial.verdict, "inside": trial.inside} for trial in tuned.tried],
+    }
+
+
+TRADEOFF_EXAMPLES = """\b
+Examples:
+  mpsim tradeoff gas
+  mpsim tradeoff gas --measure pressure --measure overlap --until 100 --csv
+  mpsim tradeoff dense --out dense.json --keep dense.part      (interrupted, it goes on from dense.part)
+"""
+
+
+@click.command(epilog=TRADEOFF_EXAMPLES, short_help="Tell what settings cost and how wrong they are.")
+@click.argument("scene")
+@click.option(
+    "--measure", "measures", type=click.Choice(MEASURES), multiple=True, help="An error to look at; else all."
+)
+@until_option
+@replicas_option
+@click.option("--csv", "as_csv", is_flag=True, help="Print CSV.")
+@json_option
+@click.option(
+    "--out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Write to a file: JSON if it ends in .json, else CSV.",
+)
+@click.option(
+    "--keep", type=click.Path(dir_okay=False, path_type=Path), help="Keep what is finished here; go on from it."
+)
+@terminal.quiet_option
+def tradeoff(
+    scene: str,
+    measures: tuple[str, ...],
+    until: float | None,
+    replicas: int,
+    as_csv: bool,
+    as_json: bool,
+    out: Path | None,
+    keep: Path | None,
+    quiet: bool,
+) -> None:
+    """Tell what settings cost on SCENE, and how wrong each is against the exact solver."""
+    if as_csv and as_json:
+        raise click.UsageError("Choose one of --csv and --json.")
+    if out is not None:
+        _demand_writable(out)  # before the long work, not after
+    chosen = scenefile.load(scene).scene
+    with terminal.progress(quiet) as progress:
+        table = trades.tradeoff(chosen, None, until, measures or None, replicas=replicas, path=keep, progress=progress)
+    in_json = as_json or (not as_csv and out is not None and out.suffix == ".json")
+    if out is not None:
+        out.write_text(table.to_json() if in_json else table.to_csv())
+        click.echo(f"{len(table.rows)} candidates written to {out}", err=True)
+    else:
+        click.echo(table.to_json() if in_json else table.to_csv() if as_csv else str(table), nl=False)
+
+
+def _demand_writable(out: Path) -> None:
+    existed = out.exists()
+    try:
+        out.open("a").close()
+    except OSError as error:
+        raise OutputError(
+            f"--out must be a file that can be written; got {str(out)!r} ({error.strerror}). Choose another place."
+        ) from None
+    if not existed:
+        out.unlink()

@@ -1,0 +1,151 @@
+"""The pair-correlation function of states, and its value at contact."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim import checks
+from mpsim.errors import InputError
+from mpsim.measure.pairs import close_pairs, lengths_of
+from mpsim.measure.statistics import Measure
+from mpsim.scene import Scene
+from mpsim.state import State
+
+CONTACT_RANGE = 0.4
+"""The contact value is extrapolated from distances up to this many diameters beyond contact. A shorter range
+adds noise; a longer one adds bias (0.8 % from 0.3 to 0.5 at packing 0.6, nothing to be seen at packing 0.5)."""
+
+NEWTON_STEPS = 50
+"""Steps of the fit of the contact value, which converges in some five; one that does not gives NaN."""
+
+
+@dataclass(frozen=True)
+class PairCorrelation:
+    """Pair-correlation function, away from the walls.
+
+    Attributes:
+        r: shape (bins,), middle of each shell, from one diameter to r_max [length].
+        g: shape (bins,), density at that distance from a disc, over the density [1].
+        error: shape (bins,), its standard error from the number of pairs counted, a fraction 1/sqrt(pairs) [1].
+        contact: g at one diameter, extrapolated; its error is that of the counts [1].
+        density: number density where the reference discs are [1/length^2].
+        references: reference discs counted, over all states.
+    """
+
+    r: NDArray[np.float64]
+    g: NDArray[np.float64]
+    error: NDArray[np.float64]
+    contact: Measure
+    density: float
+    references: int
+
+
+def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r_max: float) -> PairCorrelation:
+    """Pair-correlation function g(r) from contact to r_max, of one state or of several of the same scene together.
+
+    A periodic axis needs no margin: nearest images count. Walls: a disc counts as a reference only if its centre is at
+    least radius + r_max from every wall, so that every shell around it lies where centres may be. No shell needs
+    correcting, the layers of discs at the walls bias nothing but the shells that reach them, and the density is that of
+    the same inner region: g = pairs / (states x inner area x density^2 x shell area). The price: only the inner discs
+    are references. In dense gases choose r_max of some 4 diameters or more: nearer to the walls their layers still
+    show in the density.
+
+    The contact value is exp(quadratic in r) fitted to the counts, as Poisson numbers, up to CONTACT_RANGE diameters
+    beyond contact, taken at one diameter. Pairs closer than a diameter are not counted: see `overlap`.
+
+    Args:
+        states: of equal discs in the scene's box; independent ones lower the noise.
+        scene: gives box and radius, the same for all discs; without obstacles.
+        bins: shells of equal width, >= 1; at least 4 must lie within CONTACT_RANGE for a contact value, else NaN.
+        r_max: [length], > one diameter, at most half of a periodic axis, and so small that some inner region remains.
+
+    Raises:
+        InputError: naming the argument and its rule; if no disc is a reference.
+
+    Source: minus sampling, Ripley, J. R. Stat. Soc. B 39, 172 (1977), sect. 6; Allen & Tildesley, Computer Simulation
+    of Liquids (2017), sect. 8.2.
+
+    >>> scene = Scene.random(count=2000, packing=0.3, radius=0.5, seed=1)
+    >>> found = pair_correlation(State(scene.position, scene.velocity), scene, bins=40, r_max=3.0)
+    >>> bool(abs(found.g[-10:].mean() - 1) < 0.05)
+    True
+    """
+    states = [states] if isinstance(states, State) else list(states)
+    bins = checks.whole("bins", bins, 1, 1_000_000, "Some 100 shells are usual.")
+    r_max = checks.positive("r_max", r_max, "[length]")
+    radius = _one_radius(scene)
+    diameter, size, periodic = 2 * radius, np.array([scene.width, scene.height]), np.array(scene.periodic)
+    low = np.where(periodic, 0.0, radius + r_max)
+    inner = size - 2 * low
+    most = float(np.where(periodic, size / 2, size / 2 - radius).min())
+    if not diameter < r_max <= most or (inner <= 0).any():
+        raise InputError(
+            f"r_max must lie above one diameter, {diameter:g}, and below {most:g} (beyond that no disc is so far from "
+            f"the walls, or it meets images of itself); got {r_max!r}. Use another r_max, or a larger box."
+        )
+    edges = np.linspace(diameter, r_max, bins + 1)
+    counts, variances, references = np.zeros(bins), np.zeros(bins), 0
+    for state in states:
+        position = checks.finite_array("state.position", state.position, (None, 2), "(N, 2)")
+        inside = np.all((position >= low) & (position <= low + inner), axis=1, keepdims=True)[:, 0]
+        references += int(inside.sum())
+        for i, j, distance in close_pairs(position, r_max, lengths_of(scene)):
+            seen = inside[i].astype(float) + inside[j]  # by how many reference discs
+            counts += np.histogram(distance, edges, weights=seen)[0]
+            variances += np.histogram(distance, edges, weights=seen**2)[0]
+    if references == 0:
+        raise InputError(
+            f"pair_correlation needs discs at least radius + r_max = {radius + r_max:g} from the walls; got none "
+            f"in {len(states)} states. Use a smaller r_max."
+        )
+    density = references / (len(states) * float(inner.prod()))
+    expected = references * density * math.pi * np.diff(edges**2)
+    g, error, r = counts / expected, np.sqrt(variances) / expected, (edges[:-1] + edges[1:]) / 2
+    doubled = float(variances.sum() / max(counts.sum(), 1))
+    contact = _contact(r / diameter - 1, counts, expected, doubled)
+    return PairCorrelation(r, g, error, contact, density, references)
+
+
+def _one_radius(scene: Scene) -> float:
+    """The radius of all discs, where they have one and nothing else stands in the box."""
+    if not isinstance(scene.radius, float):
+        raise InputError(
+            f"pair_correlation needs discs of one radius; got radii from {scene.smallest_radius:g} to "
+            f"{scene.largest_radius:g}. Give it a scene and states of the discs of one size."
+        )
+    if scene.obstacles:
+        raise InputError(
+            f"pair_correlation needs a box without obstacles, which keep discs out of part of each shell; got "
+            f"{len(scene.obstacles)}. Leave them out, or measure a scene without them."
+        )
+    return scene.radius
+
+
+def _contact(
+    gap: NDArray[np.float64], counts: NDArray[np.float64], expected: NDArray[np.float64], doubled: float
+) -> Measure:
+    """g at gap 0 [diameters] from counts near contact: Poisson regression on (1, gap, gap^2), Newton's method.
+
+    Unlike a line through log(counts) it stays unbiased where counts are few. `doubled`: variance of a count over the
+    count, above 1 because a pair of two inner discs is counted from both ends.
+    """
+    near = gap < CONTACT_RANGE
+    gap, counts, expected = gap[near], counts[near], expected[near]
+    pairs = int(counts.sum())
+    if (counts > 0).sum() < 4:
+        return Measure(math.nan, math.nan, pairs, settled=False)
+    design = np.vander(gap, 3, increasing=True)
+    powers = np.array([math.log(pairs / expected.sum()), 0.0, 0.0])
+    inverse = np.eye(3)
+    for _ in range(NEWTON_STEPS):
+        mean = expected * np.exp(np.clip(design @ powers, -50, 50))
+        inverse = np.linalg.pinv(design.T @ (mean[:, None] * design))
+        step = inverse @ (design.T @ (counts - mean))
+        powers = powers + step
+        if np.abs(step).max() < 1e-10:
+            value = math.exp(powers[0])
+            return Measure(value, value * math.sqrt(doubled * inverse[0, 0]), pairs)
+    return Measure(math.nan, math.nan, pairs, settled=False)

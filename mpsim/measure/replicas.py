@@ -1,0 +1,202 @@
+"""One accuracy run of one candidate: a pure function of scene, settings and plan, so that any executor can run it.
+
+The physics of a scene is an average over starts that differ by less than anybody could measure: replica 0 starts as the
+scene says, the others with velocities changed by a millionth. Where collisions make the motion chaotic such runs soon
+are independent samples; where they do not, all are the same run, and so is the mean. What a gas does before they have
+parted is one sample however many replicas there are, whose chance no scatter shows: it does not count (`Plan.memory`).
+"""
+
+import dataclasses
+import hashlib
+import json
+import math
+import threading
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mpsim.engine import methods
+from mpsim.engine.simulation import Simulation
+from mpsim.errors import GuardWarning, MpsimError, OverlapWarning, SharedMemoryError, WorkerDied, WorkerStalled
+from mpsim.measure import gathering
+from mpsim.measure.comparison import short_run
+from mpsim.scene import Scene
+from mpsim.settings import Settings
+from mpsim.state import State
+
+VARIATION = 1e-6
+"""Part by which each velocity component of a replica differs from the scene's."""
+
+PIECES = 16
+"""Parts of a long run over which averages are taken one by one, and after which the speeds are looked at."""
+
+SPEED_LEVELS = np.linspace(0.2, 2.6, 13)
+"""Speeds, in units of the reference's root mean square, at which distributions are compared."""
+
+LONG = (
+    "pressure",
+    "collision_rate",
+    "energy_drift",
+    "momentum_drift",
+    "overlap",
+    "largest_overlap",
+    "speed_distribution",
+)
+SHORT = ("trajectory", "missed_collisions")
+MEASURES = (*LONG, *SHORT)
+
+
+def available(scene: Scene) -> tuple[str, ...]:
+    """Those of MEASURES that mean something in a scene: no pressure where there are neither walls nor a virial, say."""
+    if not isinstance(scene, Scene):  # which the campaign checks
+        return MEASURES
+    return tuple(name for name in MEASURES if name not in gathering.NAMES or gathering.refusal(name, scene) is None)
+
+
+def demand_available(names: Iterable[str], scene: Scene) -> None:
+    """Raise InputError for one of MEASURES that the scene cannot have, with the reason."""
+    if isinstance(scene, Scene):  # which the campaign checks
+        gathering.checked([name for name in names if name in gathering.NAMES], scene)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What every candidate is put through.
+
+    Attributes:
+        until: length of a long run [time].
+        speed: unit of SPEED_LEVELS, a typical speed of the reference [length/time].
+        short: length of a short run [time]; 0 where trajectories cannot be compared.
+        rate: Lyapunov exponent of the scene [1/time].
+        memory: time at which long runs begin to count, as replicas have parted by then [time]; 0: all of them counts.
+    """
+
+    until: float
+    speed: float
+    short: float
+    rate: float
+    memory: float = 0.0
+
+
+def physics_of(settings: Settings, count: int) -> Settings:
+    """The settings with all that changes speed only made standard: candidates that share it share their errors."""
+    method = methods.choose(count, settings).method
+    if method == "event":
+        return Settings(method="event")
+    plain: dict[str, Any] = {"method": "grid" if method == "parallel" else method, "workers": None}
+    return dataclasses.replace(settings, start_method=None, **plain)
+
+
+def key_of(settings: Settings) -> str:
+    """A text that is the same for equal settings, and tells which they are."""
+    return json.dumps(dataclasses.asdict(settings), sort_keys=True)
+
+
+def seed_of(settings: Settings, number: int) -> int:
+    """Seed of a replica: a function of the candidate alone, so that its row can be reproduced without the others."""
+    return int.from_bytes(hashlib.sha256(f"{key_of(settings)} {number}".encode()).digest()[:6], "big")
+
+
+def varied(scene: Scene, seed: int) -> Scene:
+    """The scene with velocities changed by a millionth, and the same kinetic energy."""
+    velocity = scene.velocity * (1 + VARIATION * np.random.default_rng(seed).normal(size=scene.velocity.shape))
+    masses = 1.0 if scene.mass is None else scene.mass[:, None]
+    energy = float((masses * velocity**2).sum())
+    if energy > 0:
+        velocity *= np.sqrt(float((masses * scene.velocity**2).sum()) / energy)
+    return scene.starting_from(State(scene.position, velocity))
+
+
+class Stopped(Exception):  # noqa: N818 - not an error
+    """Nobody waits for this run any more."""
+
+
+Progress = Callable[[int, int], None] | None
+
+
+def long_run(
+    scene: Scene, settings: Settings, plan: Plan, number: int, stop: threading.Event | None = None
+) -> dict[str, Any]:
+    """Averages over PIECES of one run to plan.until: a list for each measure of LONG, of lists for the speeds.
+
+    A run that cannot go on gives {"failure": reason}; one whose `stop` is set, an exception.
+    """
+    try:
+        with quietly():
+            start = varied(scene, seed_of(settings, number)) if number else scene
+            return _averages(start, settings, plan, _until_stopped(stop))
+    except (MpsimError, ArithmeticError, MemoryError) as error:
+        return failure(error)
+
+
+def failure(error: Exception) -> dict[str, Any]:
+    """The result of a run that failed; "machine" where not the candidate but the machine is to blame."""
+    machine = isinstance(error, MemoryError | SharedMemoryError | WorkerDied | WorkerStalled)
+    return {"failure": f"{type(error).__name__}: {error}"} | ({"machine": True} if machine else {})
+
+
+@contextmanager
+def quietly() -> Iterator[None]:
+    """No warnings about the scene, which hundreds of runs would repeat. In the main thread only: filters are global."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", OverlapWarning)
+        warnings.simplefilter("ignore", GuardWarning)
+        yield
+
+
+def _until_stopped(stop: threading.Event | None) -> Progress:
+    """What ends a run from within, soon after `stop` is set."""
+
+    def look(done: int, frames: int) -> None:
+        if stop is not None and stop.is_set():
+            raise Stopped
+
+    return None if stop is None else look
+
+
+def _averages(scene: Scene, settings: Settings, plan: Plan, progress: Progress) -> dict[str, Any]:
+    if settings.method == "event":  # whose frames are what this run is cut into, nothing else
+        settings = dataclasses.replace(settings, dt=plan.until / PIECES)
+    counted = [name for name in available(scene) if name in LONG and name != "speed_distribution"]
+    pieces = min(PIECES, max(int(plan.until / settings.dt), 1))
+    forgotten = min(math.ceil(pieces * plan.memory / plan.until), pieces - 1)
+    series: dict[str, list[Any]] = {name: [] for name in (*counted, "speed_distribution", "met")}
+    with Simulation(scene, settings) as sim:
+        if forgotten:
+            sim.run(until=plan.until * forgotten / pieces, progress=progress)
+        for piece in range(forgotten + 1, pieces + 1):
+            report = sim.run(until=plan.until * piece / pieces, measures=counted, progress=progress)
+            for name in counted:
+                series[name].append(report.measures[name].value)
+            series["met"].append(report.measures["overlap"].samples)
+            series["speed_distribution"].append(_cumulative(sim.state, plan.speed))
+    for name in ("overlap", "largest_overlap"):
+        series[name] = [depth / (2 * scene.smallest_radius) for depth in series[name]]
+    return series
+
+
+def _cumulative(state: State, unit: float) -> list[float]:
+    """Fractions of the discs slower than each of SPEED_LEVELS."""
+    speeds = np.sort(np.hypot(*state.velocity.astype(float).T))
+    return (np.searchsorted(speeds, SPEED_LEVELS * unit) / max(len(speeds), 1)).tolist()
+
+
+def short_runs(
+    scene: Scene, settings: Settings, plan: Plan, start: State, reference: Settings, stop: threading.Event | None = None
+) -> dict[str, Any]:
+    """A run of length plan.short beside the reference, both from `start`: a number for each measure of SHORT."""
+    how: dict[str, Any] = {"rate": plan.rate, "reference": reference, "progress": _until_stopped(stop)}
+    try:
+        with quietly():
+            found = short_run(scene.starting_from(start), settings, plan.short, **how)
+    except (MpsimError, ArithmeticError, MemoryError) as error:
+        return failure(error)
+    met, exact = found.collisions
+    return {"trajectory": found.error.rms / (2 * scene.smallest_radius), "collisions": [met, exact]}

@@ -1,0 +1,343 @@
+"""The chooser: the cheapest settings whose errors stay inside given budgets, found by search and verified anew."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+
+from mpsim import checks
+from mpsim.errors import BudgetError, InputError
+from mpsim.measure.campaign import Campaign, CandidateFailed
+from mpsim.measure.cost import Cost
+from mpsim.measure.deviations import Deviation
+from mpsim.measure.ladder import families, step
+from mpsim.measure.replicas import MEASURES, demand_available
+from mpsim.measure.tradeoff import Row, label, listed, row_of
+from mpsim.scene import Scene
+from mpsim.settings import Settings
+
+FIRST = 0.1
+"""Step at which each family is first looked at, in units of diameter / speed."""
+
+LONGEST, SHORTEST = 0.5, 0.0005
+"""Steps between which the search stays, likewise: beyond, discs may pass each other unseen; below, `event` is cheap."""
+
+CLOSE = 1.15
+"""Ratio of two steps, one inside the budgets and one not, at which the search is over."""
+
+LOOKS = 8
+"""Steps of one family that are looked at, at most."""
+
+MOST_REPLICAS = 64
+"""Replicas at most, where the noise leaves it open whether a budget is met."""
+
+AIM = 0.9
+"""Part of the budget at which the next step is aimed."""
+
+VERIFICATIONS = 4
+"""Settings that may fail their verification before the search gives up."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One candidate of the search.
+
+    Attributes:
+        row: its settings, cost and errors.
+        verdict: "inside all budgets", or which budget it broke and by how much.
+        inside: whether all budgets are met, standard errors included.
+    """
+
+    row: Row
+    verdict: str
+    inside: bool
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """The answer of `tune`.
+
+    Attributes:
+        settings: the cheapest settings found inside all budgets.
+        cost: what they cost.
+        errors: their errors, from runs that had no part in choosing them.
+        budgets: as they were asked for.
+        reference: what the errors are measured against, in words.
+        tried: every candidate of the search with its verdict, cheapest first.
+        tighter: cost of half of every budget, estimated from the fitted order, over the cost of this one.
+    """
+
+    settings: Settings
+    cost: Cost
+    errors: dict[str, Deviation]
+    budgets: dict[str, float]
+    reference: str
+    tried: tuple[Trial, ...]
+    tighter: float
+
+    def __str__(self) -> str:
+        lines = [f"{label(self.settings)}: {self.cost.median:.3g} ns per disc and unit of time ({self.cost.method})"]
+        for name, budget in self.budgets.items():
+            lines.append(f"  {name}: {self.errors[name]!r}, budget {budget:g} (verified by a run of its own)")
+        cheaper = [each for each in self.tried if not each.inside and each.row.cost is not None]
+        cheaper = [each for each in cheaper if each.row.cost and each.row.cost.median < self.cost.median]
+        lines += ["cheaper, and why not:"] if cheaper else ["nothing cheaper was found"]
+        for each in cheaper:
+            assert each.row.cost is not None
+            lines.append(f"  {each.row.label}, {each.row.cost.median:.3g} ns: {each.verdict}")
+        lines += [f"  {each.row.label} failed: {each.row.failure}" for each in self.tried if each.row.cost is None]
+        lines.append(f"half of every budget would cost about {self.tighter:.2g} times as much")
+        lines.append(f"errors against {self.reference}")
+        return "\n".join(lines)
+
+
+def tune(
+    scene: Scene,
+    max_error: Mapping[str, float],
+    until: float | None = None,
+    candidates: Iterable[Settings] | None = None,
+    *,
+    executor: Executor | None = None,
+    replicas: int = 8,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> Tuned:
+    """The cheapest settings whose errors on a scene stay inside every budget.
+
+    For each family of settings the longest step inside the budgets is searched along the order that was measured so
+    far; the cheapest family wins, and runs of its own verify it. An error counts with two of its standard errors.
+
+    Args:
+        scene: what is simulated.
+        max_error: measure -> largest |error|, > 0, in the unit of the measure (see `tradeoff`): {"pressure": 0.01} is
+            one per cent, {"overlap": 0.05} a twentieth of a diameter.
+        until: length of one run [time]; None: so that collisions fix the pressure to about a thousandth.
+        candidates: families to choose from, whose dt is searched; None: impact with one and two passes, push, and the
+            exact solver.
+        executor, replicas, progress: as for `tradeoff`; replicas are doubled where noise leaves an answer open.
+
+    Raises:
+        BudgetError: if no candidate meets all budgets, with the least error that was reached.
+        InputError: naming the argument and its rule.
+
+    >>> scene = Scene.random(count=30, packing=0.2, radius=0.5, seed=1)
+    >>> found = tune(scene, {"overlap": 0.05}, until=10.0, replicas=2)
+    >>> found.errors["overlap"].value < 0.05
+    True
+    """
+    budgets = _budgets(max_error)
+    demand_available(budgets, scene)
+    choices = _families(candidates)
+    replicas = checks.whole("replicas", replicas, 2, MOST_REPLICAS, "8 will do for most scenes.")
+    with Campaign(scene, until, tuple(budgets), replicas=replicas, executor=executor, progress=progress) as run:
+        search = Search(run, scene, budgets)
+        for family in choices:
+            search.longest_step(family)
+        return search.answer()
+
+
+class Search:
+    """The trials of one call of `tune`."""
+
+    def __init__(self, run: Campaign, scene: Scene, budgets: dict[str, float]):
+        self._run = run
+        self._scene = scene
+        self._budgets = budgets
+        self._trials: dict[Settings, Trial] = {}
+        self._orders: dict[str, float] = {}
+        self._numbers: dict[Settings, int] = {}
+
+    def longest_step(self, family: Settings) -> None:
+        """Look for the longest step of a family inside all budgets."""
+        if family.method == "event":
+            self._try(family)
+            return
+        speed = self._run.pilot.speed
+        dt, shortest, longest = (step(self._scene, speed, h) for h in (FIRST, SHORTEST, LONGEST))
+        inside, outside = 0.0, math.inf
+        found: list[tuple[float, float]] = []  # step and largest error over budget
+        for _ in range(LOOKS):
+            trial = self._try(dataclasses.replace(family, dt=dt))
+            if trial.inside:
+                inside = max(inside, dt)
+            else:
+                outside = min(outside, dt)
+                if self._too_dear(trial):
+                    break
+            ratio = _ratio(trial.row, self._budgets)
+            if math.isfinite(ratio) and ratio > 0:
+                found.append((dt, ratio))
+            if outside < inside * CLOSE or inside >= longest or outside <= shortest:
+                break
+            dt = self._next(dt, found, inside, outside, (shortest, longest))
+            if dataclasses.replace(family, dt=dt) in self._trials:
+                break
+        self._orders[label(dataclasses.replace(family, dt=1.0))] = _order(found)
+
+    def answer(self) -> Tuned:
+        """The cheapest trial inside all budgets that passes its verification.
+
+        Raises:
+            BudgetError: if there is none.
+        """
+        for attempt in range(VERIFICATIONS + 1):
+            inside = [trial for trial in self._trials.values() if trial.inside]
+            if attempt == VERIFICATIONS:
+                inside = [trial for trial in inside if self._is_exact(trial.row.settings)]
+            if not inside:
+                break
+            best = min(inside, key=_cost)
+            settings = best.row.settings
+            number = max(self._numbers[settings], MOST_REPLICAS // 2)
+            self._run.assess([settings], number, first=MOST_REPLICAS)
+            errors = self._run.errors(settings, number, first=MOST_REPLICAS)
+            broken = [name for name, budget in self._budgets.items() if not errors[name].bound <= budget]
+            if not broken or self._is_exact(settings):
+                return self._tuned(best, errors)
+            verdict = f"inside at first, but {broken[0]} {errors[broken[0]]!r} when verified"
+            self._trials[settings] = Trial(dataclasses.replace(best.row, errors=errors), verdict, False)
+            if settings.method != "event":
+                self._step_back(settings, max(errors[name].bound / self._budgets[name] for name in broken))
+        raise BudgetError(self._refusal())
+
+    def _step_back(self, settings: Settings, ratio: float) -> None:
+        """Try the step that the order found suggests for one that came out so many times too wrong when verified."""
+        order = self._orders.get(label(dataclasses.replace(settings, dt=1.0)), 1.0)
+        dt = float(f"{settings.dt / max((ratio / AIM) ** (1 / order), CLOSE):.2g}")
+        for other, trial in list(self._trials.items()):
+            if trial.inside and other == dataclasses.replace(settings, dt=other.dt) and other.dt > dt:
+                verdict = "inside at first, but not likely to be when verified, as the next longer step was not"
+                self._trials[other] = Trial(trial.row, verdict, False)
+        if dt >= step(self._scene, self._run.pilot.speed, SHORTEST):
+            self._try(dataclasses.replace(settings, dt=dt))
+
+    def _try(self, settings: Settings) -> Trial:
+        """Errors and cost of a candidate; with more replicas while noise leaves the answer open."""
+        if settings in self._trials:
+            return self._trials[settings]
+        number = self._run.replicas
+        while True:
+            self._run.assess([settings], number)
+            try:
+                errors = self._run.errors(settings, number)
+            except CandidateFailed as failed:
+                self._trials[settings] = Trial(Row(settings, failure=str(failed)), str(failed), False)
+                return self._trials[settings]
+            if number * 2 > MOST_REPLICAS or self._is_exact(settings) or not self._open(errors):
+                break
+            number *= 2
+        self._numbers[settings] = number
+        self._run.time([settings])
+        row = dataclasses.replace(row_of(self._run, settings), errors=errors)
+        broken = [name for name, budget in self._budgets.items() if not errors[name].bound <= budget]
+        if self._is_exact(settings):  # what its row shows is the noise alone
+            broken = []
+        verdict = _words(broken[0], errors, self._budgets) if broken else "inside all budgets"
+        self._trials[settings] = Trial(row, verdict, not broken)
+        return self._trials[settings]
+
+    def _is_exact(self, settings: Settings) -> bool:
+        """Whether this is the reference itself."""
+        return settings.method == self._run.pilot.reference.method == "event"
+
+    def _open(self, errors: dict[str, Deviation]) -> bool:
+        """Whether more replicas could bring inside what is outside now."""
+        outside = [(errors[name], budget) for name, budget in self._budgets.items() if errors[name].bound > budget]
+        return bool(outside) and all(abs(each.value) - each.noise < budget for each, budget in outside)
+
+    def _too_dear(self, trial: Trial) -> bool:
+        """Whether something inside the budgets is already cheaper than this one, which is not."""
+        inside = [_cost(each) for each in self._trials.values() if each.inside]
+        return bool(inside) and _cost(trial) > min(inside)
+
+    def _next(
+        self, dt: float, found: list[tuple[float, float]], inside: float, outside: float, limits: tuple[float, float]
+    ) -> float:
+        """The step at which the error is likely to meet its budget, between those that are known."""
+        last, ratio = found[-1] if found else (dt, 4.0)
+        aim = last * float(np.clip((AIM / ratio) ** (1 / _order(found)), 0.2, 4.0))
+        if inside and math.isfinite(outside) and not inside * 1.02 < aim < outside / 1.02:
+            aim = math.sqrt(inside * outside)
+        aim = min(max(aim, limits[0]), limits[1])
+        return float(f"{aim:.2g}")
+
+    def _tuned(self, best: Trial, errors: dict[str, Deviation]) -> Tuned:
+        assert best.row.cost is not None
+        settings = best.row.settings
+        tighter = 1.0
+        if settings.method != "event":
+            order = self._orders.get(label(dataclasses.replace(settings, dt=1.0)), 1.0)
+            tighter = 2 ** (1 / order)
+            exact = [_cost(each) for each in self._trials.values() if each.inside and each.row.label == "event"]
+            tighter = min(tighter, *(cost / best.row.cost.median for cost in exact)) if exact else tighter
+        tried = tuple(sorted(self._trials.values(), key=_cost))
+        name = self._run.pilot.reference_name
+        return Tuned(settings, best.row.cost, errors, self._budgets, name, tried, tighter)
+
+    def _refusal(self) -> str:
+        """Why nothing meets the budgets, with the least error that was reached."""
+        wanted = ", ".join(f"{name} {budget:g}" for name, budget in self._budgets.items())
+        rows = [trial.row for trial in self._trials.values() if _ratio(trial.row, self._budgets) > 1]
+        rows = [row for row in rows if row.errors]
+        if not rows:
+            reasons = "; ".join(f"{trial.row.label}: {trial.verdict}" for trial in self._trials.values())
+            return f"no candidate could run this scene for max_error {wanted}: {reasons}. Choose other candidates."
+        best = min(rows, key=lambda row: _ratio(row, self._budgets))
+        reached = ", ".join(f"{name} {best.errors[name].bound:.3g}" for name in self._budgets)
+        return (
+            f"max_error must be within reach: no candidate stays inside {wanted}. The best of {len(rows)} tried, "
+            f"{best.label}, reaches {reached} (two standard errors included). Allow these errors, run longer "
+            "(until=...) where the noise is what is left, or let candidates hold Settings(method='event')."
+        )
+
+
+def _budgets(max_error: Mapping[str, float]) -> dict[str, float]:
+    if not isinstance(max_error, Mapping) or not max_error:
+        raise InputError(
+            f"max_error must hold at least one budget, as in {{'pressure': 0.01}}; got {max_error!r}. "
+            f"Choose from {', '.join(MEASURES)}."
+        )
+    return {
+        checks.choice("max_error", name, MEASURES): checks.positive(f"max_error[{name!r}]", budget, "(an error)")
+        for name, budget in max_error.items()
+    }
+
+
+def _families(candidates: Iterable[Settings] | None) -> list[Settings]:
+    if candidates is None:
+        return [Settings(method="event"), *families()]
+    chosen: list[Settings] = listed(
+        "candidates", [candidates] if isinstance(candidates, Settings) else candidates, "mpsim.Settings"
+    )
+    if not chosen or not all(isinstance(each, Settings) for each in chosen):
+        raise InputError(
+            f"candidates must hold at least one mpsim.Settings; got {chosen!r}. Leave it out for a choice."
+        )
+    return chosen
+
+
+def _cost(trial: Trial) -> float:
+    return trial.row.cost.median if trial.row.cost else math.inf
+
+
+def _ratio(row: Row, budgets: dict[str, float]) -> float:
+    """Largest error over its budget."""
+    return (
+        max((row.errors[name].bound / budget for name, budget in budgets.items()), default=math.inf)
+        if (row.errors)
+        else math.inf
+    )
+
+
+def _order(found: list[tuple[float, float]]) -> float:
+    """Order of the error in the step, a line through the logarithms of what was seen; 1.5 before anything is known."""
+    if len({dt for dt, _ in found}) < 2:
+        return 1.5
+    steps, ratios = np.log(np.array(found)).T
+    return float(np.clip(np.polyfit(steps, ratios, 1)[0], 0.7, 4.0))
+
+
+def _words(name: str, errors: dict[str, Deviation], budgets: dict[str, float]) -> str:
+    return f"{name} {errors[name]!r} is outside {budgets[name]:g}, two standard errors included"

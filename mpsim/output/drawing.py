@@ -1,0 +1,127 @@
+"""A scene as a picture: discs at true radius, their images at periodic edges, obstacles, the piston."""
+
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection, PatchCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Polygon, Rectangle
+from numpy.typing import ArrayLike, NDArray
+
+from mpsim.scene import Scene
+
+STYLE = Path(__file__).with_name("mpsim.mplstyle")
+
+DISC_COLOUR = "#56B4E9"
+OBSTACLE_COLOUR = "#444444"
+BEHIND_COLOUR = "#BBBBBB"
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """A figure of the given size [inch] in mpsim's style, bound to no window."""
+    with matplotlib.rc_context(fname=STYLE):
+        return Figure(figsize=(width, height))
+
+
+def with_images(position: ArrayLike, scene: Scene) -> NDArray[np.float64]:
+    """Centres and their images beyond the nearer periodic edges, the centres first: shape (N, 2), (2 N, 2) or (4 N, 2).
+
+    The images of discs in the middle lie outside the box, where nothing is drawn.
+
+    >>> scene = Scene(width=4, height=4, position=[[0.25, 1]], velocity=[[0, 0]], radius=0.5, boundary="periodic")
+    >>> with_images(scene.position, scene).tolist()
+    [[0.25, 1.0], [4.25, 1.0], [0.25, 5.0], [4.25, 5.0]]
+    """
+    places = np.array(position, dtype=np.float64).reshape(-1, 2)
+    for axis, length in enumerate((scene.width, scene.height)):
+        if scene.periodic[axis]:
+            other = places.copy()
+            other[:, axis] += np.where(places[:, axis] < length / 2, length, -length)
+            places = np.concatenate([places, other])
+    return places
+
+
+def draw_discs(
+    axes: Axes, position: ArrayLike, scene: Scene, colours: Any = DISC_COLOUR, radii: NDArray[np.float64] | None = None
+) -> EllipseCollection:
+    """Discs at true radius in their box, with obstacles; no ticks, the box is the frame, dotted where it is periodic.
+
+    Args:
+        axes: where to draw.
+        position: of the discs, shape (N, 2) [length].
+        scene: box, obstacles, and radii where none are given.
+        colours: one, or one for each disc.
+        radii: shape (N,) [length].
+
+    Returns:
+        The discs, to be moved: `set_offsets(with_images(position, scene))`.
+    """
+    if not axes.patches and not axes.collections:
+        _draw_box(axes, scene)
+    diameters = 2 * np.asarray(scene.radii if radii is None else radii)
+    # Sizes and colours repeat, so that each image has those of its disc.
+    discs = EllipseCollection(
+        diameters,
+        diameters,
+        np.zeros(len(diameters)),
+        units="xy",
+        offsets=with_images(position, scene),
+        offset_transform=axes.transData,
+    )
+    discs.set_facecolor(colours)
+    discs.set_edgecolor("#00000060")
+    discs.set_linewidth(0.3)
+    axes.add_collection(discs)
+    return discs
+
+
+def _draw_box(axes: Axes, scene: Scene) -> None:
+    axes.set(xlim=(0, scene.width), ylim=(0, scene.height), aspect="equal", xticks=[], yticks=[])
+    axes.grid(False)
+    for side, axis in (("left", 0), ("right", 0), ("bottom", 1), ("top", 1)):
+        axes.spines[side].set_visible(True)
+        axes.spines[side].set_linestyle(":" if scene.periodic[axis] else "-")
+    shifts = [
+        (0.0, -length, length) if wraps else (0.0,) for length, wraps in zip(_size(scene), scene.periodic, strict=True)
+    ]
+    shapes: list[Any] = []
+    for (ax, ay, bx, by, radius), (x, y) in product(scene.capsules.tolist(), product(*shifts)):
+        a, b = np.array([ax + x, ay + y]), np.array([bx + x, by + y])
+        shapes += [Circle((float(end[0]), float(end[1])), radius) for end in (a, b)]
+        length = float(np.hypot(*(b - a)))
+        if length:
+            across = radius / length * np.array([ay - by, bx - ax])
+            shapes.append(Polygon([a - across, b - across, b + across, a + across]))
+    if shapes:
+        # The line is what remains of a wall without thickness.
+        axes.add_collection(PatchCollection(shapes, facecolor=OBSTACLE_COLOUR, edgecolor=OBSTACLE_COLOUR, linewidth=1))
+
+
+def _size(scene: Scene) -> tuple[float, float]:
+    return scene.width, scene.height
+
+
+def behind_piston(scene: Scene, time: float) -> Rectangle | None:
+    """What a piston has closed off by a time, as a shape to be drawn; None without one.
+
+    >>> from mpsim.features import Piston
+    >>> half = {"width": 4, "height": 2, "position": [[1, 1]], "velocity": [[0, 0]], "radius": 0.5}
+    >>> shape = behind_piston(Scene(**half, piston=Piston("right", -1.0, 2.0)), time=9.0)
+    >>> shape.get_x(), shape.get_width()
+    (2.0, 2.0)
+    """
+    piston = scene.piston
+    if piston is None:
+        return None
+    length = scene.width if piston.wall in ("left", "right") else scene.height
+    if piston.wall in ("left", "bottom"):
+        low, high = 0.0, min(piston.speed * time, piston.stop)
+    else:
+        low, high = max(length + piston.speed * time, piston.stop), length
+    if piston.wall in ("left", "right"):
+        return Rectangle((low, 0), high - low, scene.height, color=BEHIND_COLOUR)
+    return Rectangle((0, low), scene.width, high - low, color=BEHIND_COLOUR)

@@ -1,0 +1,389 @@
+"""Pictures of a trade: cost against error, with the settings that nothing beats."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.text import Annotation, Text
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
+from matplotlib.transforms import Bbox, Transform
+from numpy.typing import NDArray
+
+from mpsim.measure.deviations import Deviation
+from mpsim.measure.tables import UNITS
+from mpsim.measure.tradeoff import Row, Tradeoff
+from mpsim.output.drawing import STYLE, new_figure
+from mpsim.settings import Settings
+
+FAMILIES = {
+    "impact": ("#0072B2", "o"),
+    "impact x2": ("#009E73", "s"),
+    "push": ("#D55E00", "^"),
+    "event": ("#000000", "*"),
+    "reflect": ("#CC79A7", "v"),
+    "float32": ("#E69F00", "D"),
+}
+"""Colour (Okabe and Ito, safe for colour-blind readers) and marker of each family of settings."""
+
+OTHER = ("#56B4E9", "P")
+GREY = "#B0B0B0"
+
+ZERO = 0.03
+"""Where errors of exactly 0 stand, as a part of the width: a logarithmic axis has no place for them."""
+
+BAND = 0.06
+"""Part of the width, at the left, that is kept for them."""
+
+FINE, MIDDLE = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0), (1.0, 2.0, 5.0)
+"""Numbers written within a decade on an axis that covers less than NARROW, or less than WIDE, decades."""
+
+NARROW, WIDE = 0.75, 2.5
+
+PLAIN = (1e-3, 1e5)
+"""Numbers between these are written without powers of ten."""
+
+COST = "cost [ns per disc and unit of time]"
+
+
+def family(settings: Settings) -> str:
+    """To which family of FAMILIES settings belong, or what they are called beside these.
+
+    >>> family(Settings(passes=2)), family(Settings(precision="float32", contact="push"))
+    ('impact x2', 'float32')
+    """
+    if settings.method == "event":
+        return "event"
+    if settings.precision == "float32":
+        return "float32"
+    if settings.law == "reflect":
+        return "reflect"
+    return settings.contact + (f" x{settings.passes}" if settings.passes > 1 else "")
+
+
+def short_label(settings: Settings) -> str:
+    """The settings in as few words as tell them from others of a picture.
+
+    >>> short_label(Settings(dt=0.05)), short_label(Settings(dt=0.1, substeps=2, method="naive"))
+    ('impact 0.05', 'impact 0.1/2, naive')
+    """
+    if settings.method == "event":
+        return "event"
+    step = f"{settings.dt:.3g}" + (f"/{settings.substeps}" if settings.substeps > 1 else "")
+    workers = f", {settings.workers} workers" if settings.workers else ""
+    method = f", {settings.method}" if settings.method != "auto" else ""
+    return f"{family(settings)} {step}{method}{workers}"
+
+
+def frontier(table: Tradeoff, measure: str) -> Figure:
+    """Cost against one error, both logarithmic, with error bars.
+
+    In colour and labelled, the Pareto front: settings than which no other is both cheaper and less wrong (the number is
+    dt); in grey, the others. An arrow points left from the bound of an error that is not resolved (value and two
+    standard errors); errors of exactly 0 stand in the band at the left.
+
+    Args:
+        table: of `mpsim.tradeoff`.
+        measure: name of one of its errors.
+
+    Raises:
+        InputError: if the table has no such measure.
+    """
+    front = table.frontier(measure)
+    with matplotlib.rc_context(fname=STYLE):
+        figure = new_figure(8, 6)
+        FigureCanvasAgg(figure)
+        axes = figure.add_subplot()
+        draw(axes, table, measure, front)
+        axes.set(xlabel=axis_label(measure), ylabel=COST)
+        axes.set_title(_title(table), fontsize=10)
+        figure.legend(handles=_legend(table.rows), loc="outside lower center", ncols=5, fontsize=9)
+        _label_front(axes, table, measure, front)
+    return figure
+
+
+def overview(table: Tradeoff) -> Figure:
+    """All errors of a table as small pictures, each as `frontier` draws it, without labels."""
+    columns = min(len(table.measures), 3)
+    rows = -(-len(table.measures) // columns)
+    with matplotlib.rc_context(fname=STYLE):
+        figure = new_figure(1 + 3.4 * columns, 1.3 + 2.7 * rows)
+        FigureCanvasAgg(figure)
+        panels = figure.subplots(rows, columns, sharey=True, squeeze=False)
+        for panel, measure in zip(panels.flat, table.measures, strict=False):
+            draw(panel, table, measure, table.frontier(measure), size=4)
+            panel.set_xlabel(axis_label(measure), fontsize=10)
+            panel.tick_params(labelsize=9)
+        for panel in panels.flat[len(table.measures) :]:
+            panel.set_visible(False)
+        figure.supylabel(COST, fontsize=11)
+        figure.suptitle(_title(table), fontsize=11)
+        figure.legend(handles=_legend(table.rows), loc="outside lower center", ncols=5, fontsize=9)
+    return figure
+
+
+def save(table: Tradeoff, folder: str | Path) -> list[Path]:
+    """Write frontier_<measure>.png for every error of a table, and overview.png; returns their paths."""
+    folder = Path(folder)
+    pictures = {f"frontier_{measure}.png": frontier(table, measure) for measure in table.measures}
+    pictures["overview.png"] = overview(table)
+    for name, figure in pictures.items():
+        figure.savefig(folder / name)
+    return [folder / name for name in pictures]
+
+
+def _title(table: Tradeoff) -> str:
+    scene = table.scene.strip("<>").removeprefix("Scene: ")
+    return f"{scene}\nerrors against {table.reference.split(',')[0]}"
+
+
+def axis_label(measure: str) -> str:
+    """Name and unit of an error."""
+    unit = UNITS.get(measure, "%").replace("diam.", "diameters")
+    return f"|error|: {measure.replace('_', ' ')} [{unit}]"
+
+
+def draw(axes: Axes, table: Tradeoff, measure: str, front: Sequence[Row], size: float = 6) -> None:
+    """Points, error bars and the front of one error; axes and their limits."""
+    axes.set(xscale="log", yscale="log")
+    rows = _drawable(table, measure)
+    _limits(axes, rows, measure)
+    left = _band(axes, [row for row in rows if _place(row, measure)[0] == 0])
+    _ticks(axes.xaxis, left, axes.get_xlim()[1])
+    _ticks(axes.yaxis, *axes.get_ylim())
+    _step_line(axes, front, measure)
+    on_front = {id(row) for row in front}
+    for row in sorted(rows, key=lambda row: id(row) in on_front):
+        colour, marker = FAMILIES.get(family(row.settings), OTHER)
+        chosen = id(row) in on_front
+        _point(axes, row, measure, (colour if chosen else GREY, marker, size if chosen else 0.8 * size))
+
+
+def _drawable(table: Tradeoff, measure: str) -> list[Row]:
+    """Rows that have a place in the picture: those that ran to the end, with an error that is a number."""
+    rows = [row for row in table.rows if row.cost is not None and measure in row.errors]
+    return [row for row in rows if np.isfinite(row.errors[measure].shown)]
+
+
+def _place(row: Row, measure: str) -> tuple[float, float]:
+    """Error (its bound, where it is not resolved) in the unit of the axis, and cost."""
+    assert row.cost is not None
+    return row.errors[measure].shown * _scale(measure), row.cost.median
+
+
+def _scale(measure: str) -> float:
+    return 1.0 if measure in UNITS else 100.0
+
+
+def _limits(axes: Axes, rows: Sequence[Row], measure: str) -> None:
+    """Room for every point, and at the left for the band of those that are exactly 0."""
+    places = np.array([_place(row, measure) for row in rows]).reshape(-1, 2)
+    errors = places[places[:, 0] > 0, 0]
+    low, high = (errors.min(), errors.max()) if len(errors) else (1e-3, 1.0)
+    decades = max(np.log10(high / low), 0.5)
+    axes.set_xlim(low / 10 ** (0.22 * decades), high * 10 ** (0.1 * decades))
+    if len(places):
+        decades = max(np.log10(places[:, 1].max() / places[:, 1].min()), 0.3)
+        axes.set_ylim(places[:, 1].min() / 10 ** (0.1 * decades), places[:, 1].max() * 10 ** (0.13 * decades))
+
+
+def _band(axes: Axes, exact: Sequence[Row]) -> float:
+    """The place of errors of exactly 0, if there are any; returns where the others begin."""
+    left, right = axes.get_xlim()
+    if not exact:
+        return left
+    axes.fill_between([0, BAND], 0, 1, transform=axes.transAxes, color="#F0F0F0", linewidth=0, zorder=0.7)
+    axes.text(ZERO, 0.012, "0", transform=axes.transAxes, ha="center", va="bottom", fontsize=9, color="#555555")
+    return left * (right / left) ** BAND
+
+
+def _ticks(axis: Axis, low: float, high: float) -> None:
+    """Few enough numbers to be read, without powers of ten where people would not write them."""
+    decades = float(np.log10(high / low))
+    steps = FINE if decades < NARROW else MIDDLE if decades < WIDE else (1.0,)
+    powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1, max(round(decades / 6), 1))
+    values = [step * 10.0**power for power in powers for step in steps]
+    values = [value for value in values if low <= value <= high]
+    axis.set_major_locator(FixedLocator(values))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: _number(value)))
+    axis.set_minor_formatter(NullFormatter())
+    if decades > WIDE:
+        axis.set_minor_locator(NullLocator())
+
+
+def _number(value: float) -> str:
+    if PLAIN[0] <= value <= PLAIN[1]:
+        return f"{value:,.6g}"
+    power = int(np.floor(np.log10(value) + 1e-9))
+    first = round(value / 10.0**power, 6)
+    return f"$10^{{{power}}}$" if first == 1 else f"${first:g}\\cdot 10^{{{power}}}$"
+
+
+def _step_line(axes: Axes, front: Sequence[Row], measure: str) -> None:
+    """The least cost for each error: constant until the next setting of the front is needed."""
+    if not front:
+        return
+    left, right = axes.get_xlim()
+    places = [_place(row, measure) for row in front]
+    line = [(right, places[0][1])]
+    for error, cost in places:
+        line += [(line[-1][0], cost), (error if error > 0 else left, cost)]
+    x, y = zip(*line, strict=True)
+    axes.plot(x, y, color="#555555", linewidth=1.2, zorder=1.5)
+
+
+def _point(axes: Axes, row: Row, measure: str, look: tuple[str, str, float]) -> None:
+    """One setting: its marker, its error bars or its arrow."""
+    colour, marker, size = look
+    assert row.cost is not None
+    error, cost = _place(row, measure)
+    size = 1.5 * size if marker == "*" else size
+    bars = [[max(cost - row.cost.low, 0)], [max(row.cost.high - cost, 0)]]
+    style = {"color": colour, "marker": marker, "markersize": size, "elinewidth": 1, "zorder": 3}
+    if error == 0:
+        style |= {"transform": axes.get_yaxis_transform(), "clip_on": False}
+        axes.plot([ZERO], [cost], **{key: value for key, value in style.items() if key != "elinewidth"})
+        return
+    deviation = row.errors[measure]
+    if deviation.resolved:
+        low, high = _bar(deviation, _scale(measure))
+        axes.errorbar([error], [cost], bars, [[error - low], [high - error]], **style)
+        return
+    axes.errorbar([error], [cost], bars, **style, markerfacecolor="white")
+    arrow = {"arrowstyle": "<|-", "color": colour, "linewidth": 1, "shrinkA": 0, "shrinkB": size / 2}
+    axes.annotate("", (error, cost), (-2.6 * size, 0), textcoords="offset points", arrowprops=arrow)
+
+
+def _bar(deviation: Deviation, scale: float) -> tuple[float, float]:
+    """Ends of an error bar, one standard error each way, above 0."""
+    error, noise = abs(deviation.value) * scale, deviation.error * scale
+    return max(error - noise, 0.1 * error), error + noise
+
+
+def _legend(rows: Sequence[Row]) -> list[Line2D]:
+    """Families that are there, then what grey, arrow and line mean."""
+    names = list(dict.fromkeys(family(row.settings) for row in rows))
+    names.sort(key=lambda name: list(FAMILIES).index(name) if name in FAMILIES else len(FAMILIES))
+    handles = []
+    for name in names:
+        colour, marker = FAMILIES.get(name, OTHER)
+        handles.append(Line2D([], [], color=colour, marker=marker, linestyle="", label=name))
+    handles.append(Line2D([], [], color=GREY, marker="o", linestyle="", label="another is cheaper and better"))
+    handles.append(
+        Line2D(
+            [], [], color="#555555", marker="$\\leftarrow$", markersize=9, linestyle="", label="at most: not resolved"
+        )
+    )
+    handles.append(Line2D([], [], color="#555555", linewidth=1.2, label="least cost"))
+    return handles
+
+
+def _label_front(axes: Axes, table: Tradeoff, measure: str, front: Sequence[Row]) -> None:
+    """Names beside the points of the front, where they hide no point, no bar and no other name."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    figure.draw_without_rendering()
+    pixels = figure.dpi / 72
+    rows = _drawable(table, measure)
+    points = np.array([_pixel(axes, row, measure) for row in rows]).reshape(-1, 2)
+    taken = [Bbox.from_extents(x - 6 * pixels, y - 6 * pixels, x + 6 * pixels, y + 6 * pixels) for x, y in points]
+    for row in rows:
+        x, y = _pixel(axes, row, measure)
+        error = row.errors[measure]
+        if error.resolved:
+            ends = [axes.transData.transform((end, 1.0))[0] for end in _bar(error, _scale(measure))]
+            taken.append(Bbox.from_extents(ends[0], y - 2 * pixels, ends[1], y + 2 * pixels))
+        elif error.shown > 0:
+            taken.append(Bbox.from_extents(x - 17 * pixels, y - 4 * pixels, x, y + 4 * pixels))
+    line = _along(np.array([_pixel(axes, row, measure) for row in front]).reshape(-1, 2))
+    for row in front:
+        colour = FAMILIES.get(family(row.settings), OTHER)[0]
+        error, cost = _place(row, measure)
+        point = Point(error, cost, axes.transData) if error else Point(ZERO, cost, axes.get_yaxis_transform())
+        taken.append(_label(axes, short_label(row.settings), point, colour, taken, line))
+
+
+def _pixel(axes: Axes, row: Row, measure: str) -> tuple[float, float]:
+    """Where a row's point lies on the screen."""
+    error, cost = _place(row, measure)
+    x, y = axes.transData.transform((error if error > 0 else axes.get_xlim()[0], cost))
+    if error == 0:
+        x = axes.transAxes.transform((ZERO, 0))[0]
+    return float(x), float(y)
+
+
+def _along(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points on the step line between the points of a front [pixel]."""
+    found = [np.empty((0, 2))]
+    for (x, y), (x_next, y_next) in pairwise(corners):
+        found.append(np.column_stack([np.full(40, x), np.linspace(y, y_next, 40)]))
+        found.append(np.column_stack([np.linspace(x, x_next, 80), np.full(80, y_next)]))
+    return np.concatenate(found)
+
+
+class Point(NamedTuple):
+    """A place in a picture, in the coordinates of a transform."""
+
+    x: float
+    y: float
+    transform: Transform
+
+
+def _label(axes: Axes, text: str, point: Point, colour: str, taken: Sequence[Bbox], line: NDArray[np.float64]) -> Bbox:
+    """Write one name at the place around its point that is least in the way; returns the box that it fills."""
+    name = axes.annotate(
+        text,
+        point[:2],
+        xycoords=point.transform,
+        xytext=(0, 0),
+        textcoords="offset points",
+        fontsize=9,
+        color=colour,
+        arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.5, "shrinkA": 1, "shrinkB": 4},
+        zorder=4,
+        in_layout=False,
+    )
+    best = min(_OFFSETS, key=lambda offset: _in_the_way(axes, name, offset, taken, line))
+    _put(name, best)
+    return _box(axes, name)
+
+
+_OFFSETS = [
+    (distance * np.cos(angle), distance * np.sin(angle))
+    for distance in (9, 16, 26, 38, 52)
+    for angle in np.radians([25, 0, -25, 60, -60, 155, 205, 180, 120, 240, 90, 270])
+]
+
+
+def _put(name: Annotation, offset: tuple[float, float]) -> None:
+    name.set_position(offset)
+    name.set_horizontalalignment("left" if offset[0] > 2 else "right" if offset[0] < -2 else "center")
+    name.set_verticalalignment("center" if abs(offset[1]) < 6 else "bottom" if offset[1] > 0 else "top")
+
+
+def _box(axes: Axes, name: Annotation) -> Bbox:
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    assert isinstance(figure.canvas, FigureCanvasAgg)
+    renderer = figure.canvas.get_renderer()
+    name.update_positions(renderer)
+    return Text.get_window_extent(name, renderer)  # that of an Annotation would count the line to its point
+
+
+def _in_the_way(
+    axes: Axes, name: Annotation, offset: tuple[float, float], taken: Sequence[Bbox], line: NDArray[np.float64]
+) -> float:
+    """How bad a place for a name is: what it would hide, and how far it is from its point."""
+    _put(name, offset)
+    box = _box(axes, name)
+    hidden = sum(box.overlaps(other) for other in taken)
+    crossed = ((line > (box.x0, box.y0)) & (line < (box.x1, box.y1))).all(axis=1).any()
+    inside = axes.bbox.contains(box.x0, box.y0) and axes.bbox.contains(box.x1, box.y1)
+    return 100 * hidden + 30 * bool(crossed) + 1000 * (not inside) + float(np.hypot(*offset))

@@ -1,0 +1,235 @@
+"""What settings cost and how wrong they are, on six scenes: tables and pictures under results/tradeoff/.
+
+python scripts/run_tradeoff.py                    all scenes, some two minutes on two cores
+python scripts/run_tradeoff.py --answers          and what follows from them, with tuned settings: two minutes more
+python scripts/run_tradeoff.py dense --fresh      one scene, anew
+python scripts/run_tradeoff.py --retime           keep the errors, measure costs anew (the machine was busy)
+python scripts/run_tradeoff.py --full             longer runs and more of them: a quarter of an hour
+
+An interrupted call goes on where it stopped. Scenes: 200 discs in a square box at packing 0.1, 0.4 and 0.7, kT = 1;
+with gravity such that m g L is 4, 10 and 30 kT (L: side of the box), settled before the start.
+"""
+
+import argparse
+import json
+import math
+import re
+import shlex
+import shutil
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from run_bench import machine, make_folder
+from tradeoff_answers import Effort, Kept, answers
+
+import mpsim
+from mpsim.measure import tables
+from mpsim.output import frontier
+
+COUNT = 200
+SEED = 1
+
+
+@dataclass(frozen=True)
+class Place:
+    """A scene by packing fraction, weight m g L [kT] (0: no gravity), and length of a run [time]."""
+
+    packing: float
+    weight: float
+    until: float
+
+
+SCENES = {
+    "dilute": Place(0.1, 0, 160),
+    "dilute-gravity": Place(0.1, 4, 160),
+    "medium": Place(0.4, 0, 40),
+    "medium-gravity": Place(0.4, 10, 40),
+    "dense": Place(0.7, 0, 15),
+    "dense-gravity": Place(0.7, 30, 15),
+}
+
+REPLICAS, FULL_REPLICAS = 16, 32
+
+SHOWN = {
+    "frontier-medium-pressure.png": "medium/frontier_pressure.png",
+    "overview-dense.png": "dense/overview.png",
+    **{f"{name}.md": f"{name}/table.md" for name in SCENES},
+}
+"""Pictures and tables that docs/accuracy.md shows or links to."""
+
+LONGER = 4
+"""So many times longer is a run with --full."""
+
+console = Console()
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="*", metavar="scene", help=f"{', '.join(SCENES)} (default: all)")
+    parser.add_argument("--full", action="store_true", help="longer runs and more of them")
+    parser.add_argument("--fresh", action="store_true", help="forget what earlier calls have kept")
+    parser.add_argument("--retime", action="store_true", help="measure costs anew and keep the lower; keep errors")
+    parser.add_argument("--answers", action="store_true", help="also answer what the docs ask, with tuned settings")
+    parser.add_argument("--out", type=Path, default=Path("results/tradeoff"), help="default: results/tradeoff")
+    parser.add_argument("--docs", type=Path, help="page whose tables and pictures are renewed: docs/accuracy.md")
+    options = parser.parse_args()
+    unknown = [name for name in options.scenes if name not in SCENES]
+    if unknown:
+        parser.error(f"scene must be one of {', '.join(SCENES)}; got {unknown[0]!r}.")
+    return options
+
+
+def scene_of(place: Place) -> mpsim.Scene:
+    """The scene, at kT = 1, settled under its gravity."""
+    scene = mpsim.Scene.random(count=COUNT, packing=place.packing, radius=0.5, seed=SEED)
+    if not place.weight:
+        return scene
+    gravity = (0.0, -place.weight / scene.height)
+    scene = mpsim.Scene.random(count=COUNT, packing=place.packing, radius=0.5, seed=SEED, gravity=gravity)
+    for _ in range(20):  # falling heats: cool to kT = 1 again and again
+        with mpsim.Simulation(scene, mpsim.Settings(method="event", dt=5.0)) as sim:
+            sim.run(frames=1)
+            state = sim.state
+        velocity = state.velocity / math.sqrt(float((state.velocity**2).mean()))
+        scene = scene.starting_from(mpsim.State(state.position, velocity))
+    return scene
+
+
+def description(scene: mpsim.Scene, place: Place) -> str:
+    """What gravity does to the scene, in words."""
+    if not place.weight:
+        return ""
+    low, samples = 0.0, 100
+    with mpsim.Simulation(scene, mpsim.Settings(method="event", dt=1.0)) as sim:
+        for _ in range(samples):
+            sim.run(frames=1)
+            low += float((sim.state.position[:, 1] < scene.height / 2).mean()) / samples
+    return (
+        f"Gravity: m g L = {place.weight:g} kT, L being the side of the box; {low:.0%} of the discs in its lower half."
+    )
+
+
+def table_of(name: str, scene: mpsim.Scene, options: argparse.Namespace, progress: Progress) -> mpsim.Tradeoff:
+    """The table of one scene; what is finished is kept beside it."""
+    place, folder = SCENES[name], options.out / name
+    kept = folder / ("runs-full.json" if options.full else "runs.json")
+    if options.fresh:
+        kept.unlink(missing_ok=True)
+    costs = costs_taken(kept) if options.retime else {}
+    task = progress.add_task(name, total=1)
+
+    def tick(done: int, of: int, what: str) -> None:
+        progress.update(task, completed=done, total=of, description=f"{name}: {what}")
+
+    longer, replicas = (LONGER, FULL_REPLICAS) if options.full else (1, REPLICAS)
+    table = mpsim.tradeoff(scene, until=place.until * longer, replicas=replicas, path=kept, progress=tick)
+    if costs:
+        keep_lower(kept, costs)
+        table = mpsim.tradeoff(scene, until=place.until * longer, replicas=replicas, path=kept)
+    return table
+
+
+def costs_taken(path: Path) -> dict[str, Any]:
+    """Take the costs out of a file of finished runs, and return them."""
+    if not path.exists():
+        return {}
+    kept = json.loads(path.read_text())
+    costs = {key: kept["results"].pop(key) for key in list(kept["results"]) if key.startswith("cost ")}
+    path.write_text(json.dumps(kept))
+    return costs
+
+
+def keep_lower(path: Path, costs: dict[str, Any]) -> None:
+    """Put back the costs that were lower than the new ones: what else runs on a machine only ever adds."""
+    kept = json.loads(path.read_text())
+    for key, cost in costs.items():
+        new = kept["results"].get(key, {})
+        if cost.get("median", math.inf) < new.get("median", 0):
+            kept["results"][key] = cost
+    path.write_text(json.dumps(kept))
+
+
+def write(table: mpsim.Tradeoff, words: str, made: str, folder: Path) -> None:
+    """The table in three forms, and its pictures."""
+    table.to_csv(folder / "table.csv")
+    table.to_json(folder / "table.json")
+    text = [tables.markdown_table(table), words, made]
+    (folder / "table.md").write_text("\n\n".join(part for part in text if part) + "\n")
+    frontier.save(table, folder)
+
+
+def fill_page(page: Path, found: dict[str, str], made: str, out: Path) -> None:
+    """Renew a page: answers between `<!-- run_tradeoff: NAME -->` and `<!-- end -->`, and the files beside it."""
+    blocks = {name: text.split("\n\n", 1)[1] for name, text in found.items()} | {"made": made}
+
+    def filled(match: re.Match[str]) -> str:
+        return f"{match[1]}\n{blocks[match[2]]}\n{match[3]}" if match[2] in blocks else match[0]
+
+    block = re.compile(r"(<!-- run_tradeoff: ([\w-]+) -->)\n.*?(<!-- end -->)", re.DOTALL)
+    page.write_text(block.sub(filled, page.read_text()))
+    for name, source in SHOWN.items():
+        if (out / source).exists():
+            shutil.copyfile(out / source, page.with_suffix("") / name)
+
+
+def made_by(machine_now: dict[str, Any]) -> str:
+    """Where, when and how the figures came about."""
+    return (
+        f"Made by `python {shlex.join(sys.argv)}` on {machine_now['usable_cores']} cores of "
+        f"{machine_now['processor']}, {machine_now['date'][:10]}, commit {machine_now['commit']}."
+    )
+
+
+def run(options: argparse.Namespace) -> None:
+    """All that was asked for."""
+    made = made_by(machine())
+    columns = (TextColumn("{task.description:36}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    found: dict[str, mpsim.Tradeoff] = {}
+    scenes: dict[str, mpsim.Scene] = {}
+    with Progress(*columns, console=console) as progress:
+        for name in options.scenes or SCENES:
+            folder = options.out / name
+            make_folder(folder)
+            scenes[name] = scene_of(SCENES[name])
+            words = description(scenes[name], SCENES[name])
+            found[name] = table_of(name, scenes[name], options, progress)
+            write(found[name], words, made, folder)
+            console.print(f"{name}. {words}", highlight=False, soft_wrap=True)
+            console.print(str(found[name]), highlight=False, markup=False, soft_wrap=True)
+        if not (options.answers or options.docs or options.full):
+            return
+        task = progress.add_task("answers", total=None)
+
+        def tick(what: str) -> None:
+            progress.update(task, description=f"answers: {what}")
+
+        kept = Kept(options.out / "answers.json", options.fresh or options.retime)
+        found_answers = answers(found, scenes, kept, Effort(full=options.full), tick)
+    text = "\n\n".join(found_answers.values())
+    (options.out / "answers.md").write_text(f"{text}\n\n{made}\n")
+    console.print(text, highlight=False, markup=False, soft_wrap=True)
+    if options.docs:
+        fill_page(options.docs, found_answers, made, options.out)
+
+
+def main() -> int:
+    options = arguments()
+    started = time.perf_counter()
+    try:
+        make_folder(options.out)
+        run(options)
+    except (mpsim.MpsimError, OSError) as error:
+        console.print(f"run_tradeoff: {error}", style="red", highlight=False, soft_wrap=True)
+        return 2 if isinstance(error, mpsim.InputError | OSError) else 1
+    cpu = time.process_time()
+    console.print(f"{time.perf_counter() - started:.1f} s ({cpu:.1f} s of cores); all is in {options.out}/")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
