@@ -15,9 +15,10 @@ from hypothesis.configuration import set_hypothesis_home_dir
 
 sys.path.insert(0, str(Path(__file__).parent))  # for `support`, from every folder of tests
 
+from support.figures import Figures
 from support.processes import blocks_of, wait_until
 
-LONGEST_SESSION = {False: 900, True: 7200}
+LONGEST_SESSION = {False: 1300, True: 7200}
 """Seconds after which a whole session, default or long, counts as hung: pytest-timeout bounds each single test before,
 but cannot see a hang between tests."""
 
@@ -33,12 +34,14 @@ for name, examples in (("default", 40), ("long", 500)):
 
 def pytest_addoption(parser):
     parser.addoption("--long", action="store_true", help="also run the tests marked long: some ten minutes more")
+    parser.addoption("--figures", type=Path, help="write what the physics tests found to this file, as a table")
     parser.addoption("--renew", action="store_true", help="write the golden digests anew instead of comparing them")
 
 
 def pytest_configure(config):
     long = config.getoption("--long")
     hypothesis.settings.load_profile("long" if long else "default")
+    config.stash[_figures] = Figures()
     config.stash[_stderr] = os.dup(2)
     faulthandler.dump_traceback_later(LONGEST_SESSION[long], exit=True, file=config.stash[_stderr])
 
@@ -48,6 +51,20 @@ def pytest_unconfigure(config):
 
 
 _stderr = pytest.StashKey()
+_figures = pytest.StashKey[Figures]()
+
+
+def pytest_sessionfinish(session, exitstatus):
+    """Figures of a run with failures are not kept."""
+    path = session.config.getoption("--figures")
+    if path is not None and exitstatus == 0:
+        session.config.stash[_figures].write(path)
+
+
+@pytest.fixture
+def figures(request) -> Figures:
+    """Where a physics test notes what it expected and found."""
+    return request.config.stash[_figures]
 
 
 def pytest_collection_modifyitems(config, items):

@@ -46,6 +46,7 @@ def runs(draw):
     settings = {
         "precision": precision,
         "law": draw(st.sampled_from(["elastic", "reflect"])),
+        "contact": draw(st.sampled_from(["push", "impact"])),
         "dt": draw(st.sampled_from([0.01, 0.3, 5.0])),
         "substeps": draw(st.integers(1, 3)),
     }

@@ -45,9 +45,11 @@ def test_a_frame_is_what_the_slow_twin_says(method, precision, law, name):
 
 @pytest.mark.parametrize(("precision", "features"), FEATURED)
 @pytest.mark.parametrize("method", ["grid", "naive"])
-def test_gravity_and_acceleration_are_what_the_slow_twin_says(method, precision, features):
-    scene = crowd(COUNT, 0.7, seed=8, **features_of(features, COUNT))
-    compare(scene, f"crowd with {features}", method=method, precision=precision, dt=0.05)
+@pytest.mark.parametrize("contact", ["push", "impact"])
+@pytest.mark.parametrize("wall_restitution", [1.0, 0.5])
+def test_gravity_and_acceleration_are_what_the_slow_twin_says(wall_restitution, contact, method, precision, features):
+    scene = crowd(COUNT, 0.7, seed=8, wall_restitution=wall_restitution, **features_of(features, COUNT))
+    compare(scene, f"crowd with {features}", method=method, precision=precision, contact=contact, dt=0.05)
 
 
 @pytest.mark.parametrize("substeps", [2, 3])

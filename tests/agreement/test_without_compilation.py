@@ -7,8 +7,9 @@ from support.scenes import crowd, digest_after, features_of
 COUNT, FRAMES = 24, 8
 
 CASES = [
-    {"method": method, "law": law, "precision": precision, "features": features}
+    {"method": method, "law": law, "precision": precision, "features": features, "contact": contact}
     for method in ("grid", "naive")
+    for contact in ("push", "impact")
     for law, precision, features in (
         ("elastic", "float64", ""),
         ("reflect", "float32", ""),

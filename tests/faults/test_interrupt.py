@@ -1,17 +1,21 @@
 """Ctrl-C, which reaches coordinator and workers alike, is one KeyboardInterrupt; the state stays whole."""
 
+import itertools
+import math
 import os
 import signal
+import statistics
 import threading
 import time
 from multiprocessing.process import BaseProcess
 
 import pytest
-from support.compare import assert_same_bits
+from support.compare import assert_inside_and_finite, assert_same_bits, overlapping_pairs
 from support.processes import Script, assert_nothing_left_of
 from support.scenes import lattice, simulate, state_after
 
 import mpsim
+from mpsim.engine import exact
 
 ENDS_WITHIN = {"running": 2.0, "starting": 5.0}
 """Seconds from Ctrl-C to the end of the process. A slice of frames is 0.05 s, ending Python and workers the rest, on a
@@ -149,10 +153,94 @@ def test_a_handler_of_the_user_gets_the_interrupt_that_comes_while_a_worker_star
     assert caught == [signal.SIGINT]
 
 
-def test_an_interrupt_in_the_progress_callback_leaves_the_state_whole():
-    def interrupted(done, of):
-        raise KeyboardInterrupt
+def pressed_while_running(sim, delay):
+    """Seconds from Ctrl-C until `run` has ended with KeyboardInterrupt, after so long a run."""
+    pressed = []
 
+    def press():
+        pressed.append(time.perf_counter())
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Timer(delay, press).start()
+    with pytest.raises(KeyboardInterrupt):
+        sim.run(frames=10**9)
+    return time.perf_counter() - pressed[0]
+
+
+@pytest.mark.parametrize(("side", "dt"), [(10, 0.01), (10, 1e4), (100, 1e4), (1000, 1e4)])
+def test_ctrl_c_ends_an_exact_run_within_a_tenth_of_a_second(side, dt):
+    """However long a frame is and however many discs there are; the median, since a busy machine may be late once."""
+    with simulate(lattice(side, side), method="event", dt=dt) as sim:
+        took = [pressed_while_running(sim, 0.1 + 0.0137 * attempt) for attempt in range(5)]
+    assert statistics.median(took) < 0.1, f"seconds from Ctrl-C to the end of run: {took}"
+
+
+def longest_silence(sim, seconds):
+    """The longest time between two calls of `progress` while one long frame runs so long."""
+    calls = [time.perf_counter()]
+
+    def progress(done, frames):
+        assert (done, frames) == (0, 1)
+        calls.append(time.perf_counter())
+        if calls[-1] - calls[0] > seconds:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sim.run(frames=1, progress=progress)
+    return max(later - earlier for earlier, later in itertools.pairwise(calls))
+
+
+def test_an_exact_run_reports_progress_inside_a_long_frame(monkeypatch):
+    with simulate(lattice(100, 100), method="event", dt=1e6) as sim:
+        silences = [longest_silence(sim, 0.3) for _ in range(5)]
+        assert statistics.median(silences) < 0.1, f"longest times without a call of progress: {silences}"
+        monkeypatch.setattr(exact, "SECONDS_AT_ONCE", 0.5)
+        assert longest_silence(sim, 1.5) > 0.1, "a control that must be silent for longer"
+
+
+@pytest.mark.parametrize("dt", [0.01, 300.0])
+def test_an_interrupted_exact_run_goes_on_with_the_same_bits(dt, alarm):
+    """Ctrl-C may come at any instruction around the kernel: often between short frames, inside long ones."""
+    scene = lattice(9, 9)
+    with simulate(scene, method="event", dt=dt) as sim:
+        for attempt in range(6):
+            alarm(0.02 + attempt * 0.0137)
+            with pytest.raises(KeyboardInterrupt):
+                sim.run(frames=10**9)
+            frames, state = sim.frame, sim.state
+            assert_inside_and_finite(state, scene, f"interrupted in frame {frames}")
+            assert len(overlapping_pairs(state.position, 1 - 1e-11)[0]) == 0
+            energy = (state.velocity**2).sum() / (scene.velocity**2).sum()
+            assert energy == pytest.approx(1, abs=1e-11)
+            assert frames * dt <= sim.time <= (frames + 1) * dt
+        sim.run(frames=2)
+        expected = state_after(scene, frames + 2, method="event", dt=dt)
+        assert_same_bits(sim.state, expected, f"two frames after six interrupts, the last in frame {frames}")
+
+
+def interrupted(done, of):
+    raise KeyboardInterrupt
+
+
+def test_a_frame_that_was_interrupted_counts_whole():
+    """What the walls got before Ctrl-C belongs to the frame: the pressure is per time of whole frames."""
+    names = ["pressure", "collision_rate", "momentum_drift"]
+    with (
+        simulate(lattice(9, 9), method="event", dt=50.0) as whole,
+        simulate(lattice(9, 9), method="event", dt=50.0) as sim,
+    ):
+        expected = whole.run(frames=2, measures=names).measures
+        with pytest.raises(KeyboardInterrupt):
+            sim.run(frames=2, measures=names, progress=interrupted)
+        assert sim.frame == 0 < sim.time
+        found = sim.run(frames=2, measures=names).measures
+    for name in ("pressure", "collision_rate"):
+        assert found[name].value == expected[name].value
+    assert math.isnan(found["momentum_drift"].value), "no state of the start of that frame is known"
+    assert expected["momentum_drift"].value < 1e-12
+
+
+def test_an_interrupt_in_the_progress_callback_leaves_the_state_whole():
     scene = lattice(9, 9)
     with simulate(scene, method="grid") as sim:
         with pytest.raises(KeyboardInterrupt):

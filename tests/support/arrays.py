@@ -4,8 +4,13 @@ import numpy as np
 
 from mpsim.kernels import layout
 
+BARE = layout.Features(
+    *[None] * (len(layout.Features._fields) - 1), layout.Obstacles(*[None] * len(layout.Obstacles._fields))
+)
+"""A scene without features."""
 
-def discs_of(real, x, y, vx=None, vy=None, ids=None) -> layout.Discs:
+
+def discs_of(real, x, y, vx=None, vy=None, ids=None, radius=None) -> layout.Discs:
     """A buffer that holds the given discs, padded with values that would do harm if they were used."""
     count = len(x)
     zeros = np.zeros(count)
@@ -13,7 +18,9 @@ def discs_of(real, x, y, vx=None, vy=None, ids=None) -> layout.Discs:
     padding = np.full(layout.PADDING, np.nan)
     fields = [np.concatenate([np.asarray(value, float), padding]).astype(real) for value in values]
     numbers = np.concatenate([np.arange(count) if ids is None else ids, np.full(layout.PADDING, -1)])
-    return layout.Discs(*fields, numbers.astype(np.int32), np.full(count + layout.PADDING, -1, np.int32))
+    cells = np.full(count + layout.PADDING, -1, np.int32)
+    radii = None if radius is None else np.concatenate([radius, padding]).astype(real)
+    return layout.Discs(*fields, numbers.astype(np.int32), cells, radii)
 
 
 def parameters_of(real, width, height, radius=0.5, dt=0.01, columns=1, rows=1) -> np.ndarray:
@@ -39,6 +46,7 @@ def control_of(count, columns=1, rows=1, workers=1, law=layout.ELASTIC) -> np.nd
         (layout.PASSES, 1),
         (layout.CONTACT, layout.PUSH),
         (layout.GUARDED, 1),
+        (layout.CELLS, (columns + 1) * (rows + 2)),
     ):
         control[index] = value
     return control

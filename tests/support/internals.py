@@ -9,6 +9,7 @@ import numpy as np
 
 import mpsim
 from mpsim.kernels import layout
+from mpsim.state import MOST_FRAMES
 
 
 def _arrays(sim: mpsim.Simulation) -> dict[str, Any]:
@@ -40,9 +41,11 @@ def memory_order(sim: mpsim.Simulation) -> list[int]:
 def scramble(sim: mpsim.Simulation, seed: int) -> None:
     """Permute the discs of the live buffer: another memory order of the same state."""
     order = np.random.default_rng(seed).permutation(sim.count)
+    buffer = "ab"[int(_arrays(sim)["control"][layout.LIVE])]
     for field in layout.Discs._fields:
-        view = _live(sim, field)
-        view[:] = view[order]
+        if f"{buffer}.{field}" in _arrays(sim):  # there are radii only where discs differ
+            view = _live(sim, field)
+            view[:] = view[order]
 
 
 def peek(sim: mpsim.Simulation, worker: int) -> tuple[str, int]:
@@ -59,3 +62,15 @@ def columns_of(sim: mpsim.Simulation) -> int:
 def set_abort(sim: mpsim.Simulation, value: int) -> None:
     """Write the word that makes everybody leave the frame loop."""
     _arrays(sim)["control"][layout.ABORT] = value
+
+
+def wall_impulses(sim: mpsim.Simulation, frames: int) -> np.ndarray:
+    """Run so many frames and return the sums of the impulses on the walls, in the order left, right, bottom, top."""
+    solver = sim._solver
+    solver.record(True)
+    total = np.zeros(4)
+    while frames:
+        part = min(frames, MOST_FRAMES)
+        total += solver.advance(part, solver.choice.workers[0]).tally[:, layout.WALLS].sum(axis=0)
+        frames -= part
+    return total

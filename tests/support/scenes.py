@@ -56,6 +56,69 @@ def features_of(words: str, count: int) -> dict[str, Any]:
     return {name: value for name, value in values.items() if name in words}
 
 
+def zoo(words: str, count: int = 40, seed: int = 0, side: float = 8.0, **more: Any) -> mpsim.Scene:
+    """Discs dropped anywhere in a square box with the features named in words, so that every frame is full of contacts.
+
+    Words: gravity, acceleration, radii, giants, masses, lossy, obstacles, absorbing, piston, emitters, and periodic
+    (both axes), periodic-x or periodic-y.
+    """
+    chosen, rng = set(words.split()), np.random.default_rng(seed)
+    radius: Any = 0.5
+    if chosen & {"radii", "giants"}:
+        radius = rng.choice([0.2, 0.35, 0.5], count)
+        radius[: 2 if "giants" in chosen else 0] = 1.5
+    periodic = ["periodic" if chosen & {"periodic", f"periodic-{axis}"} else "walls" for axis in "xy"]
+    margin = np.multiply.outer(np.broadcast_to(radius, count), [word == "walls" for word in periodic])
+    features: dict[str, Any] = features_of(words, count)
+    if "masses" in chosen:
+        features["mass"] = rng.choice([0.5, 1.0, 3.0], count)
+    if "lossy" in chosen:
+        features |= {"restitution": 0.75, "wall_restitution": 0.5}
+    if "obstacles" in chosen:
+        low, peg = side / 4, mpsim.FixedDisc((0.7 * side, 0.7 * side), 0.4)
+        features["obstacles"] = [
+            mpsim.Polyline([(0, low), (low, low / 2), (low, 0)]),
+            peg,
+            mpsim.FixedDisc((0, 5), 0.1),
+        ]
+    if "absorbing" in chosen:
+        features["absorbing"] = [
+            edge for edge, word in (("right", periodic[0]), ("bottom", periodic[1])) if word == "walls"
+        ]
+    if "piston" in chosen:
+        features["piston"] = mpsim.Piston("top", -1.5, 0.8 * side)
+    if "emitters" in chosen:
+        sizes = {"radius": 0.3} if chosen & {"radii", "giants"} else {}
+        kinds = {"mass": 2.0} if "masses" in chosen else {}
+        features["emitters"] = [
+            mpsim.Emitter((1.0, side - 2), (1.0, -0.5), every=3, **sizes, **kinds),
+            mpsim.Emitter((side / 2, side / 2), (0.0, 2.0), every=2, limit=2, **sizes, **kinds),
+        ]
+    position = margin + rng.random((count, 2)) * (side - 2 * margin)
+    features |= {"width": side, "height": side, "velocity": 2 * rng.normal(size=(count, 2)), **more}
+    return mpsim.Scene(position=position, radius=radius, boundary=periodic, **features)
+
+
+ZOO = {
+    "radii": "radii",
+    "giants": "giants",
+    "masses": "masses",
+    "periodic": "periodic",
+    "periodic x": "periodic-x",
+    "periodic y": "periodic-y giants",
+    "obstacles": "obstacles lossy",
+    "obstacles and gravity": "obstacles gravity",
+    "absorbing": "absorbing",
+    "absorbing and gravity": "absorbing gravity",
+    "piston": "piston lossy",
+    "piston and gravity": "piston gravity",
+    "emitters": "emitters",
+    "periodic obstacles": "periodic obstacles radii gravity acceleration",
+    "everything": "gravity acceleration giants masses lossy obstacles absorbing piston emitters periodic-x",
+}
+"""Features alone and together, by name: words for `zoo`."""
+
+
 def simulate(scene: mpsim.Scene, **settings: Any) -> mpsim.Simulation:
     """A simulation, without the warning that discs of the start overlap.
 

@@ -1,6 +1,7 @@
 """Slow obvious twins of the stepped methods: NumPy scalars of the run's precision, one operation at a time.
 
-They share nothing with the kernels but the size of the grid, which is part of the definition of the order of contacts.
+They share nothing with the kernels but what defines the order of contacts: the size of the grid, which discs are giants
+and which obstacles are near a place.
 """
 
 from typing import Any
@@ -8,129 +9,244 @@ from typing import Any
 import numpy as np
 
 import mpsim
+from mpsim.engine.provision import giant_radius
 from mpsim.state import grid_for
+from support.compare import assert_same_bits
+from support.scenes import simulate
+from support.twin_motion import Motion
+
+Cells = dict[tuple[int, int], list[int]]
 
 
-class Twin:
+def assert_is_its_twin(scene: mpsim.Scene, frames: int, note: str, **settings: Any) -> "Twin":
+    """Run simulation and twin side by side and compare after each frame, also the numbers of contacts."""
+    twin, contacts = Twin(scene, **settings), 0
+    with simulate(scene, **settings) as sim:
+        for frame in range(frames):
+            contacts += sim.run(frames=1).collisions
+            twin.run(1)
+            assert_same_bits(sim.state, twin.state, f"{note}, {settings}, after frame {frame + 1}")
+        assert sim.absorbed.tolist() == twin.gone.tolist(), f"{note}, {settings}: other discs have left"
+    assert contacts == twin.contacts, f"{note}, {settings}: {contacts} contacts reported, the twin has {twin.contacts}"
+    return twin
+
+
+class Twin(Motion):
     """A scene simulated by `naive` or `grid`, disc by disc, in the order in which the discs were given."""
 
     def __init__(self, scene: mpsim.Scene, **settings: Any):
-        self.settings = mpsim.Settings(**{"contact": "push", **settings})  # as `simulate` has it
-        self.scene = scene
-        self.real = np.float32 if self.settings.precision == "float32" else np.float64
-        self.p = scene.position.astype(self.real)
-        self.v = scene.velocity.astype(self.real)
-        self.low = self.real(scene.radius)
-        self.high = [self.real(scene.width - scene.radius), self.real(scene.height - scene.radius)]
-        self.diameter = self.real(2 * scene.radius)
-        self.dt = self.real(self.settings.dt / self.settings.substeps)
+        super().__init__(scene, mpsim.Settings(**{"contact": "push", **settings}))  # as `simulate` has it
         self.exchange = self.real((1 + scene.restitution) / 2)
-        self.wall_restitution = self.real(scene.wall_restitution)
         self.contacts = 0
+        self.frame = 0
+        self.due = [emitter.every for emitter in scene.emitters]
+        self.left = [emitter.limit or 10**9 for emitter in scene.emitters]
 
     @property
     def state(self) -> mpsim.State:
-        return mpsim.State(self.p.copy(), self.v.copy())
+        position = self.p.copy()
+        for i, axis in np.ndindex(position.shape):
+            position[i, axis] = self.wrapped(position[i, axis], axis)
+        return mpsim.State(position, self.v.copy())
 
     def run(self, frames: int) -> None:
-        for _ in range(frames * self.settings.substeps):
-            for i in range(len(self.p)):
-                self.move(i)
-            cells = self.cells()
-            for _ in range(self.settings.passes):
-                for i, j in self.pairs(*cells):
-                    self.meet(i, j)
+        for _ in range(frames):
+            self.emit()
+            for _ in range(self.settings.substeps):
+                for i in range(len(self.p)):
+                    self.move(i)
+                self.advance_piston()
+                self.meet_all()
+            self.frame += 1
 
-    def move(self, i: int) -> None:
-        """v += a dt, p += v dt, and the wall rule."""
-        for axis in range(2):
-            if self.scene.gravity is not None:
-                self.v[i, axis] += self.real(self.scene.gravity[axis]) * self.dt
-            if self.scene.acceleration is not None:
-                self.v[i, axis] += self.real(self.scene.acceleration[i, axis]) * self.dt
-            self.p[i, axis] += self.v[i, axis] * self.dt
-            self.bounce(i, axis, self.low, self.p[i, axis] < self.low, self.v[i, axis] < 0)
-            self.bounce(i, axis, self.high[axis], self.p[i, axis] > self.high[axis], self.v[i, axis] > 0)
-            self.p[i, axis] = min(max(self.p[i, axis], self.low), self.high[axis])
+    def add(self, position: Any, velocity: Any, radius: Any = None, mass: Any = None) -> None:
+        """One more disc."""
+        self.p = np.append(self.p, [position], axis=0).astype(self.real)
+        self.v = np.append(self.v, [velocity], axis=0).astype(self.real)
+        self.radii = np.append(self.radii, self.scene.largest_radius if radius is None else radius)
+        self.mass = np.append(self.mass, 1.0 if mass is None else mass).astype(self.real)
+        self.acceleration = np.append(self.acceleration, np.zeros((1, 2)), axis=0).astype(self.real)
+        self.gone = np.append(self.gone, False)
 
-    def bounce(self, i: int, axis: int, limit: Any, beyond: bool, outward: bool) -> None:
-        """Turn a disc round at a wall; `impact` puts it as far inside as the bounce has brought it by now."""
-        if beyond:
-            back = self.wall_restitution if self.settings.contact == "impact" else self.real(0)
-            self.p[i, axis] = limit + back * (limit - self.p[i, axis])
-            if outward:
-                self.v[i, axis] = -self.v[i, axis] * self.wall_restitution
+    def emit(self) -> None:
+        """Discs enter where their places are free."""
+        for index, emitter in enumerate(self.scene.emitters):
+            radius = self.scene.largest_radius if emitter.radius is None else emitter.radius
+            if self.left[index] and self.frame >= self.due[index] and self.is_free(emitter.position, radius):
+                self.add(emitter.position, emitter.velocity, radius, emitter.mass)
+                self.left[index] -= 1
+                self.due[index] = self.frame + emitter.every
 
-    def pairs(self, cells: dict[tuple[int, int], list[int]], columns: int, rows: int):
-        """Pairs of discs in the order in which the method visits them."""
+    def is_free(self, place: Any, radius: float) -> bool:
+        apart = np.abs(self.state.position.astype(float) - np.array(place))
+        for axis, length in enumerate((self.scene.width, self.scene.height)):
+            if self.wrap[axis] is not None:
+                apart[:, axis] = np.minimum(apart[:, axis], length - apart[:, axis])
+        return not ((apart**2).sum(axis=1) < (self.radii + radius) ** 2)[~self.gone].any()
+
+    # --- who meets whom, and in which order
+
+    def meet_all(self) -> None:
+        """Contacts of all pairs, in the order of the method."""
         if self.settings.method == "naive":
-            for i in range(len(self.p)):
-                for j in range(i + 1, len(self.p)):
-                    yield i, j
+            for _ in range(self.settings.passes):
+                self.meet_in_index_order()
             return
-        for parity in range(2):
-            for column in range(parity, columns, 2):
-                for row in range(rows):
-                    yield from self.pairs_of_cell(cells, column, row)
+        cells, giants = self.cells()
+        for _ in range(self.settings.passes):
+            for parity in range(2):
+                for column in range(parity, self.columns, 2):
+                    for row in range(self.rows):
+                        self.meet_around(cells, column, row)
+                    self.meet_across_borders(cells, column)
+            for place, giant in enumerate(giants):
+                self.meet_giant(cells, giant, giants[place + 1 :])
 
-    def cells(self) -> tuple[dict[tuple[int, int], list[int]], int, int]:
-        """Discs of each cell (column, row) by rising index, and the numbers of columns and rows."""
-        scene = self.scene
-        grid = grid_for(len(self.p), scene.width, scene.height, 2 * scene.radius, self.settings.precision)
-        per_length = [self.real(grid.columns / scene.width), self.real(grid.rows / scene.height)]
-        cells: dict[tuple[int, int], list[int]] = {}
+    def meet_in_index_order(self) -> None:
+        """Pairs i < j; after the discs themselves come their images above, below, right and left, and the corners."""
+        here = [i for i in range(len(self.p)) if not self.gone[i]]
+        for place, i in enumerate(here):
+            later = here[place + 1 :]
+            self.meet_each(i, later, None, None)
+            self.meet_images_along_y(i, later, None)
+            if self.wrap[0] is not None:
+                for image in (self.wrap[0], -self.wrap[0]):
+                    if self.is_near(i, 0, image):
+                        self.meet_each(i, later, image, None)
+                        self.meet_images_along_y(i, later, image)
+
+    def meet_images_along_y(self, i: int, later: list[int], image_x: Any) -> None:
+        if self.wrap[1] is not None:
+            for image in (self.wrap[1], -self.wrap[1]):
+                if self.is_near(i, 1, image):
+                    self.meet_each(i, later, image_x, image)
+
+    def is_near(self, i: int, axis: int, image: Any) -> bool:
+        seen = self.p[i, axis] - image
+        return -self.diameter < seen < self.wrap[axis] + self.diameter
+
+    def meet_each(self, i: int, others: list[int], image_x: Any, image_y: Any) -> None:
+        for j in others:
+            self.meet(i, j, image_x, image_y)
+
+    def cells(self) -> tuple[Cells, list[int]]:
+        """Discs of each cell (column, row) by rising index, and those that are too large for any."""
+        scene, giant = self.scene, giant_radius(self.radii) if self.has_radii else None
+        largest = scene.largest_radius if giant is None else giant
+        size, precision = (scene.width, scene.height), self.settings.precision
+        grid = grid_for(len(self.p), *size, 2 * largest, precision, scene.boundary)
+        self.columns, self.rows = grid.columns, grid.rows
+        self.per_length = [self.real(grid.columns / scene.width), self.real(grid.rows / scene.height)]
+        self.grid_radius = None if giant is None else self.real(giant)
+        cells: Cells = {}
+        giants = []
         for i, (x, y) in enumerate(self.p):
-            column = min(int(x * per_length[0]), grid.columns - 1)
-            row = min(int(y * per_length[1]), grid.rows - 1)
+            if self.gone[i]:
+                continue
+            if self.grid_radius is not None and self.radius(i) > self.grid_radius:
+                giants.append(i)
+                continue
+            column = min(int(x * self.per_length[0]), grid.columns - 1)
+            row = min(int(y * self.per_length[1]), grid.rows - 1)
             cells.setdefault((column, row), []).append(i)
-        return cells, grid.columns, grid.rows
+        return cells, giants
 
-    @staticmethod
-    def pairs_of_cell(cells: dict[tuple[int, int], list[int]], column: int, row: int):
+    def meet_around(self, cells: Cells, column: int, row: int) -> None:
         """Each disc with the later ones of its cell, the cell above, and three cells of the next column."""
         own = cells.get((column, row), [])
         neighbours = [(column, row + 1), (column + 1, row - 1), (column + 1, row), (column + 1, row + 1)]
         for place, i in enumerate(own):
-            for j in own[place + 1 :]:
-                yield i, j
+            self.meet_each(i, own[place + 1 :], None, None)
             for cell in neighbours:
-                for j in cells.get(cell, []):
-                    yield i, j
+                self.meet_each(i, cells.get(cell, []), None, None)
 
-    def meet(self, i: int, j: int) -> None:
+    def meet_across_borders(self, cells: Cells, column: int) -> None:
+        """The last column with the first one; then the last row with the first one, and the first with the last."""
+        (width, height), following, image = self.wrap, column + 1, None
+        if width is not None and following == self.columns:
+            following, image = 0, width
+            for row in range(self.rows):
+                for i in cells.get((column, row), []):
+                    for other in (row - 1, row, row + 1):
+                        self.meet_each(i, cells.get((0, other), []), image, None)
+        if height is not None:
+            for i in cells.get((column, self.rows - 1), []):
+                self.meet_each(i, cells.get((column, 0), []), None, height)
+                self.meet_each(i, cells.get((following, 0), []), image, height)
+            for i in cells.get((column, 0), []):
+                self.meet_each(i, cells.get((following, self.rows - 1), []), image, -height)
+
+    def meet_giant(self, cells: Cells, giant: int, later: list[int]) -> None:
+        """A giant with what lies in the cells under it and its images, then with later giants."""
+        reach = self.radius(giant) + self.grid_radius
+        ranges = [(0,) if wrap is None else (-1, 0, 1) for wrap in self.wrap]
+        for image_x in ranges[0]:
+            for image_y in ranges[1]:
+                shift_x = self.real(image_x * (self.wrap[0] or 0))
+                shift_y = self.real(image_y * (self.wrap[1] or 0))
+                columns = self.cells_under(giant, 0, shift_x, reach, self.columns)
+                rows = self.cells_under(giant, 1, shift_y, reach, self.rows)
+                for column in columns:
+                    for row in rows:
+                        self.meet_each(giant, cells.get((column, row), []), shift_x, shift_y)
+                self.meet_each(giant, later, shift_x, shift_y)
+
+    def cells_under(self, giant: int, axis: int, shift: Any, reach: Any, cells: int) -> range:
+        centre = self.p[giant, axis] - shift
+        first = max(int(max((centre - reach) * self.per_length[axis], -1)), 0)
+        last = int(max((centre + reach) * self.per_length[axis], -1))
+        return range(first, min(last, cells - 1) + 1)
+
+    # --- what happens when they meet
+
+    def apart(self, i: int, j: int, image_x: Any, image_y: Any) -> tuple[Any, Any]:
+        """From disc i, or its image that many lengths back, to disc j."""
+        x = self.p[i, 0] if image_x is None else self.p[i, 0] - image_x
+        y = self.p[i, 1] if image_y is None else self.p[i, 1] - image_y
+        return self.p[j, 0] - x, self.p[j, 1] - y
+
+    def meet(self, i: int, j: int, image_x: Any, image_y: Any) -> None:
         """Contact, if the discs overlap now."""
-        nx, ny = self.p[j] - self.p[i]
+        nx, ny = self.apart(i, j, image_x, image_y)
+        touching = self.radius(j) + self.radius(i) if self.has_radii else self.diameter
         squared = nx * nx + ny * ny
-        if not squared < self.diameter * self.diameter:
+        if not squared < touching * touching:
             return
         self.contacts += 1
-        if self.settings.contact == "impact" and self.meet_where_they_touched(i, j):
+        if self.settings.contact == "impact" and self.meet_where_they_touched(i, j, image_x, image_y, touching):
             return
         distance = np.sqrt(squared)
         nx, ny = (nx / distance, ny / distance) if distance > 0 else (self.real(1), self.real(0))
-        shift = (self.diameter - distance) / self.real(2)
-        self.push(i, -nx * shift, -ny * shift)
-        self.push(j, nx * shift, ny * shift)
+        half = (touching - distance) / self.real(2)
+        self.push(i, -nx * (half * self.share(i, j)), -ny * (half * self.share(i, j)))
+        self.push(j, nx * (half * self.share(j, i)), ny * (half * self.share(j, i)))
         self.apply_law(i, j, nx, ny)
 
-    def meet_where_they_touched(self, i: int, j: int) -> bool:
+    def meet_where_they_touched(self, i: int, j: int, image_x: Any, image_y: Any, touching: Any) -> bool:
         """Contact `impact`, if the discs touched within this step: back, the law, and on again."""
-        r, u = self.p[j] - self.p[i], self.v[j] - self.v[i]
+        r, u = self.apart(i, j, image_x, image_y), self.v[j] - self.v[i]
         b = r[0] * u[0] + r[1] * u[1]
         if not b < 0:
             return False
-        c = r[0] * r[0] + r[1] * r[1] - self.diameter * self.diameter
+        c = r[0] * r[0] + r[1] * r[1] - touching * touching
         time = -c / (np.sqrt(b * b - (u[0] * u[0] + u[1] * u[1]) * c) - b)
         if not 0 <= time <= self.dt:
             return False
         self.p[i] -= self.v[i] * time
         self.p[j] -= self.v[j] * time
-        nx, ny = self.p[j] - self.p[i]
+        nx, ny = self.apart(i, j, image_x, image_y)
         distance = np.sqrt(nx * nx + ny * ny)
-        self.apply_law(i, j, nx / distance, ny / distance)
+        nx, ny = (nx / distance, ny / distance) if distance > 0 else (self.real(1), self.real(0))
+        self.apply_law(i, j, nx, ny)
         self.push(i, *(self.v[i] * time))
         self.push(j, *(self.v[j] * time))
         return True
+
+    def share(self, i: int, j: int) -> Any:
+        """What disc i takes of what the pair divides: by masses, twice the other's part of both."""
+        if not self.has_masses:
+            return self.real(1)
+        return self.real(2) * self.mass[j] / (self.mass[i] + self.mass[j])
 
     def apply_law(self, i: int, j: int, nx: Any, ny: Any) -> None:
         """Change the velocities along the unit vector n from i to j."""
@@ -138,8 +254,8 @@ class Twin:
         along_j = self.v[j, 0] * nx + self.v[j, 1] * ny
         if self.settings.law == "elastic":
             exchanged = (along_j - along_i) * self.exchange if along_j < along_i else self.real(0)
-            self.kick(i, exchanged, nx, ny)
-            self.kick(j, -exchanged, nx, ny)
+            self.kick(i, exchanged * self.share(i, j), nx, ny)
+            self.kick(j, -(exchanged * self.share(j, i)), nx, ny)
         else:
             self.kick(i, self.real(-2) * along_i, nx, ny)
             self.kick(j, self.real(-2) * along_j, nx, ny)
@@ -147,7 +263,7 @@ class Twin:
     def push(self, i: int, dx: Any, dy: Any) -> None:
         """Move a disc, but not through a wall."""
         for axis, shift in enumerate((dx, dy)):
-            self.p[i, axis] = min(max(self.p[i, axis] + shift, self.low), self.high[axis])
+            self.p[i, axis] = self.confined(i, axis, self.p[i, axis] + shift)
 
     def kick(self, i: int, change: Any, nx: Any, ny: Any) -> None:
         self.v[i, 0] += change * nx

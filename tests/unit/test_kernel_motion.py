@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from support.arrays import control_of, discs_of, parameters_of, team_of
+from support.arrays import BARE, control_of, discs_of, parameters_of, team_of
 
 from mpsim.kernels import layout
-from mpsim.kernels.motion import accelerate, drift, move, worst_slot
+from mpsim.kernels.motion import accelerate, drift_between_walls, move, worst_slot
 
 REALS = [np.float32, np.float64]
 WIDTH, HEIGHT = 10.0, 6.0
@@ -28,8 +28,8 @@ def test_drift_is_its_twin(real):
     vx[:5], vy[:5] = [0, -0.0, 1e-30, 1e6, -1e6], 0
     discs = discs_of(real, x, y, vx, vy)
     parameters = parameters_of(real, WIDTH, HEIGHT)
-    low, high, before = 17, 480, [field.copy() for field in discs]
-    assert not drift(discs, low, high, parameters)
+    low, high, before = 17, 480, [field.copy() for field in discs[:4]]
+    assert not drift_between_walls(discs, low, high, parameters)
     dt = parameters[layout.DT]
     for i in range(count):
         inside = low <= i < high
@@ -55,7 +55,7 @@ def test_drift_is_its_twin(real):
 )
 def test_a_disc_beyond_a_wall_is_clamped_and_turned_round_only_if_it_moves_outward(x, vx, expected):
     discs = discs_of(np.float64, [x], [3.0], [vx], [0.0])
-    drift(discs, 0, 1, parameters_of(np.float64, WIDTH, HEIGHT, dt=1 / 64))
+    drift_between_walls(discs, 0, 1, parameters_of(np.float64, WIDTH, HEIGHT, dt=1 / 64))
     assert (discs.x[0], discs.vx[0]) == expected
 
 
@@ -67,8 +67,8 @@ def test_drift_notices_what_is_not_finite_anywhere_in_the_slice(field, bad, real
     for at in (0, 7, 8, 15, 19):
         discs = discs_of(real, np.full(20, 3.0), np.full(20, 3.0), np.ones(20), np.ones(20))
         getattr(discs, field)[at] = bad
-        assert drift(discs, 0, 20, parameters), f"{field}[{at}] = {bad} went unnoticed"
-    assert not drift(discs, 0, 19, parameters), "a disc outside the slice is not this worker's"
+        assert drift_between_walls(discs, 0, 20, parameters), f"{field}[{at}] = {bad} went unnoticed"
+    assert not drift_between_walls(discs, 0, 19, parameters), "a disc outside the slice is not this worker's"
 
 
 @pytest.mark.parametrize("real", REALS)
@@ -99,9 +99,9 @@ def test_the_bad_disc_of_lowest_id_is_found(real):
 def test_a_bad_disc_raises_the_abort_word_and_an_empty_slice_does_not():
     discs = discs_of(np.float64, [3.0, 3.0], [3.0, 3.0])
     parameters, control, mine = parameters_of(np.float64, WIDTH, HEIGHT), control_of(2), team_of(1)[0]
-    assert move(discs, 0, 2, None, None, parameters, control, mine, None)
-    assert move(discs, 1, 1, None, None, parameters, control, mine, None)
+    assert move(discs, 0, 2, BARE, parameters, control, mine, None)
+    assert move(discs, 1, 1, BARE, parameters, control, mine, None)
     assert control[layout.BAD] == 0
     discs.y[1] = np.nan
-    assert not move(discs, 0, 2, None, None, parameters, control, mine, None)
+    assert not move(discs, 0, 2, BARE, parameters, control, mine, None)
     assert (control[layout.BAD], mine[layout.BAD_SLOT]) == (1, 1)

@@ -71,7 +71,8 @@ def test_discs_are_sorted_by_column_row_and_id(count, size, workers, real):
         slices = sorting.run()
         order = sorted(range(count), key=lambda disc: (*sorting.cell_of(disc), sorting.front.id[disc]))
         for name, front, back in zip(layout.Discs._fields, sorting.front, sorting.back, strict=True):
-            assert back[:count].tolist() == front[order].tolist(), f"seed {seed}: {name} is not in order"
+            in_order = front is None or back[:count].tolist() == front[order].tolist()
+            assert in_order, f"seed {seed}: {name} is not in order"
         assert slices[0][0] == 0
         assert slices[-1][1] == count
         assert [low for low, _ in slices[1:]] == [high for _, high in slices[:-1]], "slices must join"

@@ -15,8 +15,8 @@ REALS = [np.float32, np.float64]
 
 
 @njit
-def compiled_overlap_lanes(x, y, start, xi, yi, diameter_squared):
-    return machine.overlap_lanes(x, y, start, xi, yi, diameter_squared)
+def compiled_overlap_lanes(x, y, radius, start, xi, yi, reach):
+    return machine.overlap_lanes(x, y, radius, start, xi, yi, reach)
 
 
 @njit
@@ -37,7 +37,7 @@ def test_the_vector_overlap_test_is_its_twin(real):
     masks = set()
     for start in range(200 - machine.LANES):
         for xi, yi in ((x[3], y[3]), (real(2), real(1)), (real(np.nan), real(1))):
-            arguments = x, y, start, xi, yi, real(1)
+            arguments = x, y, None, start, xi, yi, real(1)
             expected = machine.overlap_lanes(*arguments)
             assert compiled_overlap_lanes(*arguments) == expected, f"start {start}, ({xi}, {yi})"
             masks.add(expected)
@@ -47,8 +47,8 @@ def test_the_vector_overlap_test_is_its_twin(real):
 @pytest.mark.parametrize("real", REALS)
 def test_discs_exactly_one_diameter_apart_do_not_overlap(real):
     x, y = np.full(8, 3, real), np.full(8, 4, real)
-    assert compiled_overlap_lanes(x, y, 0, real(0), real(0), real(25)) == 0
-    assert compiled_overlap_lanes(x, y, 0, real(0), real(0), np.nextafter(real(25), real(26))) == 255
+    assert compiled_overlap_lanes(x, y, None, 0, real(0), real(0), real(25)) == 0
+    assert compiled_overlap_lanes(x, y, None, 0, real(0), real(0), np.nextafter(real(25), real(26))) == 255
 
 
 def test_the_lowest_bit_is_its_twin():

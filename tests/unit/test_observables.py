@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mpsim.errors import InputError
-from mpsim.measure import observables, reference
+from mpsim.measure import correlation, observables, pairs, reference
 from mpsim.scene import Scene
 from mpsim.state import State
 
@@ -111,7 +111,7 @@ def test_overlap_agrees_with_all_pairs(count, side):
 def test_chunks_of_the_pair_search_change_nothing(monkeypatch):
     scene = drop(500, 12.0, seed=9)
     whole = observables.overlap(state_of(scene), scene)
-    monkeypatch.setattr(observables, "CANDIDATES", 7)
+    monkeypatch.setattr(pairs, "CANDIDATES", 7)
     parts = observables.overlap(state_of(scene), scene)
     assert (parts.pairs, parts.largest, parts.worst) == (whole.pairs, whole.largest, whole.worst)
     assert parts.mean == pytest.approx(whole.mean, rel=1e-12)
@@ -171,7 +171,7 @@ def test_displacement_and_trajectory_error_by_hand():
 def test_an_ideal_gas_has_no_correlation():
     scene = drop(800, 20.0, seed=1)
     states = [state_of(drop(800, 20.0, seed=seed)) for seed in range(20)]
-    found = observables.pair_correlation(states, scene, bins=60, r_max=4.0)
+    found = correlation.pair_correlation(states, scene, bins=60, r_max=4.0)
     assert found.density == pytest.approx(800 / 19.0**2, rel=0.03)
     pull = (found.g - 1) / found.error
     assert np.abs(pull).max() < 4
@@ -180,7 +180,7 @@ def test_an_ideal_gas_has_no_correlation():
 
 def test_negative_control_counting_without_care_for_the_walls_is_low():
     state = state_of(drop(3000, 20.0, seed=2))
-    distance = np.concatenate([d for _, _, d in observables._close_pairs(state.position, 4.0)])
+    distance = np.concatenate([d for _, _, d in pairs.close_pairs(state.position, 4.0)])
     edges = np.linspace(1, 4, 21)
     naive = 2 * np.histogram(distance, edges)[0] / (3000 * 3000 / 19.0**2 * math.pi * np.diff(edges**2))
     assert naive[-1] < 0.9
@@ -188,7 +188,7 @@ def test_negative_control_counting_without_care_for_the_walls_is_low():
 
 def test_pair_correlation_agrees_with_all_pairs():
     scene = drop(200, 12.0, seed=5)
-    found = observables.pair_correlation(state_of(scene), scene, bins=8, r_max=3.0)
+    found = correlation.pair_correlation(state_of(scene), scene, bins=8, r_max=3.0)
     edges, counts, references = np.linspace(1, 3, 9), np.zeros(8), 0
     for i, place in enumerate(scene.position):
         if ((place >= 3.5) & (place <= 8.5)).all():
@@ -202,7 +202,7 @@ def test_pair_correlation_agrees_with_all_pairs():
 
 def test_the_contact_value_of_a_dense_gas_is_that_of_the_equation_of_state():
     scenes = [Scene.random(count=600, packing=0.5, radius=0.5, seed=seed) for seed in range(20)]
-    found = observables.pair_correlation([state_of(scene) for scene in scenes], scenes[0], bins=60, r_max=3.0)
+    found = correlation.pair_correlation([state_of(scene) for scene in scenes], scenes[0], bins=60, r_max=3.0)
     expected = reference.contact_value(found.density * math.pi / 4)
     assert found.contact.error < 0.05 * expected
     assert abs(found.contact.deviation(expected)) < 3, (found.contact, expected)
@@ -213,7 +213,7 @@ def test_the_contact_value_of_a_dense_gas_is_that_of_the_equation_of_state():
 
 def test_too_few_shells_near_contact_give_no_contact_value():
     scene = drop(400, 15.0, seed=6)
-    found = observables.pair_correlation(state_of(scene), scene, bins=6, r_max=4.0)
+    found = correlation.pair_correlation(state_of(scene), scene, bins=6, r_max=4.0)
     assert math.isnan(found.contact.value)
 
 
@@ -229,10 +229,10 @@ def test_too_few_shells_near_contact_give_no_contact_value():
         (lambda: observables.speed_distribution(moving([[1, 0]]), bins=[1.0, 1.0]), "rising edges"),
         (lambda: observables.mean_squared_displacement(moving([[1, 0]]), moving([[1, 0]] * 2)), "got 1 and 2 discs"),
         (lambda: observables.trajectory_error(*[moving(np.zeros((0, 2)))] * 2), "trajectory_error needs at least 1"),
-        (lambda: observables.pair_correlation(state_of(SCENE), SCENE, 10, 1.0), "r_max must lie above one diameter"),
-        (lambda: observables.pair_correlation(state_of(SCENE), SCENE, 10, 9.6), "below 9.5"),
-        (lambda: observables.pair_correlation(state_of(SCENE), SCENE, 10, 6.0), "needs discs at least"),
-        (lambda: observables.pair_correlation(state_of(SCENE), SCENE, 0, 3.0), "bins must be a whole number"),
+        (lambda: correlation.pair_correlation(state_of(SCENE), SCENE, 10, 1.0), "r_max must lie above one diameter"),
+        (lambda: correlation.pair_correlation(state_of(SCENE), SCENE, 10, 9.6), "below 9.5"),
+        (lambda: correlation.pair_correlation(state_of(SCENE), SCENE, 10, 6.0), "needs discs at least"),
+        (lambda: correlation.pair_correlation(state_of(SCENE), SCENE, 0, 3.0), "bins must be a whole number"),
         (
             lambda: observables.potential_energy(moving(np.zeros((2, 2))), scene_of([[5, 5]], acceleration=[[0, 1]])),
             "1 rows and 2 discs",

@@ -94,7 +94,14 @@ def test_a_larger_scene_never_has_a_smaller_grid():
 
 
 def test_arrays_of_the_block_do_not_overlap_and_are_aligned():
-    specs = block_arrays(100, grid_for(100, 10, 10, 1.0, "float32"), 3, "float32", {"gravity": (2,)}, False)
+    specs = block_arrays(
+        100,
+        grid_for(100, 10, 10, 1.0, "float32"),
+        3,
+        "float32",
+        {"gravity": ArraySpec(np.dtype(np.float32), (2,))},
+        False,
+    )
     block = SharedBlock.create(specs)
     try:
         places = sorted(

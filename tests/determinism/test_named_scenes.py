@@ -1,0 +1,31 @@
+"""Every scene that comes with mpsim gives the same bits by grid and by parallel on 1, 2 and 3 workers."""
+
+import dataclasses
+import warnings
+
+import pytest
+
+import mpsim
+from mpsim import scenefile
+
+FRAMES = 300
+
+DEFAULT = ("brownian", "galton", "hopper", "piston")
+"""Scenes of a default run, which have most of the features between them; each is a compilation of its own."""
+
+
+def digest(file: scenefile.SceneFile, method: str, workers: int | None = None) -> str:
+    settings = dataclasses.replace(file.settings, method=method, workers=workers)
+    with mpsim.Simulation(file.scene, settings) as sim, warnings.catch_warnings():
+        warnings.simplefilter("ignore", mpsim.EmitterWarning)
+        sim.run(frames=FRAMES)
+        return sim.digest()
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name in DEFAULT else pytest.mark.long) for name in scenefile.names()]
+)
+def test_a_named_scene_gives_the_same_bits_on_any_number_of_workers(name):
+    file = scenefile.load(name)
+    digests = {workers: digest(file, "parallel", workers) for workers in (1, 2, 3)}
+    assert set(digests.values()) == {digest(file, "grid")}, digests

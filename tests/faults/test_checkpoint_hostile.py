@@ -1,0 +1,255 @@
+"""A checkpoint made to do harm executes nothing, allocates nothing, and is refused."""
+
+import os
+import pickle
+import resource
+import zipfile
+
+import numpy as np
+import pytest
+from support.checkpoints import WORDS, rewrite, rewrite_members, saved
+from support.processes import assert_clean, run_script
+from support.scenes import lattice, zoo
+
+import mpsim
+from mpsim.engine import checkpoint
+
+
+class Bomb:
+    def __reduce__(self):
+        return os.mkdir, (Bomb.target,)
+
+
+def test_a_pickle_in_disguise_executes_nothing(tmp_path):
+    Bomb.target = str(tmp_path / "executed")
+    path = tmp_path / "run"
+    content = pickle.dumps(Bomb())
+    np.save(tmp_path / "array.npy", np.array([Bomb()], dtype=object), allow_pickle=True)
+    member = (tmp_path / "array.npy").read_bytes()
+    saved(path)
+    whole = path.read_bytes()
+
+    def disguise(members):
+        members["solver.position.npy"] = member
+
+    for write in (lambda: path.write_bytes(content), lambda: rewrite_members(path, disguise)):
+        path.write_bytes(whole)
+        write()
+        with pytest.raises(mpsim.CheckpointError, match="cannot be read"):
+            mpsim.Simulation.resume(path)
+    assert not (tmp_path / "executed").exists()
+    pickle.loads(content)
+    assert (tmp_path / "executed").exists(), "a control that does execute"
+
+
+def npy(shape, dtype="<f8", content=b"", version=(1, 0)):
+    """A .npy file whose header says what it likes."""
+    text = repr({"descr": dtype, "fortran_order": False, "shape": shape}).encode()
+    text += b" " * (-(len(text) + 11) % 64) + b"\n"
+    return b"\x93NUMPY" + bytes(version) + len(text).to_bytes(2, "little") + text + content
+
+
+HUGE = {
+    "a shape of 8 PB": npy((10**15,)),
+    "a shape beyond 64 bits": npy((2**40, 2**40)),
+    "a negative shape": npy((-1, -8), content=bytes(64)),
+    "a shape of nothing times much": npy((0, 2**62, 2**62)),
+    "objects": npy((1,), "|O", bytes(8)),
+    "texts": npy((1,), "<U9", bytes(36)),
+    "dtype of no size": npy((2**50,), "|V0"),
+    "another version": npy((1,), content=bytes(8), version=(3, 0)),
+    "no array": b"nothing of the kind",
+    "one byte too many": npy((1,), content=bytes(9)),
+}
+
+
+@pytest.mark.parametrize("what", HUGE)
+def test_a_declared_size_is_compared_with_the_file_before_anything_is_allocated(what, tmp_path):
+    for name in ("solver.velocity.npy", "scene.position.npy", f"{checkpoint.HEADER}.npy"):
+        path = saved(tmp_path / f"run{name}")
+        rewrite_members(path, lambda members, name=name: members.update({name: HUGE[what]}))
+        with pytest.raises(mpsim.CheckpointError, match=r"cannot be read|no state of a simulation|digest"):
+            mpsim.Simulation.resume(path)
+
+
+def test_a_bomb_of_compressed_or_overlapping_members_is_refused_before_it_is_read(tmp_path):
+    path = saved(tmp_path / "run")
+    rewrite_members(path, lambda members: members.update({"solver.velocity.npy": bytes(2**28)}), zipfile.ZIP_DEFLATED)
+    assert path.stat().st_size < 2**20
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(mpsim.CheckpointError, match="compressed"):
+        mpsim.Simulation.resume(path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**17, "kilobytes: the bomb went off"
+    content = bytes(2**20)
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("first.npy", content)
+        info = file.getinfo("first.npy")
+        for number in range(40):  # forty names for the same million bytes
+            twin = zipfile.ZipInfo(f"twin{number}.npy")
+            for field in ("header_offset", "CRC", "compress_size", "file_size", "compress_type"):
+                setattr(twin, field, getattr(info, field))
+            file.filelist.append(twin)
+    with pytest.raises(mpsim.CheckpointError, match="declares more bytes than it has"):
+        mpsim.Simulation.resume(path)
+
+
+def change_array(name, change):
+    def changed(header, arrays):
+        arrays[name] = np.asarray(change(arrays[name]))
+
+    return changed
+
+
+def put(name, place, value):
+    def changed(header, arrays):
+        arrays[name][place] = value
+
+    return changed
+
+
+HOSTILE = {
+    "a position that is not a number": put("solver.position", (0, 0), np.nan),
+    "a position far outside": put("solver.position", (0, 0), 1e9),
+    "an infinite velocity": put("solver.velocity", (1, 1), np.inf),
+    "a radius of 0": put("solver.radii", 0, 0.0),
+    "a radius above the largest": put("solver.radii", -1, 3.0),
+    "a mass that differs": put("solver.masses", 0, 2.0),
+    "frames below 0": put("solver.progress", 0, -1),
+    "steps of another number of frames": put("solver.progress", 1, 77),
+    "a disc that has half left": put("solver.exits", (0, 0), 0.5),
+    "positions of the wrong dtype": change_array("solver.position", lambda a: a.astype(np.float32)),
+    "positions as whole numbers": change_array("solver.position", lambda a: a.astype(np.int64)),
+    "one velocity too few": change_array("solver.velocity", lambda a: a[:-1]),
+    "fewer discs than the scene": change_array("solver.position", lambda a: a[:2]),
+    "positions in one row": change_array("solver.position", np.ravel),
+    "no progress": lambda header, arrays: arrays.pop("solver.progress"),
+    "no positions": lambda header, arrays: arrays.pop("solver.position"),
+    "no scene": lambda header, arrays: arrays.pop("scene.position"),
+    "an array too many": lambda header, arrays: arrays.update({"solver.more": np.zeros(3)}),
+    "an array that belongs to nothing": lambda header, arrays: arrays.update({"more": np.zeros(3)}),
+    "no settings": lambda header, arrays: header.pop("settings"),
+    "an unknown setting": lambda header, arrays: header["settings"].update(colour="red"),
+    "an impossible setting": lambda header, arrays: header["settings"].update(dt=-1.0),
+    "settings of the exact solver": lambda header, arrays: header["settings"].update(method="event"),
+    "another precision": lambda header, arrays: header["settings"].update(precision="float32"),
+    "a scene without width": lambda header, arrays: header["scene"].pop("width"),
+    "a scene in a list": lambda header, arrays: header.update(scene=[1, 2]),
+    "an obstacle of unknown kind": lambda header, arrays: header["scene"].update(obstacles=[["Exit", {}]]),
+    "a box that holds no disc": lambda header, arrays: header["scene"].update(width=0.1),
+    "a width that is not a number": lambda header, arrays: header["scene"].update(width=float("nan")),
+    "another frame": lambda header, arrays: header["run"].update(frame=5),
+    "a frame in words": lambda header, arrays: header["run"].update(frame="three"),
+    "an emitter too many": lambda header, arrays: header["run"]["emission"]["due"].append(1),
+    "an emitter due at half a frame": lambda header, arrays: header["run"]["emission"].update(due=[1.5, 2.0]),
+    "more discs emitted than there are": lambda header, arrays: header["run"]["emission"].update(emitted=[9, 9]),
+    "no emission": lambda header, arrays: header["run"].pop("emission"),
+    "a header in a list": lambda header, arrays: header.update(format=[1]),
+    "a digest that is none": lambda header, arrays: header.pop("digest", None),
+}
+
+
+@pytest.mark.parametrize("what", HOSTILE)
+def test_a_state_that_no_simulation_can_have_is_refused_though_its_digest_is_right(what, tmp_path):
+    path = saved(tmp_path / "run")
+    rewrite(path, HOSTILE[what], right_digest=what != "a digest that is none")
+    with pytest.raises(mpsim.CheckpointError, match=r"(?s)cannot be read|no state of a simulation"):
+        mpsim.Simulation.resume(path)
+
+
+HOSTILE_EXACT = {
+    "a partner that is no disc": put("solver.event", (0, 0), 99),
+    "a partner below": put("solver.event", (0, 0), -7),
+    "a side that is none": put("solver.event", (0, 3), 4),
+    "a column beyond the box": put("solver.event", (0, 4), 10**6),
+    "a row below the box": put("solver.event", (0, 5), -1),
+    "a cell that is not that of its place": change_array("solver.event", lambda a: np.roll(a, 1, axis=0)),
+    "an order in which one is twice": put("solver.order", 0, 1),
+    "an order beyond the discs": put("solver.order", 0, 10**6),
+    "a list that leads nowhere": put("solver.cell_next", 0, 10**6),
+    "a list that leads to itself": put("solver.cell_next", 0, 0),
+    "lists without heads": change_array("solver.cell_head", lambda a: np.full_like(a, -1)),
+    "a list that begins below": put("solver.cell_head", 0, -9),
+    "fewer cells": change_array("solver.cell_head", lambda a: a[:-1]),
+    "an event in the past": put("solver.disc", (0, 6), -5.0),
+    "an event that has no time": put("solver.disc", (0, 5), np.nan),
+    "a place that is none": put("solver.disc", (0, 0), np.nan),
+    "a step of no length": put("solver.clock", 2, 0.0),
+    "a step that is no power of two": put("solver.clock", slice(2, 4), 0.3),
+    "a lap of another length": put("solver.clock", 3, 1e9),
+    "a present after its frame": put("solver.clock", 1, 1e9),
+    "a count below 0": put("solver.counter", 3, -1),
+    "totals that are not numbers": put("solver.seen", 0, np.nan),
+}
+
+
+@pytest.mark.parametrize("what", HOSTILE_EXACT)
+def test_no_index_of_an_exact_checkpoint_leads_out_of_its_arrays(what, tmp_path):
+    path = saved(tmp_path / "run", lattice(5, 5), method="event", dt=0.3)
+    rewrite(path, HOSTILE_EXACT[what])
+    with pytest.raises(mpsim.CheckpointError, match="no state of a simulation"):
+        mpsim.Simulation.resume(path)
+
+
+def test_a_checkpoint_that_is_only_rewritten_is_accepted(tmp_path):
+    """The control of all hostile ones."""
+    for scene, settings in ((zoo(WORDS, count=5), {}), (lattice(5, 5), {"method": "event", "dt": 0.3})):
+        path = saved(tmp_path / "run", scene, **settings)
+        rewrite(path, lambda header, arrays: None)
+        with mpsim.Simulation.resume(path) as sim:
+            assert sim.frame == 3
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("method", ["grid", "event"])
+def test_a_random_value_anywhere_is_refused_or_runs(method, tmp_path, figures):
+    """Whatever passes the gate must run without a crash: in a process of its own, as a crash would end this one."""
+    outcome = run_script(FUZZ.format(method=method, folder=str(tmp_path)), bound=800)
+    assert_clean(outcome)
+    refused, ran, failed = map(int, outcome.out.split())
+    assert refused > 300
+    figures.note("R7", method, "a random value in a random array, the digest right", "refused, runs, or says why not",
+                 f"{refused} refused, {ran} ran, {failed} ended by an error of mpsim, 0 crashes")  # fmt: skip
+
+
+FUZZ = """
+import shutil, warnings
+from pathlib import Path
+import numpy as np
+import mpsim
+from support.checkpoints import rewrite
+from support.scenes import lattice, simulate
+
+folder, rng = Path({folder!r}), np.random.default_rng(1)
+with simulate(lattice(4, 4), method={method!r}, dt=0.3) as sim:
+    sim.run(frames=3)
+    sim.save(folder / "whole")
+
+def spoil(header, arrays):
+    name = rng.choice([name for name in arrays if arrays[name].size])
+    array = arrays[name].reshape(-1)
+    place = rng.integers(array.size)
+    if array.dtype.kind == "f":
+        near = [rng.normal(), array[place] * 1.01]
+        array[place] = rng.choice([0.0, -1.0, 1e-300, 1e300, np.inf, -np.inf, np.nan, *near])
+    else:
+        array[place] = rng.choice([-(2**31), -2, -1, 0, 1, 7, 16, 2**31 - 1])
+
+warnings.simplefilter("ignore")
+counts = [0, 0, 0]
+for attempt in range(1000):
+    shutil.copy(folder / "whole", folder / "run")
+    rewrite(folder / "run", spoil)
+    try:
+        sim = mpsim.Simulation.resume(folder / "run")
+    except mpsim.CheckpointError:
+        counts[0] += 1
+        continue
+    with sim:
+        try:
+            sim.run(frames=20)
+            counts[1] += 1
+        except mpsim.MpsimError:
+            counts[2] += 1
+print(*counts)
+"""

@@ -1,0 +1,426 @@
+"""With on_worker_death="restart" a worker that dies is replaced, and nothing of the result shows it."""
+
+import functools
+import logging
+import os
+import random
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+from support.internals import block_name, peek
+from support.processes import SHARED_MEMORY, is_gone, wait_until
+from support.scenes import crowd, gas, lattice, simulate, zoo
+
+import mpsim
+from mpsim.engine import pool, running, simulation
+
+# 3.12: fork in a process with threads
+pytestmark = pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+
+MEASURES = ["pressure", "collision_rate", "largest_overlap", "kinetic_energy", "temperature"]
+FRAMES = 4000
+
+
+@functools.cache
+def undisturbed(frames=FRAMES, measures=tuple(MEASURES)):
+    """Digest, measures and collisions of the run in which nobody dies."""
+    with simulate(gas(2000, 0.5, seed=1), method="grid") as sim:
+        report = sim.run(frames=frames, measures=measures)
+        return sim.digest(), values(report), report.collisions
+
+
+def values(report):
+    return {name: repr(each) for name, each in report.measures.items()}  # in which NaN equals NaN
+
+
+class Killer(threading.Thread):
+    """Thread that calls `deed` with the present workers every now and then, until told to stop; counts the deaths."""
+
+    def __init__(self, sim, pause, deed=None, most=10**9):
+        super().__init__(daemon=True)
+        self.deaths, self.phases = 0, set()
+        self._sim, self._pause, self._most = sim, pause, most
+        self._deed = deed or self._kill_one
+        self._end = threading.Event()
+
+    def __enter__(self):
+        self.start()
+        return self
+
+    def __exit__(self, *exception):
+        self._end.set()
+        self.join()
+
+    def run(self):
+        while self.deaths < self._most and not self._end.wait(self._pause()):
+            try:
+                pids = [pid for pid in self._sim.pids if not is_gone(pid)]
+                if pids:
+                    self._deed(pids)
+            except (ProcessLookupError, TypeError, ValueError, LookupError, mpsim.ClosedError):
+                continue  # it is being replaced at this moment
+
+    def _kill_one(self, pids):
+        worker = random.randrange(len(pids))
+        phase = peek(self._sim, worker + 1)[0]
+        os.kill(pids[worker], signal.SIGKILL)
+        self.deaths += 1
+        self.phases.add(phase)
+
+
+def often():
+    return random.uniform(0.02, 0.25)
+
+
+def healing(scene=None, workers=3, start_method="fork", **settings):
+    """A simulation whose workers are replaced; by fork, which starts them in the shortest time."""
+    settings |= {"method": "parallel", "workers": workers, "start_method": start_method}
+    return simulate(scene or gas(2000, 0.5, seed=1), on_worker_death="restart", **settings)
+
+
+def assert_as_undisturbed(sim, report, frames=FRAMES):
+    digest, expected, collisions = undisturbed(frames)
+    assert sim.digest() == digest
+    assert values(report) == expected
+    assert report.collisions == collisions
+    assert (sim.frame, report.frames) == (frames, frames)
+    assert (report.frame_seconds > 0).all()
+
+
+@pytest.mark.parametrize("start", ["fork", "forkserver"])
+def test_workers_that_die_at_random_moments_change_nothing(start, figures):
+    with healing(start_method=start) as sim, Killer(sim, often, most=8) as killer:
+        report = sim.run(frames=FRAMES, measures=MEASURES)
+        assert_as_undisturbed(sim, report)
+    assert killer.deaths > 1, "nobody has died, which tests nothing"
+    figures.note(
+        "R9",
+        f"parallel on 3, {start}",
+        "workers killed at random moments",
+        "digest and measures of grid",
+        f"the same after {killer.deaths} deaths",
+    )
+
+
+def test_a_run_that_forgot_to_rewind_would_be_noticed(monkeypatch, figures):
+    """The control: without the way back of the measures, or of the discs, the comparison fails."""
+    digest, expected, _ = undisturbed()
+    monkeypatch.setattr(running.Ledger, "rewind", lambda self, mark: setattr(self, "done", mark[0]))
+    with healing() as sim, Killer(sim, lambda: 0.15, most=2) as killer:
+        report = sim.run(frames=FRAMES, measures=MEASURES)
+        assert killer.deaths
+        assert sim.digest() == digest
+        assert values(report) != expected
+    figures.note("R9", "parallel on 3", "control: measures that do not go back", "other measures", "other measures")
+
+
+PHASES = ["move", "sort", "even columns", "odd columns", "wait"]
+
+
+def kill_once_in(sim, phase):
+    """Deed of a Killer: stop worker 1 until it is found in this phase, and kill it there."""
+
+    def deed(pids):
+        os.kill(pids[0], signal.SIGSTOP)
+        time.sleep(0.002)
+        if peek(sim, 1)[0] == phase:
+            os.kill(pids[0], signal.SIGKILL)
+            killer.deaths += 1
+        else:
+            os.kill(pids[0], signal.SIGCONT)
+
+    killer = Killer(sim, lambda: random.uniform(0.001, 0.004), deed, most=1)
+    return killer
+
+
+@pytest.mark.parametrize("phase", PHASES)
+def test_a_death_in_any_phase_is_healed(phase, figures):
+    with healing(lattice(100, 100), workers=2) as sim:
+        with kill_once_in(sim, phase) as killer:
+            sim.run(frames=300)
+            while not killer.deaths:
+                sim.run(frames=100)
+            frames = sim.frame
+        digest = sim.digest()
+    with simulate(lattice(100, 100), method="grid") as sim:
+        sim.run(frames=frames)
+        assert sim.digest() == digest
+    figures.note("R9", "parallel on 2", f"a worker killed in phase '{phase}'", "digest of grid", "the same")
+
+
+def test_a_worker_that_is_killed_while_it_replaces_another_is_replaced_too(monkeypatch, caplog):
+    """Two of three new workers die before they are ready."""
+    starts = []
+    begin = pool.WorkerPool._await_ready
+
+    def kill_and_wait(self, worker):
+        starts.append(worker)
+        if 1 < len(starts) < 4:
+            os.kill(self.pids[worker - 1], signal.SIGKILL)
+        begin(self, worker)
+
+    monkeypatch.setattr(pool.WorkerPool, "_await_ready", kill_and_wait)
+    with caplog.at_level(logging.WARNING, "mpsim"), healing(workers=2) as sim, Killer(sim, lambda: 0.1, most=1):
+        report = sim.run(frames=FRAMES)
+        assert sim.digest() == undisturbed()[0]
+    assert report.frames == FRAMES
+    assert [record.getMessage().split("'")[1] for record in caplog.records[1:]] == ["start-up", "start-up"]
+
+
+@pytest.mark.parametrize("grows", [1, 60])
+def test_a_death_before_or_while_discs_are_added_is_healed(grows):
+    """60 discs move the workers to a larger block, one does not."""
+    more = lattice(8, 8)
+    digests = []
+    for workers in (1, 3):
+        with healing(lattice(9, 9), workers=workers) as sim:
+            for _ in range(3):
+                sim.run(frames=5)
+                if workers > 1:
+                    os.kill(random.choice(sim.pids), signal.SIGKILL)
+                sim.add(more.position[:grows], more.velocity[:grows])
+                assert workers == 1 or grows == 1 or not any(map(is_gone, sim.pids))
+            sim.run(frames=5, measures=["pressure"])  # which moves them again
+            assert sim.count == 81 + 3 * grows
+            digests.append(sim.digest())
+    assert digests[0] == digests[1]
+
+
+def test_a_death_between_runs_is_healed_when_measures_move_the_workers():
+    with healing(gas(500, 0.5, seed=2)) as sim:
+        sim.run(frames=20)
+        os.kill(sim.pids[1], signal.SIGKILL)
+        sim.run(frames=20, measures=["pressure"])
+        os.kill(sim.pids[0], signal.SIGKILL)
+        sim.run(frames=20)
+        digest = sim.digest()
+    with simulate(gas(500, 0.5, seed=2), method="grid") as sim:
+        sim.run(frames=60)
+        assert sim.digest() == digest
+
+
+@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
+def test_emitters_and_exits_go_back_too():
+    scene, digests = zoo("emitters absorbing piston gravity", count=30, side=40.0), []
+    for workers in (1, 3):
+        with healing(scene, workers=workers) as sim, Killer(sim, lambda: random.uniform(0.05, 0.2), most=4) as killer:
+            sim.run(frames=2000)
+            digests.append((sim.count, sim.absorbed.sum(), sim.digest()))
+    assert killer.deaths
+    assert digests[0] == digests[1]
+
+
+@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
+def test_auto_that_becomes_parallel_on_the_way_heals_as_well():
+    """The run begins on one process and has workers only when enough discs have been added."""
+    scene = mpsim.Scene(
+        width=200, height=200, position=crowd(390, 0.2).position, velocity=crowd(390, 0.2).velocity, radius=0.5,
+        emitters=mpsim.Emitter((100, 100), (20, 5), every=10),
+    )  # fmt: skip
+    digests = []
+    for workers in (1, 3):
+        with simulate(scene, method="auto", workers=workers, on_worker_death="restart") as sim:
+            assert sim.pids == []
+            with Killer(sim, lambda: 0.05, most=3) as killer:
+                sim.run(frames=6000)
+            digests.append(sim.digest())
+    assert killer.deaths
+    assert digests[0] == digests[1]
+
+
+def test_all_workers_at_once_may_die():
+    with healing() as sim:
+
+        def kill_all(pids):
+            for pid in pids:
+                os.kill(pid, signal.SIGKILL)
+            killer.deaths += 1
+
+        with Killer(sim, lambda: 0.15, kill_all, most=3) as killer:
+            report = sim.run(frames=FRAMES, measures=MEASURES)
+        assert killer.deaths
+        assert_as_undisturbed(sim, report)
+
+
+def test_a_death_during_a_snapshot_is_healed(monkeypatch):
+    take, taken = simulation.Simulation._snapshot, []
+
+    def kill_and_take(self):
+        taken.append(1)
+        if len(taken) in (1, 3):
+            os.kill(self.pids[0], signal.SIGKILL)
+        return take(self)
+
+    monkeypatch.setattr(simulation.Simulation, "_snapshot", kill_and_take)
+    monkeypatch.setattr(running, "SNAPSHOT_SECONDS", 0.05)
+    with healing() as sim:
+        report = sim.run(frames=FRAMES, measures=MEASURES)
+        assert_as_undisturbed(sim, report)
+    assert len(taken) > 3
+
+
+def test_a_stopped_worker_that_is_then_killed_is_replaced():
+    """A stopped worker holds everybody up; it is no death until somebody kills it."""
+    with healing(workers=2) as sim:
+        victim = sim.pids[0]
+        os.kill(victim, signal.SIGSTOP)
+        timer = threading.Timer(0.7, os.kill, (victim, signal.SIGKILL))
+        timer.start()
+        started = time.monotonic()
+        report = sim.run(frames=FRAMES, measures=MEASURES)
+        assert time.monotonic() - started > 0.6
+        assert_as_undisturbed(sim, report)
+
+
+def test_a_survivor_that_is_stopped_does_not_keep_the_others_from_going_on(monkeypatch):
+    monkeypatch.setattr(pool, "PATIENCE", 0.3)
+    with healing() as sim:
+        stopped, victim = sim.pids
+        os.kill(stopped, signal.SIGSTOP)
+        os.kill(victim, signal.SIGKILL)
+        report = sim.run(frames=FRAMES, measures=MEASURES)
+        assert_as_undisturbed(sim, report)
+        assert is_gone(stopped)
+
+
+def test_deaths_without_end_end_the_run(monkeypatch, figures):
+    """Each new worker dies in its first frame: no progress, so no snapshot, and no use in trying again."""
+    advance = simulation.SteppedSolver.advance
+
+    def kill_and_advance(self, frames, workers):
+        if self.frame >= 10:
+            os.kill(self.pids[0], signal.SIGKILL)
+        return advance(self, min(frames, 10), workers)
+
+    monkeypatch.setattr(simulation.SteppedSolver, "advance", kill_and_advance)
+    sim = healing(workers=2)
+    block = block_name(sim)
+    with pytest.raises(mpsim.WorkerDied):
+        sim.run(frames=FRAMES)
+    with pytest.raises(mpsim.ClosedError):
+        sim.run(frames=1)
+    assert wait_until(lambda: not (SHARED_MEMORY / block).exists(), 2)
+    figures.note(
+        "R10", "parallel on 2", "every new worker dies at once", "WorkerDied", f"after {running.MOST_DEATHS} attempts"
+    )
+
+
+def test_workers_that_never_get_ready_end_the_run(monkeypatch):
+    begin = pool.WorkerPool._await_ready
+    with healing(workers=2) as sim:
+
+        def kill_and_wait(self, worker):
+            os.kill(self.pids[worker - 1], signal.SIGKILL)
+            begin(self, worker)
+
+        monkeypatch.setattr(pool.WorkerPool, "_await_ready", kill_and_wait)
+        os.kill(sim.pids[0], signal.SIGKILL)
+        with pytest.raises(mpsim.WorkerDied, match="start-up"):
+            sim.run(frames=FRAMES)
+        with pytest.raises(mpsim.ClosedError):
+            sim.run(frames=1)
+
+
+def test_raise_is_the_default_and_raises():
+    with simulate(gas(2000, 0.5, seed=1), method="parallel", workers=2) as sim:
+        os.kill(sim.pids[0], signal.SIGKILL)
+        with pytest.raises(mpsim.WorkerDied):
+            sim.run(frames=10, measures=["pressure"])
+        with pytest.raises(mpsim.ClosedError):
+            sim.run(frames=1)
+
+
+def test_a_coordinator_in_a_thread_heals_too():
+    found = []
+
+    def work():
+        with healing() as sim, Killer(sim, often, most=3) as killer:
+            report = sim.run(frames=FRAMES, measures=MEASURES)
+            found.append((sim.digest(), values(report), killer.deaths > 0))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    digest, expected, _ = undisturbed()
+    assert found == [(digest, expected, True)]
+
+
+def test_checkpoints_are_right_when_workers_die_between_them(tmp_path):
+    with healing() as sim, Killer(sim, often, most=5):
+        report = sim.run(frames=FRAMES, measures=MEASURES, checkpoint=tmp_path / "run", checkpoint_every=600)
+        assert_as_undisturbed(sim, report)
+    with mpsim.Simulation.resume(tmp_path / "run") as sim:
+        assert (sim.frame, sim.digest()) == (FRAMES, undisturbed()[0])
+
+
+@pytest.mark.parametrize("deaths", ["raise", "restart"])
+def test_ctrl_c_between_a_death_and_its_report_closes_a_state_that_is_no_state(deaths, monkeypatch):
+    """The frame was given up half-way. What lies in the block must not pass for a result, nor for a snapshot."""
+    settle = pool.WorkerPool.settle
+
+    def interrupt_after_death(self):
+        settle(self)
+        if self._lost is not None:
+            monkeypatch.undo()
+            raise KeyboardInterrupt
+
+    with simulate(lattice(200, 200), method="parallel", workers=2, on_worker_death=deaths) as sim:
+        monkeypatch.setattr(pool.WorkerPool, "settle", interrupt_after_death)
+        with Killer(sim, lambda: 0.2, most=1), pytest.raises(KeyboardInterrupt):
+            sim.run(frames=10**6)
+        with pytest.raises(mpsim.ClosedError):
+            sim.state  # noqa: B018
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+def test_a_hundred_deaths_at_random_moments_change_nothing(figures):
+    deaths, runs, phases = 0, 0, set()
+    while deaths < 100:
+        with healing(workers=random.choice([2, 3])) as sim, Killer(sim, often) as killer:
+            report = sim.run(frames=FRAMES, measures=MEASURES)
+            assert_as_undisturbed(sim, report)
+        deaths, runs, phases = deaths + killer.deaths, runs + 1, phases | killer.phases
+    figures.note(
+        "R9",
+        "parallel on 2 and 3",
+        "workers killed at random moments, many in one run",
+        "digest and measures of grid",
+        f"the same in {runs} runs with {deaths} deaths, in phases {', '.join(sorted(phases))}",
+    )
+
+
+def snapshot_part(sim, seconds):
+    """The part of a run of some seconds that its snapshots take, and their number."""
+    taken = []
+
+    def timed():
+        started = time.perf_counter()
+        kept = take()
+        taken.append(time.perf_counter() - started)
+        return kept
+
+    take, sim._snapshot = sim._snapshot, timed
+    started = time.perf_counter()
+    while time.perf_counter() - started < seconds:
+        sim.run(frames=500)
+    return sum(taken) / (time.perf_counter() - started), len(taken), np.median(taken)
+
+
+@pytest.mark.long
+def test_snapshots_of_a_hundred_thousand_discs_take_no_more_than_two_percent(figures, monkeypatch):
+    with healing(lattice(400, 250), workers=2) as sim:
+        part, number, each = snapshot_part(sim, 20)
+    assert part < 0.02
+    monkeypatch.setattr(running, "SNAPSHOT_PART", 1.0)
+    monkeypatch.setattr(running, "SNAPSHOT_SECONDS", 0.0)
+    with healing(lattice(400, 250), workers=2) as sim:
+        control, _, _ = snapshot_part(sim, 5)
+    assert control > 0.02
+    figures.note(
+        "R11", "parallel on 2", "part of the time that snapshots of 100,000 discs take", "at most 2 %",
+        f"{100 * part:.2f} %, {number} of {1000 * each:.2g} ms", f"as often as possible: {100 * control:.0f} %",
+    )  # fmt: skip

@@ -1,0 +1,92 @@
+"""Random scenes with any features, from one number each: for looking for what nobody has thought of."""
+
+from typing import Any
+
+import numpy as np
+
+import mpsim
+
+NUMBERS = [0.0, -0.0, 1.0, -1.0, 0.25, -3.0, 1e-30, 50.0, -1e5]
+
+
+def anything(seed: int) -> tuple[mpsim.Scene, dict[str, Any]]:
+    """A scene of up to 14 discs in a small box, and settings."""
+    rng = np.random.default_rng(seed)
+    chance = lambda part=0.4: rng.random() < part  # noqa: E731
+    count = int(rng.choice([0, 1, 2, 5, 14]))
+    periodic = [bool(chance()), bool(chance())]
+    radius: Any = float(rng.choice([0.5, 0.1, 3.0]))
+    if chance():
+        radius = radius * rng.choice([1.0, 0.5, 0.3, 0.2], count) if chance() else np.full(count, radius * 0.1)
+        radius[:1] *= 5
+    largest = float(np.max(radius, initial=0)) or 0.5
+    size = [2 * largest * (2 if wrap else 1) * float(rng.choice([1, 1.001, 1.5, 2, 3.7])) for wrap in periodic]
+    features = dict(zip(("width", "height"), size, strict=True))
+    features |= _forces(rng, chance, count)
+    if chance():
+        features["obstacles"] = _obstacles(rng, size, largest)
+    features |= _edges(rng, chance, periodic, size, largest)
+    margin = np.multiply.outer(np.broadcast_to(radius, count), [not wrap for wrap in periodic])
+    parts = rng.integers(0, 17, (count, 2)) / 16 if chance() else rng.random((count, 2))
+    position = margin + parts * (size - 2 * margin)
+    velocity = rng.choice(NUMBERS, (count, 2)) if chance() else rng.normal(size=(count, 2)) * largest
+    boundary = ["periodic" if wrap else "walls" for wrap in periodic]
+    scene = mpsim.Scene(position=position, velocity=velocity, radius=radius, boundary=boundary, **features)
+    settings = {
+        "method": rng.choice(["naive", "grid"]).item(),
+        "precision": rng.choice(["float64", "float32"]).item(),
+        "contact": rng.choice(["impact", "push"]).item(),
+        "law": rng.choice(["elastic", "elastic", "reflect"]).item(),
+        "dt": rng.choice([0.01, 0.1, 0.3, 5.0]).item(),
+        "substeps": int(rng.integers(1, 3)),
+        "passes": int(rng.integers(1, 3)),
+    }
+    return scene, settings
+
+
+def _forces(rng: Any, chance: Any, count: int) -> dict[str, Any]:
+    features: dict[str, Any] = {}
+    if chance():
+        features["gravity"] = rng.choice([0.0, -1.0, 3.0], 2)
+    if chance(0.2):
+        features["acceleration"] = rng.normal(size=(count, 2))
+    if chance():
+        features["mass"] = rng.choice([1e-3, 1.0, 2.0, 1e6], count)
+    if chance():
+        features |= {"restitution": rng.choice([0.0, 0.5, 0.9]), "wall_restitution": rng.choice([0.0, 0.5, 0.9])}
+    return features
+
+
+def _obstacles(rng: Any, size: Any, largest: float) -> list[Any]:
+    place = lambda: tuple(rng.random(2) * size)  # noqa: E731
+    found: list[Any] = []
+    for _ in range(rng.integers(1, 4)):
+        thickness = float(rng.choice([0.0, 0.1, 1.0])) * largest
+        found.append(
+            mpsim.FixedDisc(place(), thickness + 0.1 * largest)
+            if rng.random() < 0.5
+            else mpsim.Polyline([place() for _ in range(rng.integers(2, 4))], thickness)
+        )
+    return found
+
+
+def _edges(rng: Any, chance: Any, periodic: list[bool], size: Any, largest: float) -> dict[str, Any]:
+    """Absorbing edges and a piston where there are walls, and an emitter."""
+    features: dict[str, Any] = {}
+    walls = [edge for k, edge in enumerate(("left", "right", "bottom", "top")) if not periodic[k // 2]]
+    rng.shuffle(walls)
+    if walls and chance(0.3):
+        features["absorbing"] = [walls.pop()]
+    if walls and chance(0.3):
+        wall = walls.pop()
+        length = size[wall in ("bottom", "top")]
+        room = 2 * largest + rng.random() * 0.9 * (length - 2 * largest)
+        inward = -1 if wall in ("right", "top") else 1
+        stop = room * 1.000001 if inward < 0 else length - room * 1.000001
+        if 0 < stop < length:
+            features["piston"] = mpsim.Piston(wall, inward * rng.choice([0.1, 1.0, 30.0]), stop)
+    if chance(0.3):
+        middle = tuple(length / 2 for length in size)
+        kind = {"radius": largest / 2, "mass": 2.0}
+        features["emitters"] = mpsim.Emitter(middle, tuple(rng.normal(size=2)), every=2, limit=3, **kind)
+    return features

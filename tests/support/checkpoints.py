@@ -1,0 +1,62 @@
+"""Checkpoint files as nobody should write them: any header and any arrays, with a digest that is right."""
+
+import json
+import warnings
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import mpsim
+from mpsim.engine import archive, checkpoint, soundness
+from support.scenes import simulate, zoo
+
+Change = Callable[[dict[str, Any], dict[str, np.ndarray]], None]
+
+
+def rewrite(path: Path, change: Change, right_digest: bool = True) -> None:
+    """Let `change` alter header and arrays of a checkpoint, in place, and write it back."""
+    with path.open("rb") as file:
+        found = archive.ArrayFile(file)
+        arrays = {name: found.read(name).copy() for name in found.names}
+    header = json.loads(arrays.pop(checkpoint.HEADER).tobytes())
+    change(header, arrays)
+    if right_digest:
+        header["digest"] = checkpoint.digest_of(header, arrays)
+    text = np.frombuffer(json.dumps(header).encode(), np.uint8)
+    with path.open("wb") as file:
+        archive.write_arrays(file, {checkpoint.HEADER: text, **arrays})
+
+
+def rewrite_members(path: Path, change: Callable[[dict[str, bytes]], None], compression: int = 0) -> None:
+    """Let `change` alter the raw members of the zip file."""
+    with zipfile.ZipFile(path) as file:
+        members = {name: file.read(name) for name in file.namelist()}
+    change(members)
+    with zipfile.ZipFile(path, "w", compression) as file:
+        for name, content in members.items():
+            file.writestr(name, content)
+
+
+def frame_in(path: Path) -> int:
+    """Frame of the checkpoint that a resume would take."""
+    return checkpoint.read(path, soundness.check).run["frame"]
+
+
+WORDS = "absorbing emitters acceleration"
+
+
+def saved(path, scene=None, frames=3, **settings):
+    """A checkpoint at a frame of a small scene; returns its path."""
+    with warnings.catch_warnings(), simulate(scene or zoo(WORDS, count=5), **{"method": "grid", **settings}) as sim:
+        warnings.simplefilter("ignore", mpsim.EmitterWarning)
+        sim.run(frames=frames)
+        return sim.save(path)
+
+
+def two(path):
+    """Two checkpoints: of frame 2, kept as the one before, and of frame 3."""
+    saved(path, frames=2)
+    return saved(path, frames=3)

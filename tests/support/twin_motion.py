@@ -1,0 +1,249 @@
+"""The twins' motion of one disc over one step: forces, walls, borders, a piston, edges that absorb, obstacles."""
+
+from typing import Any
+
+import numpy as np
+
+import mpsim
+from mpsim.engine.provision import has_masses, has_radii, obstacle_arrays
+
+EDGES = ("left", "right", "bottom", "top")
+
+
+class Motion:
+    """A scene's discs, and how each moves when it meets no other. Limits of axis 0 (x) and 1 (y) are pairs."""
+
+    def __init__(self, scene: mpsim.Scene, settings: mpsim.Settings):
+        self.scene, self.settings = scene, settings
+        real = self.real = np.float32 if settings.precision == "float32" else np.float64
+        self.impact = settings.contact == "impact"
+        self.p, self.v = scene.position.astype(real), scene.velocity.astype(real)
+        self.has_radii, self.has_masses = has_radii(scene), has_masses(scene)
+        self.radii, self.mass = np.array(scene.radii, float), np.array(scene.masses).astype(real)
+        self.gone = np.zeros(scene.count, bool)
+        self.diameter = real(2 * scene.largest_radius)
+        self.dt = real(settings.dt / settings.substeps)
+        self.wall_restitution = real(scene.wall_restitution)
+        size = (scene.width, scene.height)
+        periodic = [word == "periodic" for word in scene.boundary]
+        self.wrap = [real(length) if wrap else None for length, wrap in zip(size, periodic, strict=True)]
+        self.inset = 0.0 if self.has_radii else scene.largest_radius
+        self.limits = [[real(self.inset), real(length - self.inset)] for length in size]
+        self.wall_speeds = [[real(0), real(0)], [real(0), real(0)]]
+        self.start, self.steps = None, 0
+        self.gravity = None if scene.gravity is None else scene.gravity.astype(real)
+        own = np.zeros((scene.count, 2)) if scene.acceleration is None else scene.acceleration
+        self.acceleration = own.astype(real)
+        self.obstacles = obstacle_arrays(scene)
+        if self.obstacles:
+            self.capsules = self.obstacles["capsule"].astype(real)
+            self.obstacle_cells = self.obstacles["per_length"].astype(real)
+        self.place_piston()
+
+    @property
+    def pulled(self) -> bool:
+        return self.gravity is not None or self.scene.acceleration is not None
+
+    @property
+    def plain(self) -> bool:
+        """Whether nothing but four walls at rest and discs of one size are there."""
+        return not (self.has_radii or self.scene.piston or any(wrap is not None for wrap in self.wrap))
+
+    def radius(self, i: int) -> Any:
+        return self.real(self.radii[i])
+
+    def pull(self, i: int, axis: int) -> Any:
+        pull = self.real(0)
+        if self.gravity is not None:
+            pull += self.gravity[axis]
+        if self.scene.acceleration is not None:
+            pull += self.acceleration[i, axis]
+        return pull
+
+    def inside(self, i: int, axis: int) -> tuple[Any, Any]:
+        """Least and largest place of a disc's centre between walls."""
+        margin = self.radius(i) if self.has_radii else self.real(0)
+        return self.limits[axis][0] + margin, self.limits[axis][1] - margin
+
+    def confined(self, i: int, axis: int, place: Any) -> Any:
+        if self.wrap[axis] is not None:
+            return place
+        low, high = self.inside(i, axis)
+        return min(max(place, low), high)
+
+    def wrapped(self, place: Any, axis: int) -> Any:
+        """The same place inside a periodic box, [0, length)."""
+        length = self.wrap[axis]
+        if length is None:
+            return place
+        place = place - length * np.floor(place / length)
+        return self.real(0) if place < 0 or place >= length else place
+
+    def move(self, i: int) -> None:
+        """One step: swallowed by an edge, or moved between walls and off obstacles."""
+        if self.scene.absorbing and not self.gone[i] and self.leaves(i):
+            self.gone[i] = True
+        if self.gone[i]:
+            self.v[i] = 0
+            return
+        for axis in range(2):
+            if self.pulled and self.impact:
+                self.fall(i, axis)
+            else:
+                self.drift(i, axis)
+        if self.obstacles:
+            self.meet_obstacles(i)
+
+    def leaves(self, i: int) -> bool:
+        """Whether this step would bring a disc to an absorbing edge, along the way that it will take."""
+        late = self.dt / self.real(2) if self.impact else self.real(0)
+        for edge in self.scene.absorbing:
+            axis, side = divmod(EDGES.index(edge), 2)
+            speed = self.v[i, axis] + self.pull(i, axis) * (self.dt - late)
+            place, limit = self.p[i, axis] + speed * self.dt, self.inside(i, axis)[side]
+            if place > limit if side else place < limit:
+                return True
+        return False
+
+    def drift(self, i: int, axis: int) -> None:
+        """v += a dt, p += v dt, and the wall rule."""
+        if self.gravity is not None:
+            self.v[i, axis] += self.gravity[axis] * self.dt
+        if self.scene.acceleration is not None:
+            self.v[i, axis] += self.acceleration[i, axis] * self.dt
+        p = self.wrapped(self.p[i, axis], axis) + self.v[i, axis] * self.dt
+        if self.wrap[axis] is not None:
+            self.p[i, axis] = self.wrapped(p, axis)
+            return
+        limits = self.inside(i, axis)
+        back = self.wall_restitution if self.impact else self.real(0)
+        beyond = p < limits[0]
+        for side, sign in ((0, -1), (1, 1)):
+            limit, wall, v = limits[side], self.wall_speeds[axis][side], self.v[i, axis]
+            if sign * p > sign * limit:
+                if sign * v > sign * wall:
+                    plain = -v * self.wall_restitution
+                    self.v[i, axis] = plain if self.plain else wall - (v - wall) * self.wall_restitution
+                p = limit + back * (limit - p)
+                break
+        if self.plain and beyond and p > limits[1]:  # faster than a box per step: it bounces once more
+            p = limits[1] + back * (limits[1] - p)
+        self.p[i, axis] = min(max(p, limits[0]), limits[1])
+
+    def fall(self, i: int, axis: int) -> None:
+        """Along the parabola; beyond a wall, bounced off where the parabola crossed it."""
+        pull = self.pull(i, axis)
+        v = self.v[i, axis] + pull * self.dt
+        p = self.wrapped(self.p[i, axis], axis) + (v - pull * self.dt / self.real(2)) * self.dt
+        if self.wrap[axis] is None:
+            limits = self.inside(i, axis)
+            for side, sign in ((0, -1), (1, 1)):
+                limit, wall = limits[side], self.wall_speeds[axis][side]
+                if sign * p > sign * limit:
+                    way = self.real(0)
+                    if sign * v > sign * wall:
+                        way, inward = self.bounced(abs(p - limit), abs(v - wall), sign * pull)
+                        v = wall - sign * inward
+                    p = min(max(limit - sign * way, limits[0]), limits[1])
+                    break
+        self.p[i, axis], self.v[i, axis] = self.wrapped(p, axis), v
+
+    def bounced(self, depth: Any, speed: Any, pull: Any) -> tuple[Any, Any]:
+        """Way and speed inward of a disc so far beyond a wall, so fast and so pulled outward. Energy tells the rest."""
+        at_wall = np.sqrt(max(speed * speed - self.real(2) * pull * depth, self.real(0)))
+        if speed + at_wall == 0:
+            return self.real(0), self.real(0)
+        time = min(self.real(2) * depth / (speed + at_wall), self.dt)
+        start = self.wall_restitution * at_wall
+        way, inward = (start - pull * time / self.real(2)) * time, start - pull * time
+        return (self.real(0), max(inward, self.real(0))) if way < 0 else (way, inward)
+
+    # --- the piston
+
+    def place_piston(self) -> None:
+        """The wall where the next step will meet it, and its speed there."""
+        piston = self.scene.piston
+        if piston is None:
+            return
+        axis, side = divmod(EDGES.index(piston.wall), 2)
+        if self.start is None:
+            self.start = self.limits[axis][side]
+        stop = self.real(piston.stop + (-self.inset if side else self.inset))
+        place = float(self.start) + float(self.real(piston.speed) * self.dt) * (self.steps + 1)
+        arrived = place < stop if piston.speed < 0 else place > stop
+        self.limits[axis][side] = stop if arrived else self.real(place)
+        self.wall_speeds[axis][side] = self.real(piston.speed) * self.real(0 if arrived else 1)
+
+    def advance_piston(self) -> None:
+        self.steps += 1
+        self.place_piston()
+
+    # --- obstacles
+
+    def meet_obstacles(self, i: int) -> None:
+        """Off every obstacle that may be near, one after the other."""
+        grid = self.obstacles["grid"]
+        column, row = (
+            min(max(int(self.p[i, axis] * self.obstacle_cells[axis]), 0), int(grid[axis]) - 1) for axis in range(2)
+        )
+        cell = column * int(grid[1]) + row
+        near = self.obstacles["near"]
+        met = [self.meet_capsule(i, self.capsules[k]) for k in self.obstacles["index"][near[cell] : near[cell + 1]]]
+        if any(met):
+            for axis in range(2):
+                self.p[i, axis] = self.wrapped(self.confined(i, axis, self.p[i, axis]), axis)
+
+    def meet_capsule(self, i: int, capsule: Any) -> bool:
+        """Bounce off a segment with a radius, or out of it."""
+        a, b = capsule[:2], capsule[2:4]
+        r, flat = self.from_segment(self.p[i], a, b)
+        reach = (self.radius(i) if self.has_radii else self.diameter / self.real(2)) + capsule[4]
+        distance = np.sqrt(_dot(r, r))
+        if not _dot(r, r) < reach * reach:
+            return False
+        v = self.v[i].copy()
+        if self.impact and _dot(r, v) < 0:
+            n = r / distance if flat else self.normal_at_touch(r, v, reach)
+            pull = [self.pull(i, axis) for axis in range(2)]
+            depth, speed = reach - _dot(r, n), max(-_dot(v, n), self.real(0))
+            way, inward = self.bounced(depth, speed, -_dot(pull, n))
+            way, change = way + depth, inward + -_dot(v, n)
+        else:
+            n = self.away_from(r, distance, flat, b - a)
+            along = _dot(v, n)
+            way = reach - distance
+            change = -(self.real(1) + self.wall_restitution) * along if along < 0 else self.real(0)
+        self.v[i] += change * n
+        self.p[i] += way * n
+        return True
+
+    @staticmethod
+    def from_segment(p: Any, a: Any, b: Any) -> tuple[Any, bool]:
+        """Offset from the nearest point of a segment, and whether that lies between its ends."""
+        along = b - a
+        part, squared = _dot(p - a, along), _dot(along, along)
+        if part <= 0 or squared == 0:
+            return p - a, False
+        if part >= squared:
+            return p - b, False
+        return (p - a) - part / squared * along, True
+
+    def away_from(self, r: Any, distance: Any, flat: bool, along: Any) -> Any:
+        """Direction out of a segment; for a disc with its centre on it, across it."""
+        if distance > 0:
+            return r / distance
+        if not flat:
+            return np.array([0, 1], self.real)
+        length = np.sqrt(_dot(along, along))
+        return np.array([-along[1] / length, along[0] / length], self.real)
+
+    def normal_at_touch(self, r: Any, v: Any, reach: Any) -> Any:
+        """Direction from an end to where the disc, flying straight, touched it; if before this step, to where it is."""
+        b, c = _dot(r, v), _dot(r, r) - reach * reach
+        time = -c / (np.sqrt(b * b - _dot(v, v) * c) - b)
+        n = r - v * (time if time <= self.dt else self.real(0))
+        return n / np.sqrt(_dot(n, n))
+
+
+def _dot(a: Any, b: Any) -> Any:
+    return a[0] * b[0] + a[1] * b[1]

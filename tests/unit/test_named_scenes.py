@@ -1,0 +1,212 @@
+"""The scenes that come with mpsim: each is readable, complete, and does what its text says."""
+
+import math
+import tomllib
+import warnings
+
+import numpy as np
+import pytest
+
+import mpsim
+from mpsim import scenefile
+from mpsim.measure import benchmark
+from mpsim.scenefile.reading import PACKAGED
+
+NAMES = (
+    "brownian",
+    "channel",
+    "cooling",
+    "cradle",
+    "dense",
+    "galton",
+    "gas",
+    "growth",
+    "hopper",
+    "mixture",
+    "pi",
+    "piston",
+    "sediment",
+)
+
+
+def started(name: str) -> tuple[mpsim.Simulation, mpsim.Scene]:
+    """A named scene under its recommended settings."""
+    file = scenefile.load(name)
+    return mpsim.Simulation(file.scene, file.settings), file.scene
+
+
+def kinetic_energies(state: mpsim.State, masses) -> np.ndarray:
+    return masses * (state.velocity**2).sum(axis=1) / 2
+
+
+def test_these_are_the_scenes():
+    assert scenefile.names() == NAMES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_named_scene_is_complete(name):
+    file = scenefile.load(name)
+    assert file.settings is not None
+    assert file.scene.count or file.scene.emitters
+    assert 10 <= len(file.title) <= 60
+    assert file.text.endswith(".")
+    assert file.look_for.endswith(".")
+    assert file.read == (PACKAGED / f"{name}.toml",)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_file_of_a_named_scene_is_small_and_begins_with_what_it_is(name):
+    text = (PACKAGED / f"{name}.toml").read_text()
+    assert text.startswith("# ")
+    assert len(text.splitlines()) < 70
+    assert max(map(len, text.splitlines())) <= 120
+    assert "settings" in tomllib.loads(text)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_discs_overlap_at_the_start(name):
+    """Neither each other nor an obstacle."""
+    assert mpsim.Scene.load(name).overlaps_at_start() == ""
+
+
+def test_gas_is_the_scene_of_the_benchmarks():
+    assert mpsim.Scene.load("gas").digest() == benchmark.gas(100).digest()
+
+
+def test_the_cradle_hands_one_push_through_the_row():
+    sim, _ = started("cradle")
+    with sim:
+        for _ in range(40):
+            sim.run(frames=97)
+            speeds = np.sort(np.abs(sim.state.velocity[:, 0]))
+            # While the push runs through the row, in 0.06 of the time, a frame may show it between two discs.
+            np.testing.assert_allclose(speeds, [0, 0, 0, 0, 1], atol=1e-9)
+
+
+def test_pi_counts_314_collisions():
+    sim, scene = started("pi")
+    with sim:
+        report = sim.run(until=20.0)
+        state = sim.state
+    assert report.collisions == 157  # with each other; the others are with the wall:
+    # every one of them but the last turns the light disc back to the heavy one, and the last is still to come or done
+    light, heavy = state.velocity[:, 0]
+    assert heavy > abs(light)
+    assert (scene.masses * state.velocity[:, 0] ** 2).sum() == pytest.approx(1e4, rel=1e-9)
+
+
+def test_the_mixture_shares_its_energy_out():
+    sim, scene = started("mixture")
+    large, means = scene.radii > 0.75, []
+    with sim:
+        sim.run(frames=2000)
+        for _ in range(40):
+            sim.run(frames=100)
+            means.append([kinetic_energies(sim.state, scene.masses)[kind].mean() for kind in (large, ~large)])
+    np.testing.assert_allclose(np.mean(means, axis=0), 1.6, rtol=0.1)
+
+
+def test_the_piston_heats_the_gas_to_what_its_text_says():
+    sim, _ = started("piston")
+    with sim:
+        sim.run(until=205.0)
+        state = sim.state
+    assert state.position[:, 0].max() <= 19.75 + 1e-9
+    assert (state.velocity**2).mean() == pytest.approx(2.7, abs=0.15)
+
+
+def test_growth_ends_with_a_thousand_and_one_discs():
+    sim, _ = started("growth")
+    with sim, warnings.catch_warnings():
+        warnings.simplefilter("ignore", mpsim.EmitterWarning)  # the box fills, so discs have to wait
+        sim.run(frames=12_000)
+        energy = (sim.state.velocity**2).sum() / 2
+        assert sim.count == 1001
+    squares = [5.3**2 + 2.9**2, 3.1**2 + 5.2**2, 5.1**2 + 3.3**2, 2.7**2 + 5.4**2]
+    assert energy == pytest.approx((250 * sum(squares) + 1.25) / 2, rel=1e-9)
+
+
+def test_galton_draws_a_bell():
+    sim, scene = started("galton")
+    with sim:
+        sim.run(frames=26_000)
+        position = sim.state.position
+    assert len(position) == 600
+    assert (position[:, 1] < 6).mean() > 0.99
+    filling = np.histogram(position[:, 0], np.arange(21))[0]
+    middle, sides = filling[7:13].sum(), filling[:4].sum() + filling[16:].sum()
+    assert middle > 300
+    assert 0 < sides < 100
+    assert position[:, 0].mean() == pytest.approx(scene.width / 2, abs=0.7)
+    assert 3 < position[:, 0].std() < 4
+
+
+def test_the_hopper_flows_steadily():
+    sim, scene = started("hopper")
+    with sim:
+        sim.run(frames=3000)
+        below = []
+        for _ in range(4):
+            passed = 0
+            for _ in range(25):
+                before = sim.state.position[:, 1]
+                sim.run(frames=40)
+                after = sim.state.position[:, 1]
+                passed += int(((before > 8) & (before < 24) & ((after <= 8) | (after > 24))).sum())
+            below.append(passed)
+    assert min(below) > 0.7 * max(below) > 50, below
+    assert scene.count == len(after)
+
+
+@pytest.mark.long  # its features are a compilation of their own, half a minute
+def test_sediment_comes_to_rest():
+    sim, scene = started("sediment")
+    with sim:
+        sim.run(frames=3000)
+        before = sim.state.position
+        report = sim.run(frames=200, measures=["largest_overlap"])
+        state = sim.state
+    assert np.abs(state.position - before).max() < 0.1
+    assert report.measures["largest_overlap"].value < 0.05 * 2 * scene.largest_radius
+    assert state.position[:, 1].max() < 11
+
+
+@pytest.mark.long  # its features are a compilation of their own, half a minute
+def test_the_granular_gas_cools_as_haff_says():
+    sim, _ = started("cooling")
+    temperatures = []
+    with sim:
+        for _ in range(10):
+            sim.run(frames=200)
+            temperatures.append((sim.state.velocity**2).mean())
+    times = 2.0 * np.arange(1, 11)
+    slope, offset = np.polyfit(times, 1 / np.sqrt(temperatures), 1)
+    assert offset == pytest.approx(1, abs=0.1)
+    assert 1 / slope == pytest.approx(9, abs=1)
+    assert np.corrcoef(times, 1 / np.sqrt(temperatures))[0, 1] > 0.999
+
+
+def test_brownian_motion_wanders():
+    sim, scene = started("brownian")
+    with sim:
+        sim.run(frames=4000)
+        state = sim.state
+    assert 0.01 < math.dist(state.position[0], scene.position[0]) < 10
+    assert kinetic_energies(state, scene.masses).sum() == pytest.approx(1500, rel=1e-9)
+
+
+@pytest.mark.long  # its features are a compilation of their own, half a minute
+def test_the_stream_gains_speed_and_leaves_a_wake():
+    sim, scene = started("channel")
+    bow = wake = 0
+    with sim:
+        sim.run(frames=1000)
+        for _ in range(20):
+            sim.run(frames=100)
+            x, y = sim.state.position.T
+            before, behind = ((np.abs(x - 15 - side) < 1.5) & (np.abs(y - 7) < 1.5) for side in (-4, 4))
+            bow, wake = bow + before.sum(), wake + behind.sum()
+        state = sim.state
+    assert bow > 2 * wake, (bow, wake)
+    assert state.velocity[:, 0].mean() > 1
+    assert scene.boundary == ("periodic", "walls")

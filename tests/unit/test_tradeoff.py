@@ -1,0 +1,463 @@
+"""The trade: what each candidate costs and how wrong it is, as a table that can be trusted and reproduced."""
+
+import csv
+import io
+import json
+import re
+import threading
+import time
+import warnings
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.scenes import gas
+
+import mpsim
+from mpsim import Scene, Settings, tradeoff
+from mpsim.measure import campaign, cost, pilot, tables
+from mpsim.measure.cost import Cost
+from mpsim.measure.deviations import Deviation
+from mpsim.measure.ladder import ladder
+from mpsim.measure.replicas import MEASURES
+from mpsim.measure.tradeoff import Row, Tradeoff
+
+COARSE, FINE = Settings(dt=0.1, method="grid"), Settings(dt=0.02, method="grid")
+PUSH = Settings(dt=0.05, method="grid", contact="push")
+REFLECT = Settings(dt=0.05, method="grid", contact="push", law="reflect")
+EXACT = Settings(method="event")
+CANDIDATES = [COARSE, FINE, PUSH, REFLECT, EXACT]
+
+
+@pytest.fixture(scope="module")
+def table():
+    return tradeoff(gas(40, 0.3), CANDIDATES, until=30, replicas=4)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Costs that take no time, where a test is about errors."""
+    made = {"median": 2.0, "low": 1.0, "high": 3.0, "memory": 100.0, "method": "grid", "workers": 1}
+    monkeypatch.setattr(cost, "measure", lambda *_: dict(made))
+
+
+def errors_of(table):
+    return [row.errors for row in table.rows]
+
+
+# What a table holds
+
+
+def test_there_is_a_row_per_candidate_in_their_order_with_a_cost_and_every_error(table):
+    assert [row.settings for row in table.rows] == CANDIDATES
+    assert table.measures == MEASURES
+    assert table.reference == "the exact solver"
+    for row in table.rows:
+        assert tuple(row.errors) == MEASURES
+        assert 0 < row.cost.low <= row.cost.median <= row.cost.high
+        assert row.cost.memory > 0
+        assert (row.cost.method, row.cost.workers) == (row.settings.method, 1)
+
+
+def test_a_longer_step_is_cheaper_and_more_wrong(table):
+    coarse, fine = table.rows[:2]
+    assert coarse.cost.median < fine.cost.median / 2
+    for name in ("overlap", "largest_overlap", "trajectory"):
+        assert coarse.errors[name].value > 2 * fine.errors[name].value, name
+    assert coarse.errors["overlap"].resolved
+    assert fine.errors["overlap"].resolved
+
+
+def test_the_exact_solver_differs_from_itself_by_nothing(table):
+    exact, reflect = table.rows[-1].errors, table.rows[3].errors
+    assert [name for name, each in exact.items() if abs(each.value) > 1e-12] == []
+    wrong = [name for name, each in reflect.items() if each.resolved]
+    assert {"momentum_drift", "overlap", "trajectory"} <= set(wrong), "the control: a wrong law is seen to be wrong"
+
+
+def test_momentum_is_kept_to_rounding_but_by_reflect(table):
+    drifts = [row.errors["momentum_drift"].value for row in table.rows]
+    assert max(drifts[:3] + drifts[4:]) < 1e-9
+    assert drifts[3] > 1e-3, "the control"
+
+
+def test_a_pressure_is_the_difference_of_averages_that_can_be_run_again(quick):
+    """By hand: replica 0 is the scene as it is, run to `until`; and so are the first of the reference."""
+    scene = Scene(width=4, height=4, position=[[2, 2]], velocity=[[1.1, 0]], radius=0.5)
+    (row,) = tradeoff(scene, [PUSH], until=60, measures=["pressure"], replicas=2).rows
+    values = []
+    for settings in (PUSH, Settings(method="event", dt=0.1)):
+        with mpsim.Simulation(scene, settings) as sim:
+            values.append(sim.run(until=60, measures=["pressure"]).measures["pressure"].value)
+    assert row.errors["pressure"].value == pytest.approx(values[0] / values[1] - 1, rel=0.02)
+    assert row.errors["pressure"].resolved
+
+
+# Reproducible, wherever it runs
+
+
+def test_a_row_alone_is_the_row_among_others(quick):
+    scene, chosen = gas(20, 0.3), [COARSE, PUSH, EXACT]
+    together = tradeoff(scene, chosen, until=10, replicas=2)
+    turned = tradeoff(scene, chosen[::-1], until=10, replicas=2)
+    assert errors_of(turned) == errors_of(together)[::-1]
+    for index, settings in enumerate(chosen):
+        assert errors_of(tradeoff(scene, settings, until=10, replicas=2)) == [together.rows[index].errors]
+    other = tradeoff(scene, COARSE, until=11, replicas=2)
+    assert errors_of(other) != [together.rows[0].errors], "the control: another length is another row"
+
+
+def test_settings_that_change_speed_alone_share_their_errors(quick):
+    scene = gas(20, 0.3)
+    one, two, naive = tradeoff(
+        scene,
+        [COARSE, Settings(dt=0.1, method="parallel", workers=2), Settings(dt=0.1, method="naive")],
+        until=10,
+        replicas=2,
+    ).rows
+    assert one.errors == two.errors != naive.errors
+
+
+@pytest.fixture
+def processes():
+    with ProcessPoolExecutor(2) as executor:
+        yield executor
+
+
+@pytest.fixture
+def dask():
+    distributed = pytest.importorskip("distributed")
+    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "processes": True}
+    with (
+        warnings.catch_warnings(),
+        distributed.LocalCluster(**options) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        warnings.simplefilter("ignore")
+        yield client.get_executor()
+
+
+@pytest.mark.parametrize("elsewhere", ["processes", "dask"])
+def test_any_executor_gives_the_errors_of_threads_to_the_bit(elsewhere, request, quick):
+    executor = request.getfixturevalue(elsewhere)
+    arguments = (gas(20, 0.3, gravity=(0, -0.5)), [COARSE, REFLECT], 10)
+    there = tradeoff(*arguments, replicas=2, executor=executor)
+    assert errors_of(there) == errors_of(tradeoff(*arguments, replicas=2))
+
+
+class Recording(ThreadPoolExecutor):
+    """An executor that knows how many of its tasks are running."""
+
+    def __init__(self):
+        super().__init__(2)
+        self.running, self.most, self.tasks, self.lock = 0, 0, 0, threading.Lock()
+
+    def submit(self, task, /, *arguments):
+        return super().submit(self.counted, task, *arguments)
+
+    def counted(self, task, *arguments):
+        with self.lock:
+            self.running, self.tasks = self.running + 1, self.tasks + 1
+            self.most = max(self.most, self.running)
+        try:
+            return task(*arguments)
+        finally:
+            with self.lock:
+                self.running -= 1
+
+
+def test_costs_are_measured_alone_one_after_the_other_here_when_all_accuracy_runs_are_over(monkeypatch):
+    timings, inside, measure = [], [], cost.measure
+
+    def watched(scene, settings, until):
+        inside.append(settings)
+        timings.append((executor.running, len(inside), threading.current_thread(), settings))
+        try:
+            return measure(scene, settings, until)
+        finally:
+            inside.pop()
+
+    monkeypatch.setattr(cost, "measure", watched)
+    with Recording() as executor:
+        tradeoff(gas(20, 0.3), [COARSE, PUSH, EXACT], until=5, replicas=3, executor=executor)
+    assert timings == [(0, 1, threading.main_thread(), each) for each in (COARSE, PUSH, EXACT)]
+    assert executor.tasks == 2 * 3 + 2 * 3 + 3 * 8, "the reference's runs (of which EXACT's are some), two candidates'"
+    assert executor.most == 2, "the control: accuracy runs do overlap"
+
+
+def test_no_thread_is_left(quick):
+    before = threading.active_count()
+    tradeoff(gas(20, 0.3), [COARSE], until=5, replicas=2)
+    assert threading.active_count() == before
+
+
+def test_progress_is_told_what_is_done(quick):
+    told = []
+    tradeoff(gas(20, 0.3), [COARSE], until=5, replicas=2, measures="pressure", progress=lambda *it: told.append(it))
+    assert told == [(done, 6, "accuracy") for done in range(1, 7)] + [(0, 1, "timing"), (1, 1, "timing")]
+
+
+# Scenes of every kind
+
+
+def lone(velocity, **features):
+    return Scene(width=5, height=5, position=[[2, 2]], velocity=[velocity], radius=0.5, **features)
+
+
+@pytest.mark.parametrize(
+    ("scene", "reference"),
+    [
+        (lone([1, 0.3]), "the exact solver"),
+        (lone([0, 0], gravity=(0, -1)), "the exact solver"),
+        (gas(20, 0.3, restitution=0.9, wall_restitution=0.8), "the exact solver"),
+        (gas(20, 0.3, gravity=(0.5, -1)), "the exact solver"),
+        (gas(20, 0.3, acceleration=((0.0, -1.0),) * 20), "two passes at dt=.*cannot: .*acceleration per disc"),
+        (
+            Scene(width=5, height=5, position=[[2, 2], [2.5, 2]], velocity=[[0, 0], [1, 1]], radius=0.5),
+            "two passes at dt=.*finest affordable.*cannot: .*discs 0 and 1 overlap",
+        ),
+    ],
+    ids=["one disc", "one that falls", "lossy", "gravity", "acceleration", "overlapping"],
+)
+def test_every_scene_has_a_table_and_says_what_it_is_compared_with(scene, reference, quick):
+    found = tradeoff(scene, [COARSE], until=4, replicas=2)
+    assert found.rows[0].failure is None
+    assert all(np.isfinite(each.value) for each in found.rows[0].errors.values())
+    assert re.match(reference, found.reference), found.reference
+    assert found.reference in str(found).replace("\n", " ")
+
+
+@pytest.mark.parametrize(
+    "scene", [Scene(width=2, height=2, position=[], velocity=[], radius=0.5, gravity=(0, -1)), lone([0, 0])]
+)
+def test_a_scene_in_which_nothing_moves_is_refused(scene):
+    with pytest.raises(mpsim.InputError, match=r"something moves; got <Scene: . discs"):
+        tradeoff(scene, [COARSE])
+
+
+def test_a_scene_that_the_exact_solver_is_too_slow_for_is_compared_with_the_finest_run(quick, monkeypatch):
+    look = pilot._look
+
+    def slow(scene, settings, *rest):
+        if settings.method == "event":
+            pilot._impatient(-1.0)(0, 1)
+        return look(scene, settings, *rest)
+
+    monkeypatch.setattr(pilot, "_look", slow)
+    found = tradeoff(gas(20, 0.3), [COARSE], until=2, replicas=2)
+    assert re.match(
+        "two passes at dt=.*, the finest affordable run, as the exact solver cannot: do its", found.reference
+    )
+    monkeypatch.setattr(pilot, "PATIENCE", -1.0)
+    with pytest.raises(mpsim.InputError, match=r"first look takes less than -1 s.*Take a smaller scene"):
+        tradeoff(gas(20, 0.3), [COARSE], until=2)
+
+
+def test_the_default_ladder_has_all_contacts_and_leaves_out_all_pairs_for_many_discs():
+    few, many = ladder(gas(40, 0.3), 1.0), ladder(gas(3500, 0.1), 1.0)
+    assert {"event", "naive", "grid", "parallel", "auto"} == {each.method for each in few}
+    assert "naive" not in {each.method for each in many}
+    assert len(set(few)) == len(few)
+    assert {each.contact for each in few} == {"push", "impact"}
+    assert "reflect" in {each.law for each in few}
+    assert {each.precision for each in few} == {"float32", "float64"}
+
+
+@pytest.mark.long
+def test_the_default_ladder_runs():
+    found = tradeoff(gas(60, 0.3), replicas=3)
+    assert len(found.rows) >= 20
+    assert [row.label for row in found.rows if row.failure] == []
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+def test_a_hundred_thousand_discs_take_minutes_at_most():
+    started = time.process_time()
+    found = tradeoff(mpsim.Scene.random(count=100_000, packing=0.3, radius=0.5), [COARSE, FINE], replicas=4)
+    assert [row.failure for row in found.rows] == [None, None]
+    assert time.process_time() - started < 240, "seconds of all threads together"
+
+
+# What goes wrong
+
+
+def test_a_candidate_that_blows_up_is_a_row_with_its_reason(quick):
+    bad = Settings(dt=3e38, method="grid", precision="float32")
+    found = tradeoff(gas(20, 0.3, gravity=(0, -10)), [bad, COARSE], until=2, replicas=2)
+    failed, good = found.rows
+    assert failed.failure.startswith("DivergedError: disc 0 is not finite in frame 0")
+    assert (failed.cost, failed.errors) == (None, {})
+    assert good.failure is None
+    assert "failed: DivergedError" in str(found)
+    assert "failed: DivergedError" in found._repr_html_()
+    assert found.frontier("pressure") == [good]
+    assert next(csv.DictReader(io.StringIO(found.to_csv())))["failure"] == failed.failure
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"measures": ["presure"]}, "measures must be one of .*got 'presure'. Did you mean 'pressure'"),
+        ({"measures": []}, "measures must name at least one"),
+        ({"measures": 5}, "measures must be a list of names of errors; got 5"),
+        ({"candidates": []}, "candidates must hold at least one Settings"),
+        ({"candidates": 5}, "candidates must be a list of mpsim.Settings; got 5"),
+        ({"candidates": [COARSE, "grid"]}, r"candidates\[1\] must be an mpsim.Settings; got str"),
+        (
+            {"candidates": [Settings(dt=0.1, method="parallel", unguarded=True)]},
+            r"candidates\[0\] must not be unguarded",
+        ),
+        ({"until": 0}, "until must be a finite number > 0"),
+        ({"until": float("nan")}, "until must be a finite number > 0"),
+        ({"replicas": 1}, "replicas must be a whole number from 2"),
+        ({"executor": "processes"}, "executor must be a concurrent.futures.Executor; got str"),
+        ({"scene": "gas"}, "scene must be an mpsim.Scene; got str"),
+        ({"path": "/nowhere/at/all.json"}, "path must be a file in a folder that can be written to"),
+    ],
+)
+def test_bad_input_is_refused_by_name(arguments, text, quick):
+    with pytest.raises(mpsim.InputError, match=text):
+        tradeoff(**({"scene": gas(20, 0.3), "candidates": [COARSE], "until": 1.0} | arguments))
+
+
+def test_a_candidate_that_the_scene_cannot_be_run_with_is_named(quick):
+    scene = gas(20, 0.3, acceleration=((0.0, -1.0),) * 20)
+    with pytest.raises(mpsim.InputError, match=r"candidates\[1\] \(event\) cannot run this scene: .*acceleration"):
+        tradeoff(scene, [COARSE, EXACT], until=1)
+
+
+# The table for people and for programs
+
+CHEAP, DEAR = Cost(12345.6, 12300, 12400, 210, "grid", 1), Cost(1.523, 1.5, 1.54, 210, "grid", 1)
+
+
+def made(rows, scene="<Scene>", measures=("pressure", "overlap")):
+    return Tradeoff(scene, "the exact solver", 2.0, 0.5, measures, tuple(rows))
+
+
+def plain(settings, price, **errors):
+    return Row(settings, price, {name: Deviation(*pair) for name, pair in errors.items()})
+
+
+ROWS = [
+    plain(COARSE, CHEAP, pressure=(0.0192, 0.0006), overlap=(0.05, 0.001)),
+    plain(FINE, DEAR, pressure=(0.0004, 0.0006), overlap=(0.0, 0.0)),
+    Row(PUSH, failure="DivergedError: [/red] a|b <b>bold</b>, and so on"),
+]
+
+
+def test_csv_and_json_can_be_read_back():
+    found = made([*ROWS, plain(REFLECT, DEAR, pressure=(float("inf"), float("nan")), overlap=(0.1, 0.01))])
+    lines = list(csv.DictReader(io.StringIO(found.to_csv())))
+    assert [float(line["dt"]) for line in lines] == [0.1, 0.02, 0.05, 0.05]
+    assert lines[0] | {"pressure": "0.0192", "pressure_error": "0.0006", "pressure_resolved": "True"} == lines[0]
+    assert lines[1]["pressure_resolved"] == "False"
+    assert (lines[2]["cost"], lines[2]["failure"]) == ("", ROWS[2].failure)
+    values = json.loads(found.to_json(), parse_constant=pytest.fail)
+    assert [row["cost"] for row in values["rows"]] == [12345.6, 1.523, None, 1.523]
+    assert values["rows"][3]["pressure"] is None
+    assert values["reference"] == "the exact solver"
+
+
+def test_csv_and_json_are_written_where_asked(tmp_path, table):
+    (tmp_path / "t.csv").write_text("old")
+    assert table.to_csv(tmp_path / "t.csv") == (tmp_path / "t.csv").read_text()
+    assert table.to_json(str(tmp_path / "t.json")) == (tmp_path / "t.json").read_text()
+    assert tuple(table.to_csv().splitlines()[0].split(",")) == table.columns
+
+
+def test_a_difference_below_its_noise_is_not_resolved_in_every_form():
+    text = str(made(ROWS))
+    assert "1.920(60)" in text
+    assert "< 0.16" in text
+    assert "0.04" not in text, "a figure that is not resolved is not shown as one"
+    assert "<: not resolved" in " ".join(text.split())
+    assert "&lt; 0.16" in made(ROWS)._repr_html_()
+    assert tables.error_text("pressure", Deviation(0.0, 0.01)) == "< 2", "nothing seen is not nothing"
+    assert tables.error_text("pressure", Deviation(0.0, 0.0)) == "0"
+
+
+def test_units_and_reasons_with_brackets_are_text_not_markup():
+    text, page = str(made(ROWS)), made(ROWS, scene="<script>")._repr_html_()
+    for words in ("[diam.]", "[%]", "[/red] a|b <b>bold</b>", "ns / (disc"):
+        assert words in " ".join(text.split()), words
+    assert "<script>" not in page
+    assert "&lt;script&gt;" in page
+    assert "<b>" not in page
+    assert page.count("<tr>") == 4
+    assert r"a\|b" in tables.markdown_table(made(ROWS))
+
+
+@pytest.mark.parametrize("width", [60, 80, 120, 400])
+def test_no_line_is_wider_than_the_terminal_and_nothing_is_lost(width, monkeypatch):
+    errors = dict.fromkeys(MEASURES, (0.01, 0.001))
+    found = made([plain(COARSE, CHEAP, **errors), ROWS[2]], measures=MEASURES)
+    monkeypatch.setenv("COLUMNS", str(width))
+    lines = str(found).splitlines()
+    assert max(map(len, lines)) <= width
+    for name in MEASURES:
+        assert all(word in str(found) for word in name.split("_")), name
+    assert sum("1.00(10)" in line for line in lines) >= 1
+    assert "…" not in str(found)
+
+
+def test_a_terminal_of_one_column_is_no_reason_to_fail(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "1")
+    assert "1.920(60)" in str(made(ROWS))
+
+
+# What nothing beats
+
+points = st.lists(st.tuples(st.integers(1, 6), st.integers(-6, 6).filter(bool)), min_size=1, max_size=12)
+
+
+@given(points)
+def test_the_front_is_what_no_other_row_beats(values):
+    rows = [
+        plain(COARSE, Cost(price, price, price, 1, "grid", 1), pressure=(error, 0.0), overlap=(0.0, 0.0))
+        for price, error in values
+    ]
+    front = [(row.cost.median, abs(row.errors["pressure"].value)) for row in made(rows).frontier("pressure")]
+    sizes = {(price, abs(error)) for price, error in values}
+    beaten = {
+        (price, error)
+        for price, error in sizes
+        if any(p <= price and e <= error and (p, e) != (price, error) for p, e in sizes)
+    }
+    assert front == sorted(sizes - beaten)
+
+
+def test_noise_does_not_choose_the_front_and_an_unknown_measure_is_refused():
+    prices = [Cost(price, price, price, 1, "grid", 1) for price in (1.0, 2.0, 3.0)]
+    pairs = [(0.002, 0.001), (-0.0001, 0.001), (0.004, 0.0001)]
+    rows = [plain(COARSE, price, pressure=pair, overlap=(0, 0)) for price, pair in zip(prices, pairs, strict=True)]
+    assert made(rows).frontier("pressure") == rows[:1], "the second is smaller by chance alone"
+    with pytest.raises(mpsim.InputError, match="Did you mean 'pressure'"):
+        made(rows).frontier("presure")
+
+
+def test_the_file_of_another_scene_or_another_length_or_a_damaged_one_is_refused(tmp_path, quick):
+    path = tmp_path / "kept.json"
+    tradeoff(gas(20, 0.3), [COARSE], until=2, replicas=2, path=path)
+    for scene, until in ((gas(20, 0.3, seed=1), 2), (gas(20, 0.3), 3)):
+        with pytest.raises(mpsim.InputError, match=r"same scene and the same lengths of runs; .*kept.json is of"):
+            tradeoff(scene, [COARSE], until=until, replicas=2, path=path)
+    for text in ("", "{", "[]", '{"title": 1}', path.read_text()[:-20]):
+        (tmp_path / "bad.json").write_text(text)
+        with pytest.raises(mpsim.InputError, match=r"bad.json cannot be read as one \("):
+            tradeoff(gas(20, 0.3), [COARSE], until=2, path=tmp_path / "bad.json")
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["bad.json", "kept.json"]
+
+
+def test_what_the_machine_failed_at_is_tried_again_and_what_the_candidate_failed_at_is_not(
+    tmp_path, quick, monkeypatch
+):
+    scene, path = gas(20, 0.3), tmp_path / "kept.json"
+    run = campaign.long_run
+    monkeypatch.setattr(campaign, "long_run", lambda *_: {"failure": "MemoryError: none", "machine": True})
+    assert tradeoff(scene, [COARSE], until=2, replicas=2, path=path, measures="pressure").rows[0].failure
+    monkeypatch.setattr(campaign, "long_run", run)
+    assert tradeoff(scene, [COARSE], until=2, replicas=2, path=path, measures="pressure").rows[0].failure is None

@@ -1,0 +1,292 @@
+"""The chooser: the cheapest settings inside budgets, found where errors are known, verified, and refused by name."""
+
+import dataclasses
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.scenes import gas
+
+import mpsim
+from mpsim import Settings, tune
+from mpsim.measure import campaign
+from mpsim.measure import tune as chooser
+from mpsim.measure.campaign import CandidateFailed
+from mpsim.measure.cost import Cost
+from mpsim.measure.deviations import Deviation
+from mpsim.measure.ladder import families
+
+SCENE = gas(20, 0.3)
+EVENT, (IMPACT, TWICE, PUSH) = Settings(method="event"), families()
+
+
+LAWS = {("impact", 1): (10.0, 2.0, 1.0), ("impact", 2): (5.0, 2.0, 2.0), ("push", 1): (1.0, 1.0, 0.9)}
+"""(contact, passes) -> a, p, c: an error of a dt^p, and a cost of c / dt."""
+
+
+class Fake:
+    """A campaign whose errors and costs are laws, so that the best step is known; runs of verification are worse."""
+
+    laws = LAWS
+    noise, verified, exact_cost, event = 1e-9, 1.0, 1000.0, True
+    fails: frozenset[str] = frozenset()
+
+    def __init__(self, scene, until, measures, *, replicas, executor=None, progress=None):
+        reference = EVENT if self.event else Settings(dt=1e-4)
+        self.pilot = SimpleNamespace(speed=1.0, reference=reference, reference_name="a law")
+        self.replicas, self.measures, self.assessed, self.timed = replicas, measures, [], []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        pass
+
+    def assess(self, candidates, replicas=None, first=0):
+        self.assessed += [(each, first) for each in candidates]
+
+    def time(self, candidates):
+        self.timed += list(candidates)
+
+    def errors(self, settings, replicas=None, first=0):
+        assert (settings, first) in self.assessed, "errors are asked of runs that were made"
+        if settings.contact in self.fails or (settings.method == "event" and not self.event):
+            raise CandidateFailed(f"{settings.contact} failed")
+        noise = self.noise / math.sqrt((replicas or self.replicas) / 8)
+        if settings.method == "event":
+            return dict.fromkeys(self.measures, Deviation(0.0, noise))
+        factor, order, _ = self.laws[settings.contact, settings.passes]
+        error = factor * settings.dt**order * (self.verified if first else 1.0)
+        return dict.fromkeys(self.measures, Deviation(error, noise))
+
+    def cost(self, settings):
+        assert settings in self.timed
+        price = (
+            self.exact_cost
+            if settings.method == "event"
+            else self.laws[settings.contact, settings.passes][2] / settings.dt
+        )
+        return Cost(price, price, price, 100, "grid", 1)
+
+
+def faked(max_error, **laws):
+    """`tune` on a fake campaign with these laws."""
+    candidates = laws.pop("candidates", None)
+    before, chooser.Campaign = chooser.Campaign, type("Faked", (Fake,), laws)
+    try:
+        return tune(SCENE, max_error, candidates=candidates)
+    finally:
+        chooser.Campaign = before
+
+
+def best_of(budget, laws, exact_cost=1000.0):
+    """The cheapest cost inside the budget, by the law itself."""
+    prices = [price / min((budget / factor) ** (1 / order), 0.5) for factor, order, price in laws.values()]
+    return min([*prices, exact_cost])
+
+
+# The search
+
+
+@pytest.mark.parametrize("budget", [0.3, 0.1, 0.03, 0.01, 0.003, 0.001])
+def test_the_cheapest_step_inside_the_budget_is_found(budget):
+    found = faked({"overlap": budget})
+    assert found.errors["overlap"].value <= budget
+    assert best_of(budget, LAWS) <= found.cost.median <= 1.25 * best_of(budget, LAWS)
+
+
+orders = st.floats(0.8, 3.5)
+
+
+three = st.tuples(*[st.tuples(st.floats(-1, 2), orders, st.floats(0.3, 3))] * 3)
+
+
+@given(st.floats(-4, -0.5), three)
+def test_whatever_the_law_nothing_outside_is_returned_and_nothing_much_cheaper_is_inside(log_budget, drawn):
+    budget = 10**log_budget
+    laws = {key: (10**factor, order, price) for key, (factor, order, price) in zip(LAWS, drawn, strict=True)}
+    found = faked({"overlap": budget}, laws=laws)
+    assert found.settings.method == "event" or found.errors["overlap"].bound <= budget
+    least = best_of(budget, laws)
+    assert least * (1 - 1e-9) <= found.cost.median <= 1.3 * least
+
+
+def test_every_budget_is_met_and_the_tightest_decides():
+    found = faked({"overlap": 0.1, "pressure": 0.001})
+    assert found.budgets == {"overlap": 0.1, "pressure": 0.001}
+    assert all(each.bound <= found.budgets[name] for name, each in found.errors.items())
+    assert found.cost.median == faked({"pressure": 0.001}).cost.median > faked({"overlap": 0.1}).cost.median
+
+
+def test_the_exact_solver_is_the_answer_where_it_is_cheapest():
+    found = faked({"overlap": 0.01}, exact_cost=0.5)
+    assert (found.settings, found.cost.median) == (EVENT, 0.5)
+    assert found.tighter == 1
+    assert faked({"overlap": 0.01}).settings.method != "event", "the control"
+
+
+def test_errors_count_with_their_noise():
+    """At an error of half the budget and a standard error of a third, nothing is inside: 0.5 + 2/3 > 1."""
+    quiet = faked({"overlap": 0.01}, candidates=[PUSH], noise=1e-9)
+    noisy = faked({"overlap": 0.01}, candidates=[PUSH], noise=0.003)
+    assert 0.01 / 1.2 < quiet.settings.dt <= 0.01
+    assert noisy.settings.dt < 0.9 * quiet.settings.dt
+    assert noisy.errors["overlap"].bound <= 0.01
+    with pytest.raises(mpsim.BudgetError):
+        faked({"overlap": 0.01}, candidates=[PUSH], noise=0.02)
+
+
+# The answer
+
+
+def test_each_cheaper_candidate_is_named_with_why_it_failed():
+    found = faked({"overlap": 0.01})
+    cheaper = [each for each in found.tried if each.row.cost.median < found.cost.median]
+    assert cheaper
+    assert not any(each.inside for each in cheaper)
+    text = str(found)
+    assert text.splitlines()[0].startswith("auto impact dt=0.0")
+    for each in cheaper:
+        assert "outside 0.01, two standard errors included" in each.verdict
+        assert f"{each.row.label}, {each.row.cost.median:.3g} ns: {each.verdict}" in text
+    assert "budget 0.01 (verified by a run of its own)" in text
+    assert text.endswith("errors against a law")
+
+
+def test_a_candidate_that_cannot_run_is_named_too():
+    text = str(faked({"overlap": 0.01}, fails=frozenset({"push"})))
+    assert "auto push dt=0.1 failed: push failed" in text
+
+
+@pytest.mark.parametrize(("order", "factor"), [(1.0, 2.0), (2.0, math.sqrt(2))])
+def test_half_of_the_budget_costs_what_the_order_says(order, factor):
+    found = faked({"overlap": 0.01}, candidates=[IMPACT], laws={("impact", 1): (3.0, order, 1.0)})
+    assert found.tighter == pytest.approx(factor, rel=0.02)
+    half = faked({"overlap": 0.005}, candidates=[IMPACT], laws={("impact", 1): (3.0, order, 1.0)})
+    assert half.cost.median / found.cost.median == pytest.approx(found.tighter, rel=0.25)
+    assert f"half of every budget would cost about {found.tighter:.2g} times as much" in str(found)
+
+
+def test_half_of_the_budget_never_costs_more_than_the_exact_solver():
+    laws = {("impact", 1): (3.0, 1.0, 1.0)}
+    price = faked({"overlap": 0.01}, candidates=[IMPACT, EVENT], laws=laws).cost.median
+    found = faked({"overlap": 0.01}, candidates=[IMPACT, EVENT], laws=laws, exact_cost=1.3 * price)
+    assert found.tighter == pytest.approx(1.3, rel=0.2)
+
+
+def test_an_answer_that_fails_its_verification_is_not_given():
+    found = faked({"overlap": 0.01}, verified=1.2)
+    assert found.errors["overlap"].value <= 0.01
+    failed = [each for each in found.tried if "when verified" in each.verdict]
+    assert failed
+    assert not any(each.inside for each in failed)
+    assert faked({"overlap": 0.01}).cost.median < found.cost.median
+
+
+def test_where_all_fail_their_verification_the_exact_solver_is_left_or_the_refusal_shows_what_was_verified():
+    found = faked({"overlap": 0.01}, verified=1e9)
+    assert found.settings == EVENT
+    with pytest.raises(
+        mpsim.BudgetError, match=r"no candidate stays inside overlap 0\.01\. .* reaches overlap 0\.0102"
+    ):
+        faked({"overlap": 0.01}, verified=1e9, candidates=[IMPACT])
+
+
+# Refusals
+
+
+def test_a_budget_out_of_reach_is_refused_with_the_least_that_is_not():
+    with pytest.raises(mpsim.BudgetError) as refusal:
+        faked({"overlap": 1e-9}, candidates=[IMPACT, PUSH])
+    text = str(refusal.value)
+    assert "no candidate stays inside overlap 1e-09" in text
+    assert "auto impact dt=0.0005, reaches overlap 2.5e-06" in text  # 10 x 0.0005^2, and noise
+    assert "Allow these errors, run longer" in text
+
+
+def test_where_nothing_can_run_the_reasons_are_named():
+    with pytest.raises(mpsim.BudgetError, match=r"no candidate could run this scene.*auto push dt=0.1: push failed"):
+        faked({"overlap": 0.1}, candidates=[PUSH], fails=frozenset({"push"}))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"max_error": {"presure": 0.01}}, "max_error must be one of .*Did you mean 'pressure'"),
+        ({"max_error": {}}, "max_error must hold at least one budget"),
+        ({"max_error": 0.01}, "max_error must hold at least one budget.*got 0.01"),
+        ({"max_error": {"pressure": 0}}, r"max_error\['pressure'\] must be a finite number > 0"),
+        ({"max_error": {"pressure": -0.1}}, r"max_error\['pressure'\] must be a finite number > 0"),
+        ({"max_error": {"pressure": float("nan")}}, r"max_error\['pressure'\] must be a finite number > 0"),
+        ({"max_error": {"pressure": "1 %"}}, r"max_error\['pressure'\] must be a number > 0"),
+        ({"candidates": []}, "candidates must hold at least one"),
+        ({"candidates": ["grid"]}, "candidates must hold at least one mpsim.Settings; got"),
+        ({"candidates": 5}, "candidates must be a list of mpsim.Settings; got 5"),
+        ({"replicas": 1}, "replicas must be a whole number from 2"),
+        ({"until": -1}, "until must be a finite number > 0"),
+        ({"executor": 2}, "executor must be a concurrent.futures.Executor"),
+        ({"scene": "gas"}, "scene must be an mpsim.Scene"),
+    ],
+)
+def test_bad_input_is_refused_by_name(arguments, text):
+    with pytest.raises(mpsim.InputError, match=text):
+        tune(**({"scene": SCENE, "max_error": {"pressure": 0.01}} | arguments))
+
+
+# For real
+
+
+def test_a_real_answer_is_inside_its_budgets_and_was_verified_by_runs_that_did_not_choose_it(monkeypatch):
+    runs = []
+    long_run, short_runs = campaign.long_run, campaign.short_runs
+
+    def long_watched(scene, settings, plan, number, *stop):
+        runs.append(("long", settings, number))
+        return long_run(scene, settings, plan, number, *stop)
+
+    def short_watched(scene, settings, plan, start, *rest):
+        runs.append(("short", settings, start.digest()))
+        return short_runs(scene, settings, plan, start, *rest)
+
+    monkeypatch.setattr(campaign, "long_run", long_watched)
+    monkeypatch.setattr(campaign, "short_runs", short_watched)
+    budgets = {"overlap": 0.05, "trajectory": 0.2}
+    found = tune(SCENE, budgets, until=5, replicas=2, candidates=[PUSH])
+    assert all(found.errors[name].value <= budget for name, budget in budgets.items())
+    assert len(runs) == len(set(runs)), "no run is made twice"
+    mine = [(kind, which) for kind, settings, which in runs if settings.dt == found.settings.dt]
+    long, short = ({which for kind, which in mine if kind == wanted} for wanted in ("long", "short"))
+    assert len(short) == 16, "eight starts to choose by and eight others to verify by"
+    assert {number for number in long if number >= 64} == set(range(64, 96))
+    assert {number for number in long if number < 64} >= {0, 1}
+    with mpsim.Simulation(SCENE, dataclasses.replace(found.settings, workers=1)) as sim:
+        depth = sim.run(until=50, measures=["overlap"]).measures["overlap"]
+    assert depth.value / (2 * SCENE.radius) == pytest.approx(found.errors["overlap"].value, rel=0.1)
+
+
+def test_a_real_budget_out_of_reach_is_refused():
+    with pytest.raises(mpsim.BudgetError, match=r"no candidate stays inside momentum_drift 1e-06\. The best of"):
+        tune(
+            SCENE,
+            {"momentum_drift": 1e-6},
+            until=2,
+            replicas=2,
+            candidates=[Settings(law="reflect", contact="push", method="grid")],
+        )
+
+
+@pytest.mark.long
+def test_the_choice_of_a_thousandth_of_pressure_is_confirmed_by_a_long_run():
+    scene = gas(200, 0.3)
+    found = tune(scene, {"pressure": 0.01, "collision_rate": 0.01})
+    values = []
+    for settings in (found.settings, EVENT):
+        with mpsim.Simulation(scene, dataclasses.replace(settings, dt=min(settings.dt, 0.1))) as sim:
+            values.append(sim.run(until=2000, measures=["collision_rate"]).measures["collision_rate"])
+    assert (
+        abs(values[0].value / values[1].value - 1)
+        < 0.01 + 3 * np.hypot(*(each.error for each in values)) / values[1].value
+    )
