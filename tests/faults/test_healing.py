@@ -75,6 +75,25 @@ def often():
     return random.uniform(0.02, 0.25)
 
 
+def repeat_until_killed(experiment, pause, least=1, **killer):
+    """Call `experiment(killing)`, where `killing(sim)` is a Killer to enter, until so many died in it; their number.
+
+    A quick machine may be done before the first pause is over: each attempt waits half as long as the one before.
+    """
+    for attempt in range(6):
+        killers = []
+        experiment(functools.partial(begin_killer, killers, pause, 0.5**attempt, killer))
+        deaths = sum(killer.deaths for killer in killers)
+        if deaths >= least:
+            return deaths
+    return pytest.fail("nobody has died, which tests nothing")
+
+
+def begin_killer(killers, pause, part, settings, sim):
+    killers.append(Killer(sim, lambda: part * pause(), **settings))
+    return killers[-1]
+
+
 def healing(scene=None, workers=3, start_method="fork", **settings):
     """A simulation whose workers are replaced; by fork, which starts them in the shortest time."""
     settings |= {"method": "parallel", "workers": workers, "start_method": start_method}
@@ -92,16 +111,19 @@ def assert_as_undisturbed(sim, report, frames=FRAMES):
 
 @pytest.mark.parametrize("start", ["fork", "forkserver"])
 def test_workers_that_die_at_random_moments_change_nothing(start, figures):
-    with healing(start_method=start) as sim, Killer(sim, often, most=8) as killer:
-        report = sim.run(frames=FRAMES, measures=MEASURES)
-        assert_as_undisturbed(sim, report)
-    assert killer.deaths > 1, "nobody has died, which tests nothing"
+
+    def experiment(killing):
+        with healing(start_method=start) as sim, killing(sim):
+            report = sim.run(frames=FRAMES, measures=MEASURES)
+            assert_as_undisturbed(sim, report)
+
+    deaths = repeat_until_killed(experiment, often, least=2, most=8)
     figures.note(
         "R9",
         f"parallel on 3, {start}",
         "workers killed at random moments",
         "digest and measures of grid",
-        f"the same after {killer.deaths} deaths",
+        f"the same after {deaths} deaths",
     )
 
 
@@ -109,11 +131,16 @@ def test_a_run_that_forgot_to_rewind_would_be_noticed(monkeypatch, figures):
     """The control: without the way back of the measures, or of the discs, the comparison fails."""
     digest, expected, _ = undisturbed()
     monkeypatch.setattr(running.Ledger, "rewind", lambda self, mark: setattr(self, "done", mark[0]))
-    with healing() as sim, Killer(sim, lambda: 0.15, most=2) as killer:
-        report = sim.run(frames=FRAMES, measures=MEASURES)
-        assert killer.deaths
-        assert sim.digest() == digest
-        assert values(report) != expected
+    found = []
+
+    def experiment(killing):
+        with healing() as sim, killing(sim):
+            report = sim.run(frames=FRAMES, measures=MEASURES)
+            assert sim.digest() == digest
+            found.append(values(report))
+
+    repeat_until_killed(experiment, lambda: 0.15, most=2)
+    assert found[-1] != expected
     figures.note("R9", "parallel on 3", "control: measures that do not go back", "other measures", "other measures")
 
 
@@ -152,7 +179,7 @@ def test_a_death_in_any_phase_is_healed(phase, figures):
 
 
 def test_a_worker_that_is_killed_while_it_replaces_another_is_replaced_too(monkeypatch, caplog):
-    """Two of three new workers die before they are ready."""
+    """The first worker dies in its run, and two of the three that replace it before they are ready."""
     starts = []
     begin = pool.WorkerPool._await_ready
 
@@ -163,7 +190,8 @@ def test_a_worker_that_is_killed_while_it_replaces_another_is_replaced_too(monke
         begin(self, worker)
 
     monkeypatch.setattr(pool.WorkerPool, "_await_ready", kill_and_wait)
-    with caplog.at_level(logging.WARNING, "mpsim"), healing(workers=2) as sim, Killer(sim, lambda: 0.1, most=1):
+    with caplog.at_level(logging.WARNING, "mpsim"), healing(workers=2) as sim:
+        os.kill(sim.pids[0], signal.SIGKILL)
         report = sim.run(frames=FRAMES)
         assert sim.digest() == undisturbed()[0]
     assert report.frames == FRAMES
@@ -182,7 +210,6 @@ def test_a_death_before_or_while_discs_are_added_is_healed(grows):
                 if workers > 1:
                     os.kill(random.choice(sim.pids), signal.SIGKILL)
                 sim.add(more.position[:grows], more.velocity[:grows])
-                assert workers == 1 or grows == 1 or not any(map(is_gone, sim.pids))
             sim.run(frames=5, measures=["pressure"])  # which moves them again
             assert sim.count == 81 + 3 * grows
             digests.append(sim.digest())
@@ -204,13 +231,17 @@ def test_a_death_between_runs_is_healed_when_measures_move_the_workers():
 
 @pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
 def test_emitters_and_exits_go_back_too():
-    scene, digests = zoo("emitters absorbing piston gravity", count=30, side=40.0), []
-    for workers in (1, 3):
-        with healing(scene, workers=workers) as sim, Killer(sim, lambda: random.uniform(0.05, 0.2), most=4) as killer:
-            sim.run(frames=2000)
-            digests.append((sim.count, sim.absorbed.sum(), sim.digest()))
-    assert killer.deaths
-    assert digests[0] == digests[1]
+    scene = zoo("emitters absorbing piston gravity", count=30, side=40.0)
+
+    def experiment(killing):
+        digests = []
+        for workers in (1, 3):
+            with healing(scene, workers=workers) as sim, killing(sim):
+                sim.run(frames=2000)
+                digests.append((sim.count, sim.absorbed.sum(), sim.digest()))
+        assert digests[0] == digests[1]
+
+    repeat_until_killed(experiment, lambda: random.uniform(0.05, 0.2), most=4)
 
 
 @pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
@@ -220,29 +251,37 @@ def test_auto_that_becomes_parallel_on_the_way_heals_as_well():
         width=200, height=200, position=crowd(390, 0.2).position, velocity=crowd(390, 0.2).velocity, radius=0.5,
         emitters=mpsim.Emitter((100, 100), (20, 5), every=10),
     )  # fmt: skip
-    digests = []
-    for workers in (1, 3):
-        with simulate(scene, method="auto", workers=workers, on_worker_death="restart") as sim:
-            assert sim.pids == []
-            with Killer(sim, lambda: 0.05, most=3) as killer:
-                sim.run(frames=6000)
-            digests.append(sim.digest())
-    assert killer.deaths
-    assert digests[0] == digests[1]
+
+    def experiment(killing):
+        digests = []
+        for workers in (1, 3):
+            with simulate(scene, method="auto", workers=workers, on_worker_death="restart") as sim:
+                assert sim.pids == []
+                with killing(sim):
+                    sim.run(frames=6000)
+                digests.append(sim.digest())
+        assert digests[0] == digests[1]
+
+    repeat_until_killed(experiment, lambda: 0.05, most=3)
 
 
 def test_all_workers_at_once_may_die():
-    with healing() as sim:
+    dead = []
 
-        def kill_all(pids):
+    def kill_all(pids):
+        if len(dead) < 6:
             for pid in pids:
                 os.kill(pid, signal.SIGKILL)
-            killer.deaths += 1
+            dead.extend(pids)
 
-        with Killer(sim, lambda: 0.15, kill_all, most=3) as killer:
+    for attempt in range(6):
+        pause = 0.15 * 0.5**attempt
+        with healing() as sim, Killer(sim, lambda seconds=pause: seconds, kill_all):
             report = sim.run(frames=FRAMES, measures=MEASURES)
-        assert killer.deaths
-        assert_as_undisturbed(sim, report)
+            assert_as_undisturbed(sim, report)
+        if dead:
+            return
+    pytest.fail("nobody has died, which tests nothing")
 
 
 def test_a_death_during_a_snapshot_is_healed(monkeypatch):
@@ -336,16 +375,18 @@ def test_raise_is_the_default_and_raises():
 def test_a_coordinator_in_a_thread_heals_too():
     found = []
 
-    def work():
-        with healing() as sim, Killer(sim, often, most=3) as killer:
+    def work(killing):
+        with healing() as sim, killing(sim):
             report = sim.run(frames=FRAMES, measures=MEASURES)
-            found.append((sim.digest(), values(report), killer.deaths > 0))
+            found.append((sim.digest(), values(report)))
 
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
-    digest, expected, _ = undisturbed()
-    assert found == [(digest, expected, True)]
+    def experiment(killing):
+        thread = threading.Thread(target=work, args=(killing,))
+        thread.start()
+        thread.join()
+
+    repeat_until_killed(experiment, often, most=3)
+    assert set(map(repr, found)) == {repr(undisturbed()[:2])}
 
 
 def test_checkpoints_are_right_when_workers_die_between_them(tmp_path):
