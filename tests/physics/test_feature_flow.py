@@ -173,6 +173,14 @@ def board(rows, restitution, tilt=0.0, runs=4):
     return np.concatenate(ends)
 
 
+def from_binomial(ends, rows):
+    """Largest difference of the cumulative filling of the bins from the binomial law's, B(rows, 1/2) (Kolmogorov)."""
+    steps = np.arange(rows + 1) - rows / 2
+    filling = [((ends >= step - 0.5) & (ends < step + 0.5)).mean() for step in steps]
+    law = [math.comb(rows, right) / 2**rows for right in range(rows + 1)]
+    return np.abs(np.cumsum(filling) - np.cumsum(law)).max()
+
+
 def check_board(rows, runs, figures):
     """Left and right alike, and as wide as the binomial law says of independent steps, sqrt(rows) / 2, within 20 %."""
     ends, expected = board(rows, 0.24, runs=runs), math.sqrt(rows) / 2
@@ -188,6 +196,14 @@ def check_board(rows, runs, figures):
     figures.note(
         "P5", "impact", f"{rows} rows of pegs: width of the profile", f"{expected:.2f}", f"{ends.std():.2f}", control
     )
+    critical = 1.63 / math.sqrt(len(ends))  # which independent steps exceed once in a hundred boards
+    profile, *controls = (from_binomial(each, rows) for each in (ends, tilted, dull))
+    assert profile < critical, f"bins differ from the binomial law by {profile}"
+    assert min(controls) > critical
+    figures.note(
+        "P5", "impact", f"{rows} rows of pegs: bins against the binomial law", f"< {critical:.3f}", f"{profile:.3f}",
+        "tilted, e = 0: " + ", ".join(f"{each:.2f}" for each in controls),
+    )  # fmt: skip
 
 
 def test_discs_spread_over_pegs_as_far_as_by_independent_steps(figures):
