@@ -54,6 +54,12 @@ def _close_all() -> None:
         simulation.close()
 
 
+def _close(solver: SteppedSolver | ExactSolver) -> None:
+    """Close a solver, and whole: Ctrl-C pressed once more would leave half of it behind. It takes a bounded time."""
+    with interrupts_held_back():
+        solver.close()
+
+
 class Simulation:
     """A scene being simulated. Use it in a `with` block: leaving it stops the workers and frees the shared memory.
 
@@ -91,7 +97,7 @@ class Simulation:
         self._pacer = Pacer(choice.workers, MOST_FRAMES)
         solver = ExactSolver if choice.method == "event" else SteppedSolver
         self._solver: SteppedSolver | ExactSolver = solver(scene, settings, choice)
-        self._closing = weakref.finalize(self, self._solver.close)
+        self._closing = weakref.finalize(self, _close, self._solver)
         _open.add(self)
 
     def __enter__(self) -> "Simulation":

@@ -1,5 +1,6 @@
 """Ctrl-C, which reaches coordinator and workers alike, is one KeyboardInterrupt; the state stays whole."""
 
+import contextlib
 import itertools
 import math
 import os
@@ -11,11 +12,11 @@ from multiprocessing.process import BaseProcess
 
 import pytest
 from support.compare import assert_inside_and_finite, assert_same_bits, overlapping_pairs
-from support.processes import Script, assert_nothing_left_of
+from support.processes import Script, assert_nothing_left_of, blocks_of, is_gone
 from support.scenes import lattice, simulate, state_after
 
 import mpsim
-from mpsim.engine import exact
+from mpsim.engine import exact, pool
 
 ENDS_WITHIN = {"running": 2.0, "starting": 5.0}
 """Seconds from Ctrl-C to the end of the process. A slice of frames is 0.05 s, ending Python and workers the rest, on a
@@ -61,6 +62,53 @@ def test_an_interrupt_during_a_run_is_one_keyboard_interrupt(start):
 @pytest.mark.parametrize("method", ["naive", "grid"])
 def test_an_interrupt_on_one_process_is_one_keyboard_interrupt(method):
     interrupt(SCRIPT.format(method=method, start="fork"), "running", 0.1)
+
+
+def interrupt_again_and_again(start, pause):
+    """Press Ctrl-C until the script has ended, as somebody does who loses patience; how often that was.
+
+    What such a script still prints is in Python's hands: its own end is interrupted too.
+    """
+    with Script(SCRIPT.format(method="parallel", start=start)) as script:
+        while script.line() != "running":
+            pass
+        pressed = 0
+        while not is_gone(script.pid) and pressed < 2000:
+            with contextlib.suppress(ProcessLookupError):
+                script.send_to_group(signal.SIGINT)
+            pressed += 1
+            time.sleep(pause)
+        outcome = script.finish(15)
+        assert_nothing_left_of(script.pid)
+    assert outcome.code == -signal.SIGINT, f"{outcome.code}: {outcome.err}"
+    assert "worker_main" not in outcome.err, f"a worker's traceback:\n{outcome.err}"
+    return pressed
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("pause", [0.0005, 0.01])
+@pytest.mark.parametrize("start", ["fork", "forkserver"])
+def test_a_storm_of_interrupts_leaves_nothing_behind(start, pause, figures):
+    pressed = interrupt_again_and_again(start, pause)
+    assert pressed > 1, "a control: once is no storm"
+    deed = f"Ctrl-C every {pause * 1000:g} ms until the end"
+    figures.note("R8", f"parallel on 3, {start}", deed, "nothing is left", f"nothing; pressed {pressed} times")
+
+
+def test_an_interrupt_while_a_simulation_closes_comes_after_it_is_closed(monkeypatch):
+    stop = pool.WorkerPool.stop
+
+    def interrupt_and_stop(self):
+        signal.raise_signal(signal.SIGINT)
+        stop(self)
+
+    sim = simulate(lattice(9, 9), method="parallel", workers=2)
+    pids = sim.pids
+    monkeypatch.setattr(pool.WorkerPool, "stop", interrupt_and_stop)
+    with pytest.raises(KeyboardInterrupt):
+        sim.close()
+    assert all(map(is_gone, pids))
+    assert blocks_of(os.getpid()) == set()
 
 
 WHILE_LOADING = """

@@ -43,6 +43,35 @@ def test_waiting_for_a_stopped_worker_burns_little_cpu():
     assert spent < 0.75, f"{spent:.2f} s of CPU during 1.5 s of waiting"
 
 
+ON_ONE_CORE = """
+import os, time
+os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+import mpsim
+from support.scenes import lattice, simulate
+
+found = []
+for method, workers in (("grid", 1), ("parallel", 3)):
+    with simulate(lattice(40, 40), method=method, workers=workers, start_method="fork") as sim:
+        sim.run(frames=100)
+        started = time.process_time()
+        report = sim.run(frames=1000)
+        found.append((sim.digest(), float(report.frame_seconds.mean())))
+(digest, alone), (same, shared) = found
+print(digest == same, shared / alone)
+"""
+
+
+def test_workers_that_share_one_core_are_slow_and_right(figures):
+    """A barrier among three on one core means three changes of process; it must not mean three time slices (4 ms)."""
+    outcome = run_script(ON_ONE_CORE)
+    assert_clean(outcome)
+    same, factor = outcome.out.split()
+    assert same == "True"
+    assert float(factor) < 40, f"a frame took {factor} times as long; a time slice at each barrier would be 100"
+    found = f"the same, in {float(factor):.1f} times the time"
+    figures.note("R13", "parallel on 3", "all pinned to one core", "digest of grid", found)
+
+
 def test_an_idle_pool_burns_no_cpu():
     with simulate(lattice(40, 40), method="parallel", workers=3) as sim:
         sim.run(frames=20)
