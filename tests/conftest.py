@@ -3,6 +3,7 @@
 import faulthandler
 import gc
 import os
+import signal
 import sys
 import tempfile
 from multiprocessing import forkserver, resource_tracker
@@ -43,6 +44,8 @@ def pytest_configure(config):
     hypothesis.settings.load_profile("long" if long else "default")
     config.stash[_figures] = Figures()
     config.stash[_stderr] = os.dup(2)
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as a shell does for what it starts in the background
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     faulthandler.dump_traceback_later(LONGEST_SESSION[long], exit=True, file=config.stash[_stderr])
 
 
