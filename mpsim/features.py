@@ -246,7 +246,9 @@ def check_edges(absorbing: object, boundary: tuple[str, str]) -> tuple[str, ...]
     return tuple(dict.fromkeys(names))
 
 
-def check_piston(piston: Any, boundary: tuple[str, str], width: float, height: float, absorbing: tuple[str, ...]):
+def check_piston(
+    piston: Any, boundary: tuple[str, str], width: float, height: float, absorbing: tuple[str, ...]
+) -> Piston | None:
     """The piston, if it is one, moves a wall, and stops in the box."""
     if piston is None:
         return None
