@@ -25,7 +25,7 @@ html_show_sphinx = False
 
 
 def name_tables(_: Any, page: str, source: list[str]) -> None:
-    """Give a page that scripts write, a table and no more, a title; it is reached by links, from no table of contents."""
+    """Give a page that is a table and no more a title. Links lead to it, but no table of contents."""
     if not source[0].lstrip().startswith("#"):
         title = page.rsplit("/", maxsplit=1)[-1].replace("-", " ").replace("_", " ").capitalize()
         source[0] = f"---\norphan: true\n---\n\n# {title}\n\n{source[0]}"
