@@ -95,10 +95,13 @@ class Emitter:
         velocity: of the new disc [length/time].
         every: frames between two discs, >= 1.
         limit: discs in all, >= 1; None: no end.
-        radius, mass: of the new discs; None: those of the scene, if its discs have one.
+        radius, mass: of the new discs [length], [mass]; None: those of the scene, if its discs have one.
 
     Raises:
         InputError: naming the argument, its rule and the value received.
+
+    >>> Emitter(position=(1, 2), velocity=(3, 0), every=10, limit=5).position
+    (1.0, 2.0)
     """
 
     position: ArrayLike
@@ -131,6 +134,9 @@ class Piston:
 
     Raises:
         InputError: naming the argument, its rule and the value received.
+
+    >>> Piston("right", speed=-0.5, stop=3).stop
+    3.0
     """
 
     wall: str

@@ -127,7 +127,16 @@ class Scene:
         return margin, size - margin
 
     def check_inside(self, name: str, position: NDArray[np.float64], radius: float | NDArray[np.float64]) -> None:
-        """Raise InputError, naming the first offender, unless every centre is at least one radius from each wall."""
+        """Refuse discs that are not in the box.
+
+        Args:
+            name: of the argument, for the text of the error.
+            position: centres, shape (N, 2) [length].
+            radius: of every disc, or one each, shape (N,) [length].
+
+        Raises:
+            InputError: naming the first centre that is less than one radius from a wall.
+        """
         low, high = self.limits(radius)
         # A centre may touch the wall to within rounding of the box's own coordinates.
         slack = 4 * np.finfo(np.float64).eps * max(self.width, self.height)

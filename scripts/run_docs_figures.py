@@ -9,6 +9,7 @@ import re
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -30,7 +31,7 @@ WORKERS = (("#0072B2", "#7CC4EC"), ("#D55E00", "#F0B84B"))
 """Two shades for each worker, so that brackets beside each other differ."""
 
 AT_REST = "#EEEEEE"
-PHASE_COLOURS = dict(zip(PHASES, ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#BBBBBB"), strict=True))
+PHASE_COLOURS: dict[str, str] = dict(zip(PHASES, ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#BBBBBB"), strict=True))
 FRAME_DISCS = 20_000
 
 
@@ -74,7 +75,7 @@ def passes(path: Path) -> None:
         panel.set_title(f"{'odd' if first else 'even'} columns: {', '.join(map(str, brackets))}")
         belongs = f"columns 0 to {half - 1} belong to worker 0, {half} to {grid.columns - 1} to worker 1"
         panel.set_xlabel(belongs, labelpad=18)
-    handles = [tuple(Rectangle((0, 0), 1, 1, color=shade) for shade in shades) for shades in (*WORKERS, (AT_REST,))]
+    handles: list[Any] = [tuple(Rectangle((0, 0), 1, 1, color=shade) for shade in shades) for shades in (*WORKERS, (AT_REST,))]
     words = ["done by worker 0", "done by worker 1", "not touched in this pass"]
     figure.legend(
         handles, words, loc="outside lower center", ncols=3, handler_map={tuple: HandlerTuple(None)}, handlelength=3

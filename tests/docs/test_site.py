@@ -31,7 +31,7 @@ def site(tmp_path_factory) -> Path:
 
 
 def loaded_from_elsewhere(site: Path) -> list[str]:
-    """What a browser would fetch from another machine when it shows a page; links that a reader follows do not count."""
+    """What a browser would fetch from another machine to show a page. Links that a reader may follow do not count."""
     found = [match for page in site.rglob("*.html") for match in LOADED.findall(page.read_text())]
     return found + [match for style in site.rglob("*.css") for match in LOADED_BY_STYLE.findall(style.read_text())]
 
