@@ -41,6 +41,11 @@ def crowd() -> tuple[mpsim.Scene, Grid]:
     return scene, grid_for(scene.count, scene.width, scene.height, 2 * scene.largest_radius, "float64")
 
 
+def swatch(colour: str) -> Rectangle:
+    """A colour in a legend."""
+    return Rectangle((0, 0), 1, 1, color=colour)
+
+
 def cells(axes: Axes, scene: mpsim.Scene, grid: Grid, columns_only: bool = False) -> None:
     """Lines between cells, and the numbers of the columns below."""
     wide, high = scene.width / grid.columns, scene.height / grid.rows
@@ -75,7 +80,7 @@ def passes(path: Path) -> None:
         panel.set_title(f"{'odd' if first else 'even'} columns: {', '.join(map(str, brackets))}")
         belongs = f"columns 0 to {half - 1} belong to worker 0, {half} to {grid.columns - 1} to worker 1"
         panel.set_xlabel(belongs, labelpad=18)
-    handles: list[Any] = [tuple(Rectangle((0, 0), 1, 1, color=shade) for shade in shades) for shades in (*WORKERS, (AT_REST,))]
+    handles: list[Any] = [tuple(map(swatch, shades)) for shades in (*WORKERS, (AT_REST,))]
     words = ["done by worker 0", "done by worker 1", "not touched in this pass"]
     figure.legend(
         handles, words, loc="outside lower center", ncols=3, handler_map={tuple: HandlerTuple(None)}, handlelength=3
@@ -131,7 +136,7 @@ def frame(path: Path) -> None:
     axes.invert_yaxis()
     axes.grid(axis="y", visible=False)
     axes.set(xlabel="time [µs]", title=f"A frame of {FRAME_DISCS:,} discs: median time of each step")
-    handles = [Rectangle((0, 0), 1, 1, color=colour) for colour in PHASE_COLOURS.values()]
+    handles = [swatch(colour) for colour in PHASE_COLOURS.values()]
     figure.legend(handles, PHASE_COLOURS, loc="outside lower center", ncols=len(PHASE_COLOURS))
     figure.savefig(path)
 
