@@ -19,7 +19,7 @@ class SceneFileError(InputError):
 
     def __init__(self, file: str, problems: Sequence[str]):
         self.file = file
-        self.problems = tuple(problems)
+        self.problems: tuple[str, ...] = tuple(problems)
         lines = [f"{file}: {problem}" for problem in problems]
         super().__init__("\n".join([f"{len(lines)} problems in a scene file:", *lines] if len(lines) > 1 else lines))
 

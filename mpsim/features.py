@@ -95,10 +95,13 @@ class Emitter:
         velocity: of the new disc [length/time].
         every: frames between two discs, >= 1.
         limit: discs in all, >= 1; None: no end.
-        radius, mass: of the new discs; None: those of the scene, if its discs have one.
+        radius, mass: of the new discs [length], [mass]; None: those of the scene, if its discs have one.
 
     Raises:
         InputError: naming the argument, its rule and the value received.
+
+    >>> Emitter(position=(1, 2), velocity=(3, 0), every=10, limit=5).position
+    (1.0, 2.0)
     """
 
     position: ArrayLike
@@ -131,6 +134,9 @@ class Piston:
 
     Raises:
         InputError: naming the argument, its rule and the value received.
+
+    >>> Piston("right", speed=-0.5, stop=3).stop
+    3.0
     """
 
     wall: str
@@ -246,7 +252,9 @@ def check_edges(absorbing: object, boundary: tuple[str, str]) -> tuple[str, ...]
     return tuple(dict.fromkeys(names))
 
 
-def check_piston(piston: Any, boundary: tuple[str, str], width: float, height: float, absorbing: tuple[str, ...]):
+def check_piston(
+    piston: Any, boundary: tuple[str, str], width: float, height: float, absorbing: tuple[str, ...]
+) -> Piston | None:
     """The piston, if it is one, moves a wall, and stops in the box."""
     if piston is None:
         return None

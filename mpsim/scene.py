@@ -74,19 +74,19 @@ class Scene:
         rows = f"({count}, 2), one row per row of position"
         self.velocity: NDArray[np.float64] = checks.finite_array("velocity", velocity, (count, 2), rows)
         self.radius: float | NDArray[np.float64] = _one_or_each("radius", radius, count, "[length]")
-        self.mass = None if mass is None else _masses(mass, count)
+        self.mass: NDArray[np.float64] | None = None if mass is None else _masses(mass, count)
         self.gravity: NDArray[np.float64] | None = None
         if gravity is not None:
             self.gravity = checks.finite_array("gravity", gravity, (2,), "(2,)")
         self.acceleration: NDArray[np.float64] | None = None
         if acceleration is not None:
             self.acceleration = checks.finite_array("acceleration", acceleration, (count, 2), rows)
-        self.restitution = checks.fraction("restitution", restitution)
-        self.wall_restitution = checks.fraction("wall_restitution", wall_restitution)
-        self.boundary = features.check_boundary(boundary)
-        self.obstacles = features.check_obstacles(obstacles, self.width, self.height)
+        self.restitution: float = checks.fraction("restitution", restitution)
+        self.wall_restitution: float = checks.fraction("wall_restitution", wall_restitution)
+        self.boundary: tuple[str, str] = features.check_boundary(boundary)
+        self.obstacles: tuple[Obstacle, ...] = features.check_obstacles(obstacles, self.width, self.height)
         self.emitters: tuple[Emitter, ...] = features.check_members("emitters", emitters, Emitter)
-        self.absorbing = features.check_edges(absorbing, self.boundary)
+        self.absorbing: tuple[str, ...] = features.check_edges(absorbing, self.boundary)
         self.piston: Piston | None = features.check_piston(
             piston, self.boundary, self.width, self.height, self.absorbing
         )
@@ -127,7 +127,16 @@ class Scene:
         return margin, size - margin
 
     def check_inside(self, name: str, position: NDArray[np.float64], radius: float | NDArray[np.float64]) -> None:
-        """Raise InputError, naming the first offender, unless every centre is at least one radius from each wall."""
+        """Refuse discs that are not in the box.
+
+        Args:
+            name: of the argument, for the text of the error.
+            position: centres, shape (N, 2) [length].
+            radius: of every disc, or one each, shape (N,) [length].
+
+        Raises:
+            InputError: naming the first centre that is less than one radius from a wall.
+        """
         low, high = self.limits(radius)
         # A centre may touch the wall to within rounding of the box's own coordinates.
         slack = 4 * np.finfo(np.float64).eps * max(self.width, self.height)

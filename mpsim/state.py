@@ -101,6 +101,10 @@ class State:
     Attributes:
         position: shape (N, 2) [length], in the precision of the run.
         velocity: shape (N, 2) [length/time].
+
+    >>> import numpy as np
+    >>> State(position=np.array([[1.0, 2.0]]), velocity=np.zeros((1, 2))).position.tolist()
+    [[1.0, 2.0]]
     """
 
     position: NDArray[np.floating]

@@ -47,8 +47,8 @@ class ExactSolver:
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         _refuse_what_is_not_exact(scene, settings)
-        self.count = scene.count
-        self.choice = choice
+        self.count: int = scene.count
+        self.choice: Choice = choice
         self._scene = scene
         self._settings = settings
         self._law = _law_of(scene)
@@ -220,18 +220,18 @@ class ExactSolver:
 
     # --- snapshots
 
-    def snapshot(self) -> dict[str, NDArray]:
+    def snapshot(self) -> dict[str, NDArray[Any]]:
         """Copies of everything that the next event depends on; the calendar follows from the discs' next events."""
         found = {name: self._block.arrays[name].copy() for name in KEPT}
         found |= {"radii": self._radii.astype(float), "masses": self._masses.astype(float)}
         return found | {"progress": self._progress.copy(), "seen": self._seen.copy()}
 
     @staticmethod
-    def count_in(snapshot: dict[str, NDArray]) -> int:
+    def count_in(snapshot: dict[str, NDArray[Any]]) -> int:
         """Discs in a snapshot."""
         return len(snapshot["order"])
 
-    def restore(self, snapshot: dict[str, NDArray], choice: Choice, new_workers: bool) -> None:
+    def restore(self, snapshot: dict[str, NDArray[Any]], choice: Choice, new_workers: bool) -> None:
         """Go back (or on) to a snapshot. It has no workers."""
         count = self.count_in(snapshot)
         block, store, box = self._room(count)

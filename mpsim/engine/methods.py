@@ -7,7 +7,7 @@ from mpsim.engine.cores import may_start_processes, usable_cores
 from mpsim.kernels.compiling import JIT_DISABLED
 from mpsim.settings import Settings
 
-logger = logging.getLogger("mpsim")
+logger: logging.Logger = logging.getLogger("mpsim")
 
 NAIVE_UP_TO = 160
 """Discs up to which `auto` tests all pairs. A constant, not a measurement: naive and grid resolve contacts in different

@@ -17,7 +17,7 @@ from mpsim.kernels.layout import PHASES
 from mpsim.measure.gathering import Gathering
 from mpsim.scene import Scene
 
-logger = logging.getLogger("mpsim")
+logger: logging.Logger = logging.getLogger("mpsim")
 
 SNAPSHOT_PART = 0.01
 """Part of the running time that in-memory snapshots may take: the next one waits until the last one's time is so small
@@ -50,8 +50,8 @@ class Ledger:
 
     def __init__(self, workers: int, gathering: Gathering):
         self.gathering = gathering
-        self.done = 0
-        self.collisions = 0
+        self.done: int = 0
+        self.collisions: int = 0
         self._times = [np.zeros((workers, 0, len(PHASES)), np.int64)]
 
     def take(self, part: Slice, scene: Scene) -> None:

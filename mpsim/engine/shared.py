@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import psutil
@@ -55,13 +55,13 @@ class SharedBlock:
         self._memory = memory
         self._owner = owner
         self._creator = os.getpid()
-        self.name = memory.name
+        self.name: str = memory.name
         self.specs = specs
-        self.nbytes = _offsets(specs)[-1]
-        self.arrays: dict[str, NDArray] = {}
+        self.nbytes: int = _offsets(specs)[-1]
+        self.arrays: dict[str, NDArray[Any]] = {}
         for (name, spec), offset in zip(specs.items(), _offsets(specs), strict=False):
             # frombuffer holds the block: closing while a view lives raises instead of crashing at the next read.
-            flat: NDArray = np.frombuffer(
+            flat: NDArray[Any] = np.frombuffer(
                 cast(memoryview, memory.buf), spec.dtype, spec.nbytes // spec.dtype.itemsize, offset
             )
             self.arrays[name] = flat.reshape(spec.shape)

@@ -64,7 +64,7 @@ class Simulation:
     """A scene being simulated. Use it in a `with` block: leaving it stops the workers and frees the shared memory.
 
     Args:
-        scene: what is simulated.
+        scene: what is simulated, in units of its own: [length], [time], [mass].
         settings: how; the defaults if left out.
 
     Raises:

@@ -34,13 +34,13 @@ class SteppedSolver:
     """
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
-        self.count = scene.count
-        self.choice = choice
+        self.count: int = scene.count
+        self.choice: Choice = choice
         self._scene = scene
         self._settings = settings
         self._sorted_grid: Grid | None = None
         self._tallying = False
-        self.torn = False  # whether a worker died inside a frame and Ctrl-C came before anybody could be told
+        self.torn: bool = False  # whether a worker died inside a frame and Ctrl-C came before anybody could be told
         self._pool: WorkerPool | None = None
         self._processes = [psutil.Process()]
         self._radii = scene.radii.astype(float)
@@ -278,7 +278,7 @@ class SteppedSolver:
         """Move everything to a new block, larger or for another method, and the workers with it."""
         self._replace_block(capacity, choice, self.snapshot(), new_pool=choice != self.choice)
 
-    def _replace_block(self, capacity: int, choice: Choice, snapshot: dict[str, NDArray], new_pool: bool) -> None:
+    def _replace_block(self, capacity: int, choice: Choice, snapshot: dict[str, NDArray[Any]], new_pool: bool) -> None:
         """A new block that holds a snapshot; the workers attach to it, or others are started."""
         old, before = self._block, (self.choice, self._capacity)
         loaded = "tally" in old.arrays or not self._tallying
@@ -301,7 +301,7 @@ class SteppedSolver:
         finally:
             old.close()
 
-    def snapshot(self) -> dict[str, NDArray]:
+    def snapshot(self) -> dict[str, NDArray[Any]]:
         """Copies of everything that the next frame depends on, in the order of the scene's discs."""
         state, count, arrays = self._state_as_it_lies(), self.count, self._block.arrays
         control = arrays["control"]
@@ -315,17 +315,17 @@ class SteppedSolver:
         return found
 
     @staticmethod
-    def count_in(snapshot: dict[str, NDArray]) -> int:
+    def count_in(snapshot: dict[str, NDArray[Any]]) -> int:
         """Discs in a snapshot."""
         return len(snapshot["position"])
 
-    def restore(self, snapshot: dict[str, NDArray], choice: Choice, new_workers: bool) -> None:
+    def restore(self, snapshot: dict[str, NDArray[Any]], choice: Choice, new_workers: bool) -> None:
         """Go back (or on) to a snapshot; on new workers where those that were there may be dead."""
         capacity = max(self._capacity, len(snapshot["position"]))
         self._radii = snapshot["radii"].copy()  # which the size of the grid may depend on
         self._replace_block(capacity, choice, snapshot, new_pool=new_workers or choice != self.choice)
 
-    def _enter(self, snapshot: dict[str, NDArray]) -> None:
+    def _enter(self, snapshot: dict[str, NDArray[Any]]) -> None:
         """Write a snapshot into the present, new block."""
         self._radii, self._masses = snapshot["radii"].copy(), snapshot["masses"].copy()
         self.count = len(self._radii)

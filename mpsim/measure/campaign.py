@@ -82,8 +82,8 @@ class Campaign:
         self.pilot: Pilot = pilot(scene, self._kept.reference)
         until = _length(self.pilot, scene, replicas) if until is None else until
         speed, memory = self.pilot.speed * np.sqrt(2), _memory(self.pilot, scene, until)
-        self.plan = Plan(until, speed, self.pilot.short, self.pilot.growth, memory)
-        self.measures = tuple(measures)
+        self.plan: Plan = Plan(until, speed, self.pilot.short, self.pilot.growth, memory)
+        self.measures: tuple[str, ...] = tuple(measures)
         self.replicas = replicas
         self._scene = scene
         self._executor = executor
@@ -217,7 +217,8 @@ class Kept:
         self._path = None if path is None else _checked(path)
         self._results: dict[str, Any] = {}
         self._title = {"format": FORMAT, "scene": scene}
-        self._plan = self.reference = None
+        self._plan: str | None = None
+        self.reference: str | None = None
         self._open = False
         self._saved = time.monotonic()
         if self._path is not None and self._path.exists():

@@ -158,16 +158,16 @@ def _stepped_look(scene: Scene, settings: Settings, crossing: float) -> Look:
 
 def _look(scene: Scene, settings: Settings, crossing: float, patience: float) -> Look:
     """A run of the scene, STARTS blocks long."""
-    states, squares, collisions, guarded = [], [], 0, 0
-    look = _impatient(patience)
+    collisions, guarded = 0, 0
     with quietly(), Simulation(scene, settings) as sim:
+        states = [sim.state]
+        look = _impatient(patience)  # from here on, as what came before may have compiled
         block = done = 1
         for _ in range(STARTS):
-            states.append(sim.state)
-            squares.append(float((sim.state.velocity**2).mean()))
             report = sim.run(frames=block, progress=look)
             collisions, guarded, done = collisions + report.collisions, guarded + report.guarded, block
             block = int(np.clip(COLLISIONS / max(collisions / sim.frame, 1), 1, 5 * crossing / settings.dt))
-        squares.append(float((sim.state.velocity**2).mean()))
-        speed, share = float(np.sqrt(np.mean(squares))), guarded / max(collisions, 1)
-        return Look(speed, collisions / sim.time, tuple(states), done * settings.dt, share)
+            states.append(sim.state)
+        speed = float(np.sqrt(np.mean([(state.velocity**2).mean() for state in states])))
+        share = guarded / max(collisions, 1)
+        return Look(speed, collisions / sim.time, tuple(states[:-1]), done * settings.dt, share)

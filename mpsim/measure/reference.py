@@ -42,6 +42,9 @@ class Published:
         value: [1].
         error: one standard error; None where the source gives none.
         source: where to read it.
+
+    >>> str(Published(6.90107, 7e-5, "a paper"))
+    '6.90107(7)'
     """
 
     value: float
@@ -156,6 +159,8 @@ def compressibility_from_rate(rate: float, radius: float, temperature: float, de
     Raises:
         InputError: naming the argument and its rule.
 
+    Source: `enskog_rate`, solved for Z.
+
     >>> round(compressibility_from_rate(enskog_rate(0.3), radius=0.5, temperature=1.0), 5)
     2.06326
     """
@@ -196,6 +201,8 @@ class ClosedBox:
         pressure: mean force on a wall over the wall's full length, so on the full area [1/time^2].
         compressibility: pressure x side^2 / (N kT) [1].
         bulk_density: number density in the middle [1/length^2].
+
+    Source: see `closed_box`, which makes it.
     """
 
     pressure: float
@@ -255,6 +262,8 @@ class TwoDiscs:
         force_x, force_y: mean force on one wall across x, and on one across y [length/time^2].
         wall_rate: hits of either disc on any wall, per time [1/time].
         pair_rate: collisions of the pair, per time [1/time].
+
+    Source: see `two_discs`, which makes it.
     """
 
     phase_area: float

@@ -161,22 +161,27 @@ def tradeoff(
     path: str | Path | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> Tradeoff:
-    r"""Cost and errors of each candidate on a scene.
+    """Cost and errors of each candidate on a scene.
 
     Errors are those of the physics: averages over `replicas` runs of length `until`, which start as the scene says but
     for a millionth of each velocity, against twice as many of the exact solver (or, where that cannot do the scene, of
     the finest affordable stepped run, and the table says so).
     A difference below three standard errors (more, where few replicas know them badly) is "not resolved".
 
-    | measure | error |
-    |---|---|
-    | pressure, collision_rate | relative difference of the averages [1] |
-    | energy_drift | difference of the relative change of energy per time [1/time] |
-    | momentum_drift | momentum that came from nowhere, per time, over the sum of all \|v\| [1/time] |
-    | overlap, largest_overlap | mean and largest depth at which pairs are met [diameters] |
-    | speed_distribution | largest difference of the cumulative distributions of speeds [1] |
-    | trajectory | distance of the discs from where the exact solver has them after a short time, rms [diameters] |
-    | missed_collisions | part of the exact solver's collisions that did not happen in that time; < 0: too many [1] |
+    pressure, collision_rate
+        relative difference of the averages [1]
+    energy_drift
+        difference of the relative change of energy per time [1/time]
+    momentum_drift
+        momentum that came from nowhere, per time, over the sum of all |v| [1/time]
+    overlap, largest_overlap
+        mean and largest depth at which pairs are met [diameters]
+    speed_distribution
+        largest difference of the cumulative distributions of speeds [1]
+    trajectory
+        distance of the discs from where the exact solver has them after a short time, rms [diameters]
+    missed_collisions
+        part of the exact solver's collisions that did not happen in that time; < 0: too many [1]
 
     Cost is measured when all accuracy runs are over, one candidate at a time.
 

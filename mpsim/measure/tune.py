@@ -67,7 +67,7 @@ class Tuned:
         budgets: as they were asked for.
         reference: what the errors are measured against, in words.
         tried: every candidate of the search with its verdict, cheapest first.
-        tighter: cost of half of every budget, estimated from the fitted order, over the cost of this one.
+        tighter: cost of half of every budget, estimated from the fitted order, over the cost of this one [1].
     """
 
     settings: Settings

@@ -46,9 +46,9 @@ def animate(
     Args:
         scene, settings: what is simulated and how (None: the defaults).
         path: ends in .gif (always possible) or .mp4 (needs ffmpeg on the PATH). An existing file is replaced.
-        frames: pictures, >= 1; the first shows the start.
+        frames: number of pictures, >= 1; the first shows the start.
         every: frames of the simulation from one picture to the next, >= 1.
-        pictures_per_second: of the animation, 1 to 50.
+        pictures_per_second: of the animation, 1 to 50 [1/s].
         pixels: length of the longer side of the box in a picture, 100 to 4000.
         progress: show a progress bar, if standard error is a terminal.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mpsim import checks
 from mpsim.errors import InputError
 
-logger = logging.getLogger("mpsim")
+logger: logging.Logger = logging.getLogger("mpsim")
 
 INLINE = 64
 """Rows up to which an array is saved in the scene file itself, where a person can read it."""

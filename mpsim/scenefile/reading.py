@@ -20,7 +20,7 @@ from mpsim.scenefile.arrays import Source
 from mpsim.scenefile.building import ProblemsError, build
 from mpsim.settings import Settings
 
-logger = logging.getLogger("mpsim")
+logger: logging.Logger = logging.getLogger("mpsim")
 
 _OF_WHAT = re.compile(r"(?<=\w) of (a|an|the) (FixedDisc|Polyline|Emitter|Piston|piston)(?= must)")
 _FIRST_WORD = re.compile(r"\w+(?=[ \[])")

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 import pydantic
@@ -27,7 +27,9 @@ Check = Callable[[str, Any, ValidationInfo], Any]
 class Table(pydantic.BaseModel):
     """A table of a scene file: no key but its own, no conversion of one type into another."""
 
-    model_config = pydantic.ConfigDict(extra="forbid", strict=True, frozen=True, arbitrary_types_allowed=True)
+    model_config: ClassVar[pydantic.ConfigDict] = pydantic.ConfigDict(
+        extra="forbid", strict=True, frozen=True, arbitrary_types_allowed=True
+    )
 
 
 def _checked(check: Check) -> PlainValidator:
@@ -134,8 +136,13 @@ class About(Table):
 _SETTINGS: dict[str, Any] = {
     field.name: (Annotated[Any, _as_in((Settings, {}))], field.default) for field in dataclasses.fields(Settings)
 }
-SettingsTable: type[Table] = pydantic.create_model("SettingsTable", __base__=Table, **_SETTINGS)
-SettingsTable.__doc__ = "Recommended settings, by the names that Settings has for them."
+if TYPE_CHECKING:
+
+    class SettingsTable(Table):
+        """Recommended settings, by the names that Settings has for them: made below, where its keys are known."""
+else:
+    SettingsTable = pydantic.create_model("SettingsTable", __base__=Table, **_SETTINGS)
+    SettingsTable.__doc__ = "Recommended settings, by the names that Settings has for them."
 
 
 class Discs(Table):
@@ -320,7 +327,7 @@ class SceneTable(Table):
         Field(description='edges at which discs leave: a list of "left", "right", "bottom", "top"'),
     ] = ()
     about: Annotated[About | None, Field(description="for people")] = None
-    settings: Annotated[SettingsTable | None, Field(description="recommended ones")] = None  # type: ignore[valid-type]
+    settings: Annotated[SettingsTable | None, Field(description="recommended ones")] = None
     discs: Annotated[list[Discs], Field(description="groups of discs")] = []
     obstacles: Annotated[list[ObstacleTable], Field(description="what stands in the box")] = []
     emitters: Annotated[list[EmitterTable], Field(description="where discs enter")] = []

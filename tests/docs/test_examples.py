@@ -1,64 +1,29 @@
-"""Every Python block of README.md and docs/*.md runs and prints what it says; every link to a file leads to one.
+"""Every block of README.md and the docs runs and prints what it says; every link to a file leads to one.
 
-Blocks fenced as ```python are taken: those with prompts (>>>) as doctests, others as programs. The blocks of one file
-share their names and run in order, in an empty folder. A block is left out only if the line before it says why:
-
-    <!-- not run: needs a display -->
+How each kind of block is run, and how one is left out, is written in support/pages.py.
 """
 
-import doctest
 import re
-from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
+from support.pages import DRAWING, EXECUTED, PAGES, ROOT, Block, blocks_of, run_blocks
 
-ROOT = Path(__file__).parents[2]
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
-
-BLOCK = re.compile(
-    r"(?:<!-- *not run: *(?P<why>.+?) *-->\n+)?^```python *\n(?P<code>.*?)^``` *$", re.DOTALL | re.MULTILINE
-)
 LINK = re.compile(r"\]\((?!https?:|mailto:|#)(?P<target>[^)#\s]+)")
 
 
-@dataclass(frozen=True)
-class Block:
-    """One fenced block: its text, and the line on which it begins, counted from 0."""
-
-    code: str
-    line: int
-
-
-def blocks_of(text: str) -> list[Block]:
-    """The Python blocks that are to be run."""
-    return [
-        Block(match["code"], text.count("\n", 0, match.start("code")))
-        for match in BLOCK.finditer(text)
-        if not match["why"]
-    ]
-
-
-def run_blocks(name: str, blocks: list[Block]) -> int:
-    """Run blocks in one namespace; returns how many there were. A failure shows file, line, expected and got."""
-    names: dict = {"__name__": "__main__"}
-    for block in blocks:
-        if ">>>" in block.code:
-            test = doctest.DocTestParser().get_doctest(block.code, names, name, name, block.line)
-            report: list[str] = []
-            runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
-            runner.run(test, out=report.append, clear_globs=False)
-            assert not runner.failures, "".join(report)
-            names = test.globs
-        else:
-            exec(compile("\n" * block.line + block.code, name, "exec"), names)
-    return len(blocks)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_the_blocks_of_a_page_do_what_they_say(page, tmp_path, monkeypatch, request):
+    monkeypatch.chdir(tmp_path)
+    run_blocks(str(page), blocks_of(page.read_text()), request.config.getoption("--long"))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_the_python_blocks_of_a_page_do_what_they_say(page, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    run_blocks(str(page), blocks_of(page.read_text()))
+def test_no_block_of_a_page_escapes(page):
+    """Each block is of a kind that is run, or says why not; drawings hold neither commands nor prompts."""
+    for block in blocks_of(page.read_text()):
+        assert block.language in (*EXECUTED, DRAWING), f"line {block.line}: nobody runs {block.language!r}"
+        if block.language == DRAWING:
+            assert not re.search(r"^(>>>|\$) ", block.code, re.MULTILINE), f"line {block.line}: commands in a drawing"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -68,7 +33,7 @@ def test_links_to_files_lead_to_files(page):
 
 
 def test_the_readme_shows_how_to_use_the_library():
-    assert blocks_of((ROOT / "README.md").read_text()), "README.md has no Python block that is run"
+    assert any(block.language == "python" for block in blocks_of((ROOT / "README.md").read_text()))
 
 
 SAMPLE = """
@@ -80,6 +45,7 @@ SAMPLE = """
 2
 ```
 
+<!-- not run: it would end the tests -->
 ```sh
 exit 1
 ```
@@ -88,9 +54,37 @@ exit 1
 b = a + 41
 ```
 
-<!-- not run: a display is needed -->
-```python
-raise SystemExit
+```text
+a --> b
+```
+
+```{{toctree}}
+page
+```
+
+```console
+$ echo one; \\
+  echo two
+one
+...
+$ python -c "print(6 * 7)"
+{answer}
+```
+
+<!-- long -->
+```sh
+exit 1
+```
+
+```toml
+# box.toml
+schema = 1
+width = 4.0
+height = 4.0
+```
+
+```sh
+mpsim show box.toml
 ```
 
 ```python
@@ -100,18 +94,44 @@ raise SystemExit
 """
 
 
-def test_blocks_share_their_names_and_run_in_order():
-    assert run_blocks("sample", blocks_of(SAMPLE.format(answer=42))) == 3
+@pytest.fixture(autouse=True)
+def in_a_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def test_blocks_share_their_names_and_their_folder_and_run_in_order():
+    assert run_blocks("sample", blocks_of(SAMPLE.format(answer=42))) == 6
 
 
 def test_a_wrong_answer_in_a_block_is_noticed_with_its_line():
     """Negative control."""
-    text = SAMPLE.format(answer=43)
+    text = SAMPLE.format(answer=42).replace(">>> b\n42", ">>> b\n43")
     line = text.splitlines().index(">>> b") + 1
     with pytest.raises(AssertionError, match=rf"line {line}, in sample(.|\n)*Expected:\s*43\s*Got:\s*42"):
         run_blocks("sample", blocks_of(text))
 
 
-def test_a_block_that_raises_is_noticed():
-    with pytest.raises(ZeroDivisionError):
-        run_blocks("sample", [Block("1 / 0\n", 0)])
+def test_a_wrong_output_of_a_command_is_noticed():
+    with pytest.raises(AssertionError, match=r"line \d+: \$ python(.|\n)*Expected:\s*43\s*Got:\s*42"):
+        run_blocks("sample", blocks_of(SAMPLE.format(answer=43)))
+
+
+@pytest.mark.parametrize(
+    ("block", "error"),
+    [
+        (Block("python", "1 / 0\n", 0), ZeroDivisionError),
+        (Block("sh", "false\necho on\n", 0), AssertionError),
+        (Block("console", "no command\n", 0), AssertionError),
+        (Block("toml", "schema = 2\n", 0), ValueError),
+        (Block("perl", "1", 0), AssertionError),
+    ],
+    ids=lambda value: getattr(value, "language", ""),
+)
+def test_a_block_that_fails_is_noticed(block, error):
+    with pytest.raises(error):
+        run_blocks("sample", [block])
+
+
+def test_under_long_what_takes_long_runs_too():
+    with pytest.raises(AssertionError):
+        run_blocks("sample", blocks_of(SAMPLE.format(answer=42)), long=True)

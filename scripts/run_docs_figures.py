@@ -1,0 +1,182 @@
+"""The pictures of the tutorial and of the explanations.
+
+python scripts/run_docs_figures.py                       under results/docs/
+python scripts/run_docs_figures.py --out docs/pictures   as the pages show them
+"""
+
+import argparse
+import re
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.legend_handler import HandlerTuple
+from matplotlib.patches import Rectangle
+
+import mpsim
+from mpsim.kernels.layout import PHASES
+from mpsim.output.animation import DPI, STYLE, Picture
+from mpsim.output.drawing import draw_discs, new_figure
+from mpsim.scenefile import load
+from mpsim.state import Grid, grid_for
+
+PAGES = Path(__file__).parents[1] / "docs"
+
+WORKERS = (("#0072B2", "#7CC4EC"), ("#D55E00", "#F0B84B"))
+"""Two shades for each worker, so that brackets beside each other differ."""
+
+AT_REST = "#EEEEEE"
+PHASE_COLOURS: dict[str, str] = dict(zip(PHASES, ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#BBBBBB"), strict=True))
+FRAME_DISCS = 20_000
+
+
+def crowd() -> tuple[mpsim.Scene, Grid]:
+    """A small crowd, and the cells that mpsim sorts it into."""
+    scene = mpsim.Scene.random(count=36, width=9.0, height=5.5, radius=0.5, seed=4)
+    return scene, grid_for(scene.count, scene.width, scene.height, 2 * scene.largest_radius, "float64")
+
+
+def swatch(colour: str) -> Rectangle:
+    """A colour in a legend."""
+    return Rectangle((0, 0), 1, 1, color=colour)
+
+
+def cells(axes: Axes, scene: mpsim.Scene, grid: Grid, columns_only: bool = False) -> None:
+    """Lines between cells, and the numbers of the columns below."""
+    wide, high = scene.width / grid.columns, scene.height / grid.rows
+    for column in range(1, grid.columns):
+        axes.axvline(column * wide, color="#999999", linewidth=0.7, zorder=3)
+    for row in range(1, 1 if columns_only else grid.rows):
+        axes.axhline(row * high, color="#999999", linewidth=0.7, zorder=3)
+    for column in range(grid.columns):
+        axes.text((column + 0.5) * wide, -0.15, str(column), ha="center", va="top")
+
+
+def passes(path: Path) -> None:
+    """Which columns meet which in each pass, and who does it."""
+    scene, grid = crowd()
+    wide = scene.width / grid.columns
+    half = grid.columns // 2
+    column_of = np.minimum((scene.position[:, 0] / wide).astype(int), grid.columns - 1)
+    figure = new_figure(11, 4.4)
+    for panel, first in zip(figure.subplots(1, 2), (0, 1), strict=True):
+        colours = np.full(grid.columns, AT_REST, dtype=object)
+        brackets = list(range(first, grid.columns, 2))
+        for number, column in enumerate(brackets):
+            colours[column : column + 2] = WORKERS[column >= half][number % 2]
+        draw_discs(panel, scene.position, scene, [colours[column] for column in column_of])
+        for column in brackets:
+            width = (min(column + 2, grid.columns) - column) * wide
+            shade = Rectangle((column * wide, 0), width, scene.height, color=colours[column], alpha=0.25, zorder=0.5)
+            outline = Rectangle((column * wide, 0), width, scene.height, fill=False, linewidth=2.2, zorder=4)
+            panel.add_patch(shade)
+            panel.add_patch(outline)
+        cells(panel, scene, grid, columns_only=True)
+        panel.set_title(f"{'odd' if first else 'even'} columns: {', '.join(map(str, brackets))}")
+        belongs = f"columns 0 to {half - 1} belong to worker 0, {half} to {grid.columns - 1} to worker 1"
+        panel.set_xlabel(belongs, labelpad=18)
+    handles: list[Any] = [tuple(map(swatch, shades)) for shades in (*WORKERS, (AT_REST,))]
+    words = ["done by worker 0", "done by worker 1", "not touched in this pass"]
+    figure.legend(
+        handles, words, loc="outside lower center", ncols=3, handler_map={tuple: HandlerTuple(None)}, handlelength=3
+    )
+    figure.savefig(path)
+
+
+def neighbours(path: Path) -> None:
+    """The cells at which one disc looks."""
+    scene, grid = crowd()
+    wide, high = scene.width / grid.columns, scene.height / grid.rows
+    cell = np.minimum((scene.position / (wide, high)).astype(int), (grid.columns - 1, grid.rows - 1))
+    middle = np.array([grid.columns // 2 - 1, grid.rows // 2])
+    disc = int(abs(cell - middle).sum(axis=1).argmin())
+    column, row = cell[disc]
+    looked_at = ((0, 0), (0, 1), (1, -1), (1, 0), (1, 1))
+    figure = new_figure(6.2, 4.1)
+    axes = figure.add_subplot()
+    colours = np.full(scene.count, AT_REST, dtype=object)
+    looks, seen = WORKERS[1][0], WORKERS[0][1]
+    for across, up in looked_at:
+        colours[(cell == (column + across, row + up)).all(axis=1)] = seen
+    colours[disc] = looks
+    draw_discs(axes, scene.position, scene, colours)
+    for across, up in looked_at:
+        place = ((column + across) * wide, (row + up) * high)
+        axes.add_patch(Rectangle(place, wide, high, color=seen, alpha=0.35, linewidth=0, zorder=0.5))
+    cells(axes, scene, grid)
+    axes.set_title("The orange disc looks at the blue cells")
+    axes.set_xlabel("column", labelpad=18)
+    figure.savefig(path)
+
+
+def frame(path: Path) -> None:
+    """A median frame of one worker, and of two, step by step."""
+    scene = mpsim.Scene.random(count=FRAME_DISCS, packing=0.4, radius=0.5, seed=1)
+    bars: dict[str, dict[str, float]] = {}
+    for workers in (1, 2):
+        with mpsim.Simulation(scene, mpsim.Settings(method="parallel", workers=workers)) as sim:
+            sim.run(frames=300)
+            report = sim.run(frames=1000)
+        for worker in range(workers):
+            name = "one worker" if workers == 1 else f"worker {worker} of two"
+            medians = {phase: float(np.median(times[:, worker])) for phase, times in report.phase_seconds.items()}
+            bars[name] = medians
+    figure = new_figure(8, 2.8)
+    axes = figure.add_subplot()
+    for name, medians in bars.items():
+        left = 0.0
+        for phase, seconds in medians.items():
+            axes.barh(name, seconds * 1e6, left=left, color=PHASE_COLOURS[phase])
+            left += seconds * 1e6
+    axes.invert_yaxis()
+    axes.grid(axis="y", visible=False)
+    axes.set(xlabel="time [µs]", title=f"A frame of {FRAME_DISCS:,} discs: median time of each step")
+    handles = [swatch(colour) for colour in PHASE_COLOURS.values()]
+    figure.legend(handles, PHASE_COLOURS, loc="outside lower center", ncols=len(PHASE_COLOURS))
+    figure.savefig(path)
+
+
+def funnel(path: Path) -> None:
+    """The scene that the tutorial's last page writes, as it is after the run there."""
+    text = (PAGES / "tutorial" / "5-your-own-scene.md").read_text()
+    file, until = re.search(r"```toml\n(.*?)```", text, re.DOTALL), re.search(r"run\(until=([\d.]+)\)", text)
+    if not (file and until):
+        raise ValueError("the tutorial's last page must hold a scene file and run it until a time")
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder, "funnel.toml")
+        source.write_text(file[1])
+        found = load(source)
+    with mpsim.Simulation(found.scene, found.settings) as sim:
+        sim.run(until=float(until[1]))
+        picture = Picture(sim, 400)
+        picture.update()
+        figure: Figure = picture.figure
+        figure.savefig(path, dpi=DPI)
+
+
+PICTURES = {"passes": passes, "neighbours": neighbours, "frame": frame, "funnel": funnel}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("pictures", nargs="*", metavar="PICTURE", help=f"{', '.join(PICTURES)}; default: all")
+    parser.add_argument("--out", type=Path, default=Path("results/docs"))
+    options = parser.parse_args()
+    unknown = set(options.pictures) - PICTURES.keys()
+    if unknown:
+        parser.error(f"no picture is called {', '.join(sorted(unknown))}; there are {', '.join(PICTURES)}")
+    options.out.mkdir(parents=True, exist_ok=True)
+    for name in options.pictures or PICTURES:
+        with matplotlib.rc_context(fname=STYLE):
+            PICTURES[name](options.out / f"{name}.png")
+        print(options.out / f"{name}.png")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

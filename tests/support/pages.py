@@ -1,0 +1,160 @@
+"""The pages of the docs as they are executed: their fenced blocks, by language, in order.
+
+| block | what happens |
+|---|---|
+| python | with prompts a doctest, otherwise a program; the blocks of a page share their names |
+| console | each line `$ command` is run, what follows is its output; `...` stands for anything |
+| sh | each command is run and must succeed |
+| toml | a scene file, which is checked and loaded; it is kept under the name in its first line, `# name.toml` |
+| text | a drawing |
+
+All run in one empty folder per page. A block is left out only if the line before it says why, and one that takes long
+runs under --long:
+
+    <!-- not run: needs a cluster -->
+    <!-- long -->
+
+    python tests/support/pages.py           how many blocks there are, and what is not run, with the reasons
+"""
+
+import doctest
+import os
+import re
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([*ROOT.glob("*.md"), *(page for page in (ROOT / "docs").rglob("*.md") if "_build" not in page.parts)])
+
+EXECUTED = ("python", "console", "sh", "toml")
+DRAWING = "text"
+
+FENCE = re.compile(
+    r"(?:<!-- *(?:not run: *(?P<why>.+?)|(?P<long>long)) *-->\n+)?"
+    r"^(?P<ticks>`{3,})(?P<language>[^\n`]*)\n(?P<code>.*?)^(?P=ticks) *$",
+    re.DOTALL | re.MULTILINE,
+)
+COMMAND = re.compile(r"^\$ (?P<command>(?:.*\\\n)*.*)\n(?P<output>(?:(?!\$ ).*\n)*)", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Block:
+    """One fenced block: language, text, the line on which the text begins, counted from 0, and why it is not run."""
+
+    language: str
+    code: str
+    line: int
+    why: str | None = None
+    long: bool = False
+
+
+def blocks_of(text: str) -> list[Block]:
+    """All fenced blocks but directives of the pages' generator, such as tables of contents."""
+    found = [
+        Block(
+            match["language"].strip(),
+            match["code"],
+            text.count("\n", 0, match.start("code")),
+            match["why"],
+            bool(match["long"]),
+        )
+        for match in FENCE.finditer(text)
+    ]
+    return [block for block in found if not block.language.startswith("{")]
+
+
+def run_blocks(name: str, blocks: Iterable[Block], long: bool = False) -> int:
+    """Run blocks in the present folder; returns how many ran. A failure shows file, line, expected and got."""
+    names: dict = {"__name__": "__main__"}
+    ran = 0
+    for block in blocks:
+        if block.why or block.language == DRAWING or (block.long and not long):
+            continue
+        if block.language == "python":
+            names = _python(name, block, names)
+        elif block.language == "console":
+            _console(name, block)
+        elif block.language == "sh":
+            _run(name, block, "set -e\n" + block.code)
+        elif block.language == "toml":
+            _scene(block)
+        else:
+            raise AssertionError(f"{name}, line {block.line}: no way to run a block of {block.language!r}")
+        ran += 1
+    return ran
+
+
+def _python(name: str, block: Block, names: dict) -> dict:
+    if ">>>" not in block.code:
+        exec(compile("\n" * block.line + block.code, name, "exec"), names)
+        return names
+    test = doctest.DocTestParser().get_doctest(block.code, names, name, name, block.line)
+    report: list[str] = []
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+    runner.run(test, out=report.append, clear_globs=False)
+    assert not runner.failures, "".join(report)
+    return test.globs
+
+
+def _console(name: str, block: Block) -> None:
+    commands = list(COMMAND.finditer(block.code))
+    assert commands, f"{name}, line {block.line}: a console block needs a line `$ command`"
+    for match in commands:
+        got = _run(name, block, match["command"])
+        assert doctest.OutputChecker().check_output(match["output"], got, doctest.ELLIPSIS), (
+            f"{name}, line {block.line}: $ {match['command']}\nExpected:\n{match['output']}\nGot:\n{got}"
+        )
+
+
+def _run(name: str, block: Block, command: str) -> str:
+    """Output and errors of a command, with the programs of this Python first, `.venv/bin/` being theirs."""
+    programs = str(Path(sys.executable).parent)
+    environment = os.environ | {
+        "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}",
+        "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep),
+        "COLUMNS": "100",
+    }
+    command = command.replace(".venv/bin/", "")
+    done = subprocess.run(
+        ["bash", "-c", command],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+        timeout=150,
+    )
+    shows_failure = block.language == "console"
+    assert shows_failure or done.returncode == 0, f"{name}, line {block.line}: {command}\n{done.stdout}"
+    return done.stdout
+
+
+def _scene(block: Block) -> None:
+    from mpsim import scenefile  # noqa: PLC0415 - counting blocks needs no mpsim
+
+    match = re.match(r"# (\S+\.toml)", block.code)
+    path = Path(match[1] if match else "scene.toml")
+    path.write_text(block.code)
+    scenefile.load(path)
+
+
+def main() -> None:
+    counts: Counter[str] = Counter()
+    for page in PAGES:
+        for block in blocks_of(page.read_text()):
+            if block.language != DRAWING:
+                word = "not run" if block.why else "run under --long" if block.long else "run"
+                counts[word] += 1
+                if block.why or block.long:
+                    print(f"{page.relative_to(ROOT)}:{block.line}: {word}{': ' if block.why else ''}{block.why or ''}")
+            else:
+                counts["drawings"] += 1
+    print(", ".join(f"{number} {word}" for word, number in counts.items()))
+
+
+if __name__ == "__main__":
+    main()

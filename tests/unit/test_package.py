@@ -1,0 +1,90 @@
+"""The package as it is released: built, installed elsewhere, and used without the checkout."""
+
+import os
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import mpsim
+
+TOP = Path(__file__).parents[2]
+
+SMOKE = """
+import mpsim, sys
+assert mpsim.__file__.startswith(sys.prefix), mpsim.__file__
+scene = mpsim.Scene.load("gas")
+digests = set()
+for workers in (1, 2):
+    with mpsim.Simulation(scene, mpsim.Settings(method="parallel", workers=workers)) as sim:
+        sim.run(frames=10)
+        digests.add(sim.digest())
+assert len(digests) == 1, digests
+mpsim.animate(scene, None, "gas.gif", frames=2, progress=False)
+print(mpsim.__version__, sim.frame)
+"""
+
+
+def run(*command: str | Path, folder: Path) -> str:
+    """Output of a command that knows nothing of the checkout."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run(
+        [str(word) for word in command], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory) -> Path:
+    """A folder with the source distribution, and the wheel that was built from it."""
+    out = tmp_path_factory.mktemp("built")
+    run(sys.executable, "-m", "build", "--outdir", out, TOP, folder=out)
+    return out
+
+
+@pytest.fixture(scope="module")
+def programs(built, tmp_path_factory) -> Path:
+    """Programs of a fresh environment with the wheel; what mpsim depends on is that of this one."""
+    folder = tmp_path_factory.mktemp("installed") / "environment"
+    venv.create(folder, symlinks=True)
+    site = Path(sysconfig.get_path("purelib", vars={"base": str(folder)}))
+    (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    (wheel,) = built.glob("*.whl")
+    python = folder / "bin" / "python"
+    run(sys.executable, "-m", "pip", "--python", python, "install", "-q", "--no-deps", wheel, folder=built)
+    return python.parent
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+def test_the_wheel_holds_what_it_needs_and_no_more(built):
+    (wheel,) = built.glob("*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    scenes = {path.name for path in (TOP / "mpsim" / "scenes").glob("*.toml")}
+    assert {Path(name).name for name in names if name.endswith(".toml")} == scenes
+    assert {"mpsim/py.typed", "mpsim/output/mpsim.mplstyle", "mpsim/kernels/stepping.py"} <= set(names)
+    assert {name.split("/")[0].split("-")[0] for name in names} == {"mpsim"}
+    (source,) = built.glob("*.tar.gz")
+    with tarfile.open(source) as archive:
+        assert any(name.endswith("/README.md") for name in archive.getnames())
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+def test_the_installed_wheel_runs(programs, tmp_path):
+    assert run(programs / "python", "-c", SMOKE, folder=tmp_path) == f"{mpsim.__version__} 10\n"
+    assert (tmp_path / "gas.gif").stat().st_size > 1000
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+def test_the_installed_command_runs(programs, tmp_path):
+    listed = run(programs / "mpsim", "scenes", folder=tmp_path)
+    assert len(listed.splitlines()) == len(list((TOP / "mpsim" / "scenes").glob("*.toml")))
+    assert "packing 0.4" in run(programs / "mpsim", "show", "gas", folder=tmp_path)

@@ -1,0 +1,47 @@
+"""The first look at a scene: whether its exact solver is quick enough is a matter of running, not of compiling."""
+
+from types import SimpleNamespace
+
+import pytest
+from support.scenes import gas
+
+import mpsim
+from mpsim.measure import pilot
+
+
+class Clock:
+    """A clock that only a simulation moves on: by `starting` when made, by `running` when run."""
+
+    def __init__(self, starting: float = 0.0, running: float = 0.0):
+        self.now = 0.0
+        clock = self
+
+        class Slow(mpsim.Simulation):
+            def __init__(self, *arguments):
+                clock.now += starting
+                super().__init__(*arguments)
+
+            def run(self, *arguments, **options):
+                clock.now += running
+                return super().run(*arguments, **options)
+
+        self.simulation = Slow
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+def reference(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.setattr(pilot, "time", SimpleNamespace(monotonic=clock.monotonic))
+    monkeypatch.setattr(pilot, "Simulation", clock.simulation)
+    return pilot.pilot(gas(20, 0.2, seed=1)).reference_name
+
+
+def test_a_start_that_compiles_for_minutes_does_not_make_the_exact_solver_too_slow(monkeypatch):
+    assert reference(Clock(starting=10 * pilot.PATIENCE), monkeypatch) == pilot.EXACT
+
+
+def test_an_exact_solver_that_runs_for_minutes_is_too_slow(monkeypatch):
+    """Negative control. Of a stepped look that takes as long, the error says so."""
+    with pytest.raises(mpsim.InputError, match="a trade needs a scene whose first look takes less than 20 s"):
+        reference(Clock(running=10 * pilot.PATIENCE), monkeypatch)
