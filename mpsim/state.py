@@ -160,7 +160,9 @@ class State:
                 state = cls(file["position"], file["velocity"])
         except Exception as error:  # what a damaged zip file can raise has no end
             raise InputError(f"a state must be a .npz with position and velocity; {str(source)!r}: {error}.") from None
-        shapes, kinds = ({getattr(each, name) for each in (state.position, state.velocity)} for name in ("shape", "dtype"))
+        shapes, kinds = (
+            {getattr(each, name) for each in (state.position, state.velocity)} for name in ("shape", "dtype")
+        )
         if len(shapes) > 1 or state.position.shape[1:] != (2,) or len(kinds) > 1 or state.position.dtype.kind != "f":
             raise InputError(
                 f"position and velocity of a state must have one shape, (N, 2), and one floating dtype; "

@@ -45,7 +45,7 @@ Examples:
 
 
 @click.command(epilog=TUNE_EXAMPLES, short_help="Find the cheapest settings inside error budgets.")
-@click.argument("scene")
+@click.argument("scene", shell_complete=terminal.complete_scene)
 @_budget_options
 @until_option
 @replicas_option
@@ -92,7 +92,7 @@ Examples:
 
 
 @click.command(epilog=TRADEOFF_EXAMPLES, short_help="Tell what settings cost and how wrong they are.")
-@click.argument("scene")
+@click.argument("scene", shell_complete=terminal.complete_scene)
 @click.option(
     "--measure", "measures", type=click.Choice(MEASURES), multiple=True, help="An error to look at; else all."
 )

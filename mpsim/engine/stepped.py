@@ -127,7 +127,7 @@ class SteppedSolver:
         return abort
 
     def _shares(self, workers: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """First column and first disc of each worker, and the ends: equal numbers of discs, whole columns once sorted."""
+        """First column and first disc of each worker, and the ends: equal numbers, whole columns once sorted."""
         share = np.arange(workers + 1) * self.count // workers
         if self._sorted_grid == self._grid:
             first_of_column = self._block.arrays["start"][: self._grid.table_size : self._grid.rows + 2]

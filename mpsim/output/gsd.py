@@ -53,7 +53,8 @@ class GsdWriter:
         made.particles.velocity = _three(frame.velocity)
         made.particles.diameter = (2 * frame.radius).astype(np.float32)
         ours = (frame.position, frame.velocity, frame.radius, frame.ids.astype(np.int64))
-        made.log = {f"particles/mpsim/{name}": array for name, array in zip(_PER_DISC, ours, strict=True) if count}
+        made.log = dict[str, Any]()
+        made.log |= {f"particles/mpsim/{name}": array for name, array in zip(_PER_DISC, ours, strict=True) if count}
         made.log["mpsim/time"] = np.array([frame.time])
         made.log["mpsim/box"] = size
         made.log["mpsim/periodic"] = np.array(frame.periodic, np.uint8)

@@ -1,7 +1,6 @@
-"""Trajectories as extended XYZ, a text that OVITO, ASE and others read: for each frame the number of discs, a line of
-keys, and a line for each disc.
+"""Trajectories as extended XYZ, a text that OVITO, ASE and others read.
 
-Numbers are written so that reading them gives the same bits. A frame is whole if all its lines are there, each with its
+A frame is the number of its discs, a line of keys, and a line for each disc. Numbers are written so that reading them gives the same bits. A frame is whole if all its lines are there, each with its
 end; anything else at the end of the file is what a kill has left, and is dropped.
 """
 
@@ -98,7 +97,7 @@ class XyzReader:
                 f"{where} must hold the box, the key Lattice of extended XYZ; its second line is {lines[1]!r:.80}. "
                 "Have the program that wrote it write extended XYZ."
             )
-        known = _columns(lines[2 : 2 + count], keys.get("Properties", "species:S:1:pos:R:3"), where)
+        known: dict[str, Any] = _columns(lines[2 : 2 + count], keys.get("Properties", "species:S:1:pos:R:3"), where)
         position = known.pop("position")
         if "float32" in keys.get("precision", ""):
             position = position.astype(np.float32)
@@ -155,10 +154,9 @@ def scan(path: Path) -> tuple[list[int], int]:
                     f"a trajectory in XYZ must give the number of discs where a frame begins; {str(path)!r} holds "
                     f"{head!r} at byte {offsets[-1]}, frame {len(offsets) - 1}. Give a file of extended XYZ."
                 )
-            lines, last = 0, b""
-            for last in islice(file, 1 + int(head)):
-                lines += 1
-            if lines < 1 + int(head) or not last.endswith(b"\n"):
+            lines = 1 + int(head)
+            # Only the last line of a file can lack its end, so whole lines are those that have one.
+            if sum(line.endswith(b"\n") for line in islice(file, lines)) < lines:
                 break
             offsets.append(file.tell())
     return offsets, size - offsets[-1]
@@ -173,7 +171,7 @@ def keys_of(comment: str) -> dict[str, str]:
     return {name: next(filter(None, values), "") for name, *values in _KEY.findall(comment)}
 
 
-def _columns(lines: list[str], properties: str, where: str) -> dict[str, NDArray[Any]]:
+def _columns(lines: list[str], properties: str, where: str) -> dict[str, Any]:
     """The columns that mpsim knows, by its names for them."""
     parts = properties.split(":")
     if len(parts) % 3 or not all(width.isdecimal() for width in parts[2::3]):
