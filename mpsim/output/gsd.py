@@ -94,8 +94,9 @@ class GsdReader:
 
     def __init__(self, path: Path):
         self._path = path
+        hoomd = library("gsd.hoomd")
         try:
-            self._file: Any = library("gsd.hoomd").open(str(path), "r")
+            self._file: Any = hoomd.open(str(path), "r")
         except (RuntimeError, OSError) as error:
             raise TrajectoryError(
                 f"a trajectory that ends in .gsd must be a whole GSD file; {str(path)!r} cannot be read: {error}. "

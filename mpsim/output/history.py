@@ -45,8 +45,8 @@ def history(table: dict[str, NDArray[np.float64]], scene: Scene, last: Frame, ti
         overlap.plot(time, table["overlap_largest"], color="#D55E00", label="largest")
         overlap.plot(time, table["overlap_mean"], color="#0072B2", label="mean of those that overlap")
         overlap.set(ylabel="[length]", title="Depth of overlaps at that moment")
-        _from_zero(overlap, table["overlap_largest"])
-        overlap.legend(loc="best", fontsize=9)
+        _from_zero(overlap, table["overlap_largest"], room=1.45)
+        overlap.legend(loc="upper left", fontsize=9)
         for axes in (energy, rate, overlap):
             axes.set_xlabel("time")
         draw_frame(place, last, scene)
@@ -107,7 +107,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> Path:
     return target
 
 
-def _from_zero(axes: Axes, values: NDArray[np.float64]) -> None:
+def _from_zero(axes: Axes, values: NDArray[np.float64], room: float = 1.15) -> None:
     """Begin at 0: a curve that looks rough must not be the rounding of a constant."""
     top = float(np.nanmax(values, initial=0.0))
-    axes.set_ylim(0, 1.15 * top if top > 0 else 1.0)
+    axes.set_ylim(0, room * top if top > 0 else 1.0)

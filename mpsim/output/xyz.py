@@ -1,7 +1,8 @@
 """Trajectories as extended XYZ, a text that OVITO, ASE and others read.
 
-A frame is the number of its discs, a line of keys, and a line for each disc. Numbers are written so that reading them gives the same bits. A frame is whole if all its lines are there, each with its
-end; anything else at the end of the file is what a kill has left, and is dropped.
+A frame is the number of its discs, a line of keys, and a line for each disc. Numbers are written so that reading them
+gives the same bits. A frame is whole if all its lines are there, each with its end; anything else at the end of the
+file is what a kill has left, and is dropped.
 """
 
 import os
