@@ -344,7 +344,9 @@ class Gathering:
             run = replace(run, kinetic_energy=_energy_without_drift(self._state(), run.scene))
         results = Measures()
         for name in self._names:
-            if name in COUNTED:
+            if not len(counts if name in COUNTED else self._samples.get(name, "not sampled")):
+                results[name] = Measure(float("nan"), float("nan"), 0)  # of a run of no frames
+            elif name in COUNTED:
                 results[name] = COUNTED[name](counts, run)
             elif name in SAMPLED:
                 results[name] = block_average(self._samples[name])

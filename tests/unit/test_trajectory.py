@@ -121,9 +121,9 @@ def test_a_resumed_run_goes_on_with_the_trajectory_of_one_that_never_stopped(pat
         sim.save(tmp_path / "checkpoint")
         sim.run(frames=7, observe=out)
     assert content(path)[-1][0] == 16
-    with mpsim.Simulation.resume(tmp_path / "checkpoint") as sim:
-        with mpsim.Trajectory.write(path, every=4, mode="a") as out:
-            sim.run(frames=14, observe=out)
+    again = mpsim.Simulation.resume(tmp_path / "checkpoint")
+    with again, mpsim.Trajectory.write(path, every=4, mode="a") as out:
+        again.run(frames=14, observe=out)
     assert content(path) == content(whole)
     if path.suffix == ".xyz":
         assert path.read_bytes() == whole.read_bytes()
@@ -189,7 +189,7 @@ def test_trajectories_of_ase_are_read_as_far_as_they_go(tmp_path):
     assert (frame.box, frame.periodic, frame.frame, frame.ids.tolist()) == ((8, 9), (True, False), 1, [0, 1])
     with pytest.raises(
         mpsim.TrajectoryError,
-        match="velocity must be in a trajectory to be read from it; .* holds only position. Have the program that "
+        match=r"velocity must be in a trajectory to be read from it; .* holds only position. Have the program that "
         "wrote it write the column velo:R:3",
     ):
         frame.velocity  # noqa: B018
@@ -206,7 +206,7 @@ def test_gsd_of_another_program_is_read_as_far_as_it_goes(tmp_path):
         file.append(made)
     frame = mpsim.Trajectory(tmp_path / "other.gsd")[0]
     assert (frame.position.tolist(), frame.radius.tolist(), frame.frame) == ([[3, 5]], [1.5], 70)
-    with pytest.raises(mpsim.TrajectoryError, match="time must be in a trajectory"):
+    with pytest.raises(mpsim.TrajectoryError, match=r"time must be in a trajectory"):
         frame.time  # noqa: B018
 
 
@@ -247,7 +247,7 @@ def test_other_frames_can_be_read_where_one_is_damaged(tmp_path):
     (tmp_path / "a.xyz").write_text("".join(lines))
     trajectory = mpsim.Trajectory(tmp_path / "a.xyz")
     assert [trajectory[index].frame for index in (0, 1, 3, 4)] == [0, 1, 3, 4]
-    with pytest.raises(mpsim.TrajectoryError, match="frame 2 of .* must hold numbers in its column pos"):
+    with pytest.raises(mpsim.TrajectoryError, match=r"frame 2 of .* must hold numbers in its column pos"):
         trajectory[2]
 
 
@@ -274,14 +274,11 @@ def test_a_trajectory_is_continued_only_by_its_own_run(path):
     before = path.read_bytes()
     with pytest.raises(mpsim.OutputError, match=r"only by the run that wrote it; at frame 0 its box is"):
         written(path, gas(6, 0.1), 10, 2, mode="a")
+    first = gas(5, 0.1)
+    other = mpsim.Scene(
+        width=first.width, height=first.height, position=first.position[::-1], velocity=first.velocity, radius=0.5
+    )
     with pytest.raises(mpsim.OutputError, match=r"only by the run that wrote it; at frame 0 its position of discs is"):
-        other = mpsim.Scene(
-            width=gas(5, 0.1).width,
-            height=gas(5, 0.1).height,
-            position=gas(5, 0.1).position[::-1],
-            velocity=gas(5, 0.1).velocity,
-            radius=0.5,
-        )
         written(path, other, 10, 2, mode="a")
     assert path.read_bytes() == before
     written(path, gas(5, 0.1), 12, 2, mode="a")  # the same run is welcome
@@ -293,9 +290,9 @@ def test_missing_frames_are_told(path):
     written(path, scene, 4, 2)
     with simulate(scene, **SETTINGS) as sim:
         sim.run(frames=10)
-        with mpsim.Trajectory.write(path, every=2, mode="a") as out:
-            with pytest.warns(mpsim.TrajectoryWarning, match="goes on at frame 10, and its last frame was 4: those be"):
-                sim.run(frames=2, observe=out)
+        out = mpsim.Trajectory.write(path, every=2, mode="a")
+        with out, pytest.warns(mpsim.TrajectoryWarning, match=r"goes on at frame 10, and its last frame was 4: those"):
+            sim.run(frames=2, observe=out)
     assert [row[0] for row in content(path)] == [0, 2, 4, 10, 12]
 
 
@@ -322,7 +319,7 @@ def test_wrong_arguments_are_refused(make, error):
 
 
 def test_a_missing_file_is_told(tmp_path):
-    with pytest.raises(mpsim.TrajectoryError, match="a trajectory must be a file that can be read; .* is none"):
+    with pytest.raises(mpsim.TrajectoryError, match=r"a trajectory must be a file that can be read; .* is none"):
         mpsim.Trajectory(tmp_path / "none.xyz")
 
 
@@ -339,7 +336,9 @@ def test_without_the_gsd_library_the_error_says_what_to_do(tmp_path, monkeypatch
 @pytest.mark.parametrize("observer", [7, [None], "a.xyz", [print]])
 def test_what_is_no_observer_is_refused(observer):
     with simulate(gas(5, 0.1), method="naive") as sim:
-        with pytest.raises(mpsim.InputError, match="observe must be one observer or several, such as mpsim.Trajectory"):
+        with pytest.raises(
+            mpsim.InputError, match=r"observe must be one observer or several, such as mpsim"
+        ):
             sim.run(frames=1, observe=observer)
         assert sim.run(frames=1).frames == 1
 
@@ -349,7 +348,7 @@ def test_a_disk_that_is_full_is_an_error_and_the_run_goes_on_without(tmp_path, m
         sim.run(frames=2, observe=out)
         full = OSError(28, "No space left on device")
         monkeypatch.setattr(out._writer, "write", lambda frame: (_ for _ in ()).throw(full))
-        with pytest.raises(mpsim.OutputError, match="with room on its disk; got No space left on device. What was"):
+        with pytest.raises(mpsim.OutputError, match=r"with room on its disk; got No space left on device. What was"):
             sim.run(frames=2, observe=out)
         monkeypatch.undo()
         sim.run(frames=2, observe=out)
