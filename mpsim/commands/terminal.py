@@ -120,18 +120,20 @@ def progress(quiet: bool) -> Iterator[Progress | None]:
 def _bar() -> Iterator[Progress]:
     from rich import progress as rich_progress  # noqa: PLC0415 - only where somebody watches
     from rich.console import Console  # noqa: PLC0415
+    from rich.table import Column  # noqa: PLC0415
 
     columns = (
-        rich_progress.TextColumn("{task.description:40.40}", markup=False),
-        rich_progress.BarColumn(),
+        # What is done is the first to be shortened where the terminal is narrow.
+        rich_progress.TextColumn(
+            "{task.description}", markup=False, table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")
+        ),
+        rich_progress.BarColumn(bar_width=20),
         rich_progress.MofNCompleteColumn(),
         rich_progress.TextColumn("{task.fields[rate]}"),
-        rich_progress.TextColumn("elapsed"),
-        rich_progress.TimeElapsedColumn(),
         rich_progress.TextColumn("left"),
         rich_progress.TimeRemainingColumn(),
     )
-    with rich_progress.Progress(*columns, console=Console(stderr=True), transient=True) as display:
+    with rich_progress.Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as display:
         task = display.add_task("starting", total=None, rate="")
         pace = _Pace()
 

@@ -144,7 +144,7 @@ class Picture:
         self._closed = behind_piston(scene, 0.0)
         if self._closed is not None:
             self._axes.add_patch(self._closed)
-        self.figure.canvas.draw()
+        self.figure.draw_without_rendering()
         # The layout is found once; solving it again for each picture would take most of the time.
         self.figure.set_layout_engine("none")
 

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import re
 import subprocess
 import sys
 import warnings
@@ -223,6 +224,18 @@ def test_tradeoff_writes_a_file_as_its_name_says(asked, tmp_path):
     assert (tmp_path / "a.txt").read_text().startswith("{")
 
 
+def test_a_table_that_is_there_is_not_overwritten_unasked(asked, tmp_path):
+    (tmp_path / "a.csv").write_text("weeks of work")
+    result = mpsim_command("tradeoff", "cradle", "--out", str(tmp_path / "a.csv"))
+    assert result.exit_code == 2
+    assert (
+        f"'{tmp_path}/a.csv' is there already, and is not overwritten. Give another name, or --force." in result.stderr
+    )
+    assert ((tmp_path / "a.csv").read_text(), asked) == ("weeks of work", {})
+    assert mpsim_command("tradeoff", "cradle", "--out", str(tmp_path / "a.csv"), "--force").exit_code == 0
+    assert (tmp_path / "a.csv").read_text().startswith("method,")
+
+
 def test_a_file_that_cannot_be_written_is_refused_before_the_work(asked, tmp_path):
     result = mpsim_command("tradeoff", "cradle", "--out", str(tmp_path / "none" / "a.csv"))
     assert result.exit_code == 1
@@ -263,9 +276,12 @@ def test_progress_is_a_bar_on_a_terminal(monkeypatch, capsys):
     monkeypatch.setenv("TERM", "xterm")
     with terminal.progress(quiet=False) as progress:
         progress(1, 2, "accuracy [of a kind]")
+        progress(2, 2, "accuracy [of a kind]")
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert "1/2" in captured.err
+    assert "2/2" in captured.err
+    plain = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", captured.err)
+    assert re.search(r"accuracy \[of a kind\] +━+ 2/2 [\d.e+]+/s left 0:00:00", plain), "rate and time left"
 
 
 def test_warnings_are_a_line_without_source(monkeypatch):

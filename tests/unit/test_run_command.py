@@ -66,7 +66,9 @@ def test_run_tells_what_it_did_and_writes_nothing(tmp_path, monkeypatch):
 
 
 def test_settings_are_the_scenes_but_for_those_given():
-    found = json.loads(mpsim_command("run", "gas", *SHORT[:4], "--dt", "0.02", "--precision", "float32", "--json").stdout)
+    found = json.loads(
+        mpsim_command("run", "gas", *SHORT[:4], "--dt", "0.02", "--precision", "float32", "--json").stdout
+    )
     assert found["settings"]["dt"] == 0.02
     assert found["settings"]["contact"] == scenefile.load("gas").settings.contact
     assert found["digest"] == library_digest(30, dt=0.02, precision="float32")
@@ -86,7 +88,9 @@ def test_a_folder_holds_all_of_a_run(tmp_path):
     result = mpsim_command("run", "gas", *SHORT, "--out", out, "--measure", "pressure")
     assert result.exit_code == 0, result.stderr
     assert result.stderr == ""
-    assert f"written to {out}/: trajectory.xyz, measures.csv, timings.csv, final.npz, final.png; 8 frames" in result.stdout
+    assert (
+        f"written to {out}/: trajectory.xyz, measures.csv, timings.csv, final.npz, final.png; 8 frames" in result.stdout
+    )
     record = json.loads((out / "run.json").read_text())
     assert record["scene_digest"] == mpsim.Scene.load("gas").digest()
     assert record["settings"]["method"] == "grid"
@@ -184,7 +188,9 @@ def test_a_run_that_has_ended_goes_on_where_it_is_told_to(tmp_path):
     mpsim_command("run", "gas", *SHORT, "--out", tmp_path / "run")
     refused = mpsim_command("resume", tmp_path / "run")
     assert refused.exit_code == 2
-    assert "is at frame 30, time 0.3, and was to go to frame 30. Say how far it is to go on: --frames or" in refused.stderr
+    assert (
+        "is at frame 30, time 0.3, and was to go to frame 30. Say how far it is to go on: --frames or" in refused.stderr
+    )
     assert mpsim_command("resume", tmp_path / "run", "--frames", 10, "--quiet").exit_code == 0
     last = mpsim_command("resume", tmp_path / "run", "--until", 0.5, "--quiet")
     assert f"digest {library_digest(50)}\n" in last.stdout
