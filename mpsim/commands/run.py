@@ -23,6 +23,9 @@ from mpsim.measure.gathering import NAMES
 FRAMES = 500
 """Frames of a run for which nobody said how many."""
 
+CHECKPOINT_SECONDS = 30.0
+"""Time of a run that a kill may cost."""
+
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 RUN_EXAMPLES = """\b
@@ -157,6 +160,7 @@ def _advance(folder: RunFolder, sim: Simulation, target: int, as_json: bool, qui
             measures=measures,
             observe=[trajectory, recorder],
             checkpoint=folder[CHECKPOINT],
+            checkpoint_seconds=CHECKPOINT_SECONDS,
             progress=None if progress is None else lambda done, of: progress(done, of, "frames"),
         )
         folder.finish(sim, report, time.perf_counter() - started)

@@ -8,7 +8,7 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from mpsim.engine.methods import Choice, no_columns
+from mpsim.engine.methods import Choice, Columns, no_columns
 from mpsim.engine.provision import has_masses, has_radii
 from mpsim.engine.report import Slice
 from mpsim.engine.shared import SharedBlock
@@ -194,7 +194,7 @@ class ExactSolver:
         """Mass of each disc, shape (N,) [mass]."""
         return self._masses.copy()
 
-    def columns(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def columns(self) -> Columns:
         """No columns here."""
         raise no_columns("event")
 

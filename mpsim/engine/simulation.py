@@ -437,8 +437,8 @@ class Simulation:
         """Mass of each disc, those added included, shape (N,) [mass]."""
         return self._open_solver().masses
 
-    def columns(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Column of the grid that each disc is in, and the worker that the column belongs to, shapes (N,).
+    def columns(self) -> methods.Columns:
+        """Column of the grid that each disc is in, the worker that the column belongs to, and how many there are.
 
         Raises:
             InputError: for `naive` and `event`, which have no columns.

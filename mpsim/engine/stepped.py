@@ -6,7 +6,7 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from mpsim.engine.methods import Choice, no_columns
+from mpsim.engine.methods import Choice, Columns, no_columns
 from mpsim.engine.pool import WorkerPool
 from mpsim.engine.provision import feature_specs, fill_features, giant_radius, has_radii, wall_limits
 from mpsim.engine.report import Slice
@@ -207,14 +207,14 @@ class SteppedSolver:
         """Mass of each disc, shape (N,) [mass]."""
         return self._masses[: self.count].copy()
 
-    def columns(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Column of each disc, and the worker to whom the next frame gives that column, shapes (N,)."""
+    def columns(self) -> Columns:
+        """Column and owner of each disc."""
         if self.choice.method == "naive":
             raise no_columns("naive")
         x = self.state().position[:, 0].astype(np.float64)
         column = np.clip((x * (self._grid.columns / self._scene.width)).astype(np.int64), 0, self._grid.columns - 1)
         first = self._shares(self._most_workers)[0][:-1]
-        return column, np.searchsorted(first, column, side="right") - 1
+        return Columns(column, np.searchsorted(first, column, side="right") - 1, self._grid.columns)
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:

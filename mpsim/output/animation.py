@@ -10,6 +10,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
@@ -128,12 +129,12 @@ class Picture:
             checks.choice("colour", colour, KINDS)
         scene = self._scene = sim.scene
         self._sim = sim
-        self._kind = KINDS[colour](sim) if colour is not None else None
         inches = pixels / DPI / max(scene.width, scene.height)
         flat = scene.width > FLAT * scene.height
         size = (0.4, 1.4) if flat else (1.2, 0.5)  # what title and colour bar need
         self.figure: Figure = new_figure(scene.width * inches + size[0], scene.height * inches + size[1])
         self._axes = self.figure.add_subplot()
+        self._kind = KINDS[colour](sim, self._axes) if colour is not None else None
         self._discs = self._draw(scene.position, sim.radii)
         where = {"location": "bottom", "shrink": 0.6, "aspect": 40} if flat else {"location": "right", "shrink": 0.8}
         if self._kind is not None:
@@ -180,7 +181,7 @@ class _Speed:
 
     label, ticks, colours = "speed [length/time]", None, "viridis"
 
-    def __init__(self, sim: Simulation):
+    def __init__(self, sim: Simulation, axes: Axes):
         scene = sim.scene
         speeds = np.hypot(*scene.velocity.T)
         moving = [float(np.hypot(*np.asarray(emitter.velocity))) for emitter in scene.emitters]
@@ -197,7 +198,7 @@ class _Worker:
 
     label = "worker"
 
-    def __init__(self, sim: Simulation):
+    def __init__(self, sim: Simulation, axes: Axes):
         sim.columns()  # which refuses methods without columns
         workers = 1 + len(sim.pids)
         self.limits = (-0.5, workers - 0.5)
@@ -206,20 +207,23 @@ class _Worker:
         self.colours = ListedColormap(kinds)
 
     def values(self, sim: Simulation, state: State) -> NDArray[np.floating]:
-        return sim.columns()[1].astype(float)
+        return sim.columns().owner.astype(float)
 
 
 class _Parity:
-    """Colour by whether the column of a disc is even or odd."""
+    """Colour by whether the column of a disc is even or odd, over the columns of the start."""
 
     label, limits, ticks = "column of the disc", (-0.5, 1.5), {0: "even", 1: "odd"}
     colours = ListedColormap(["#56B4E9", "#D55E00"])
 
-    def __init__(self, sim: Simulation):
-        sim.columns()
+    def __init__(self, sim: Simulation, axes: Axes):
+        number = sim.columns().number
+        for column in range(number):
+            edges = sim.scene.width / number * np.array([column, column + 1])
+            axes.axvspan(*edges, color=self.colours(column % 2), alpha=0.15, linewidth=0, zorder=0)
 
     def values(self, sim: Simulation, state: State) -> NDArray[np.floating]:
-        return (sim.columns()[0] % 2).astype(float)
+        return (sim.columns().of_disc % 2).astype(float)
 
 
 KINDS: dict[str, Any] = {"speed": _Speed, "worker": _Worker, "parity": _Parity}

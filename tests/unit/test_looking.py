@@ -124,7 +124,7 @@ def test_columns_are_those_that_the_workers_are_given():
         columns = grid_for(60, scene.width, scene.height, 1.0, "float64").columns
         expected = (scene.position[:, 0] / scene.width * columns).astype(int)
         for _ in range(3):  # the first frame finds the discs unsorted
-            column, owner = sim.columns()
+            column, owner, _ = sim.columns()
             sim.run(frames=1)
             team = sim._solver._block.arrays["team"]
             assert column.tolist() == expected.tolist()
@@ -133,7 +133,7 @@ def test_columns_are_those_that_the_workers_are_given():
                 assert set(column[owner == worker]) <= set(range(first, last))
     assert np.bincount(owner).min() >= 10, "sorted, they are dealt evenly, in whole columns"
     with simulate(scene, method="grid") as sim:
-        assert set(sim.columns()[1].tolist()) == {0}
+        assert set(sim.columns().owner.tolist()) == {0}
 
 
 @pytest.mark.parametrize("method", ["naive", "event"])
@@ -156,7 +156,7 @@ def shown(colour, **settings):
 
 
 def test_parity_shows_even_and_odd_columns_in_two_colours():
-    colours, (column, _) = shown("parity")
+    colours, (column, _, _) = shown("parity")
     even, odd = ({c for c, k in zip(colours, column, strict=True) if k % 2 == parity} for parity in (0, 1))
     assert (len(even), len(odd), len(even | odd)) == (1, 1, 2)
 
@@ -167,7 +167,7 @@ def test_workers_have_a_colour_each():
         picture.update()
         picture.figure.draw_without_rendering()
         colours = [tuple(each) for each in picture._discs.get_facecolor()]
-        owner = sim.columns()[1]
+        owner = sim.columns().owner
     assert len(set(zip(colours, owner.tolist(), strict=True))) == len(set(colours)) == 3
     assert [text.get_text() for text in picture.figure.axes[1].get_yticklabels()] == ["0", "1", "2"]
 
