@@ -21,7 +21,7 @@ from mpsim.output.frames import Frame
 PROPERTIES = "species:S:1:pos:R:3:radius:R:1:velo:R:3:id:I:1"
 """Columns that mpsim writes, by the names that OVITO knows."""
 
-_DISC = "X {!r} {!r} 0.0 {!r} {!r} {!r} 0.0 {}\n"
+_DISC = "X %r %r 0.0 %r %r %r 0.0 %d\n"
 
 _KEY = re.compile(r'([A-Za-z_][\w-]*)\s*=\s*(?:"([^"]*)"|\{([^}]*)\}|(\S+))')
 
@@ -131,7 +131,7 @@ def text_of(frame: Frame) -> str:
     # A float32 is written as the float64 of the same value: its own shortest text might be rounded twice when read.
     columns: list[Any] = [*frame.position.T, frame.radius, *frame.velocity.T, frame.ids]
     rows = zip(*(column.tolist() for column in columns), strict=True)
-    return "".join([*lines, *(_DISC.format(*row) for row in rows)])
+    return "".join([*lines, *(_DISC % row for row in rows)])
 
 
 def scan(path: Path) -> tuple[list[int], int]:
