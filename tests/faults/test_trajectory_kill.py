@@ -1,5 +1,6 @@
 """A kill while a trajectory is written costs at most the frame in hand, at whatever byte it comes."""
 
+import os
 import signal
 import warnings
 
@@ -93,3 +94,30 @@ def test_killed_inside_a_frame_of_gsd_the_others_are_whole(tmp_path):
     written(path, SCENE, 5, 1, mode="a", method="naive")
     written(tmp_path / "whole.gsd", SCENE, 5, 1, method="naive")
     assert content(path) == content(tmp_path / "whole.gsd")
+
+
+class Killer:
+    """An observer that kills a worker once, at frame 20."""
+
+    every = 20
+
+    def __init__(self):
+        self.killed = False
+
+    def look(self, sim, collisions):
+        if sim.frame == 20 and not self.killed:
+            self.killed = True
+            os.kill(sim.pids[0], signal.SIGKILL)
+
+
+def test_a_run_that_heals_writes_each_frame_once(tmp_path, caplog):
+    """Frames since the last snapshot are run, and looked at, again."""
+    scene = gas(60, 0.4)
+    written(tmp_path / "whole.xyz", scene, 60, 1)
+    killer = Killer()
+    sim = simulate(scene, method="parallel", workers=2, dt=0.02, on_worker_death="restart")
+    with sim, mpsim.Trajectory.write(tmp_path / "healed.xyz") as out:
+        sim.run(frames=60, observe=[out, killer])
+    assert killer.killed
+    assert "on new workers" in caplog.text
+    assert (tmp_path / "healed.xyz").read_bytes() == (tmp_path / "whole.xyz").read_bytes()
