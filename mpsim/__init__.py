@@ -30,6 +30,8 @@ from mpsim.errors import (
     SceneFileError,
     SharedMemoryError,
     StalledError,
+    TrajectoryError,
+    TrajectoryWarning,
     WorkerDied,
     WorkerStalled,
 )
@@ -44,12 +46,16 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from mpsim.output.animation import animate
+    from mpsim.output.trajectory import Trajectory
+
+
+_LATE = {"animate": "mpsim.output.animation", "Trajectory": "mpsim.output.trajectory"}
 
 
 def __getattr__(name: str) -> Any:
-    """Import on first use what needs matplotlib, so that `import mpsim` stays quick."""
-    if name == "animate":
-        return importlib.import_module("mpsim.output.animation").animate
+    """Import on first use what writes files and pictures, so that `import mpsim` stays quick."""
+    if name in _LATE:
+        return getattr(importlib.import_module(_LATE[name]), name)
     raise AttributeError(f"module 'mpsim' has no attribute {name!r}")
 
 
@@ -79,6 +85,9 @@ __all__ = [
     "StalledError",
     "State",
     "Tradeoff",
+    "Trajectory",
+    "TrajectoryError",
+    "TrajectoryWarning",
     "Tuned",
     "WorkerDied",
     "WorkerStalled",

@@ -1,7 +1,7 @@
 """The command `mpsim`: a thin door to what the library does. Commands live in mpsim.commands, one module per group.
 
-Results go to standard output, progress and errors to standard error. Exit codes: 0 done, 1 refused or failed with a
-sentence that says why, 2 wrong usage.
+Results go to standard output, progress and errors to standard error. Exit codes: 0 done, 1 it failed, with a sentence
+that says why, 2 wrong usage or input, 130 Ctrl-C.
 """
 
 import logging
@@ -12,11 +12,21 @@ from typing import Any
 import click
 
 import mpsim
-from mpsim.commands import clean, scenes, trade
+from mpsim.commands import clean, look, machine, run, scenes, trade
+from mpsim.commands.terminal import Interrupted
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, that of a shell."""
+
+
+class Refused(click.ClickException):
+    """Input that breaks a rule."""
+
+    exit_code = 2
 
 
 class Door(click.Group):
-    """A group of commands in which an error of mpsim is a sentence and exit code 1, not a traceback."""
+    """A group of commands in which an error of mpsim is a sentence and exit code 1 or 2, not a traceback."""
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command."""
@@ -24,10 +34,14 @@ class Door(click.Group):
             warnings.showwarning = _show_warning
             try:
                 return super().invoke(ctx)
+            except (KeyboardInterrupt, Interrupted) as stop:
+                click.echo(str(stop) or "Interrupted.", err=True)
+                ctx.exit(INTERRUPTED)
             except (mpsim.MpsimError, OSError, MemoryError) as error:
                 if isinstance(error, BrokenPipeError):  # whoever read us has had enough
                     raise
-                raise click.ClickException(str(error) or type(error).__name__) from error
+                kind = Refused if isinstance(error, mpsim.InputError) else click.ClickException
+                raise kind(str(error) or type(error).__name__) from error
 
 
 def _show_warning(message: Warning | str, category: type[Warning], filename: str, lineno: int, *_: Any) -> None:
@@ -41,6 +55,10 @@ EXAMPLES = """\b
 Examples:
   mpsim scenes                                     what there is to look at
   mpsim show gas                                   what a scene is
+  mpsim run gas --until 50 --out run               simulate it; run/ holds what happened
+  mpsim resume run --until 100                     go on with it
+  mpsim plot run                                   draw what it recorded
+  mpsim animate gas gas.gif                        or watch it
   mpsim tune gas --pressure 1%                     the cheapest settings that are good to 1 % in pressure
   mpsim tradeoff gas --out gas.csv                 what settings cost and how wrong they are
 """
@@ -64,5 +82,18 @@ def main(verbose: bool) -> None:
         click.get_current_context().call_on_close(lambda: logging.getLogger("mpsim").removeHandler(handler))
 
 
-for command in (scenes.scenes, scenes.show, trade.tune, trade.tradeoff, clean.clean):
+for command in (
+    scenes.scenes,
+    scenes.show,
+    run.run,
+    run.resume,
+    look.plot,
+    look.animate,
+    trade.tune,
+    trade.tradeoff,
+    machine.bench,
+    machine.warmup,
+    machine.completion,
+    clean.clean,
+):
     main.add_command(command)

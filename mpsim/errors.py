@@ -100,6 +100,14 @@ class CheckpointError(MpsimError, OSError):
     """A checkpoint cannot be read: it is missing, damaged, or of a newer version."""
 
 
+class TrajectoryError(MpsimError, OSError):
+    """A trajectory cannot be read, or lacks what it is asked for."""
+
+
+class TrajectoryWarning(UserWarning):
+    """The end of a trajectory was cut off in the middle of a frame, or frames of it are missing."""
+
+
 class CheckpointWarning(UserWarning):
     """The newest checkpoint is damaged, and the one before it was taken instead."""
 

@@ -2,6 +2,7 @@
 
 import copy
 import hashlib
+import importlib
 import math
 import os
 from collections.abc import Sequence
@@ -287,6 +288,10 @@ class Scene:
                 f"by {depth:.3g}"
             )
         return "; ".join(words)
+
+    def _repr_png_(self) -> bytes:
+        """A small still, for notebooks."""
+        return importlib.import_module("mpsim.output.notebook").scene_png(self)
 
     def __repr__(self) -> str:
         radii = f"radius {self.largest_radius:g}"

@@ -8,6 +8,7 @@ METHODS = ("naive", "grid", "parallel", "event", "auto")
 LAWS = ("reflect", "elastic")
 CONTACTS = ("push", "impact")
 PRECISIONS = ("float32", "float64")
+DEATHS = ("raise", "restart")
 START_METHODS = ("fork", "spawn", "forkserver")
 
 MOST_WORKERS = 1024
@@ -76,6 +77,6 @@ class Settings:
             remedy = "Leave it out to use every core that this process may use."
             checks.whole("workers", self.workers, 1, MOST_WORKERS, remedy)
         checks.truth("unguarded", self.unguarded)
-        checks.choice("on_worker_death", self.on_worker_death, ("raise", "restart"))
+        checks.choice("on_worker_death", self.on_worker_death, DEATHS)
         if self.start_method is not None:
             checks.choice("start_method", self.start_method, START_METHODS)

@@ -2,11 +2,14 @@
 
 import hashlib
 import math
+import os
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from mpsim.errors import InputError, OutputError
 from mpsim.kernels import layout
 
 MOST_FRAMES = 4096
@@ -123,3 +126,56 @@ class State:
             digest.update(f"{array.dtype.name} {array.shape} ".encode())
             digest.update(np.ascontiguousarray(array, dtype=little_endian).tobytes())
         return digest.hexdigest()
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write a NumPy .npz with the arrays position and velocity; an existing file is replaced.
+
+        Raises:
+            InputError: if the path does not end in .npz.
+            OutputError: if it cannot be written.
+        """
+        target = _npz(path)
+        try:
+            with target.open("wb") as file:
+                np.savez(file, position=self.position, velocity=self.velocity)
+        except OSError as error:
+            raise OutputError(
+                f"a state must be in a folder that can be written to; got {str(target)!r} ({error.strerror}). "
+                "Choose another place."
+            ) from error
+        return target
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "State":
+        """Read what `save` wrote, with the same bits. Nothing in the file is executed.
+
+        Raises:
+            InputError: if it is no file of a state.
+
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = State(np.zeros((3, 2)), np.ones((3, 2))).save(f"{folder}/final.npz")
+        ...     State.load(path).velocity.sum()
+        np.float64(6.0)
+        """
+        source = _npz(path)
+        try:
+            with np.load(source, allow_pickle=False) as file:
+                state = cls(file["position"], file["velocity"])
+        except Exception as error:  # what a damaged zip file can raise has no end
+            raise InputError(f"a state must be a .npz with position and velocity; {str(source)!r}: {error}.") from None
+        shapes, kinds = (
+            {getattr(each, name) for each in (state.position, state.velocity)} for name in ("shape", "dtype")
+        )
+        if len(shapes) > 1 or state.position.shape[1:] != (2,) or len(kinds) > 1 or state.position.dtype.kind != "f":
+            raise InputError(
+                f"position and velocity of a state must have one shape, (N, 2), and one floating dtype; "
+                f"{str(source)!r} holds {sorted(map(str, shapes))} of {sorted(map(str, kinds))}."
+            )
+        return state
+
+
+def _npz(path: str | os.PathLike[str]) -> Path:
+    if not isinstance(path, str | os.PathLike) or Path(os.fsdecode(path)).suffix != ".npz":
+        raise InputError(f"the path of a state must end in .npz; got {path!r}. Use 'state.npz'.")
+    return Path(os.fsdecode(path))

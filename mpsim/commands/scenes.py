@@ -8,7 +8,7 @@ import click
 import numpy as np
 
 from mpsim import scenefile
-from mpsim.commands.terminal import json_text
+from mpsim.commands.terminal import complete_scene, json_text
 from mpsim.scenefile import SceneFile
 from mpsim.settings import Settings
 
@@ -29,7 +29,7 @@ def scenes(as_json: bool) -> None:
 @click.command(
     short_help="Tell what a scene is.", epilog="\b\nExamples:\n  mpsim show hopper\n  mpsim show my_scene.toml --json"
 )
-@click.argument("scene")
+@click.argument("scene", shell_complete=complete_scene)
 @click.option("--json", "as_json", is_flag=True, help="As JSON.")
 def show(scene: str, as_json: bool) -> None:
     """Tell what SCENE is: box, discs, features, recommended settings, what to look for.

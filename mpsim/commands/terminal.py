@@ -1,14 +1,21 @@
 """What commands share: kinds of arguments, progress, JSON."""
 
+import dataclasses
 import json
 import math
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
+
+from mpsim import scenefile
+from mpsim.scenefile import SceneFile
+from mpsim.settings import CONTACTS, DEATHS, LAWS, METHODS, MOST_WORKERS, PRECISIONS, Settings
 
 SPARSE = 10.0
 """Seconds between two lines of progress where nobody watches a terminal."""
@@ -43,6 +50,55 @@ class Positive(click.ParamType):
         return float(f"{number:.15g}")
 
 
+class Interrupted(Exception):  # noqa: N818 - it is no error
+    """Ctrl-C came; the text says where things stand."""
+
+
+def complete_scene(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Names of scenes for a shell, and files."""
+    names = [CompletionItem(name) for name in scenefile.names() if name.startswith(incomplete)]
+    return [*names, CompletionItem(incomplete, type="file")]
+
+
+def existing_refused(path: Path, force: bool) -> None:
+    """Refuse to overwrite a file unless --force was given.
+
+    Raises:
+        click.UsageError: naming the file.
+    """
+    if path.exists() and not force:
+        raise click.UsageError(
+            f"{str(path)!r} is there already, and is not overwritten. Give another name, or --force."
+        )
+
+
+def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The settings as options; `settings_of` puts them together."""
+    for option in reversed(
+        [
+            click.option("--dt", type=Positive("time"), help="Time of one frame."),
+            click.option("--method", type=click.Choice(METHODS), help="How pairs are found; event is exact."),
+            click.option("--workers", type=click.IntRange(1, MOST_WORKERS), help="Processes; else as many as cores."),
+            click.option("--contact", type=click.Choice(CONTACTS), help="impact is second order in dt, push first."),
+            click.option("--law", type=click.Choice(LAWS), help="elastic keeps momentum; reflect is the report's."),
+            click.option("--precision", type=click.Choice(PRECISIONS)),
+            click.option("--passes", type=click.IntRange(1, 1000), help="Times contacts are looked for in a step."),
+            click.option("--substeps", type=click.IntRange(1, 1_000_000), help="Steps in each frame."),
+            click.option(
+                "--on-worker-death", type=click.Choice(DEATHS), help="restart: go on from a snapshot in memory."
+            ),
+        ]
+    ):
+        command = option(command)
+    return command
+
+
+def settings_of(file: SceneFile, options: dict[str, Any]) -> Settings:
+    """What the scene recommends, with the options that were given put in its place."""
+    given = {name: value for name, value in options.items() if value is not None}
+    return dataclasses.replace(file.settings or Settings(), **given)
+
+
 def quiet_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """The option --quiet."""
     return click.option("-q", "--quiet", is_flag=True, help="Show no progress.")(command)
@@ -64,16 +120,44 @@ def progress(quiet: bool) -> Iterator[Progress | None]:
 def _bar() -> Iterator[Progress]:
     from rich import progress as rich_progress  # noqa: PLC0415 - only where somebody watches
     from rich.console import Console  # noqa: PLC0415
+    from rich.table import Column  # noqa: PLC0415
 
     columns = (
-        rich_progress.TextColumn("{task.description:40.40}", markup=False),
-        rich_progress.BarColumn(),
+        # What is done is the first to be shortened where the terminal is narrow.
+        rich_progress.TextColumn(
+            "{task.description}", markup=False, table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")
+        ),
+        rich_progress.BarColumn(bar_width=20),
         rich_progress.MofNCompleteColumn(),
-        rich_progress.TimeElapsedColumn(),
+        rich_progress.TextColumn("{task.fields[rate]}"),
+        rich_progress.TextColumn("left"),
+        rich_progress.TimeRemainingColumn(),
     )
-    with rich_progress.Progress(*columns, console=Console(stderr=True), transient=True) as display:
-        task = display.add_task("starting", total=None)
-        yield lambda done, of, what: display.update(task, completed=done, total=of, description=what)
+    with rich_progress.Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as display:
+        task = display.add_task("starting", total=None, rate="")
+        pace = _Pace()
+
+        def show(done: int, of: int, what: str) -> None:
+            display.update(task, completed=done, total=of, description=what, rate=pace.rate(done, of)[0])
+
+        yield show
+
+
+class _Pace:
+    """How fast something goes on, and when it will be done."""
+
+    def __init__(self) -> None:
+        self._started = time.monotonic()
+        self._first: int | None = None
+
+    def rate(self, done: int, of: int) -> tuple[str, str]:
+        """Rate since the first call, and time left, in words; empty before anything is known."""
+        if self._first is None:
+            self._first, self._started = done, time.monotonic()
+        seconds, gained = time.monotonic() - self._started, done - self._first
+        if seconds <= 0 or gained <= 0:
+            return "", ""
+        return f"{gained / seconds:.3g}/s", f"{duration((of - done) * seconds / gained)} left"
 
 
 class _Lines:
@@ -81,11 +165,25 @@ class _Lines:
 
     def __init__(self) -> None:
         self._last = time.monotonic()
+        self._pace = _Pace()
 
     def __call__(self, done: int, of: int, what: str) -> None:
+        rate, left = self._pace.rate(done, of)
         if time.monotonic() - self._last >= SPARSE:
             self._last = time.monotonic()
-            click.echo(f"{done} of {of}: {what}", err=True)
+            click.echo(", ".join(filter(None, [f"{done} of {of}: {what}", rate, left])), err=True)
+
+
+def duration(seconds: float) -> str:
+    """A time in words.
+
+    >>> duration(0.25), duration(42), duration(4000), duration(200000)
+    ('0.2 s', '42 s', '1 h 06 min', '55 h 33 min')
+    """
+    if seconds < 100:
+        return f"{seconds:.1f} s" if seconds < 10 else f"{seconds:.0f} s"
+    hours, minutes = divmod(int(seconds / 60), 60)
+    return f"{hours} h {minutes:02} min" if hours else f"{minutes} min"
 
 
 def json_text(value: Any) -> str:

@@ -45,7 +45,7 @@ Examples:
 
 
 @click.command(epilog=TUNE_EXAMPLES, short_help="Find the cheapest settings inside error budgets.")
-@click.argument("scene")
+@click.argument("scene", shell_complete=terminal.complete_scene)
 @_budget_options
 @until_option
 @replicas_option
@@ -92,7 +92,7 @@ Examples:
 
 
 @click.command(epilog=TRADEOFF_EXAMPLES, short_help="Tell what settings cost and how wrong they are.")
-@click.argument("scene")
+@click.argument("scene", shell_complete=terminal.complete_scene)
 @click.option(
     "--measure", "measures", type=click.Choice(MEASURES), multiple=True, help="An error to look at; else all."
 )
@@ -108,6 +108,7 @@ Examples:
 @click.option(
     "--keep", type=click.Path(dir_okay=False, path_type=Path), help="Keep what is finished here; go on from it."
 )
+@click.option("--force", is_flag=True, help="Replace the file of --out.")
 @terminal.quiet_option
 def tradeoff(
     scene: str,
@@ -118,12 +119,14 @@ def tradeoff(
     as_json: bool,
     out: Path | None,
     keep: Path | None,
+    force: bool,
     quiet: bool,
 ) -> None:
     """Tell what settings cost on SCENE, and how wrong each is against the exact solver."""
     if as_csv and as_json:
         raise click.UsageError("Choose one of --csv and --json.")
     if out is not None:
+        terminal.existing_refused(out, force)
         _demand_writable(out)  # before the long work, not after
     chosen = scenefile.load(scene).scene
     with terminal.progress(quiet) as progress:

@@ -8,7 +8,7 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from mpsim.engine.methods import Choice
+from mpsim.engine.methods import Choice, Columns, no_columns
 from mpsim.engine.provision import has_masses, has_radii
 from mpsim.engine.report import Slice
 from mpsim.engine.shared import SharedBlock
@@ -188,6 +188,15 @@ class ExactSolver:
     def radii(self) -> NDArray[np.float64]:
         """Radius of each disc, shape (N,) [length]."""
         return self._radii.copy()
+
+    @property
+    def masses(self) -> NDArray[np.float64]:
+        """Mass of each disc, shape (N,) [mass]."""
+        return self._masses.copy()
+
+    def columns(self) -> Columns:
+        """No columns here."""
+        raise no_columns("event")
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:

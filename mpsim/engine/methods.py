@@ -2,8 +2,13 @@
 
 import logging
 from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mpsim.engine.cores import may_start_processes, usable_cores
+from mpsim.errors import InputError
 from mpsim.kernels.compiling import JIT_DISABLED
 from mpsim.settings import Settings
 
@@ -48,3 +53,25 @@ def choose(count: int, settings: Settings) -> Choice:
     if settings.method != "auto":
         return Choice(method, (workers,))
     return Choice(method, (workers, 1)) if workers > 1 else Choice("grid", (1,))
+
+
+class Columns(NamedTuple):
+    """Who is where in the grid.
+
+    Attributes:
+        of_disc: column of each disc, shape (N,).
+        owner: the worker to whom the next frame gives that column, shape (N,).
+        number: of columns, of equal width.
+    """
+
+    of_disc: NDArray[np.int64]
+    owner: NDArray[np.int64]
+    number: int
+
+
+def no_columns(method: str) -> InputError:
+    """The error for who asks for the columns of a method that has none."""
+    return InputError(
+        f"columns are there only in methods that sort discs into them, 'grid' and 'parallel'; this run is by "
+        f"{method!r}. Use Settings(method='parallel', workers=...)."
+    )

@@ -1,10 +1,17 @@
 """Report: timings and counts of one `run`."""
 
+import csv
+import importlib
+import io
+import os
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.errors import OutputError
 from mpsim.kernels.layout import PHASES
 from mpsim.measure.gathering import Measures
 
@@ -39,6 +46,7 @@ class Report:
         block_bytes: size of the shared block.
         measures: name -> Measure(value, error, samples), for those that the run was asked for.
         guarded: collisions of the exact solver in which its guard suppressed the loss of energy.
+        observing_seconds: time that observers took (`run(observe=...)`), between frames and in no frame's time [s].
     """
 
     frame_seconds: NDArray[np.float64]
@@ -50,11 +58,60 @@ class Report:
     block_bytes: int
     measures: Measures
     guarded: int
+    observing_seconds: float = 0.0
 
     @property
     def frames(self) -> int:
         """Number of frames run."""
         return len(self.frame_seconds)
+
+    @property
+    def waiting(self) -> float:
+        """Part of all workers' time that they waited for each other at barriers, from 0 to 1."""
+        total = sum(float(seconds.sum()) for seconds in self.phase_seconds.values())
+        return float(self.phase_seconds["wait"].sum()) / total if total else 0.0
+
+    def to_csv(self, path: str | os.PathLike[str] | None = None, *, first_frame: int = 1) -> str:
+        """Times as CSV, one line per frame: its number, its time, and each phase of each worker, all in seconds.
+
+        Args:
+            path: also written to this file, if given; an existing file is replaced.
+            first_frame: number of the first line.
+
+        Raises:
+            OutputError: if the file cannot be written.
+        """
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        names = [(name, worker) for name in PHASES for worker in range(self.phase_seconds[name].shape[1])]
+        writer.writerow(["frame", "seconds", *(f"{name.replace(' ', '_')}_{worker}" for name, worker in names)])
+        columns = [self.frame_seconds, *(self.phase_seconds[name][:, worker] for name, worker in names)]
+        numbers = range(first_frame, first_frame + self.frames)
+        writer.writerows(zip(numbers, *(column.tolist() for column in columns), strict=True))
+        if path is not None:
+            try:
+                Path(path).write_text(text.getvalue(), encoding="utf-8")
+            except OSError as error:
+                raise OutputError(
+                    f"a table of times must be a file that can be written; got {os.fspath(path)!r} "
+                    f"({error.strerror}). Choose another place."
+                ) from error
+        return text.getvalue()
+
+    def plot(self) -> Any:
+        """Frame times, and the phases of each worker: who works, who waits. A matplotlib Figure, of no window.
+
+        >>> from mpsim import Scene, Simulation
+        >>> with Simulation(Scene.random(count=50, packing=0.2, radius=0.5)) as sim:
+        ...     figure = sim.run(frames=10).plot()
+        >>> len(figure.axes)
+        2
+        """
+        # Pictures lie above the engine: what draws them is looked up when it is asked for.
+        return importlib.import_module("mpsim.output.times").times(self)
+
+    def _repr_html_(self) -> str:
+        return importlib.import_module("mpsim.output.notebook").report_html(self)
 
     def __repr__(self) -> str:
         workers = f" on {self.workers} workers" if self.workers > 1 else ""

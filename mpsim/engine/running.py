@@ -1,21 +1,26 @@
-"""What accompanies the frames of one run: what was gathered, snapshots to go back to, checkpoints to go on from."""
+"""What accompanies the frames of one run: what was gathered, who looks on, snapshots to go back to, checkpoints."""
 
 import logging
 import signal
 import threading
 import time
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim import checks
 from mpsim.engine.report import Slice
-from mpsim.errors import WorkerDied
+from mpsim.errors import GuardWarning, InputError, OverlapWarning, WorkerDied
 from mpsim.kernels.layout import PHASES
 from mpsim.measure.gathering import Gathering
 from mpsim.scene import Scene
+
+if TYPE_CHECKING:
+    from mpsim.engine.simulation import Simulation
 
 logger: logging.Logger = logging.getLogger("mpsim")
 
@@ -42,6 +47,27 @@ def tell_of(death: WorkerDied, what_now: str) -> None:
         death.frame,
         death.phase,
         what_now,
+    )
+
+
+def warn_of_overlaps(scene: Scene) -> None:
+    """Say that discs of the start overlap, if they do."""
+    words = scene.overlaps_at_start()
+    if words:
+        warnings.warn(
+            f"{words}. The first frames push them apart. Give places that leave room for the discs to avoid it.",
+            OverlapWarning,
+            stacklevel=3,
+        )
+
+
+def warn_of_guard(guarded: int) -> None:
+    """Say that the exact solver's guard has acted."""
+    warnings.warn(
+        f"in {guarded} collisions the contact-time guard suppressed the loss of energy: a disc's last contact was "
+        "an instant before, as in inelastic collapse or of a disc at rest. Without it the run would never end.",
+        GuardWarning,
+        stacklevel=3,
     )
 
 
@@ -79,6 +105,58 @@ class Ledger:
         workers = max(part.shape[0] for part in self._times)
         padded = [np.pad(part, ((0, workers - len(part)), (0, 0), (0, 0))) for part in self._times]
         return np.concatenate(padded, axis=1)
+
+
+class Observer(Protocol):
+    """Somebody who looks at a simulation along a run, to write a trajectory say. Looking must change nothing.
+
+    Attributes:
+        every: frames between two looks, >= 1, counted from frame 0, so that a run in parts shows the same frames.
+    """
+
+    every: int
+
+    def look(self, sim: "Simulation", collisions: int) -> None:
+        """Look at the simulation between two frames.
+
+        A frame may be shown twice: at the end of one run and the start of the next, or when a run has healed.
+
+        Args:
+            sim: to be read only.
+            collisions: contacts resolved since this run began.
+        """
+        ...
+
+
+class Onlookers:
+    """The observers of one run. Attribute seconds: the time they have taken [s].
+
+    Raises:
+        InputError: if one of them is no observer.
+    """
+
+    def __init__(self, observers: "Observer | Iterable[Observer] | None"):
+        self.seconds = 0.0
+        given: Any = [] if observers is None else [observers] if hasattr(observers, "look") else observers
+        self._observers: list[Observer] = list(given) if isinstance(given, Iterable) else [given]
+        for each in self._observers:
+            if not callable(getattr(each, "look", None)):
+                raise InputError(
+                    f"observe must be one observer or several, such as mpsim.Trajectory.write(...); got {each!r}."
+                )
+            checks.whole("every of an observer", getattr(each, "every", None), 1, 10**12, "1 looks at every frame.")
+
+    def frames_ahead(self, frame: int) -> int:
+        """Frames until somebody wants to look; a very large number without observers."""
+        return min((each.every - frame % each.every for each in self._observers), default=2**62)
+
+    def look(self, sim: "Simulation", collisions: int) -> None:
+        """Let those look whose turn it is."""
+        started = time.perf_counter()
+        for each in self._observers:
+            if sim.frame % each.every == 0:
+                each.look(sim, collisions)
+        self.seconds += time.perf_counter() - started
 
 
 class Keeper:

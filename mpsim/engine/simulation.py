@@ -21,12 +21,21 @@ from mpsim.engine.exact import ExactSolver
 from mpsim.engine.pacing import Pacer
 from mpsim.engine.provision import has_masses, has_radii
 from mpsim.engine.report import Report, phase_seconds
-from mpsim.engine.running import MOST_DEATHS, Checkpointer, Keeper, Ledger, tell_of
+from mpsim.engine.running import (
+    MOST_DEATHS,
+    Checkpointer,
+    Keeper,
+    Ledger,
+    Observer,
+    Onlookers,
+    tell_of,
+    warn_of_guard,
+    warn_of_overlaps,
+)
 from mpsim.engine.stepped import SteppedSolver
 from mpsim.errors import (
     CheckpointError,
     ClosedError,
-    GuardWarning,
     InputError,
     OverlapWarning,
     WorkerDied,
@@ -93,7 +102,7 @@ class Simulation:
         self._emission = Emission(scene)
         choice = methods.choose(scene.count, settings)
         if choice.method != "event":  # which refuses them
-            _warn_of_overlaps(scene)
+            warn_of_overlaps(scene)
         self._pacer = Pacer(choice.workers, MOST_FRAMES)
         solver = ExactSolver if choice.method == "event" else SteppedSolver
         self._solver: SteppedSolver | ExactSolver = solver(scene, settings, choice)
@@ -158,6 +167,7 @@ class Simulation:
         until: float | None = None,
         measures: Iterable[str] | None = None,
         progress: Callable[[int, int], None] | None = None,
+        observe: Observer | Iterable[Observer] | None = None,
         checkpoint: str | os.PathLike[str] | None = None,
         checkpoint_every: int | None = None,
         checkpoint_seconds: float = 60.0,
@@ -174,6 +184,7 @@ class Simulation:
                 frame (`event`, after Ctrl-C) the two drifts are NaN.
             progress: called as progress(done, of_frames) about twenty times a second, inside a long frame as well
                 (of `event`; of the others at the end of each frame).
+            observe: who looks on every so many frames, such as mpsim.Trajectory.write(...); changes no bit.
             checkpoint: file for `save`, written along the way and at the end; on SIGTERM too, which then ends the
                 process by SystemExit. See `resume`.
             checkpoint_every: frames between two checkpoints, >= 1; None: checkpoint_seconds [s], > 0, count.
@@ -182,21 +193,26 @@ class Simulation:
             InputError: both or neither of frames and until, or one out of range.
             ClosedError: after `close`.
             DivergedError, WorkerDied, WorkerStalled: the run cannot go on; the simulation is closed.
-            OutputError: a checkpoint cannot be written; the simulation is as it was before that.
+            OutputError: a checkpoint or trajectory cannot be written; the simulation is as it was before that.
         """
         solver = self._open_solver()
-        frames = self._frames_wanted(frames, until)
+        frames, onlookers = self._frames_wanted(frames, until), Onlookers(observe)
         whole = solver.time == solver.frame * self._settings.dt
         gathering = Gathering(self._measures_wanted(measures), frames, solver.state, whole)
         self._between_frames(lambda: solver.record(gathering.counting))
         ledger, guarded = Ledger(max(solver.choice.workers), gathering), solver.guarded
         keeper = Keeper(self._snapshot, self._restore, ledger) if self._heals else None
         with self._checkpointer(checkpoint, checkpoint_every, checkpoint_seconds) as checkpoints:
+            if whole:
+                onlookers.look(self, 0)
             if not frames:
                 checkpoints.look(0, last=True)
             while ledger.done < frames:
                 ahead = min(frames - ledger.done, checkpoints.frames_ahead(ledger.done))
-                self._advance(ahead, ledger, keeper)
+                before = self.frame
+                self._advance(min(ahead, onlookers.frames_ahead(before)), ledger, keeper)
+                if self.frame > before:
+                    onlookers.look(self, ledger.collisions)
                 checkpoints.look(ledger.done, last=ledger.done == frames)
                 if progress is not None:
                     progress(ledger.done, frames)
@@ -206,8 +222,9 @@ class Simulation:
         gathered = gathering.measures(Run(self._scene, solver.count, self._settings.dt))
         guarded = solver.guarded - guarded
         if guarded:
-            _warn_of_guard(guarded)
-        return Report(frame_seconds, phases, ledger.collisions, *self._what_ran(), memory, block, gathered, guarded)
+            warn_of_guard(guarded)
+        counts = (ledger.collisions, *self._what_ran(), memory, block)
+        return Report(frame_seconds, phases, *counts, gathered, guarded, onlookers.seconds)
 
     def _advance(self, most: int, ledger: Ledger, keeper: Keeper | None) -> None:
         """One slice of frames: what emitters add, a command of the solver, and, where wanted, the way back."""
@@ -422,6 +439,19 @@ class Simulation:
         return self._open_solver().radii
 
     @property
+    def masses(self) -> NDArray[np.float64]:
+        """Mass of each disc, those added included, shape (N,) [mass]."""
+        return self._open_solver().masses
+
+    def columns(self) -> methods.Columns:
+        """Column of the grid that each disc is in, the worker that the column belongs to, and how many there are.
+
+        Raises:
+            InputError: for `naive` and `event`, which have no columns.
+        """
+        return self._open_solver().columns()
+
+    @property
     def absorbed(self) -> NDArray[np.bool_]:
         """Which discs have left through an absorbing edge, shape (N,): they rest where they left, and meet nobody."""
         return self._open_solver().absorbed
@@ -468,22 +498,3 @@ class Simulation:
             raise InputError(f"until must not lie in the past: the time is {self.time:g}; got {until!r}.")
         # A frame that ends within rounding of `until` reaches it.
         return max(math.ceil(until / self._settings.dt * (1 - 1e-12)) - self.frame, 0)
-
-
-def _warn_of_overlaps(scene: Scene) -> None:
-    words = scene.overlaps_at_start()
-    if words:
-        warnings.warn(
-            f"{words}. The first frames push them apart. Give places that leave room for the discs to avoid it.",
-            OverlapWarning,
-            stacklevel=3,
-        )
-
-
-def _warn_of_guard(guarded: int) -> None:
-    warnings.warn(
-        f"in {guarded} collisions the contact-time guard suppressed the loss of energy: a disc's last contact was "
-        "an instant before, as in inelastic collapse or of a disc at rest. Without it the run would never end.",
-        GuardWarning,
-        stacklevel=3,
-    )

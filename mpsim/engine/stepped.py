@@ -6,7 +6,7 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from mpsim.engine.methods import Choice
+from mpsim.engine.methods import Choice, Columns, no_columns
 from mpsim.engine.pool import WorkerPool
 from mpsim.engine.provision import feature_specs, fill_features, giant_radius, has_radii, wall_limits
 from mpsim.engine.report import Slice
@@ -126,9 +126,8 @@ class SteppedSolver:
         self._sorted_grid = self._grid
         return abort
 
-    def _deal(self, workers: int) -> None:
-        """Give each worker its columns and its slice: equal numbers of discs, whole columns where they are sorted."""
-        team = self._block.arrays["team"][:workers]
+    def _shares(self, workers: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """First column and first disc of each worker, and the ends: equal numbers, whole columns once sorted."""
         share = np.arange(workers + 1) * self.count // workers
         if self._sorted_grid == self._grid:
             first_of_column = self._block.arrays["start"][: self._grid.table_size : self._grid.rows + 2]
@@ -138,6 +137,12 @@ class SteppedSolver:
             slots[-1] = self.count  # discs that were added since lie behind the sorted ones
         else:
             columns, slots = np.arange(workers + 1) * self._grid.columns // workers, share
+        return columns, slots
+
+    def _deal(self, workers: int) -> None:
+        """Give each worker its columns and its slice."""
+        team = self._block.arrays["team"][:workers]
+        columns, slots = self._shares(workers)
         team[:, layout.FIRST_COLUMN], team[:, layout.LAST_COLUMN] = columns[:-1], columns[1:]
         team[:, layout.LOW], team[:, layout.HIGH] = slots[:-1], slots[1:]
 
@@ -196,6 +201,20 @@ class SteppedSolver:
     def radii(self) -> NDArray[np.float64]:
         """Radius of each disc, shape (N,) [length]."""
         return self._radii[: self.count].copy()
+
+    @property
+    def masses(self) -> NDArray[np.float64]:
+        """Mass of each disc, shape (N,) [mass]."""
+        return self._masses[: self.count].copy()
+
+    def columns(self) -> Columns:
+        """Column and owner of each disc."""
+        if self.choice.method == "naive":
+            raise no_columns("naive")
+        x = self.state().position[:, 0].astype(np.float64)
+        column = np.clip((x * (self._grid.columns / self._scene.width)).astype(np.int64), 0, self._grid.columns - 1)
+        first = self._shares(self._most_workers)[0][:-1]
+        return Columns(column, np.searchsorted(first, column, side="right") - 1, self._grid.columns)
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:

@@ -343,8 +343,12 @@ class Gathering:
         if "pressure_virial" in self._names or ("pressure" in self._names and all(run.scene.periodic)):
             run = replace(run, kinetic_energy=_energy_without_drift(self._state(), run.scene))
         results = Measures()
+        unknown = {name for name, values in self._samples.items() if not values}
+        unknown |= set() if len(counts) else set(COUNTED)
         for name in self._names:
-            if name in COUNTED:
+            if name in unknown:  # after no frames
+                results[name] = Measure(float("nan"), float("nan"), 0)
+            elif name in COUNTED:
                 results[name] = COUNTED[name](counts, run)
             elif name in SAMPLED:
                 results[name] = block_average(self._samples[name])

@@ -173,14 +173,18 @@ def temperature(state: State, scene: Scene, *, remove_drift: bool = False) -> fl
     return float((mass * velocity**2).mean())
 
 
-def overlap(state: State, scene: Scene) -> Overlap:
+def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None) -> Overlap:
     """Number of overlapping pairs, their largest and mean depth. O(N) by cells of the largest diameter.
 
     Pairs closer than rounding of the state's own precision (ROUNDINGS) count as touching, not as overlapping. Along a
     periodic axis the nearest images count. Obstacles are left out.
 
+    Args:
+        state, scene: the state and its scene.
+        radii: of the discs of the state, shape (N,) [length]; None: those of the scene.
+
     Raises:
-        InputError: if the state is not finite, or holds more or fewer discs than the scene has radii.
+        InputError: if the state is not finite, or holds more or fewer discs than there are radii.
 
     >>> scene = Scene(width=9, height=9, position=[[1, 1], [1.75, 1], [5, 5]], velocity=np.zeros((3, 2)), radius=0.5)
     >>> overlap(State(scene.position, scene.velocity), scene)
@@ -188,7 +192,7 @@ def overlap(state: State, scene: Scene) -> Overlap:
     """
     rounding = ROUNDINGS * float(np.finfo(state.position.dtype).eps) * max(scene.width, scene.height)
     position = _position(state)
-    radii = _radii("overlap", scene, position)
+    radii = _radii("overlap", scene, position) if radii is None else _each("overlap", "radius", radii, position)
     diameter = 2 * float(radii.max(initial=0.0))
     pairs, total, largest, worst = 0, 0.0, 0.0, None
     for i, j, distance in close_pairs(position, diameter - rounding, lengths_of(scene)):

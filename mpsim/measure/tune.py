@@ -1,6 +1,7 @@
 """The chooser: the cheapest settings whose errors stay inside given budgets, found by search and verified anew."""
 
 import dataclasses
+import importlib
 import math
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
@@ -77,6 +78,9 @@ class Tuned:
     reference: str
     tried: tuple[Trial, ...]
     tighter: float
+
+    def _repr_html_(self) -> str:
+        return importlib.import_module("mpsim.output.notebook").tuned_html(self)  # which lies above
 
     def __str__(self) -> str:
         lines = [f"{label(self.settings)}: {self.cost.median:.3g} ns per disc and unit of time ({self.cost.method})"]

@@ -1,14 +1,18 @@
-"""Animations: discs at true radius, coloured by speed, written frame by frame to a GIF or an MP4."""
+"""Animations: discs at true radius, coloured, written frame by frame to a GIF or an MP4."""
 
 import contextlib
+import itertools
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.console import Console
@@ -20,6 +24,7 @@ from mpsim.errors import OutputError
 from mpsim.output.drawing import STYLE, behind_piston, draw_discs, new_figure, with_images
 from mpsim.scene import Scene
 from mpsim.settings import Settings
+from mpsim.state import State
 
 PIXELS = 480
 """Length of the longer side of the box in a picture."""
@@ -39,7 +44,8 @@ def animate(
     every: int = 1,
     pictures_per_second: int = 25,
     pixels: int = PIXELS,
-    progress: bool = True,
+    colour: str | None = "speed",
+    progress: bool | Callable[[int, int], None] = True,
 ) -> Path:
     """Simulate a scene and write it as an animation.
 
@@ -50,14 +56,17 @@ def animate(
         every: frames of the simulation from one picture to the next, >= 1.
         pictures_per_second: of the animation, 1 to 50 [1/s].
         pixels: length of the longer side of the box in a picture, 100 to 4000.
-        progress: show a progress bar, if standard error is a terminal.
+        colour: "speed"; "worker", by the worker that owns the column of a disc, or "parity", by whether that column is
+            even or odd, so that one sees the passes (both need a method with columns, `grid` or `parallel`); None: one
+            colour for all.
+        progress: show a progress bar, if standard error is a terminal; or a function, called as progress(done, of).
 
     Returns:
         The path that was written.
 
     Raises:
         OutputError: for another ending, without ffmpeg for .mp4, or if the path cannot be written; before any work.
-        InputError: for numbers out of range.
+        InputError: for numbers out of range, and for columns of a method that has none.
 
     >>> import tempfile
     >>> scene = Scene.random(count=20, packing=0.3, radius=0.5, seed=2)
@@ -69,10 +78,10 @@ def animate(
     every = checks.whole("every", every, 1, 10**9, "1 shows every frame.")
     rate = checks.whole("pictures_per_second", pictures_per_second, 1, 50, "25 looks smooth.")
     pixels = checks.whole("pixels", pixels, 100, 4000, "480 suits a page.")
-    target = Path(path)
+    target = checked_target(path)
     writer = _writer_for(target, rate)
     with Simulation(scene, settings) as sim, matplotlib.rc_context(fname=STYLE), _bar(frames, progress) as advance:
-        picture = Picture(sim, pixels)
+        picture = Picture(sim, pixels, colour)
         with writer.saving(picture.figure, str(target), DPI):
             for number in range(frames):
                 if number:
@@ -83,8 +92,13 @@ def animate(
     return target
 
 
-def _writer_for(target: Path, rate: int) -> AbstractMovieWriter:
-    """The writer for a path's ending, after making sure that it will be able to write."""
+def checked_target(path: str | os.PathLike[str]) -> Path:
+    """The path of an animation, after making sure that it can be written.
+
+    Raises:
+        OutputError: for another ending, without ffmpeg for .mp4, or if the path cannot be written.
+    """
+    target = Path(path)
     ending = target.suffix.lower()
     if ending not in (".gif", ".mp4"):
         raise OutputError(f"an animation's path must end in .gif or .mp4; got {str(target)!r}. Use {target.stem}.gif.")
@@ -94,17 +108,25 @@ def _writer_for(target: Path, rate: int) -> AbstractMovieWriter:
     folder = target.absolute().parent
     if not folder.is_dir() or not os.access(folder, os.W_OK):
         raise OutputError(f"the folder of {str(target)!r} must exist and be writable. Make it, or choose another path.")
+    return target
+
+
+def _writer_for(target: Path, rate: int) -> AbstractMovieWriter:
     # One thread of ffmpeg: on a shared machine it would otherwise take every core.
-    return PillowWriter(fps=rate) if ending == ".gif" else FFMpegWriter(fps=rate, extra_args=["-threads", "1"])
+    gif = target.suffix.lower() == ".gif"
+    return PillowWriter(fps=rate) if gif else FFMpegWriter(fps=rate, extra_args=["-threads", "1"])
 
 
 class Picture:
     """The figure of a simulation, brought up to date before each frame of the animation.
 
-    Colours span the speeds of nearly all discs of the start. Discs that have left through an absorbing edge are hidden.
+    Colours of speeds span those of nearly all discs of the start. Discs that have left through an absorbing edge are
+    hidden.
     """
 
-    def __init__(self, sim: Simulation, pixels: int = PIXELS):
+    def __init__(self, sim: Simulation, pixels: int = PIXELS, colour: str | None = "speed"):
+        if colour is not None:
+            checks.choice("colour", colour, KINDS)
         scene = self._scene = sim.scene
         self._sim = sim
         inches = pixels / DPI / max(scene.width, scene.height)
@@ -112,27 +134,28 @@ class Picture:
         size = (0.4, 1.4) if flat else (1.2, 0.5)  # what title and colour bar need
         self.figure: Figure = new_figure(scene.width * inches + size[0], scene.height * inches + size[1])
         self._axes = self.figure.add_subplot()
-        speeds = np.hypot(*scene.velocity.T)
-        moving = [float(np.hypot(*np.asarray(emitter.velocity))) for emitter in scene.emitters]
-        typical = float(np.quantile(speeds, 0.9)) if len(speeds) else 0.0
-        self._fastest = max(1.5 * typical, *moving, 1e-300) if moving else max(1.5 * typical or 1.0, 1e-300)
+        self._kind = KINDS[colour](sim, self._axes) if colour is not None else None
         self._discs = self._draw(scene.position, sim.radii)
         where = {"location": "bottom", "shrink": 0.6, "aspect": 40} if flat else {"location": "right", "shrink": 0.8}
-        self.figure.colorbar(self._discs, ax=self._axes, label="speed [length/time]", **where)
+        if self._kind is not None:
+            bar = self.figure.colorbar(self._discs, ax=self._axes, label=self._kind.label, **where)
+            if self._kind.ticks is not None:
+                bar.set_ticks(list(self._kind.ticks), labels=list(self._kind.ticks.values()))
         self._title = self._axes.set_title("time 0.00")
         self._closed = behind_piston(scene, 0.0)
         if self._closed is not None:
             self._axes.add_patch(self._closed)
-        self.figure.canvas.draw()
+        self.figure.draw_without_rendering()
         # The layout is found once; solving it again for each picture would take most of the time.
         self.figure.set_layout_engine("none")
 
     def _draw(self, position: NDArray[np.floating], radii: NDArray[np.float64]) -> EllipseCollection:
         """New discs: the sizes of a collection cannot change."""
         discs = draw_discs(self._axes, position, self._scene, radii=radii)
-        discs.set_array(np.zeros(len(radii)))
-        discs.set_cmap("viridis")
-        discs.set_clim(0, self._fastest)
+        if self._kind is not None:
+            discs.set_array(np.zeros(len(radii)))
+            discs.set_cmap(self._kind.colours)
+            discs.set_clim(*self._kind.limits)
         self._drawn = len(radii)
         return discs
 
@@ -145,16 +168,78 @@ class Picture:
             self._discs.remove()
             self._discs = self._draw(position, sim.radii)
         self._discs.set_offsets(with_images(position, self._scene))
-        self._discs.set_array(np.hypot(*state.velocity.T))
+        if self._kind is not None:
+            self._discs.set_array(self._kind.values(sim, state))
         closed = behind_piston(self._scene, sim.time)
         if self._closed is not None and closed is not None:
             self._closed.set_bounds(*closed.get_bbox().bounds)
         self._title.set_text(f"time {sim.time:.2f}, {sim.count - int(gone.sum())} discs")
 
 
+class _Speed:
+    """Colour by speed."""
+
+    label, ticks, colours = "speed [length/time]", None, "viridis"
+
+    def __init__(self, sim: Simulation, axes: Axes):
+        scene = sim.scene
+        speeds = np.hypot(*scene.velocity.T)
+        moving = [float(np.hypot(*np.asarray(emitter.velocity))) for emitter in scene.emitters]
+        typical = float(np.quantile(speeds, 0.9)) if len(speeds) else 0.0
+        fastest = max(1.5 * typical, *moving, 1e-300) if moving else max(1.5 * typical or 1.0, 1e-300)
+        self.limits = (0.0, fastest)
+
+    def values(self, sim: Simulation, state: State) -> NDArray[np.floating]:
+        return np.hypot(*state.velocity.T)
+
+
+class _Worker:
+    """Colour by the worker that owns the column of a disc."""
+
+    label = "worker"
+
+    def __init__(self, sim: Simulation, axes: Axes):
+        sim.columns()  # which refuses methods without columns
+        workers = 1 + len(sim.pids)
+        self.limits = (-0.5, workers - 0.5)
+        self.ticks = {number: str(number) for number in range(workers)} if workers <= len(CATEGORIES) else None
+        kinds = [CATEGORIES[number % len(CATEGORIES)] for number in range(workers)]
+        self.colours = ListedColormap(kinds)
+
+    def values(self, sim: Simulation, state: State) -> NDArray[np.floating]:
+        return sim.columns().owner.astype(float)
+
+
+class _Parity:
+    """Colour by whether the column of a disc is even or odd, over the columns of the start."""
+
+    label, limits, ticks = "column of the disc", (-0.5, 1.5), {0: "even", 1: "odd"}
+    colours = ListedColormap(["#56B4E9", "#D55E00"])
+
+    def __init__(self, sim: Simulation, axes: Axes):
+        number = sim.columns().number
+        for column in range(number):
+            edges = sim.scene.width / number * np.array([column, column + 1])
+            axes.axvspan(*edges, color=self.colours(column % 2), alpha=0.15, linewidth=0, zorder=0)
+
+    def values(self, sim: Simulation, state: State) -> NDArray[np.floating]:
+        return (sim.columns().of_disc % 2).astype(float)
+
+
+KINDS: dict[str, Any] = {"speed": _Speed, "worker": _Worker, "parity": _Parity}
+"""What discs can be coloured by."""
+
+CATEGORIES = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442", "#000000")
+"""Colours of Okabe & Ito, neighbours far apart."""
+
+
 @contextlib.contextmanager
-def _bar(total: int, wanted: bool) -> Iterator[Callable[[], None]]:
-    """A progress bar on standard error, if that is a terminal."""
+def _bar(total: int, wanted: bool | Callable[[int, int], None]) -> Iterator[Callable[[], None]]:
+    """A progress bar on standard error, if that is a terminal; or calls of a function."""
+    if callable(wanted):
+        done = itertools.count(1)
+        yield lambda: wanted(next(done), total)
+        return
     console = Console(stderr=True)
     columns = (TextColumn("animation"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, disable=not (wanted and console.is_terminal)) as bar:

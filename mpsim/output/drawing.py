@@ -60,7 +60,7 @@ def draw_discs(
     Returns:
         The discs, to be moved: `set_offsets(with_images(position, scene))`.
     """
-    if not axes.patches and not axes.collections:
+    if not axes.collections:
         _draw_box(axes, scene)
     diameters = 2 * np.asarray(scene.radii if radii is None else radii)
     # Sizes and colours repeat, so that each image has those of its disc.

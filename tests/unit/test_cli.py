@@ -1,7 +1,8 @@
-"""The command `mpsim`: what it prints, where, and its exit codes: 0 done, 1 refused with a sentence, 2 wrong usage."""
+"""The command `mpsim`: what it prints, where, and its exit codes: 0 done, 1 failed, 2 wrong usage or input."""
 
 import json
 import logging
+import re
 import subprocess
 import sys
 import warnings
@@ -114,7 +115,7 @@ def test_show_names_every_feature(tmp_path):
 def test_problems_of_a_file_are_told_without_a_traceback(tmp_path):
     (tmp_path / "bad.toml").write_text("schema = 1\nwidth = -1\nheight = 'x'\n")
     result = mpsim_command("show", str(tmp_path / "bad.toml"))
-    assert (result.exit_code, result.stdout) == (1, "")
+    assert (result.exit_code, result.stdout) == (2, "")
     assert result.stderr == (
         "Error: 2 problems in a scene file:\n"
         f"{tmp_path}/bad.toml: width must be a finite number > 0 [length]; got -1.\n"
@@ -124,7 +125,7 @@ def test_problems_of_a_file_are_told_without_a_traceback(tmp_path):
 
 def test_an_unknown_scene_is_refused_with_a_suggestion():
     result = mpsim_command("show", "glaton")
-    assert result.exit_code == 1
+    assert result.exit_code == 2
     assert result.stderr.endswith("got 'glaton'. Did you mean 'galton'?\n")
 
 
@@ -223,6 +224,18 @@ def test_tradeoff_writes_a_file_as_its_name_says(asked, tmp_path):
     assert (tmp_path / "a.txt").read_text().startswith("{")
 
 
+def test_a_table_that_is_there_is_not_overwritten_unasked(asked, tmp_path):
+    (tmp_path / "a.csv").write_text("weeks of work")
+    result = mpsim_command("tradeoff", "cradle", "--out", str(tmp_path / "a.csv"))
+    assert result.exit_code == 2
+    assert (
+        f"'{tmp_path}/a.csv' is there already, and is not overwritten. Give another name, or --force." in result.stderr
+    )
+    assert ((tmp_path / "a.csv").read_text(), asked) == ("weeks of work", {})
+    assert mpsim_command("tradeoff", "cradle", "--out", str(tmp_path / "a.csv"), "--force").exit_code == 0
+    assert (tmp_path / "a.csv").read_text().startswith("method,")
+
+
 def test_a_file_that_cannot_be_written_is_refused_before_the_work(asked, tmp_path):
     result = mpsim_command("tradeoff", "cradle", "--out", str(tmp_path / "none" / "a.csv"))
     assert result.exit_code == 1
@@ -247,7 +260,9 @@ def test_progress_is_a_line_now_and_then_where_nobody_watches(capsys, monkeypatc
             progress(step, 100, "accuracy")
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert captured.err.splitlines() == [f"{step} of 100: accuracy" for step in range(10, 100, 10)]
+    assert captured.err.splitlines() == [
+        f"{step} of 100: accuracy, 1/s, {100 - step} s left" for step in range(10, 100, 10)
+    ]
 
 
 def test_progress_is_nothing_under_quiet(capsys):
@@ -261,9 +276,12 @@ def test_progress_is_a_bar_on_a_terminal(monkeypatch, capsys):
     monkeypatch.setenv("TERM", "xterm")
     with terminal.progress(quiet=False) as progress:
         progress(1, 2, "accuracy [of a kind]")
+        progress(2, 2, "accuracy [of a kind]")
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert "1/2" in captured.err
+    assert "2/2" in captured.err
+    plain = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", captured.err)
+    assert re.search(r"accuracy \[of a kind\] +━+ 2/2 [\d.e+]+/s left 0:00:00", plain), "rate and time left"
 
 
 def test_warnings_are_a_line_without_source(monkeypatch):
@@ -311,7 +329,7 @@ def test_the_module_is_the_command():
     shown = subprocess.run([*run, "show", "cradle"], capture_output=True, text=True, timeout=60, check=True)
     assert shown.stdout.startswith("cradle: Newton's cradle\n")
     refused = subprocess.run([*run, "show", "none"], capture_output=True, text=True, timeout=60, check=False)
-    assert (refused.returncode, refused.stdout) == (1, "")
+    assert (refused.returncode, refused.stdout) == (2, "")
     assert refused.stderr.startswith("Error: scene must be a path that ends in .toml or one of ")
     version = subprocess.run([*run, "--version"], capture_output=True, text=True, timeout=60, check=True)
     assert version.stdout == f"mpsim, version {mpsim.__version__}\n"

@@ -1,11 +1,14 @@
 """Report: shapes and sums of the times, counts, and what ran."""
 
+import csv
+
 import numpy as np
 import pytest
 from support.scenes import crowd, gas, simulate
 
 import mpsim
 from mpsim.kernels.layout import PHASES
+from mpsim.measure.gathering import Measures
 
 LAYOUTS = [("naive", 1), ("grid", 1), ("parallel", 1), ("parallel", 3)]
 
@@ -112,3 +115,33 @@ def test_more_frames_than_fit_the_block_are_all_timed():
         report = sim.run(frames=3 * MOST_FRAMES + 1)
     assert report.frames == 3 * MOST_FRAMES + 1
     assert (report.frame_seconds > 0).mean() > 0.99
+
+
+def test_times_as_csv_are_those_of_the_report(tmp_path):
+    with simulate(gas(200, 0.4), method="parallel", workers=2) as sim:
+        report = sim.run(frames=7)
+    text = report.to_csv(tmp_path / "times.csv", first_frame=11)
+    assert (tmp_path / "times.csv").read_text() == text
+    rows = list(csv.DictReader(text.splitlines()))
+    assert [row["frame"] for row in rows] == [str(frame) for frame in range(11, 18)]
+    assert [float(row["seconds"]) for row in rows] == report.frame_seconds.tolist()
+    for name, seconds in report.phase_seconds.items():
+        for worker in (0, 1):
+            column = [float(row[f"{name.replace(' ', '_')}_{worker}"]) for row in rows]
+            assert column == seconds[:, worker].tolist()
+    with pytest.raises(mpsim.OutputError, match="a table of times must be a file that can be written; got "):
+        report.to_csv(tmp_path / "none" / "times.csv")
+
+
+def test_waiting_is_the_part_of_the_time_at_barriers():
+    phases = {name: np.full((4, 2), 1.0) for name in PHASES}
+    phases["wait"] = np.full((4, 2), 6.0)
+    report = mpsim.Report(np.full(4, 10.0), phases, 0, "parallel", 2, (1, 1), 1, Measures(), 0)
+    assert report.waiting == 0.6
+
+
+def test_measures_of_no_frames_are_unknown():
+    with simulate(gas(20, 0.2), method="grid") as sim:
+        measures = sim.run(frames=0, measures=["pressure", "temperature", "largest_overlap", "energy_drift"]).measures
+    assert all(np.isnan(measure.value) for measure in measures.values())
+    assert len(measures) == 4

@@ -138,3 +138,31 @@ def test_a_feature_that_a_scene_lacks_costs_no_array(gravity):
         names = set(sim._solver._block.arrays)
     assert ("gravity" in names) == (gravity is not None)
     assert "acceleration" not in names
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_a_state_is_saved_and_loaded_to_the_bit(tmp_path, precision):
+    with simulate(gas(50, 0.5), method="grid", precision=precision) as sim:
+        sim.run(frames=5)
+        state = sim.state
+    again = mpsim.State.load(state.save(tmp_path / "a.npz"))
+    assert again.digest() == state.digest()
+    assert again.position.dtype == precision
+
+
+def test_a_file_that_is_no_state_is_refused(tmp_path):
+    with pytest.raises(mpsim.InputError, match=r"must end in \.npz; got 'a\.txt'\. Use 'state\.npz'\."):
+        mpsim.State.load("a.txt")
+    with pytest.raises(mpsim.InputError, match=r"must be a \.npz with position and velocity; .*No such file"):
+        mpsim.State.load(tmp_path / "none.npz")
+    (tmp_path / "bad.npz").write_bytes(b"PK nonsense")
+    with pytest.raises(mpsim.InputError, match=r"must be a \.npz with position and velocity; "):
+        mpsim.State.load(tmp_path / "bad.npz")
+    np.savez(tmp_path / "other.npz", position=np.zeros((3, 2)), velocity=np.zeros((2, 2)))
+    with pytest.raises(mpsim.InputError, match=r"must have one shape, \(N, 2\), and one floating dtype; .*\(2, 2\)"):
+        mpsim.State.load(tmp_path / "other.npz")
+    np.savez(tmp_path / "code.npz", position=np.array([print], object), velocity=np.zeros((1, 2)))
+    with pytest.raises(mpsim.InputError, match=r"allow_pickle"):
+        mpsim.State.load(tmp_path / "code.npz")
+    with pytest.raises(mpsim.OutputError, match=r"must be in a folder that can be written to; got .* Choose another"):
+        mpsim.State(np.zeros((1, 2)), np.zeros((1, 2))).save(tmp_path / "none" / "a.npz")

@@ -1,0 +1,168 @@
+"""Trajectories as GSD, the binary format of HOOMD-blue, through the `gsd` library; OVITO and freud read it, too.
+
+The schema centres boxes at the origin and is of single precision, which loses bits. So each frame also holds what mpsim
+had, under log/: the exact places, velocities and radii, the numbers of the discs, box and time.
+"""
+
+import importlib
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mpsim.errors import OutputError, TrajectoryError
+from mpsim.output.frames import Frame
+
+_PER_DISC = ("position", "velocity", "radius", "id")
+
+
+def library(module: str) -> Any:
+    """A module of the gsd library.
+
+    Raises:
+        OutputError: if it is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise OutputError(
+            f"a trajectory that ends in .gsd needs the package gsd, which cannot be imported ({error}). Install it by "
+            "`pip install 'mpsim[gsd]'`, or let the path end in .xyz, which needs nothing."
+        ) from None
+
+
+class GsdWriter:
+    """Appends frames to a file that is open for it."""
+
+    def __init__(self, path: Path, mode: str):
+        self._path = path
+        self._hoomd = library("gsd.hoomd")
+        self._file: Any = self._open({"a": "r+" if path.exists() and path.stat().st_size else "w"}.get(mode, mode))
+
+    def write(self, frame: Frame) -> None:
+        """Append a frame, and hand it to the operating system."""
+        made = self._hoomd.Frame()
+        count, size = len(frame.position), np.asarray(frame.box)
+        made.configuration.step = frame.frame
+        made.configuration.dimensions = 2
+        made.configuration.box = [*frame.box, 0, 0, 0, 0]
+        made.particles.N = count
+        made.particles.types = ["disc"]
+        made.particles.position = _three(frame.position.astype(np.float64) - size / 2)
+        made.particles.velocity = _three(frame.velocity)
+        made.particles.diameter = (2 * frame.radius).astype(np.float32)
+        ours = (frame.position, frame.velocity, frame.radius, frame.ids.astype(np.int64))
+        made.log = dict[str, Any]()
+        made.log |= {f"particles/mpsim/{name}": array for name, array in zip(_PER_DISC, ours, strict=True) if count}
+        made.log["mpsim/time"] = np.array([frame.time])
+        made.log["mpsim/box"] = size
+        made.log["mpsim/periodic"] = np.array(frame.periodic, np.uint8)
+        made.log["mpsim/single"] = np.array([frame.position.dtype == np.float32], np.uint8)
+        try:
+            self._file.append(made)
+            self._file.flush()
+        except RuntimeError as error:
+            raise OSError(0, str(error)) from error
+
+    def keep(self, frames: int) -> None:
+        """Leave only the first frames. The library cannot shorten a file, so they are copied to another."""
+        if frames == len(self._file):
+            return
+        self.close()
+        beside = self._path.with_name(f".{self._path.name}.{os.getpid()}.tmp")
+        try:
+            _copy(self._path, beside, frames)
+            beside.replace(self._path)
+        finally:
+            beside.unlink(missing_ok=True)
+        self._file = self._open("r+")
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _open(self, mode: str) -> Any:
+        try:
+            return self._hoomd.open(str(self._path), mode)
+        except RuntimeError as error:
+            raise TrajectoryError(f"a trajectory can be continued only if it is whole GSD; {error}.") from None
+
+
+class GsdReader:
+    """Reads frames of a file that stays open."""
+
+    def __init__(self, path: Path):
+        self._path = path
+        hoomd = library("gsd.hoomd")
+        try:
+            self._file: Any = hoomd.open(str(path), "r")
+        except (RuntimeError, OSError) as error:
+            raise TrajectoryError(
+                f"a trajectory that ends in .gsd must be a whole GSD file; {str(path)!r} cannot be read: {error}. "
+                "If it was copied while it was written, copy it again."
+            ) from None
+
+    def __len__(self) -> int:
+        return len(self._file)
+
+    def number(self, index: int) -> int:
+        """The frame of the simulation that is at an index."""
+        step = self._chunk(index, "configuration/step")
+        return 0 if step is None else int(step[0])
+
+    def read(self, index: int) -> Frame:
+        """One frame: what mpsim wrote, or, from another program, what its standard fields hold."""
+        box = self._chunk(index, "log/mpsim/box")
+        if box is not None:
+            return self._of_mpsim(index, *map(float, box))
+        found = self._file[index]
+        box = found.configuration.box
+        if box is None or box[:2].min() <= 0 or np.any(box[3:]):
+            raise TrajectoryError(
+                f"frame {index} of {str(self._path)!r} must have an upright rectangular box; got {box!r}."
+            )
+        known = {"velocity": found.particles.velocity[:, :2], "radius": found.particles.diameter / 2}
+        place = found.particles.position[:, :2] + box[:2] / 2
+        both = float(box[0]), float(box[1])
+        return Frame(int(found.configuration.step), both, (True, True), place, self._path, known)
+
+    def _of_mpsim(self, index: int, width: float, height: float) -> Frame:
+        """A frame that mpsim wrote; nothing was written per disc where there was none."""
+        real = np.float32 if self._chunk(index, "log/mpsim/single")[0] else np.float64
+        none = {"position": np.zeros((0, 2), real), "velocity": np.zeros((0, 2), real), "radius": np.zeros(0)}
+        none["id"] = np.zeros(0, np.int64)
+        found = {name: self._chunk(index, f"log/particles/mpsim/{name}") for name in _PER_DISC}
+        known: dict[str, Any] = {name: none[name] if array is None else array for name, array in found.items()}
+        known["ids"] = known.pop("id")
+        known["time"] = float(self._chunk(index, "log/mpsim/time")[0])
+        x, y = (bool(wrap) for wrap in self._chunk(index, "log/mpsim/periodic"))
+        return Frame(self.number(index), (width, height), (x, y), known.pop("position"), self._path, known)
+
+    def _chunk(self, index: int, name: str) -> Any:
+        """What a frame holds under a name; None if it holds nothing there."""
+        file = self._file.file
+        return file.read_chunk(frame=index, name=name) if file.chunk_exists(frame=index, name=name) else None
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def _three(plane: Any) -> Any:
+    """Vectors with a z of 0, in single precision."""
+    return np.pad(np.asarray(plane, np.float32), ((0, 0), (0, 1)))
+
+
+def _copy(source: Path, target: Path, frames: int) -> None:
+    """The first frames of a file as a file of their own, chunk by chunk."""
+    low = library("gsd.fl")
+    with low.open(str(source), "r") as old:
+        options = {"application": old.application, "schema": old.schema, "schema_version": old.schema_version}
+        names = old.find_matching_chunk_names("")
+        with low.open(str(target), "x", **options) as new:
+            for frame in range(frames):
+                for name in names:
+                    if old.chunk_exists(frame=frame, name=name):
+                        new.write_chunk(name, old.read_chunk(frame=frame, name=name))
+                new.end_frame()

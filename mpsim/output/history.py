@@ -1,0 +1,113 @@
+"""What a run recorded, as pictures: energy, overlap, collision rate along the way, and the state at the end."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from mpsim.engine.simulation import Simulation
+from mpsim.errors import OutputError
+from mpsim.output.drawing import STYLE, behind_piston, draw_discs, new_figure
+from mpsim.output.frames import Frame, frame_of
+from mpsim.scene import Scene
+
+TALL: dict[str, Any] = {"location": "right", "shrink": 0.7, "aspect": 30}
+"""Where the colour bar of a box lies that is not flat."""
+
+_LINE = {"color": "#0072B2"}
+
+
+def history(table: dict[str, NDArray[np.float64]], scene: Scene, last: Frame, title: str) -> Figure:
+    """Four panels.
+
+    Args:
+        table: columns of measures.csv, see mpsim.output.recorder.
+        scene: box and obstacles.
+        last: the discs that are drawn.
+        title: of the whole.
+    """
+    with matplotlib.rc_context(fname=STYLE):
+        figure = new_figure(10, 6.4)
+        panels = figure.subplots(2, 2)
+        energy, rate, overlap, place = panels.flat
+        time = table["time"]
+        energy.plot(time, table["kinetic_energy"], **_LINE)
+        energy.set(ylabel="[mass length²/time²]", title="Kinetic energy")
+        _from_zero(energy, table["kinetic_energy"])
+        rate.plot(time, table["collision_rate"], **_LINE)
+        rate.set(ylabel="[1/time]", title="Collisions per disc and time")
+        _from_zero(rate, table["collision_rate"])
+        overlap.plot(time, table["overlap_largest"], color="#D55E00", label="largest")
+        overlap.plot(time, table["overlap_mean"], color="#0072B2", label="mean of those that overlap")
+        overlap.set(ylabel="[length]", title="Depth of overlaps at that moment")
+        _from_zero(overlap, table["overlap_largest"], room=1.45)
+        overlap.legend(loc="upper left", fontsize=9)
+        for axes in (energy, rate, overlap):
+            axes.set_xlabel("time")
+        draw_frame(place, last, scene)
+        place.set_anchor("C")
+        figure.suptitle(title)
+    return figure
+
+
+def draw_frame(axes: Axes, frame: Frame, scene: Scene) -> None:
+    """The discs of a frame, coloured by speed."""
+    discs = draw_discs(axes, frame.position, scene, radii=frame.radius)
+    speeds = np.hypot(*frame.velocity.astype(np.float64).T)
+    discs.set_array(speeds)
+    discs.set_cmap("viridis")
+    discs.set_clim(0, max(1.5 * float(np.quantile(speeds, 0.9)) if len(speeds) else 0.0, 1e-300))
+    closed = behind_piston(scene, frame.time)
+    if closed is not None:
+        axes.add_patch(closed)
+    where: dict[str, Any] = (
+        {"location": "bottom", "shrink": 0.6, "aspect": 40} if scene.width > 2.5 * scene.height else TALL
+    )
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    figure.colorbar(discs, ax=axes, label="speed [length/time]", **where)
+    axes.set_title(f"time {frame.time:.4g}, {len(frame.position)} discs")
+
+
+def final_picture(sim: Simulation, path: str | os.PathLike[str]) -> Path:
+    """The present state of a simulation as a PNG.
+
+    Raises:
+        OutputError: if it cannot be written.
+    """
+    scene = sim.scene
+    with matplotlib.rc_context(fname=STYLE):
+        longer = max(scene.width, scene.height)
+        figure = new_figure(max(6 * scene.width / longer, 2) + 1.2, max(6 * scene.height / longer, 1) + 0.9)
+        draw_frame(figure.add_subplot(), frame_of(sim), scene)
+    return save_figure(figure, path)
+
+
+def save_figure(figure: Figure, path: str | os.PathLike[str]) -> Path:
+    """Write a figure in mpsim's style.
+
+    Raises:
+        OutputError: if it cannot be written.
+    """
+    target = Path(path)
+    try:
+        with matplotlib.rc_context(fname=STYLE):
+            figure.savefig(target)
+    except (OSError, ValueError) as error:  # ValueError: an ending that matplotlib cannot write
+        reason = getattr(error, "strerror", None) or error
+        raise OutputError(
+            f"a picture must be a file that can be written, such as a .png; got {str(target)!r} ({reason}). "
+            "Choose another place."
+        ) from error
+    return target
+
+
+def _from_zero(axes: Axes, values: NDArray[np.float64], room: float = 1.15) -> None:
+    """Begin at 0: a curve that looks rough must not be the rounding of a constant."""
+    top = float(np.nanmax(values, initial=0.0))
+    axes.set_ylim(0, room * top if top > 0 else 1.0)

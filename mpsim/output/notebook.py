@@ -1,0 +1,81 @@
+"""How scenes and reports look in a notebook: a small still and small tables, never a film."""
+
+import html
+import io
+import math
+
+import matplotlib
+import numpy as np
+from PIL import Image
+
+from mpsim.engine.report import Report
+from mpsim.kernels.layout import PHASES
+from mpsim.measure.tables import cost_text, error_text
+from mpsim.measure.tradeoff import label
+from mpsim.measure.tune import Tuned
+from mpsim.output.drawing import STYLE, draw_discs, new_figure
+from mpsim.scene import Scene
+
+INCHES = 3.2
+"""Longer side of a still."""
+
+COLOURS = 48
+"""Colours of a still: more hardly show, and fewer make it small."""
+
+MOST_DISCS = 50_000
+"""Discs that a still shows at most. More would take seconds, and be smaller than its pixels."""
+
+
+def scene_png(scene: Scene) -> bytes:
+    """A scene as a PNG of less than 100 kB, coloured by speed; of very many discs some, and it says so."""
+    step = max(math.ceil(scene.count / MOST_DISCS), 1)
+    speeds = np.hypot(*scene.velocity[::step].T)
+    with matplotlib.rc_context(fname=STYLE):
+        longer = max(scene.width, scene.height)
+        figure = new_figure(max(INCHES * scene.width / longer, 1), max(INCHES * scene.height / longer, 0.6) + 0.3)
+        axes = figure.add_subplot()
+        discs = draw_discs(axes, scene.position[::step], scene, radii=scene.radii[::step])
+        discs.set_array(speeds)
+        discs.set_cmap("viridis")
+        if step > 1 or len(speeds) > 5000:
+            discs.set_linewidth(0)
+        words = f"{scene.count:,} discs" if step == 1 else f"{len(speeds):,} of {scene.count:,} discs"
+        axes.set_title(f"{words}, packing {scene.packing:.3g}", fontsize=9)
+        file = io.BytesIO()
+        figure.savefig(file, dpi=90, format="png")
+    small = io.BytesIO()
+    with Image.open(file) as picture:
+        picture.convert("RGB").quantize(COLOURS).save(small, format="PNG", optimize=True)
+    return small.getvalue()
+
+
+def report_html(report: Report) -> str:
+    """A report as a table: what ran, how long a frame took, and in which phases."""
+    rows = [("method", f"{report.method}, {report.workers} worker{'s' * (report.workers > 1)}")]
+    rows += [("frames", f"{report.frames:,}"), ("collisions", f"{report.collisions:,}")]
+    if report.frames:
+        low, median, high = np.quantile(report.frame_seconds, [0.05, 0.5, 0.95]) * 1e6
+        rows.append(("time of a frame", f"median {median:.3g} µs (5 % to 95 %: {low:.3g} to {high:.3g} µs)"))
+        total = sum(float(report.phase_seconds[name].sum()) for name in PHASES) or 1.0
+        shares = [f"{name} {100 * float(report.phase_seconds[name].sum()) / total:.0f} %" for name in PHASES]
+        rows.append(("phases", ", ".join(shares)))
+    rows += [(name, f"{measure.value:.6g} ± {measure.error:.2g}") for name, measure in report.measures.items()]
+    return table(rows, "report.plot() draws it")
+
+
+def tuned_html(tuned: Tuned) -> str:
+    """The answer of `tune` as a table: the settings, their cost, and each error beside its budget."""
+    cost = cost_text(tuned.cost.median, (tuned.cost.high - tuned.cost.low) / 2)
+    rows = [("settings", label(tuned.settings)), ("cost", f"{cost} ns per disc and unit of time")]
+    rows += [
+        (name.replace("_", " "), f"{error_text(name, tuned.errors[name])}, budget {budget:g}")
+        for name, budget in tuned.budgets.items()
+    ]
+    rows.append(("tried", f"{len(tuned.tried)} candidates"))
+    return table(rows, f"the cheapest settings inside the budgets; errors against {tuned.reference}")
+
+
+def table(rows: list[tuple[str, str]], caption: str) -> str:
+    """Names and values as an HTML table."""
+    lines = [f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>" for name, value in rows]
+    return f"<table><caption>{html.escape(caption)}</caption><tbody>{''.join(lines)}</tbody></table>"

@@ -1,0 +1,99 @@
+"""What a run writes down along the way: a table of energy, overlap and collisions."""
+
+import csv
+import io
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim import checks
+from mpsim.engine.simulation import Simulation
+from mpsim.errors import InputError, OutputError
+from mpsim.measure.observables import overlap
+from mpsim.state import State
+
+COLUMNS = ("frame", "time", "discs", "kinetic_energy", "overlap_mean", "overlap_largest", "collision_rate")
+"""Time [time], energy [mass length^2/time^2], depth of the overlaps at that moment [length], collisions per disc and
+time since the row before [1/time], a pair counting for both. Discs that have left are not counted."""
+
+
+class Recorder:
+    """An observer that writes a table, row by row, each flushed; rows after the simulation's frame are written anew.
+
+    Args:
+        path: of the CSV file; what is there of the same run is gone on with.
+        every: frames between two rows, >= 1.
+        sim: counts of collisions begin at its frame.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], every: int, sim: Simulation):
+        self.every = checks.whole("every", every, 1, 10**12, "1 writes a row for every frame.")
+        self._path = Path(path)
+        self._since = sim.frame
+        self._collisions = 0
+        kept = [row for row in _rows(self._path) if int(row[0]) <= sim.frame]
+        self._last = int(kept[-1][0]) if kept else -1
+        try:
+            self._file = self._path.open("w", newline="")
+        except OSError as error:
+            raise OutputError(
+                f"the table of a run must be a file that can be written; got {str(self._path)!r} ({error.strerror})."
+            ) from error
+        self._writer = csv.writer(self._file, lineterminator="\n")
+        self._writer.writerows([COLUMNS, *kept])
+        self._file.flush()
+
+    def look(self, sim: Simulation, collisions: int) -> None:
+        """Write a row for the present frame, unless it is there already."""
+        frames, met = sim.frame - self._since, collisions - self._collisions
+        self._since, self._collisions = sim.frame, collisions
+        if sim.frame <= self._last:
+            return
+        self._last = sim.frame
+        here = ~sim.absorbed
+        state, radii, masses = sim.state, sim.radii[here], sim.masses[here]
+        state = State(state.position[here], state.velocity[here])
+        energy = 0.5 * float((masses[:, None] * state.velocity.astype(np.float64) ** 2).sum())
+        depth = overlap(state, sim.scene, radii)
+        count = len(radii)
+        rate = 2 * met / (count * frames * sim.settings.dt) if count and frames > 0 else math.nan
+        self._writer.writerow([sim.frame, sim.time, count, energy, depth.mean, depth.largest, rate])
+        self._file.flush()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def __enter__(self) -> "Recorder":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def read_table(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]:
+    """Columns of a table by name, each of shape (rows,).
+
+    Raises:
+        InputError: if there is no such file, or it is no table of a run.
+    """
+    rows = _rows(Path(path))
+    try:
+        values = np.array([[float(value) for value in row] for row in rows]).reshape(len(rows), len(COLUMNS))
+    except ValueError as error:
+        raise InputError(f"{os.fspath(path)!r} must be a table of numbers that a run has written; {error}.") from None
+    return dict(zip(COLUMNS, values.T, strict=True))
+
+
+def _rows(path: Path) -> list[list[str]]:
+    """Whole rows of a file, without the head; none where there is no file."""
+    if not path.exists():
+        return []
+    whole = path.read_text("utf-8").rpartition("\n")[0]
+    rows = list(csv.reader(io.StringIO(whole)))
+    if rows and tuple(rows[0]) != COLUMNS:
+        raise InputError(f"{str(path)!r} must begin with the columns {','.join(COLUMNS)}; got {','.join(rows[0])!r}.")
+    return rows[1:]

@@ -1,0 +1,52 @@
+"""A report as a picture: the time of each frame, and what each worker did with it."""
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from mpsim.engine.report import Report
+from mpsim.kernels.layout import PHASES
+from mpsim.output.drawing import STYLE, new_figure
+
+PHASE_COLOURS = dict(zip(PHASES, ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#CCCCCC"), strict=True))
+"""Waiting is grey: it is nobody's work."""
+
+
+def times(report: Report) -> Figure:
+    """Time of each frame above; below, a bar for each worker that shows the median time of its phases."""
+    frames = np.arange(1, report.frames + 1)
+    workers = report.phase_seconds[PHASES[0]].shape[1]
+    with matplotlib.rc_context(fname=STYLE):
+        figure = new_figure(8, 4.4 + 0.3 * workers)
+        above, below = figure.subplots(2, 1, height_ratios=[3, 1.4 + 0.3 * workers])
+        microseconds = report.frame_seconds * 1e6
+        # On a scale of ratios a frame that the system disturbed does not press all others to the floor.
+        above.plot(frames, microseconds, color="#0072B2", linewidth=0.7)
+        if report.frames:
+            median = float(np.median(microseconds))
+            above.axhline(median, color="#D55E00", linewidth=1.2, label=f"median {median:.3g} µs")
+            above.legend(loc="upper right")
+            above.set(yscale="log", xlim=(0, report.frames + 1))
+        word = f"{report.method}, {report.workers} worker{'s' * (report.workers > 1)}"
+        above.set(xlabel="frame of the run", ylabel="time of a frame [µs]", title=f"{report.frames} frames by {word}")
+        medians = {name: _medians(seconds) for name, seconds in report.phase_seconds.items()}
+        left = np.zeros(workers)
+        for name in PHASES:
+            below.barh(np.arange(workers), medians[name], left=left, color=PHASE_COLOURS[name], label=name, height=0.7)
+            left += medians[name]
+        waiting = 100 * medians["wait"].sum() / (left.sum() or 1.0)
+        below.set(
+            xlabel=f"median time of each phase [µs]; {waiting:.0f} % of it is waiting for others",
+            ylabel="worker",
+            yticks=np.arange(workers),
+            ylim=(workers - 0.4, -0.6),
+        )
+        below.grid(False, axis="y")
+        figure.legend(*below.get_legend_handles_labels(), loc="outside lower center", ncols=len(PHASES), fontsize=9)
+    return figure
+
+
+def _medians(seconds: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Median over the frames for each worker [µs]."""
+    return np.median(seconds, axis=0) * 1e6 if len(seconds) else np.zeros(seconds.shape[1])

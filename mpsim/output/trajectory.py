@@ -1,0 +1,216 @@
+"""Trajectories: frames of a run in one file, written while it runs and read back one by one.
+
+`.xyz` and `.extxyz` are extended XYZ, which needs no other package; `.gsd` is GSD, which needs the package gsd. OVITO
+opens both. A kill at any moment costs at most the frame that was being written.
+"""
+
+import logging
+import os
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import overload
+
+from mpsim import checks
+from mpsim.engine.simulation import Simulation
+from mpsim.errors import InputError, OutputError, TrajectoryError, TrajectoryWarning
+from mpsim.output.frames import Frame, Reader, Writer, differs, frame_of
+from mpsim.output.gsd import GsdReader, GsdWriter
+from mpsim.output.xyz import XyzReader, XyzWriter
+
+logger = logging.getLogger("mpsim")
+
+ENDINGS = {
+    ".xyz": (XyzReader, XyzWriter),
+    ".extxyz": (XyzReader, XyzWriter),
+    ".gsd": (GsdReader, GsdWriter),
+}
+
+
+class Trajectory:
+    """A trajectory that is read: a sequence of frames, each read from the file when it is asked for.
+
+    Args:
+        path: ends in .xyz, .extxyz or .gsd; written by mpsim or by another program.
+
+    Raises:
+        InputError: for another ending.
+        TrajectoryError: if the file cannot be read; naming what it lacks.
+
+    Warns:
+        TrajectoryWarning: if the file ends in the middle of a frame; that frame is left out.
+
+    >>> import tempfile, mpsim
+    >>> scene = mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with mpsim.Simulation(scene) as sim, mpsim.Trajectory.write(f"{folder}/run.xyz", every=10) as out:
+    ...         report = sim.run(frames=100, observe=out)
+    ...     trajectory = mpsim.Trajectory(f"{folder}/run.xyz")
+    ...     len(trajectory), trajectory[-1].frame, trajectory[-1].position.shape
+    ...     [frame.frame for frame in trajectory[::4]]
+    (11, 100, (50, 2))
+    [0, 40, 80]
+    """
+
+    def __init__(self, path: str | os.PathLike[str]):
+        self.path = _path_of(path)
+        if not self.path.is_file():
+            raise TrajectoryError(f"a trajectory must be a file that can be read; {str(self.path)!r} is none.")
+        self._reader: Reader = ENDINGS[self.path.suffix.lower()][0](self.path)
+        self._range = range(len(self._reader))
+
+    def __len__(self) -> int:
+        return len(self._range)
+
+    @overload
+    def __getitem__(self, index: int) -> Frame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "Trajectory": ...
+
+    def __getitem__(self, index: int | slice) -> "Frame | Trajectory":
+        if isinstance(index, slice):
+            part = object.__new__(Trajectory)
+            part.path, part._reader, part._range = self.path, self._reader, self._range[index]
+            return part
+        try:
+            return self._reader.read(self._range[index])
+        except IndexError:
+            raise IndexError(f"the trajectory has {len(self)} frames; got index {index}.") from None
+
+    def __iter__(self) -> Iterator[Frame]:
+        return map(self._reader.read, self._range)
+
+    def __enter__(self) -> "Trajectory":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the file. Not needed for extended XYZ, whose file is open only while a frame is read."""
+        self._reader.close()
+
+    def __repr__(self) -> str:
+        return f"<Trajectory: {len(self)} frames in {str(self.path)!r}>"
+
+    @staticmethod
+    def write(path: str | os.PathLike[str], every: int = 1, *, mode: str = "x") -> "TrajectoryWriter":
+        """An observer for `Simulation.run(observe=...)` that writes a trajectory.
+
+        Args:
+            path: ends in .xyz, .extxyz (extended XYZ) or .gsd (needs the package gsd).
+            every: frames of the simulation from one frame of the file to the next, >= 1.
+            mode: "x" for a new file only, "w" to replace a file that is there, "a" to go on with one, as after
+                `Simulation.resume`: frames after that of the simulation, written after its checkpoint, are dropped
+                and come again with the same bits.
+
+        Raises:
+            InputError: naming the argument, its rule and the value received.
+            OutputError: if the file is there already (mode "x"), cannot be written, or the package gsd is missing.
+        """
+        return TrajectoryWriter(path, every, mode=mode)
+
+
+class TrajectoryWriter:
+    """Writes frames of a run to a file; made by `Trajectory.write`, and used in a `with` block.
+
+    Attributes:
+        path: of the file.
+        every: frames of the simulation between two frames of the file.
+        frames: written so far.
+        seconds: that writing took [s].
+    """
+
+    def __init__(self, path: str | os.PathLike[str], every: int = 1, *, mode: str = "x"):
+        self.path = _path_of(path)
+        self.every = checks.whole("every", every, 1, 10**12, "1 writes every frame.")
+        checks.choice("mode", mode, ("x", "w", "a"))
+        self.frames, self.seconds = 0, 0.0
+        self._last = -1
+        if mode == "x" and self.path.exists():
+            raise OutputError(
+                f"the trajectory {str(self.path)!r} is there already, and is not overwritten. Choose another name, or "
+                "use mode='w' to replace it, mode='a' to go on with it."
+            )
+        self._unchecked = mode == "a" and self.path.exists() and self.path.stat().st_size > 0
+        kind = ENDINGS[self.path.suffix.lower()][1]
+        try:
+            self._writer: Writer = kind(self.path, mode)
+        except OutputError:
+            raise
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    def look(self, sim: Simulation, collisions: int) -> None:
+        """Write the present frame, unless it is there already."""
+        started = time.perf_counter()
+        if self._unchecked:
+            self._go_on(sim)
+            self._unchecked = False
+        if sim.frame > self._last:
+            try:
+                self._writer.write(frame_of(sim))
+            except OSError as error:
+                raise self._unwritable(error) from error
+            self._last = sim.frame
+            self.frames += 1
+        self.seconds += time.perf_counter() - started
+
+    def _go_on(self, sim: Simulation) -> None:
+        """Make the file end where the simulation is, after making sure that it is of this simulation."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            reader: Reader = ENDINGS[self.path.suffix.lower()][0](self.path)
+        for each in caught:
+            logger.warning("mpsim: %s It is cut off.", each.message)
+        try:
+            kept = len(reader)
+            while kept and reader.number(kept - 1) > sim.frame:
+                kept -= 1
+            if kept < len(reader):
+                logger.info("mpsim: %d frames of %s are written anew.", len(reader) - kept, self.path)
+            last = reader.read(kept - 1) if kept else None
+        finally:
+            reader.close()
+        now = frame_of(sim)
+        if last is not None:
+            wrong = differs(last, now) if last.frame == now.frame else None
+            if wrong or last.box != now.box:
+                raise OutputError(
+                    f"the trajectory {str(self.path)!r} can be continued only by the run that wrote it; at frame "
+                    f"{last.frame} {wrong or 'its box is another'}. Choose another file."
+                )
+            if last.frame < now.frame - self.every:
+                warnings.warn(
+                    f"the trajectory {str(self.path)!r} goes on at frame {now.frame}, and its last frame was "
+                    f"{last.frame}: those between are missing.",
+                    TrajectoryWarning,
+                    stacklevel=5,
+                )
+            self._last = last.frame
+        self._writer.keep(kept)
+
+    def _unwritable(self, error: OSError) -> OutputError:
+        return OutputError(
+            f"the trajectory {str(self.path)!r} must be in a folder that can be written to, with room on its disk; got "
+            f"{error.strerror or error}. What was written before is whole. Choose another place, or make room."
+        )
+
+    def __enter__(self) -> "TrajectoryWriter":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file. May be called again."""
+        self._writer.close()
+
+
+def _path_of(path: str | os.PathLike[str]) -> Path:
+    """A path that ends as a trajectory does."""
+    if not isinstance(path, str | os.PathLike) or Path(os.fsdecode(path)).suffix.lower() not in ENDINGS:
+        raise InputError(f"a trajectory's path must end in {', '.join(ENDINGS)}; got {path!r}. Use 'run.xyz'.")
+    return Path(os.fsdecode(path))

@@ -1,0 +1,228 @@
+"""Trajectories as extended XYZ, a text that OVITO, ASE and others read.
+
+A frame is the number of its discs, a line of keys, and a line for each disc. Numbers are written so that reading them
+gives the same bits. A frame is whole if all its lines are there, each with its end; anything else at the end of the
+file is what a kill has left, and is dropped.
+"""
+
+import os
+import re
+import warnings
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.errors import TrajectoryError, TrajectoryWarning
+from mpsim.output.frames import Frame
+
+PROPERTIES = "species:S:1:pos:R:3:radius:R:1:velo:R:3:id:I:1"
+"""Columns that mpsim writes, by the names that OVITO knows."""
+
+_DISC = "X %r %r 0.0 %r %r %r 0.0 %d\n"
+
+_KEY = re.compile(r'([A-Za-z_][\w-]*)\s*=\s*(?:"([^"]*)"|\{([^}]*)\}|(\S+))')
+
+_NAMES = {"pos": "position", "velo": "velocity", "vel": "velocity", "radius": "radius", "id": "ids"}
+"""Columns that are read."""
+
+_LONGEST_COUNT = 20
+"""Characters of the line that holds the number of discs at most: a longer one is no trajectory."""
+
+
+class XyzWriter:
+    """Appends frames to a file that is open for it."""
+
+    def __init__(self, path: Path, mode: str):
+        self._path = path
+        self._file = path.open({"a": "ab", "x": "xb", "w": "wb"}[mode])
+
+    def write(self, frame: Frame) -> None:
+        """Append a frame, and hand it to the operating system."""
+        self._file.write(text_of(frame).encode())
+        self._file.flush()
+
+    def keep(self, frames: int) -> None:
+        """Cut the file after its first frames, and what a kill has left behind the last whole one."""
+        offsets, _ = scan(self._path)
+        self._file.truncate(offsets[frames])
+
+    def close(self) -> None:
+        """Close the file, its content forced to the disk."""
+        if not self._file.closed:
+            os.fsync(self._file.fileno())
+            self._file.close()
+
+
+class XyzReader:
+    """Reads frames where they lie in the file."""
+
+    def __init__(self, path: Path):
+        self._path = path
+        self._offsets, lost = scan(path)
+        if lost:
+            warnings.warn(
+                f"the trajectory {str(path)!r} ends in the middle of a frame, as a kill leaves it; the last {lost} "
+                f"bytes are not read. Its {len(self)} whole frames are there.",
+                TrajectoryWarning,
+                stacklevel=4,
+            )
+
+    def __len__(self) -> int:
+        return len(self._offsets) - 1
+
+    def number(self, index: int) -> int:
+        """The frame of the simulation that is at an index; the index itself where the file does not say."""
+        with self._path.open("rb") as file:
+            file.seek(self._offsets[index])
+            file.readline()
+            keys = keys_of(file.readline().decode("utf-8", "replace"))
+        return self._number(keys, index)
+
+    def read(self, index: int) -> Frame:
+        """One frame.
+
+        Raises:
+            TrajectoryError: naming what the file lacks.
+        """
+        start, end = self._offsets[index : index + 2]
+        with self._path.open("rb") as file:
+            file.seek(start)
+            lines = file.read(end - start).decode("utf-8", "replace").split("\n")
+        count, keys = int(lines[0]), keys_of(lines[1])
+        where = f"frame {index} of {str(self._path)!r}"
+        if "Lattice" not in keys:
+            raise TrajectoryError(
+                f"{where} must hold the box, the key Lattice of extended XYZ; its second line is {lines[1]!r:.80}. "
+                "Have the program that wrote it write extended XYZ."
+            )
+        known: dict[str, Any] = _columns(lines[2 : 2 + count], keys.get("Properties", "species:S:1:pos:R:3"), where)
+        position = known.pop("position")
+        if "float32" in keys.get("precision", ""):
+            position = position.astype(np.float32)
+            if "velocity" in known:
+                known["velocity"] = known["velocity"].astype(np.float32)
+        for key in ("Time", "time"):
+            if key in keys:
+                known["time"] = _number(keys[key], where, key)
+        wraps = keys.get("pbc", "T T T").split()
+        periodic = wraps[0] in ("T", "1", "True"), wraps[1:2] in (["T"], ["1"], ["True"])
+        box = _box(keys["Lattice"], where)
+        return Frame(self._number(keys, index), box, periodic, position, self._path, known)
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+    def _number(self, keys: dict[str, str], index: int) -> int:
+        text = keys.get("Frame", "")
+        return int(text) if text.isdecimal() else index
+
+
+def text_of(frame: Frame) -> str:
+    """A frame as text."""
+    width, height = frame.box
+    wraps = " ".join("T" if wrap else "F" for wrap in (*frame.periodic, False))
+    lines = [
+        f'{len(frame.position)}\nLattice="{width!r} 0.0 0.0 0.0 {height!r} 0.0 0.0 0.0 1.0" Properties={PROPERTIES} '
+        f'Time={frame.time!r} pbc="{wraps}" Frame={frame.frame} precision={frame.position.dtype}\n'
+    ]
+    # A float32 is written as the float64 of the same value: its own shortest text might be rounded twice when read.
+    columns: list[Any] = [*frame.position.T, frame.radius, *frame.velocity.T, frame.ids]
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return "".join([*lines, *(_DISC % row for row in rows)])
+
+
+def scan(path: Path) -> tuple[list[int], int]:
+    """Where each whole frame begins and the last one ends, and how many bytes lie behind that.
+
+    The file is streamed, not held.
+
+    Raises:
+        TrajectoryError: if it is no XYZ file.
+    """
+    offsets = [0]
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(0)
+        while offsets[-1] < size:
+            head = file.readline(_LONGEST_COUNT)
+            if not head.endswith(b"\n") and file.tell() == size and (head.strip().isdigit() or not head.strip()):
+                break
+            if not head.strip().isdigit():
+                raise TrajectoryError(
+                    f"a trajectory in XYZ must give the number of discs where a frame begins; {str(path)!r} holds "
+                    f"{head!r} at byte {offsets[-1]}, frame {len(offsets) - 1}. Give a file of extended XYZ."
+                )
+            lines = 1 + int(head)
+            # Only the last line of a file can lack its end, so whole lines are those that have one.
+            if sum(line.endswith(b"\n") for line in islice(file, lines)) < lines:
+                break
+            offsets.append(file.tell())
+    return offsets, size - offsets[-1]
+
+
+def keys_of(comment: str) -> dict[str, str]:
+    """Keys and values of the second line of a frame.
+
+    >>> keys_of('Lattice="1 0 0 0 2 0 0 0 1" Time=0.5 pbc="T F F"')
+    {'Lattice': '1 0 0 0 2 0 0 0 1', 'Time': '0.5', 'pbc': 'T F F'}
+    """
+    return {name: next(filter(None, values), "") for name, *values in _KEY.findall(comment)}
+
+
+def _columns(lines: list[str], properties: str, where: str) -> dict[str, Any]:
+    """The columns that mpsim knows, by its names for them."""
+    parts = properties.split(":")
+    if len(parts) % 3 or not all(width.isdecimal() for width in parts[2::3]):
+        raise TrajectoryError(
+            f"{where} must name its columns as name:type:width, again and again; got Properties={properties}."
+        )
+    widths = [int(width) for width in parts[2::3]]
+    tokens = [line.split() for line in lines]
+    if any(len(row) != sum(widths) for row in tokens):
+        row = next(row for row in tokens if len(row) != sum(widths))
+        raise TrajectoryError(
+            f"{where} must have {sum(widths)} columns, as its Properties say; got a line with {len(row)}: "
+            f"{' '.join(row)!r:.80}. The file is damaged, or another program has written it wrongly."
+        )
+    found, first = {}, 0
+    for name, width in zip(parts[::3], widths, strict=True):
+        if name in _NAMES:
+            found[_NAMES[name]] = _read_columns(tokens, slice(first, first + width), name, where)
+        first += width
+    if "position" not in found:
+        raise TrajectoryError(f"{where} must have the column pos:R:3, the places; its Properties are {properties}.")
+    return found
+
+
+def _read_columns(tokens: list[list[str]], which: slice, name: str, where: str) -> NDArray[Any]:
+    """Numbers of shape (N,), or (N, 2) for vectors, of which z is left out."""
+    wide = name in ("pos", "velo", "vel")
+    kind = int if name == "id" else float
+    try:
+        values = [kind(value) for row in tokens for value in row[which]]
+    except ValueError as error:
+        raise TrajectoryError(f"{where} must hold numbers in its column {name}; got this error: {error}.") from None
+    shape = (len(tokens), which.stop - which.start)
+    table = np.array(values, np.int64 if name == "id" else np.float64).reshape(shape)
+    if shape[1] < (2 if wide else 1):
+        raise TrajectoryError(f"{where} must have a column {name} of 2 numbers or 3; got {shape[1]}.")
+    return np.ascontiguousarray(table[:, :2]) if wide else table[:, 0]
+
+
+def _box(lattice: str, where: str) -> tuple[float, float]:
+    numbers = [_number(text, where, "Lattice") for text in lattice.split()]
+    if len(numbers) != 9 or any(numbers[index] for index in (1, 2, 3, 5, 6, 7)):
+        raise TrajectoryError(
+            f"{where} must have an upright rectangular box, Lattice='width 0 0 0 height 0 0 0 z'; got {lattice!r}."
+        )
+    return numbers[0], numbers[4]
+
+
+def _number(text: str, where: str, key: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise TrajectoryError(f"{where} must hold numbers under {key}; got {text!r}.") from None
