@@ -244,15 +244,15 @@ class Simulation:
         ledger.take(part, self._scene)
 
     def _look(self, anyway: bool = False) -> None:
-        """Look at the fastest disc, if this is a frame before which to look, and act as the settings say."""
+        """Look at the speeds, if this is a frame before which to look, and act as the settings say."""
         solver, watch = self._solver, self._watch
         if not (anyway or watch.is_due(self.frame, solver.count)) or isinstance(solver, ExactSolver):
             return
-        found = solver.fastest()
+        pace = solver.pace()
         if watch.adapts:
-            solver.divide(watch.substeps_for(found, self.frame))
+            solver.divide(watch.substeps_for(pace, self.frame))
             return
-        text = watch.complaint(found, self.frame)
+        text = watch.complaint(pace, self.frame)
         if text:
             watch.told()
             warnings.warn(text, FastWarning, stacklevel=4)

@@ -1,6 +1,5 @@
 """The stepped solver as the coordinator sees it: the block, its parameters, and one command after the other."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from mpsim.engine.pool import WorkerPool
 from mpsim.engine.provision import feature_specs, fill_features, giant_radius, has_radii, wall_limits
 from mpsim.engine.report import Slice
 from mpsim.engine.shared import SharedBlock
-from mpsim.engine.watching import Fastest, fastest
+from mpsim.engine.watching import Pace, pace_of
 from mpsim.engine.worker import kernel_arguments, load_kernels
 from mpsim.errors import DivergedError, SharedMemoryError
 from mpsim.features import EDGES
@@ -111,13 +110,9 @@ class SteppedSolver:
         totals[:, [layout.DEPTH, layout.DEEPEST]] *= 2 * self._scene.largest_radius / layout.DEPTH_SCALE
         return totals
 
-    def fastest(self) -> Fastest:
-        """The disc that comes nearest to the bound of speed."""
-        discs, count = self._live_discs(), self.count
-        order = discs.id[:count]
-        radius = self._scene.largest_radius if discs.radius is None else discs.radius[:count].astype(np.float64)
-        found = fastest(discs.vx[:count], discs.vy[:count], radius, self._scene)
-        return replace(found, disc=int(order[found.disc])) if count else found
+    def pace(self) -> Pace:
+        """How fast the discs are."""
+        return pace_of(self._state_as_it_lies().velocity, self._radii[: self.count], self._scene)
 
     def divide(self, substeps: int) -> None:
         """Divide the frames that follow into so many steps.

@@ -3,7 +3,8 @@
 Two discs that touch at the start of a step and move towards each other are 2 R - 2 v dt apart at its end. While each
 moves less than its own radius, centres cannot pass one another, nor the middle of an obstacle: whatever overlaps is
 found on the side on which it came. Beyond, a pair may be met from behind, or pass unseen. Between two walls a disc must
-not move farther than its free way, or the second bounce of one step is lost.
+not move farther than its free way, or the second bounce of one step is lost. And where discs meet more than one other
+in a step on average, collisions that follow from others are missed.
 
 Looks at the speeds happen at fixed frames, counted from the start of the simulation, and see the state alone. So what
 follows from them is the same with any number of workers, and however a run is cut into calls, saved or healed.
@@ -11,8 +12,7 @@ follows from them is the same with any number of workers, and however a run is c
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,14 @@ from mpsim.settings import Settings
 BOUND = 1.0
 """Way of a disc in one step, as a part of its radius (of its free way between walls), from which on it is too fast."""
 
+MEETINGS = 1.0
+"""Collisions of a disc in one step, on average, from which on too many are missed: those that follow from others."""
+
+DENSE, HEXAGONAL = 0.7, 0.9069
+"""Packing from which on discs are taken for a crystal, and the densest there is."""
+
 AIM = 0.5
-"""The same, kept by on_fast="substep" where it looks: a disc may double its speed until the next look."""
+"""Part of BOUND kept by on_fast="substep" where it looks: a disc may double its speed until the next look."""
 
 ADAPT_EVERY = 16
 """Frames between two looks of on_fast="substep"."""
@@ -50,53 +56,76 @@ STEP_SPACINGS = 16
 
 
 @dataclass(frozen=True)
-class Fastest:
-    """The disc whose way in a step is the largest part of what it may be.
+class Pace:
+    """How fast the discs of a state are, for what they may be.
 
     Attributes:
-        disc: its index, or -1 where nothing moves.
+        disc: index of the one whose way in a step is the largest part of what it may be; -1 where there is none.
         speed: of it, or its component between two walls [length/time].
         limit: way that it may make in a step: its radius, or its free way between walls [length].
-        between: "" or the axis between whose walls it is.
+        between: "" or the axis between whose walls that is.
+        meetings: collisions of a disc with others, estimated [1/time].
+        mean_speed: root mean square [length/time].
     """
 
     disc: int = -1
     speed: float = 0.0
     limit: float = 1.0
     between: str = ""
+    meetings: float = 0.0
+    mean_speed: float = 0.0
 
     def part(self, dt: float) -> float:
-        """Way in a step of length dt, as a part of what it may be."""
+        """Way of the fastest disc in a step of length dt, as a part of what it may be."""
         return self.speed * dt / self.limit
 
 
-def fastest(vx: NDArray, vy: NDArray, radius: Any, scene: Scene) -> Fastest:
-    """The disc that comes nearest to the bound.
+def pace_of(velocity: NDArray, radius: NDArray[np.float64], scene: Scene) -> Pace:
+    """How fast discs are.
 
     Args:
-        vx, vy: velocities, shape (N,) [length/time].
-        radius: of all discs, or one each, shape (N,) [length].
+        velocity: shape (N, 2), in the order of the scene's discs, so that no sum depends on another one [length/time].
+        radius: shape (N,) [length].
         scene: whose box it is.
     """
-    if not len(vx):
-        return Fastest()
-    # Not np.hypot, which takes ten times as long.
-    vx, vy = vx.astype(np.float64, copy=False), vy.astype(np.float64, copy=False)
-    speed = np.sqrt(vx * vx + vy * vy)
+    if not len(velocity):
+        return Pace()
+    vx, vy = velocity.astype(np.float64).T
+    squares = vx * vx + vy * vy
+    speed = np.sqrt(squares)
+    mean_speed = math.sqrt(float(squares.mean()))
     worst = int((speed / radius).argmax())
-    found = Fastest(worst, float(speed[worst]), float(np.broadcast_to(radius, len(speed))[worst]))
+    found = Pace(worst, float(speed[worst]), float(radius[worst]))
     for axis, (v, length) in enumerate(((vx, scene.width), (vy, scene.height))):
-        free = length - 2 * np.asarray(radius, np.float64)
+        free = length - 2 * radius
         if scene.periodic[axis] or (free >= radius).all():
             continue
-        pace = np.abs(v)
         # Where there is no room at all, or rounding's worth of it, a disc stands between the walls as it should.
         free = np.where(free > 1e-6 * length, free, np.inf)
-        worst = int((pace / free).argmax())
-        limit = float(np.broadcast_to(free, len(pace))[worst])
-        if pace[worst] / limit > found.part(1.0):
-            found = Fastest(worst, float(pace[worst]), limit, "xy"[axis])
-    return found
+        worst = int((np.abs(v) / free).argmax())
+        between = Pace(worst, float(abs(v[worst])), float(free[worst]), "xy"[axis])
+        found = max(found, between, key=lambda pace: pace.part(1.0))
+    return replace(found, meetings=_meetings(radius, mean_speed, scene), mean_speed=mean_speed)
+
+
+def _meetings(radius: NDArray[np.float64], speed: float, scene: Scene) -> float:
+    """Collisions of a disc with others per time, as in a gas without structure: 2 sqrt(pi) n sigma g sqrt(kT/m).
+
+    g, the density of neighbours in touch: of a fluid (Henderson 1975), or above packing 0.7 of a crystal by its free
+    volume, (Z - 1) / (2 packing) with Z = 2 / (1 - packing / 0.9069).
+    """
+    area = scene.width * scene.height
+    packing = math.pi * float((radius * radius).sum()) / area
+    if speed == 0 or len(radius) < 2:
+        return 0.0
+    if packing >= HEXAGONAL:
+        return math.inf
+    if packing <= DENSE:
+        crowding = (1 - 7 * packing / 16) / (1 - packing) ** 2
+    else:
+        crowding = (2 / (1 - packing / HEXAGONAL) - 1) / (2 * packing)
+    density = (len(radius) - 1) / area
+    return 2 * math.sqrt(math.pi) * density * 2 * float(radius.mean()) * crowding * speed / math.sqrt(2)
 
 
 class Watch:
@@ -133,11 +162,11 @@ class Watch:
             yield f"in {settings.precision} {coarse}", ResolutionWarning
         if exact:
             return
-        found = fastest(scene.velocity[:, 0], scene.velocity[:, 1], scene.radius, scene)
+        pace = pace_of(scene.velocity, scene.radii, scene)
         if self.adapts:
-            self.substeps_for(found, 0)
+            self.substeps_for(pace, 0)
             return
-        fast = self.complaint(found, 0)
+        fast = self.complaint(pace, 0)
         if fast:
             self.told()
             yield fast, FastWarning
@@ -162,47 +191,60 @@ class Watch:
         """The warning was given: once is enough."""
         self._done = True
 
-    def substeps_for(self, found: Fastest, frame: int) -> int:
-        """Sub-steps that keep the fastest disc at AIM or below until the next look.
+    def substeps_for(self, pace: Pace, frame: int) -> int:
+        """Sub-steps that keep the fastest disc at AIM or below until the next look, and meetings at MEETINGS.
 
         Raises:
             TooFastError: if they are more than MOST_SUBSTEPS.
         """
-        speed = found.speed + self._gain * ADAPT_EVERY
-        part = speed * self._settings.dt / found.limit / AIM
+        dt = self._settings.dt
+        speed = pace.speed + self._gain * ADAPT_EVERY
+        part = max(speed * dt / pace.limit / AIM, pace.meetings * dt / MEETINGS)
         if not part <= MOST_SUBSTEPS:
             raise TooFastError(
-                f"{self._words(found, frame)} on_fast='substep' takes at most {MOST_SUBSTEPS} sub-steps, which is not "
-                f"enough. Use dt={self._settings.dt * AIM * MOST_SUBSTEPS / (2 * part):.2g} or less."
+                f"{self._words(pace, frame)} on_fast='substep' takes at most {MOST_SUBSTEPS} sub-steps, and would need "
+                f"{part:.3g}. Use a smaller dt{'' if math.isfinite(part) else ', or a larger box'}."
             )
         return max(self._settings.substeps, math.ceil(part))
 
-    def complaint(self, found: Fastest, frame: int) -> str | None:
+    def complaint(self, pace: Pace, frame: int) -> str | None:
         """What to tell of the fastest disc, or None where it is slow enough.
 
         Raises:
             TooFastError: in place of telling, for on_fast="error".
         """
         settings = self._settings
-        part = found.part(settings.dt / settings.substeps)
-        if part <= BOUND:
+        dt = settings.dt / settings.substeps
+        part, meetings = pace.part(dt) / BOUND, pace.meetings * dt / MEETINGS
+        if part <= 1 and meetings <= 1:
             return None
-        needed = part * settings.substeps / (BOUND / 2)
-        remedy = f"Use dt={settings.dt * settings.substeps / needed:.2g}"
-        remedy += f", substeps={math.ceil(needed)}" if needed < MOST_SUBSTEPS else ""
-        text = f"{self._words(found, frame)} {remedy}"
+        needed = settings.substeps * max(part / AIM, meetings)
+        remedy = ""
+        if math.isfinite(needed):
+            remedy = f"Use dt={settings.dt * settings.substeps / needed:.2g}"
+            remedy += f", substeps={math.ceil(needed)}" if needed <= MOST_SUBSTEPS else ""
+            remedy += " or on_fast='substep'"
+        text = f"{self._words(pace, frame)} {remedy}"
         if settings.on_fast == "error":
-            raise TooFastError(f"{text} or on_fast='substep'; on_fast='warn' runs it all the same.")
-        return f"{text} or on_fast='substep'; method='event' has no such bound."
+            raise TooFastError(f"{text}; on_fast='warn' runs it all the same.")
+        return f"{text}; method='event' has no such bound."
 
-    def _words(self, found: Fastest, frame: int) -> str:
+    def _words(self, pace: Pace, frame: int) -> str:
         dt = self._settings.dt / self._settings.substeps
-        room = f"its free way {found.limit:.3g} between the walls along {found.between}"
+        part, meetings = pace.part(dt), pace.meetings * dt
+        if not part > BOUND and meetings > MEETINGS:
+            return (
+                f"in frame {frame} a disc collides some {meetings:.3g} times in one step (mean speed "
+                f"{pace.mean_speed:.3g}, step {dt:.3g}); above {MEETINGS:g} many collisions that follow from others "
+                "are missed."
+            )
+        way = f"its radius {pace.limit:.3g}"
+        if pace.between:
+            way = f"its free way {pace.limit:.3g} between the walls along {pace.between}"
+        lost = "bounces are lost" if pace.between else "discs may pass through each other unseen"
         return (
-            f"in frame {frame} disc {found.disc} moves {found.part(dt):.3g} times "
-            f"{room if found.between else f'its radius {found.limit:.3g}'} in one step (speed {found.speed:.3g}, step "
-            f"{dt:.3g}); above {BOUND:g} "
-            f"{'bounces are lost' if found.between else 'discs may pass through each other unseen'}."
+            f"in frame {frame} disc {pace.disc} moves {part:.3g} times {way} in one step (speed {pace.speed:.3g}, step "
+            f"{dt:.3g}); above {BOUND:g} {lost}."
         )
 
     def _every(self, count: int) -> int:
@@ -230,7 +272,8 @@ def check_precision(scene: Scene, settings: Settings) -> None:
             checks.fitting(name, getattr(scene, name), precision)
     if scene.mass is not None:
         checks.fitting("mass", scene.mass, precision)
-        checks.not_vanishing("mass", float(scene.mass.min(initial=1.0)), tiny / float(np.finfo(precision).eps), precision)
+        lightest = float(scene.mass.min(initial=1.0))
+        checks.not_vanishing("mass", lightest, tiny / float(np.finfo(precision).eps), precision)
     spacing = spacing_of(scene, precision)
     if smallest > 0 and spacing > TOO_COARSE * smallest:
         raise InputError(
