@@ -51,6 +51,9 @@ then wrong by about as much [radians]."""
 TOO_COARSE = 0.125
 """The same, from which on contacts mean nothing and the scene is refused."""
 
+TINY = 1e-6
+"""Radius, as a part of the distance between neighbours, below which squares of both do not fit one float64."""
+
 STEP_SPACINGS = 16
 """A step of typical length should be so many spacings of coordinates long: rounding then changes it by 3 % at most."""
 
@@ -143,7 +146,8 @@ class Watch:
         pulls = [0.0] if scene.gravity is None else [float(np.hypot(*scene.gravity))]
         if scene.acceleration is not None and scene.count:
             pulls.append(float(np.hypot(*scene.acceleration.T).max()))
-        self._gain = sum(pulls) * settings.dt  # of speed in a frame
+        self._pull = sum(pulls)
+        self._gain = self._pull * settings.dt  # of speed in a frame
 
     def at_start(self) -> Iterator[tuple[str, type[Warning]]]:
         """What to warn of before anything is run: overlaps, lost digits, speeds.
@@ -166,7 +170,9 @@ class Watch:
         if self.adapts:
             self.substeps_for(pace, 0)
             return
-        fast = self.complaint(pace, 0)
+        # A disc that falls through the box becomes fast between two looks.
+        fall = math.sqrt(2 * self._pull * max(scene.width, scene.height))
+        fast = self.complaint(replace(pace, speed=math.hypot(pace.speed, fall)), 0)
         if fast:
             self.told()
             yield fast, FastWarning
@@ -198,8 +204,8 @@ class Watch:
             TooFastError: if they are more than MOST_SUBSTEPS.
         """
         dt = self._settings.dt
-        speed = pace.speed + self._gain * ADAPT_EVERY
-        part = max(speed * dt / pace.limit / AIM, pace.meetings * dt / MEETINGS)
+        pace = replace(pace, speed=pace.speed + self._gain * ADAPT_EVERY)
+        part = max(pace.part(dt) / AIM, pace.meetings * dt / MEETINGS)
         if not part <= MOST_SUBSTEPS:
             raise TooFastError(
                 f"{self._words(pace, frame)} on_fast='substep' takes at most {MOST_SUBSTEPS} sub-steps, and would need "
@@ -267,6 +273,7 @@ def check_precision(scene: Scene, settings: Settings) -> None:
     if smallest > 0:  # with radii of their own, no discs have none
         checks.not_vanishing("radius", smallest, 1e4 * math.sqrt(tiny), precision)
     checks.not_vanishing("dt / substeps", settings.dt / settings.substeps, tiny, precision)
+    checks.fitting("dt", np.array([settings.dt]), precision)
     for name in ("velocity", "gravity", "acceleration"):
         if getattr(scene, name) is not None:
             checks.fitting(name, getattr(scene, name), precision)
@@ -296,6 +303,13 @@ def coarseness(scene: Scene, settings: Settings) -> str | None:
         words.append(
             f"coordinates are {spacing:.3g} apart at the far end of the box, {spacing / scene.smallest_radius:.2g} of "
             f"the smallest radius: directions of contacts are wrong by as much. Use {_finer(precision)}"
+        )
+    apart = math.sqrt(scene.width * scene.height / max(scene.count, 1))
+    if settings.method == "event" and scene.count > 1 and scene.smallest_radius < TINY * apart:
+        words.append(
+            f"discs of radius {scene.smallest_radius:.3g} are some {apart:.3g} apart: the square of the radius is lost "
+            "beside that of the distance, so that the time of a contact is wrong by up to the time in which a disc "
+            "moves its radius. Use larger discs or a smaller box"
         )
     speed = math.sqrt(float((scene.velocity**2).sum(axis=1).mean())) if scene.count else 0.0
     dt = settings.dt / settings.substeps
