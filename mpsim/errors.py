@@ -49,6 +49,10 @@ class DivergedError(MpsimError, ArithmeticError):
         )
 
 
+class TooFastError(InputError):
+    """Discs move so far in a step that they may pass through each other, and on_fast does not allow it."""
+
+
 class SharedMemoryError(MpsimError, OSError):
     """The shared block could not be reserved."""
 
@@ -116,9 +120,17 @@ class EmitterWarning(UserWarning):
     """A disc that an emitter was to add waits, because its place is occupied."""
 
 
+class FastWarning(UserWarning):
+    """Discs move so far in a step that they may pass through each other: the run goes on, its result is degraded."""
+
+
 class GuardWarning(UserWarning):
     """The exact solver let collisions pass without their loss of energy, so that infinitely many came to an end."""
 
 
 class OverlapWarning(UserWarning):
     """Discs of the start overlap: legal, the first frames push them apart, which adds no energy but moves them."""
+
+
+class ResolutionWarning(UserWarning):
+    """Coordinates or velocities of the precision of the run are too coarse for the scene: its result is degraded."""

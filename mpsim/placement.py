@@ -32,6 +32,9 @@ BEYOND = (0.8, 0.5, 0.0)
 PARTINGS = 1000
 """Rounds of parting in one attempt; 250 were enough for 100,000 discs of two sizes at packing 0.8."""
 
+MOST_CELLS = 100_000_000
+"""Cells of the grid for equal discs, one disc each, at most; in a larger box cells are as large as its emptiness."""
+
 CANDIDATES = 16
 """Places tried for a small disc that would start deep in a large one."""
 
@@ -67,8 +70,11 @@ def overlaps(
         return int(pairs), (int(worst[0]), int(worst[1])), float(depth)
     diameter = float(diameter) - rounding
     side = max(diameter, math.sqrt(width * height / max(count, 1)))
-    heads = np.full((int(width / side) + 1, int(height / side) + 1), EMPTY, np.int32)
-    pairs, least = find_overlaps(x, y, heads, np.empty(count, np.int32), diameter, 1 / side, 1 / side, worst)
+    # A box so thin that it has one row of cells has no more of them than any other: they may be wider.
+    columns, rows = (min(int(length / side) + 1, count + 1) for length in (width, height))
+    heads = np.full((columns, rows), EMPTY, np.int32)
+    per_x, per_y = min(columns / width, 1 / side), min(rows / height, 1 / side)
+    pairs, least = find_overlaps(x, y, heads, np.empty(count, np.int32), diameter, per_x, per_y, worst)
     return int(pairs), (int(worst[0]), int(worst[1])), float(diameter - least)
 
 
@@ -86,7 +92,8 @@ def _crowd(
     largest = np.array([radius[binary == power].max() for power in present], np.float64)
     counts = np.bincount(level, minlength=len(present))
     side = np.maximum(2 * largest, np.sqrt(size[0] * size[1] / np.maximum(counts, 1)))
-    columns, rows = (np.maximum((length / side).astype(np.int64), 1) for length in size)
+    # A box so thin that it has one row of cells has no more of them than any other.
+    columns, rows = (np.clip((length / side).astype(np.int64), 1, np.maximum(counts, 1)) for length in size)
     cells = columns * rows
     return crowding.Crowd(
         x,
@@ -190,6 +197,8 @@ def random_places(
         return np.empty((0, 2))
     diameter = 2 * radius
     cells_per_length = math.sqrt(2) / diameter * (1 - 1e-12)
+    if (width * cells_per_length + 1) * (height * cells_per_length + 1) > MOST_CELLS + 100 * count:
+        return random_crowd(np.full(count, radius), width, height, rng)
     grid = np.full((int(width * cells_per_length) + 1, int(height * cells_per_length) + 1), EMPTY, np.int32)
     x, y = np.empty(count), np.empty(count)
     span = np.array([width, height]) - diameter

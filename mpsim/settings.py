@@ -10,6 +10,7 @@ CONTACTS = ("push", "impact")
 PRECISIONS = ("float32", "float64")
 DEATHS = ("raise", "restart")
 START_METHODS = ("fork", "spawn", "forkserver")
+ON_FAST = ("warn", "substep", "error")
 
 MOST_WORKERS = 1024
 """More worker processes than this is taken for a mistake: no machine that mpsim runs on has so many cores."""
@@ -20,7 +21,7 @@ class Settings:
     """How a scene is simulated: speed against accuracy. Checked when made; immutable.
 
     Args:
-        dt: time of one frame [time], > 0. A disc should move less than its radius in one frame.
+        dt: time of one frame [time], > 0. A disc should move less than its radius in one step.
         method: "naive" tests all pairs; "grid" uses cells, one process; "parallel" uses cells and several processes;
             "auto" takes the fastest of these for the scene and this machine. "event" is the exact solver, from
             collision to collision: contact, passes and substeps mean nothing to it.
@@ -41,6 +42,10 @@ class Settings:
             `parallel` then differs. For showing what the odd/even passes are for; never for results.
         on_worker_death: "raise" WorkerDied, or "restart": go back to the last snapshot in memory and on from there with
             new workers, to the same bits. Snapshots take 1 % of the time or less.
+        on_fast: what to do when a disc moves farther in a step than its own radius, so that discs may pass through each
+            other: "warn" (FastWarning, once), "error" (TooFastError), or "substep": divide frames into as many more
+            steps as keep every disc below half its radius, chosen every 16 frames from the state alone. See
+            docs/stability.md.
 
     Raises:
         InputError: naming the setting, its rule and the value received.
@@ -64,6 +69,7 @@ class Settings:
     start_method: str | None = None
     unguarded: bool = False
     on_worker_death: str = "raise"
+    on_fast: str = "warn"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "dt", checks.positive("dt", self.dt, "[time]"))
@@ -78,5 +84,6 @@ class Settings:
             checks.whole("workers", self.workers, 1, MOST_WORKERS, remedy)
         checks.truth("unguarded", self.unguarded)
         checks.choice("on_worker_death", self.on_worker_death, DEATHS)
+        checks.choice("on_fast", self.on_fast, ON_FAST)
         if self.start_method is not None:
             checks.choice("start_method", self.start_method, START_METHODS)

@@ -68,6 +68,10 @@ def grid_for(
     side = max(diameter + rounding, math.sqrt(width * height / (CELLS_PER_DISC * max(count, 1))))
     least = [2 if word == "periodic" else 1 for word in boundary]
     columns, rows = max(int(width / side), least[0]), max(int(height / side), least[1])
+    # In a box so thin that it has one row (or column), as many cells along it as elsewhere: their number must not grow
+    # with the aspect of the box.
+    most = CELLS_PER_DISC * max(count, 1)
+    columns, rows = min(columns, max(most // rows, least[0])), min(rows, max(most // columns, least[1]))
     return Grid(columns - columns % least[0], rows, outside)
 
 

@@ -34,6 +34,12 @@ GUARD = 1e-6
 """The contact-time guard, as a part of the time in which a typical disc moves the smallest radius: an impact so soon
 after the last one loses no energy. Small against any time between collisions of a gas, large against rounding."""
 
+LONGEST = 1e100
+"""Frame that is taken at most [time], and one over the slowest scene [length/time]."""
+
+MOST_WAYS = 1e10
+"""Ways through the box that a disc may make in a frame: some minutes of them, in the smallest scene."""
+
 ROUNDING = 1e-12
 """Depth of an overlap, in diameters of the largest disc, up to which a start counts as touching."""
 
@@ -328,6 +334,26 @@ def _refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
     for what, present in refusals.items():
         if present:
             raise InputError(f"method='event' cannot do {what}. Leave it out, or use method='grid'.")
+    _refuse_extremes(scene, settings.dt)
+
+
+def _refuse_extremes(scene: Scene, dt: float) -> None:
+    """Raise InputError for speeds whose squares vanish, and frames so long that nobody would see their end."""
+    if dt > LONGEST:
+        raise InputError(f"dt must be at most {LONGEST:g} for method='event'; got {dt:g}. Choose other units of time.")
+    fastest = float(np.abs(scene.velocity).max(initial=0.0))
+    if 0 < fastest < 1 / LONGEST:
+        raise InputError(
+            f"velocity must be at least {1 / LONGEST:g} for method='event', or all zero, so that squares do not "
+            f"vanish; the fastest is {fastest:g}. Choose other units of time."
+        )
+    pull = 0.0 if scene.gravity is None else float(np.hypot(*scene.gravity))
+    ways = (fastest + math.sqrt(pull * scene.height)) * dt / max(scene.width, scene.height)
+    if ways > MOST_WAYS:
+        raise InputError(
+            f"dt must be short enough for method='event' to end a frame: one of {dt:g} would take the fastest disc "
+            f"{ways:.3g} times through the box; at most {MOST_WAYS:g} are tried. Use a smaller dt."
+        )
 
 
 def _law_of(scene: Scene) -> events.Law:

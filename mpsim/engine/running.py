@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mpsim import checks
 from mpsim.engine.report import Slice
-from mpsim.errors import GuardWarning, InputError, OverlapWarning, WorkerDied
+from mpsim.errors import GuardWarning, InputError, WorkerDied
 from mpsim.kernels.layout import PHASES
 from mpsim.measure.gathering import Gathering
 from mpsim.scene import Scene
@@ -48,17 +48,6 @@ def tell_of(death: WorkerDied, what_now: str) -> None:
         death.phase,
         what_now,
     )
-
-
-def warn_of_overlaps(scene: Scene) -> None:
-    """Say that discs of the start overlap, if they do."""
-    words = scene.overlaps_at_start()
-    if words:
-        warnings.warn(
-            f"{words}. The first frames push them apart. Give places that leave room for the discs to avoid it.",
-            OverlapWarning,
-            stacklevel=3,
-        )
 
 
 def warn_of_guard(guarded: int) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim import checks
 from mpsim.engine import checkpoint as checkpoint_file
-from mpsim.engine import methods, soundness
+from mpsim.engine import methods, soundness, watching
 from mpsim.engine.emission import Emission
 from mpsim.engine.exact import ExactSolver
 from mpsim.engine.pacing import Pacer
@@ -30,12 +30,12 @@ from mpsim.engine.running import (
     Onlookers,
     tell_of,
     warn_of_guard,
-    warn_of_overlaps,
 )
 from mpsim.engine.stepped import SteppedSolver
 from mpsim.errors import (
     CheckpointError,
     ClosedError,
+    FastWarning,
     InputError,
     OverlapWarning,
     WorkerDied,
@@ -77,10 +77,14 @@ class Simulation:
         settings: how; the defaults if left out.
 
     Raises:
+        InputError: if the numbers of the scene do not fit the precision of the run.
+        TooFastError: as settings.on_fast says; also during a run, which can then go on.
         SharedMemoryError, WorkerDied: if the block or the workers cannot be had.
 
     Warns:
         OverlapWarning: if discs of the start overlap.
+        FastWarning: if discs move so far in a step that they may pass through each other (also during a run, once).
+        ResolutionWarning: if the precision of the run is too coarse for the scene.
 
     >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
     >>> with Simulation(scene, Settings(dt=0.01, method="grid")) as sim:
@@ -97,14 +101,16 @@ class Simulation:
             raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
         self._scene = scene
         self._settings = settings
-        self._check_precision()
+        watching.check_precision(scene, settings)
         self._last_frame = 0
         self._emission = Emission(scene)
         choice = methods.choose(scene.count, settings)
-        if choice.method != "event":  # which refuses them
-            warn_of_overlaps(scene)
+        exact = choice.method == "event"
+        self._watch = watching.Watch(scene, settings, exact)
+        for text, kind in self._watch.at_start():
+            warnings.warn(text, kind, stacklevel=2)
         self._pacer = Pacer(choice.workers, MOST_FRAMES)
-        solver = ExactSolver if choice.method == "event" else SteppedSolver
+        solver = ExactSolver if exact else SteppedSolver
         self._solver: SteppedSolver | ExactSolver = solver(scene, settings, choice)
         self._closing = weakref.finalize(self, _close, self._solver)
         _open.add(self)
@@ -228,11 +234,16 @@ class Simulation:
 
     def _advance(self, most: int, ledger: Ledger, keeper: Keeper | None) -> None:
         """One slice of frames: what emitters add, a command of the solver, and, where wanted, the way back."""
+        self._look()
         try:
             self._emission.emit(self)
             if keeper is not None and self._solver.pids:
                 keeper.keep()
-            ahead = min(ledger.gathering.frames_to_sample(ledger.done), self._emission.frames_ahead(self.frame))
+            ahead = min(
+                ledger.gathering.frames_to_sample(ledger.done),
+                self._emission.frames_ahead(self.frame),
+                self._watch.frames_ahead(self.frame, self.count),
+            )
             workers, size = self._pacer.next_slice(int(min(most, ahead)))
             part = self._solver.advance(size, workers)
         except WorkerDied as death:
@@ -253,6 +264,20 @@ class Simulation:
         if part.times.shape[1]:
             self._pacer.note(workers, part.times.shape[1], float(np.median(part.times[0].sum(axis=1))) * 1e-9)
         ledger.take(part, self._scene)
+
+    def _look(self, anyway: bool = False) -> None:
+        """Look at the speeds, if this is a frame before which to look, and act as the settings say."""
+        solver, watch = self._solver, self._watch
+        if not (anyway or watch.is_due(self.frame, solver.count)) or isinstance(solver, ExactSolver):
+            return
+        pace = solver.pace()
+        if watch.adapts:
+            solver.divide(watch.substeps_for(pace, self.frame))
+            return
+        text = watch.complaint(pace, self.frame)
+        if text:
+            watch.told()
+            warnings.warn(text, FastWarning, stacklevel=4)
 
     @property
     def _heals(self) -> bool:
@@ -344,7 +369,8 @@ class Simulation:
         settings = dataclasses.replace(found.settings, workers=workers, start_method=start_method)
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", OverlapWarning)  # of the start, long ago
+                for kind in (OverlapWarning, FastWarning):  # of the start, long ago
+                    warnings.simplefilter("ignore", kind)
                 sim = cls(found.scene, settings)
         except InputError as error:
             raise CheckpointError(
@@ -352,6 +378,7 @@ class Simulation:
             ) from error
         try:
             sim._restore((found.arrays, found.run["emission"]), new_workers=False)
+            sim._watch = watching.Watch(found.scene, settings, isinstance(sim._solver, ExactSolver))
         except BaseException:
             sim.close()
             raise
@@ -396,6 +423,8 @@ class Simulation:
         checks.fitting("velocity", speeds, self._settings.precision)
         before, choice = solver.choice, methods.choose(solver.count + len(places), self._settings)
         self._between_frames(lambda: solver.add(places, speeds, kicks, choice, radii, masses))
+        if self._watch.adapts:  # which must not wait for the next look: the new disc may be fast
+            self._look(anyway=True)
         if choice != before:
             self._pacer = Pacer(choice.workers, MOST_FRAMES)
 
@@ -455,20 +484,6 @@ class Simulation:
     def absorbed(self) -> NDArray[np.bool_]:
         """Which discs have left through an absorbing edge, shape (N,): they rest where they left, and meet nobody."""
         return self._open_solver().absorbed
-
-    def _check_precision(self) -> None:
-        """Refuse a scene whose numbers do not fit the precision of the run."""
-        scene, precision = self._scene, self._settings.precision
-        checks.fitting("the box", np.array([scene.width, scene.height]), precision)
-        # Squares of lengths must not underflow either, nor the time of a step.
-        tiny = float(np.finfo(precision).tiny)
-        smallest = float(scene.radii.min(initial=scene.largest_radius))
-        if smallest > 0:  # with radii of their own, no discs have none
-            checks.not_vanishing("radius", smallest, 1e4 * math.sqrt(tiny), precision)
-        checks.not_vanishing("dt / substeps", self._settings.dt / self._settings.substeps, tiny, precision)
-        for name in ("velocity", "gravity", "acceleration"):
-            if getattr(scene, name) is not None:
-                checks.fitting(name, getattr(scene, name), precision)
 
     def _open_solver(self) -> SteppedSolver | ExactSolver:
         if not self._closing.alive:

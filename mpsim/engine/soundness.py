@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mpsim.engine.archive import Arrays
 from mpsim.engine.checkpoint import Checkpoint
 from mpsim.engine.provision import has_masses, has_radii
+from mpsim.engine.watching import MOST_SUBSTEPS
 from mpsim.kernels import event_state as events
 from mpsim.scene import LARGEST_COUNT, Scene
 
@@ -44,7 +45,10 @@ def check(found: Checkpoint) -> None:
     if exact:
         _check_exact(scene, arrays, (frames + 1) * found.settings.dt)
     else:
-        _demand(second == frames * found.settings.substeps, f"{frames} frames cannot have {second} steps")
+        substeps, adapts = found.settings.substeps, found.settings.on_fast == "substep"
+        most = max(MOST_SUBSTEPS, substeps) if adapts else substeps
+        each, rest = divmod(second, frames) if frames else (substeps, second)
+        _demand(rest == 0 and substeps <= each <= most, f"{frames} frames cannot have {second} steps")
         _check_stepped(scene, arrays)
 
 

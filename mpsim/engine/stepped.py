@@ -11,6 +11,7 @@ from mpsim.engine.pool import WorkerPool
 from mpsim.engine.provision import feature_specs, fill_features, giant_radius, has_radii, wall_limits
 from mpsim.engine.report import Slice
 from mpsim.engine.shared import SharedBlock
+from mpsim.engine.watching import Pace, pace_of
 from mpsim.engine.worker import kernel_arguments, load_kernels
 from mpsim.errors import DivergedError, SharedMemoryError
 from mpsim.features import EDGES
@@ -38,6 +39,7 @@ class SteppedSolver:
         self.choice: Choice = choice
         self._scene = scene
         self._settings = settings
+        self._substeps = settings.substeps
         self._sorted_grid: Grid | None = None
         self._tallying = False
         self.torn: bool = False  # whether a worker died inside a frame and Ctrl-C came before anybody could be told
@@ -107,6 +109,21 @@ class SteppedSolver:
         totals[:, [*range(layout.LEFT, layout.TOP + 1), layout.VIRIAL]] /= scale
         totals[:, [layout.DEPTH, layout.DEEPEST]] *= 2 * self._scene.largest_radius / layout.DEPTH_SCALE
         return totals
+
+    def pace(self) -> Pace:
+        """How fast the discs are."""
+        return pace_of(self._state_as_it_lies().velocity, self._radii[: self.count], self._scene)
+
+    def divide(self, substeps: int) -> None:
+        """Divide the frames that follow into so many steps.
+
+        The count of steps becomes what it would be if all frames had had as many: so the place of a piston follows from
+        it as before, and a snapshot tells the number of sub-steps.
+        """
+        if substeps != self._substeps:
+            self._substeps = substeps
+            self._block.arrays["control"][layout.STEPS] = self.frame * substeps
+            self._configure()
 
     def record(self, tallied: bool) -> None:
         """Have what measures need counted from now on, or not: frames that are not measured pay nothing for it."""
@@ -350,7 +367,9 @@ class SteppedSolver:
         self.count = len(self._radii)
         self._write_state(snapshot["position"], snapshot["velocity"], snapshot.get("acceleration"))
         control = self._block.arrays["control"]
-        control[layout.DONE], control[layout.STEPS] = snapshot["progress"]
+        frames, steps = snapshot["progress"].tolist()
+        control[layout.DONE], control[layout.STEPS] = frames, steps
+        self._substeps = steps // frames if frames else self._settings.substeps
         if "exits" in snapshot:
             self._block.arrays["exits"][:, : self.count] = snapshot["exits"]
         self._sorted_grid = None
@@ -387,7 +406,7 @@ class SteppedSolver:
         scene, settings = self._scene, self._settings
         self._grid = self._grid_for(self.count)
         values: dict[int, Any] = {
-            layout.DT: settings.dt / settings.substeps,
+            layout.DT: settings.dt / self._substeps,
             layout.DIAMETER: 2 * scene.largest_radius,
             **dict(zip(LIMITS, wall_limits(scene), strict=True)),
             layout.CELLS_PER_X: self._grid.columns / scene.width,
@@ -408,7 +427,7 @@ class SteppedSolver:
             layout.COUNT: self.count,
             layout.COLUMNS: self._grid.columns,
             layout.ROWS: self._grid.rows,
-            layout.SUBSTEPS: settings.substeps,
+            layout.SUBSTEPS: self._substeps,
             layout.LAW: _LAWS[settings.law],
             layout.CONTACT: _CONTACTS[settings.contact],
             layout.PASSES: settings.passes,

@@ -77,7 +77,9 @@ def _open_pairs(position: NDArray[np.float64], reach: float) -> Iterator[Pairs]:
     if count < 2 or reach <= 0:
         return
     low = position.min(axis=0)
-    cell = ((position - low) / (reach * (1 + 1e-9))).astype(np.int64)
+    # Cells wider than needed where their numbers would not fit otherwise.
+    side = max(reach * (1 + 1e-9), float((position.max(axis=0) - low).max()) / 2**30)
+    cell = ((position - low) / side).astype(np.int64)
     rows = int(cell[:, 1].max()) + 2
     key = (cell[:, 0] + 1) * rows + cell[:, 1]
     order = np.argsort(key, kind="stable")

@@ -21,7 +21,16 @@ import numpy as np
 
 from mpsim.engine import methods
 from mpsim.engine.simulation import Simulation
-from mpsim.errors import GuardWarning, MpsimError, OverlapWarning, SharedMemoryError, WorkerDied, WorkerStalled
+from mpsim.errors import (
+    FastWarning,
+    GuardWarning,
+    MpsimError,
+    OverlapWarning,
+    ResolutionWarning,
+    SharedMemoryError,
+    WorkerDied,
+    WorkerStalled,
+)
 from mpsim.measure import gathering
 from mpsim.measure.comparison import short_run
 from mpsim.scene import Scene
@@ -93,7 +102,10 @@ def physics_of(settings: Settings, count: int) -> Settings:
 
 def key_of(settings: Settings) -> str:
     """A text that is the same for equal settings, and tells which they are."""
-    return json.dumps(dataclasses.asdict(settings), sort_keys=True)
+    values = dataclasses.asdict(settings)
+    if settings.on_fast == "warn":  # which changes nothing, and younger than the keys of kept runs
+        del values["on_fast"]
+    return json.dumps(values, sort_keys=True)
 
 
 def seed_of(settings: Settings, number: int) -> int:
@@ -146,8 +158,8 @@ def quietly() -> Iterator[None]:
         yield
         return
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", OverlapWarning)
-        warnings.simplefilter("ignore", GuardWarning)
+        for kind in (OverlapWarning, GuardWarning, FastWarning, ResolutionWarning):
+            warnings.simplefilter("ignore", kind)
         yield
 
 

@@ -120,12 +120,13 @@ ZOO = {
 
 
 def simulate(scene: mpsim.Scene, **settings: Any) -> mpsim.Simulation:
-    """A simulation, without the warning that discs of the start overlap.
+    """A simulation, without the warnings about its start: overlaps, fast discs, lost digits.
 
     Its contact is `push` unless told otherwise: most numbers of these tests were worked by hand, and push is easier.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", mpsim.OverlapWarning)
+        for kind in (mpsim.OverlapWarning, mpsim.FastWarning, mpsim.ResolutionWarning):
+            warnings.simplefilter("ignore", kind)
         return mpsim.Simulation(scene, mpsim.Settings(**{"contact": "push", **settings}))
 
 

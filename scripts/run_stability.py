@@ -1,0 +1,94 @@
+"""What becomes of every method, contact, law and precision at the extremes: table, JSON and heat maps.
+
+python scripts/run_stability.py                    all axes, under three minutes on two cores once kernels are compiled
+python scripts/run_stability.py --only step map    some of them
+python scripts/run_stability.py --full             also millions of discs and a million frames
+python scripts/run_stability.py --docs docs/stability.md    and renew that page and its pictures
+
+Everything is written under results/stability/. Exit code 1 if anything forbidden was found.
+"""
+
+import argparse
+import re
+import shutil
+import sys
+import time
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from run_bench import machine, make_folder
+from run_tradeoff import made_by
+
+import mpsim
+from mpsim.measure import stability
+from mpsim.measure.extremes import AXES
+from mpsim.output import stability_map
+
+console = Console()
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", metavar="AXIS", help=f"{', '.join([*AXES, stability.MAP])}")
+    parser.add_argument("--full", action="store_true", help="also what takes long")
+    parser.add_argument("--workers", type=int, default=2, help="processes that try at the same time (default: 2)")
+    parser.add_argument("--out", type=Path, default=Path("results/stability"), help="default: results/stability")
+    parser.add_argument("--docs", type=Path, help="page whose tables and pictures are renewed: docs/stability.md")
+    return parser.parse_args()
+
+
+def fill_page(page: Path, blocks: dict[str, str], out: Path) -> None:
+    """Renew what stands between `<!-- run_stability: NAME -->` and `<!-- end -->`, and the pictures beside the page."""
+
+    def filled(match: re.Match[str]) -> str:
+        return f"{match[1]}\n{blocks[match[2]]}\n{match[3]}" if match[2] in blocks else match[0]
+
+    block = re.compile(r"(<!-- run_stability: (\w+) -->)\n.*?(<!-- end -->)", re.DOTALL)
+    page.write_text(block.sub(filled, page.read_text()))
+    folder = page.with_suffix("")
+    folder.mkdir(exist_ok=True)
+    for picture in sorted(out.glob("*.png")):
+        shutil.copyfile(picture, folder / picture.name)
+
+
+def run(options: argparse.Namespace) -> int:
+    """All that was asked for; 1 if anything forbidden was found."""
+    make_folder(options.out)
+    chosen = stability.trials(options.only, options.full)
+    columns = (TextColumn("{task.description:36.36}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task("starting", total=len(chosen))
+
+        def tick(done: int, of: int, what: str) -> None:
+            progress.update(task, completed=done, total=of, description=what)
+
+        outcomes = stability.run_trials(chosen, options.workers, tick)
+    machine_now = machine()
+    (options.out / "stability.json").write_text(stability.to_json(outcomes, machine=machine_now))
+    stability_map.save(outcomes, options.out)
+    table, worst = stability.counts_table(outcomes), stability.findings_table(outcomes)
+    made = made_by(machine_now)
+    (options.out / "stability.md").write_text(f"{table}\n\n{worst}\n\n{made}\n")
+    for text in (table, worst):
+        console.print(text, highlight=False, markup=False, soft_wrap=True)
+    if options.docs:
+        fill_page(options.docs, {"counts": table, "findings": worst, "made": made}, options.out)
+    found = stability.counts(outcomes)
+    return int(any(found[kind] for kind in stability.FORBIDDEN))
+
+
+def main() -> int:
+    options = arguments()
+    started = time.perf_counter()
+    try:
+        code = run(options)
+    except (mpsim.MpsimError, OSError) as error:
+        console.print(f"run_stability: {error}", style="red", highlight=False, soft_wrap=True)
+        return 2
+    console.print(f"{time.perf_counter() - started:.1f} s; all is in {options.out}/")
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())
