@@ -8,6 +8,7 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
+from mpsim.engine.additions import NewDiscs
 from mpsim.engine.methods import Choice, Columns, no_columns
 from mpsim.engine.provision import has_masses, has_radii
 from mpsim.engine.report import Slice
@@ -162,25 +163,15 @@ class ExactSolver:
         events.read_out(self._store, self._box, self._law, self.time, position, velocity)
         return State(position, velocity)
 
-    def add(
-        self,
-        position: NDArray[np.float64],
-        velocity: NDArray[np.float64],
-        acceleration: NDArray[np.float64] | None,
-        choice: Choice,
-        radius: NDArray[np.float64] | None = None,
-        mass: NDArray[np.float64] | None = None,
-    ) -> None:
-        """Append discs at the present time; refused if they overlap. Radius and mass: those of the scene if left out.
+    def add(self, new: NewDiscs, choice: Choice) -> None:
+        """Append discs at the present time; refused if they overlap.
 
         Raises:
             InputError: then nothing was added.
         """
         state = self.state()
-        places, speeds = np.concatenate([state.position, position]), np.concatenate([state.velocity, velocity])
-        common = np.full(len(position), self._scene.largest_radius)
-        radii = np.concatenate([self._radii, common if radius is None else radius])
-        masses = np.concatenate([self._masses, np.ones(len(position)) if mass is None else mass])
+        places, speeds = np.concatenate([state.position, new.position]), np.concatenate([state.velocity, new.velocity])
+        radii, masses = np.concatenate([self._radii, new.radius]), np.concatenate([self._masses, new.mass])
         block, store, box = self._placed(places, speeds, radii, masses, self.time)
         # Of a frame in hand, the new store has counted nothing yet, and the guard acts once for the whole run.
         self._seen -= *self._store.tally, self._store.counter[events.PAIRS]

@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim import checks
+from mpsim.engine import additions, methods, soundness, watching
 from mpsim.engine import checkpoint as checkpoint_file
-from mpsim.engine import methods, soundness, watching
 from mpsim.engine.emission import Emission
 from mpsim.engine.exact import ExactSolver
 from mpsim.engine.pacing import Pacer
-from mpsim.engine.provision import has_masses, has_radii
 from mpsim.engine.report import Report, phase_seconds
 from mpsim.engine.running import (
     MOST_DEATHS,
@@ -406,23 +405,9 @@ class Simulation:
             InputError: naming the argument, its rule and the value received; then nothing was added.
         """
         solver = self._open_solver()
-        places = checks.finite_array("position", np.atleast_2d(position), (None, 2), "(2,) or (K, 2)")
-        shape, meaning = (len(places), 2), f"({len(places)}, 2), as position has"
-        speeds = checks.finite_array("velocity", np.atleast_2d(velocity), shape, meaning)
-        kicks = None
-        if acceleration is not None:
-            if self._scene.acceleration is None:
-                raise InputError(
-                    "acceleration can be given for added discs only in a scene that has acceleration per disc; this "
-                    f"one has none, and got {acceleration!r}. Give the scene acceleration=numpy.zeros((N, 2))."
-                )
-            kicks = checks.finite_array("acceleration", np.atleast_2d(acceleration), shape, meaning)
-        radii = self._one_each("radius", radius, len(places), has_radii(self._scene))
-        masses = self._one_each("mass", mass, len(places), has_masses(self._scene))
-        self._scene.check_inside("position", places, self._scene.largest_radius if radii is None else radii)
-        checks.fitting("velocity", speeds, self._settings.precision)
-        before, choice = solver.choice, methods.choose(solver.count + len(places), self._settings)
-        self._between_frames(lambda: solver.add(places, speeds, kicks, choice, radii, masses))
+        new = additions.checked(self._scene, self._settings.precision, position, velocity, acceleration, radius, mass)
+        before, choice = solver.choice, methods.choose(solver.count + len(new.position), self._settings)
+        self._between_frames(lambda: solver.add(new, choice))
         if self._watch.adapts:  # which must not wait for the next look: the new disc may be fast
             self._look(anyway=True)
         if choice != before:
@@ -434,28 +419,6 @@ class Simulation:
         return (
             f"<Simulation: {self.count} discs by {self._solver.choice.method}, frame {self.frame}, time {self.time:g}>"
         )
-
-    def _one_each(self, name: str, value: ArrayLike | None, count: int, wanted: bool) -> NDArray[np.float64] | None:
-        """Radii or masses of added discs, shape (count,), where the scene has one per disc; otherwise None."""
-        if not wanted:
-            if value is not None:
-                raise InputError(
-                    f"{name} can be given for added discs only in a scene whose discs have one each; here all have "
-                    f"the same, and got {value!r}. Leave it out, or give the scene {name}=numpy.full(N, ...) with "
-                    "different values."
-                )
-            return None
-        if value is None:
-            raise InputError(
-                f"{name} must be given for added discs, as the discs of this scene have one each; got None."
-            )
-        each = np.full(count, value) if np.ndim(value) == 0 else value
-        array = checks.finite_array(name, each, (count,), f"() or ({count},)")
-        largest = self._scene.largest_radius if name == "radius" else math.inf
-        if (array <= 0).any() or (array > largest).any():
-            limit = f" and at most that of the scene's largest disc, {largest:g}" if name == "radius" else ""
-            raise InputError(f"{name} of added discs must be > 0{limit}; got {array.tolist()}.")
-        return array
 
     @property
     def array_names(self) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
+from mpsim.engine.additions import NewDiscs
 from mpsim.engine.methods import Choice, Columns, no_columns
 from mpsim.engine.pool import WorkerPool
 from mpsim.engine.provision import feature_specs, fill_features, giant_radius, has_radii, wall_limits
@@ -239,27 +240,18 @@ class SteppedSolver:
         exits = self._block.arrays.get("exits")
         return np.zeros(self.count, bool) if exits is None else exits[0, : self.count] != 0
 
-    def add(
-        self,
-        position: NDArray[np.float64],
-        velocity: NDArray[np.float64],
-        acceleration: NDArray[np.float64] | None,
-        choice: Choice,
-        radius: NDArray[np.float64] | None = None,
-        mass: NDArray[np.float64] | None = None,
-    ) -> None:
+    def add(self, new: NewDiscs, choice: Choice) -> None:
         """Append discs, ids continuing, and go on as `choice` says. The block doubles when it is full."""
-        count = self.count + len(position)
-        common = np.full(len(position), self._scene.largest_radius)
-        radii = np.append(self._radii[: self.count], common if radius is None else radius)
-        masses = np.append(self._masses[: self.count], np.ones(len(position)) if mass is None else mass)
+        count = self.count + len(new.position)
+        radii = np.append(self._radii[: self.count], new.radius)
+        masses = np.append(self._masses[: self.count], new.mass)
         self._radii, self._masses = radii, masses
         # Discs that make giants of others leave the grid finer than one for as many discs without giants.
         crowded = self._grid_for(count).table_size > len(self._block.arrays["start"])
         if choice != self.choice or count > self._capacity or crowded:
             self._move(max(2 * self._capacity, count) if count > self._capacity else self._capacity, choice)
             self._radii, self._masses = radii, masses  # the move has carried over the discs of before
-        self._write_state(position, velocity, acceleration, self.count)
+        self._write_state(new.position, new.velocity, new.acceleration, self.count)
         self.count = count
         self._configure()
 

@@ -1,0 +1,80 @@
+"""Discs that are added to a simulation: checked against the scene before anything is changed."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mpsim import checks
+from mpsim.engine.provision import has_masses, has_radii
+from mpsim.errors import InputError
+from mpsim.scene import Scene
+
+Floats = NDArray[np.float64]
+
+
+class NewDiscs(NamedTuple):
+    """K discs: position, velocity, acceleration of shape (K, 2), radius and mass of shape (K,).
+
+    Acceleration is None where none was given; radius and mass are those of all discs in a scene without own ones.
+    """
+
+    position: Floats
+    velocity: Floats
+    acceleration: Floats | None
+    radius: Floats
+    mass: Floats
+
+
+def checked(
+    scene: Scene,
+    precision: str,
+    position: ArrayLike,
+    velocity: ArrayLike,
+    acceleration: ArrayLike | None,
+    radius: ArrayLike | None,
+    mass: ArrayLike | None,
+) -> NewDiscs:
+    """What `Simulation.add` was given, as arrays.
+
+    Raises:
+        InputError: naming the argument, its rule and the value received.
+    """
+    places = checks.finite_array("position", np.atleast_2d(position), (None, 2), "(2,) or (K, 2)")
+    shape, meaning = (len(places), 2), f"({len(places)}, 2), as position has"
+    speeds = checks.finite_array("velocity", np.atleast_2d(velocity), shape, meaning)
+    kicks = None
+    if acceleration is not None:
+        if scene.acceleration is None:
+            raise InputError(
+                "acceleration can be given for added discs only in a scene that has acceleration per disc; this "
+                f"one has none, and got {acceleration!r}. Give the scene acceleration=numpy.zeros((N, 2))."
+            )
+        kicks = checks.finite_array("acceleration", np.atleast_2d(acceleration), shape, meaning)
+    radii = _one_each("radius", radius, scene.largest_radius, len(places), has_radii(scene))
+    masses = _one_each("mass", mass, 1.0, len(places), has_masses(scene))
+    scene.check_inside("position", places, radii)
+    checks.fitting("velocity", speeds, precision)
+    return NewDiscs(places, speeds, kicks, radii, masses)
+
+
+def _one_each(name: str, value: ArrayLike | None, common: float, count: int, own: bool) -> Floats:
+    """Radii or masses, shape (count,): the given ones where discs have their own, otherwise the common one."""
+    if not own:
+        if value is not None:
+            raise InputError(
+                f"{name} can be given for added discs only in a scene whose discs have one each; here all have "
+                f"the same, and got {value!r}. Leave it out, or give the scene {name}=numpy.full(N, ...) with "
+                "different values."
+            )
+        return np.full(count, common)
+    if value is None:
+        raise InputError(f"{name} must be given for added discs, as the discs of this scene have one each; got None.")
+    each = np.full(count, value) if np.ndim(value) == 0 else value
+    array = checks.finite_array(name, each, (count,), f"() or ({count},)")
+    largest = common if name == "radius" else math.inf
+    if (array <= 0).any() or (array > largest).any():
+        limit = f" and at most that of the scene's largest disc, {largest:g}" if name == "radius" else ""
+        raise InputError(f"{name} of added discs must be > 0{limit}; got {array.tolist()}.")
+    return array
