@@ -1,5 +1,8 @@
 """What a scene may have besides discs in a box: obstacles, emitters, a piston. Checked when made; immutable."""
 
+# pyright: reportUnnecessaryIsInstance=false
+# Arguments are checked when the program runs as well, for callers without a type checker.
+
 from dataclasses import dataclass
 from itertools import pairwise, product
 from typing import Any
@@ -74,7 +77,7 @@ class Polyline:
                 f"{points.tolist()}. Use a FixedDisc for a point."
             )
         thickness = checks.non_negative("thickness of a Polyline", self.thickness, "[length]")
-        object.__setattr__(self, "points", tuple(map(tuple, points.tolist())))
+        object.__setattr__(self, "points", tuple((float(x), float(y)) for x, y in points))
         object.__setattr__(self, "thickness", thickness)
 
     def capsules(self) -> list[tuple[float, float, float, float, float]]:

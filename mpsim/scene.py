@@ -195,7 +195,8 @@ class Scene:
         for name, value in sorted(vars(self).items()):
             digest.update(f"{name} ".encode())
             if isinstance(value, np.ndarray):
-                digest.update(f"{value.shape} ".encode() + np.ascontiguousarray(value, "<f8").tobytes())
+                array = np.ascontiguousarray(value, "<f8")
+                digest.update(f"{array.shape} ".encode() + array.tobytes())
             else:
                 digest.update(f"{value!r} ".encode())  # in which floats lose no bit
         return digest.hexdigest()
@@ -273,7 +274,7 @@ class Scene:
         >>> Scene(width=9, height=9, position=places, velocity=rest, radius=0.5).overlaps_at_start()
         '1 pairs of discs overlap at the start, discs 0 and 1 deepest, by 0.25'
         """
-        words = []
+        words: list[str] = []
         pairs, (i, j), depth = placement.overlaps(
             self.position, self.width, self.height, 2 * self.radius, self.periodic
         )

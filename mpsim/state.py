@@ -83,7 +83,7 @@ def block_arrays(
     tallied: whether measures are gathered, which needs a place for what each worker counts in each frame.
     """
     real, length = np.dtype(precision), capacity + layout.PADDING
-    arrays = {}
+    arrays: dict[str, ArraySpec] = {}
     for buffer in ("a", "b"):
         for field in layout.Discs._fields[:-1]:  # the radius is a feature
             integer = field in ("id", "cell")

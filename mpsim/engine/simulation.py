@@ -1,5 +1,8 @@
 """Simulation: the coordinator. It checks what comes in, runs the frame loop in slices, and hands out copies."""
 
+# pyright: reportUnnecessaryIsInstance=false
+# Arguments are checked when the program runs as well, for callers without a type checker.
+
 import atexit
 import dataclasses
 import math

@@ -120,9 +120,9 @@ def block_errors(series: ArrayLike) -> NDArray[np.float64]:
     """
     blocks = checks.finite_array("series", series, (None,), "(n,)")
     blocks = blocks - _mean(blocks) if len(blocks) else blocks  # small deviations keep their digits
-    errors = []
+    errors: list[float] = []
     while len(blocks) >= FEWEST_BLOCKS:
-        errors.append(blocks.std(ddof=1) / math.sqrt(len(blocks)))
+        errors.append(float(blocks.std(ddof=1)) / math.sqrt(len(blocks)))
         even = len(blocks) // 2 * 2
         blocks = (blocks[0:even:2] + blocks[1:even:2]) / 2
     return np.array(errors)

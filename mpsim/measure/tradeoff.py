@@ -40,7 +40,7 @@ class Row:
 
     settings: Settings
     cost: Cost | None = None
-    errors: dict[str, Deviation] = field(default_factory=dict)
+    errors: dict[str, Deviation] = field(default_factory=dict[str, Deviation])
     failure: str | None = None
 
     @property

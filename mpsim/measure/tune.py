@@ -1,5 +1,8 @@
 """The chooser: the cheapest settings whose errors stay inside given budgets, found by search and verified anew."""
 
+# pyright: reportUnnecessaryIsInstance=false
+# Arguments are checked when the program runs as well, for callers without a type checker.
+
 import dataclasses
 import importlib
 import math
@@ -339,8 +342,9 @@ def _order(found: list[tuple[float, float]]) -> float:
     """Order of the error in the step, a line through the logarithms of what was seen; 1.5 before anything is known."""
     if len({dt for dt, _ in found}) < 2:
         return 1.5
-    steps, ratios = np.log(np.array(found)).T
-    return float(np.clip(np.polyfit(steps, ratios, 1)[0], 0.7, 4.0))
+    logarithms = np.log(np.array(found, dtype=np.float64))
+    slope = float(np.polyfit(logarithms[:, 0], logarithms[:, 1], 1)[0])
+    return min(max(slope, 0.7), 4.0)
 
 
 def _words(name: str, errors: dict[str, Deviation], budgets: dict[str, float]) -> str:
