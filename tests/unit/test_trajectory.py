@@ -111,12 +111,13 @@ def test_a_run_in_parts_writes_the_file_of_one_run(tmp_path):
     assert (tmp_path / "parts.xyz").read_bytes() == (tmp_path / "one.xyz").read_bytes()
 
 
-def test_a_resumed_run_goes_on_with_the_trajectory_of_one_that_never_stopped(path, tmp_path):
+@pytest.mark.parametrize("method", ["grid", "event"])
+def test_a_resumed_run_goes_on_with_the_trajectory_of_one_that_never_stopped(path, tmp_path, method):
     """It was killed at frame 17, after a checkpoint at frame 10: what was written since comes again."""
     scene = gas(30, 0.3)
     whole = path.with_stem("whole")
-    written(whole, scene, 24, 4)
-    with simulate(scene, **SETTINGS) as sim, mpsim.Trajectory.write(path, every=4) as out:
+    written(whole, scene, 24, 4, method=method)
+    with simulate(scene, dt=0.02, method=method) as sim, mpsim.Trajectory.write(path, every=4) as out:
         sim.run(frames=10, observe=out)
         sim.save(tmp_path / "checkpoint")
         sim.run(frames=7, observe=out)
