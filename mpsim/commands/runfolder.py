@@ -31,9 +31,6 @@ TIMINGS = "timings.csv"
 STATE = "final.npz"
 PICTURE = "final.png"
 
-PICTURES = 100
-"""Frames in the trajectory of a run, about, where it is not said how many."""
-
 _ALL = (CHECKPOINT, f"{CHECKPOINT}.previous", MEASURES, TIMINGS, STATE, PICTURE, "trajectory.xyz", "trajectory.gsd")
 
 

@@ -13,7 +13,8 @@ import mpsim
 from mpsim import scenefile
 from mpsim.cli import main
 from mpsim.commands import terminal
-from mpsim.commands.run import frames_until
+from mpsim.commands.run import frames_until, pictures_of
+from mpsim.engine import shared
 from mpsim.output.recorder import COLUMNS, read_table
 
 SHORT = ("--method", "grid", "--frames", "30", "--every", "4", "--quiet")
@@ -345,3 +346,14 @@ def test_help_has_examples(command):
     result = mpsim_command(command, "--help")
     assert result.exit_code == 0
     assert f"Examples:\n    mpsim {command}" in result.stdout
+
+
+def test_clean_can_tell_in_json(monkeypatch):
+    block = shared.StaleBlock("mpsim-7-0123abcd", 7, 4096)
+    monkeypatch.setattr(shared, "stale_blocks", lambda: [block])
+    found = json.loads(mpsim_command("clean", "--dry-run", "--json").stdout)
+    assert found == [{"name": "mpsim-7-0123abcd", "pid": 7, "nbytes": 4096}]
+
+
+def test_large_scenes_are_written_less_often():
+    assert [pictures_of(count) for count in (0, 100, 10_000, 50_000, 10**6)] == [100, 100, 100, 20, 10]

@@ -236,8 +236,10 @@ def test_a_file_of_another_kind_is_refused_by_what_it_lacks(tmp_path, text, erro
 
 def test_the_smallest_extended_xyz_is_read(tmp_path):
     """Negative control of the test above."""
-    (tmp_path / "a.xyz").write_text('1\nLattice="5 0 0 0 5 0 0 0 1"\nX 1 2 3\n')
-    assert mpsim.Trajectory(tmp_path / "a.xyz")[0].position.tolist() == [[1, 2]]
+    for end in ("\n", "\n\n", "\n \n"):
+        (tmp_path / "a.xyz").write_text('1\nLattice="5 0 0 0 5 0 0 0 1"\nX 1 2 3' + end)
+        (frame,) = mpsim.Trajectory(tmp_path / "a.xyz")
+        assert frame.position.tolist() == [[1, 2]]
 
 
 def test_other_frames_can_be_read_where_one_is_damaged(tmp_path):
