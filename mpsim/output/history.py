@@ -44,14 +44,13 @@ def history(table: dict[str, NDArray[np.float64]], scene: Scene, last: Frame, ti
         rate.set(ylabel="[1/time]", title="Collisions per disc and time")
         _from_zero(rate, table["collision_rate"])
         overlap.plot(time, table["overlap_largest"], color="#D55E00", label="largest")
-        overlap.plot(time, table["overlap_mean"], color="#0072B2", label="mean of those that overlap")
+        overlap.plot(time, table["overlap_mean"], color="#0072B2", ls="--", label="mean of those that overlap")
         overlap.set(ylabel="[length]", title="Depth of overlaps at that moment")
         _from_zero(overlap, table["overlap_largest"], room=1.45)
         overlap.legend(loc="upper left", fontsize=9)
         for axes in (energy, rate, overlap):
             axes.set_xlabel("time")
         draw_frame(place, last, scene)
-        place.set_anchor("C")
         figure.suptitle(title)
     return figure
 
