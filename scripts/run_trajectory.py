@@ -81,6 +81,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
             chosen = [row for row in rows if row["format"] == kind]
             discs, write = ([row[name] for row in chosen] for name in ("discs", "write_ns_per_disc"))
             axes.plot(discs, write, color=COLOURS[kind], marker="o", label=f"a frame written as {kind}")
+        chosen = [row for row in rows if row["format"] == FORMATS[0]]
         discs, frame = ([row[name] for row in chosen] for name in ("discs", "frame_ns_per_disc"))
         axes.plot(discs, frame, color=COLOURS["frame"], marker="x", linestyle=":", label="a frame simulated (grid)")
         axes.set(xscale="log", yscale="log", xlabel="discs", ylabel="ns per disc", title="What a trajectory costs")

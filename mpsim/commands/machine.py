@@ -103,10 +103,11 @@ def warmup(scenes: tuple[str, ...], measures: tuple[str, ...], as_json: bool, qu
                 sim.run(frames=0, measures=measures or None)
             seconds, kernels = time.perf_counter() - started, compiled_kernels() - before
             found.append({"scene": file.name, "seconds": seconds, "kernels": kernels})
-            if not as_json:
-                click.echo(f"{file.name:12} {seconds:6.1f} s, {kernels} kernels compiled or loaded")
     if as_json:
         click.echo(terminal.json_text(found))
+        return
+    for row in found:
+        click.echo(f"{row['scene']:12} {row['seconds']:6.1f} s, {row['kernels']} kernels compiled or loaded")
 
 
 COMPLETION_EXAMPLES = """\b

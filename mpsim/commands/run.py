@@ -13,7 +13,7 @@ import click
 
 from mpsim import scenefile
 from mpsim.commands import terminal
-from mpsim.commands.runfolder import CHECKPOINT, MEASURES, PICTURE, PICTURES, STATE, TIMINGS, RunFolder, part_of
+from mpsim.commands.runfolder import CHECKPOINT, MEASURES, PICTURE, STATE, TIMINGS, RunFolder, part_of
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import MpsimError
@@ -44,7 +44,7 @@ Examples:
 @terminal.settings_options
 @click.option("--measure", "measures", type=click.Choice(NAMES), multiple=True, help="Something to measure.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder to write the run to.")
-@click.option("--every", type=click.IntRange(1), help="Frames between two of the trajectory; else some 100 in all.")
+@click.option("--every", type=click.IntRange(1), help="Frames between two of the trajectory; else 10 to 100 in all.")
 @click.option(
     "--format", "kind", type=click.Choice(["xyz", "gsd"]), default="xyz", show_default=True, help="Of the trajectory."
 )
@@ -86,7 +86,7 @@ def run(
         "scene_digest": file.scene.digest(),
         "settings": dataclasses.asdict(settings),
         "target": target,
-        "every": every or max(target // PICTURES, 1),
+        "every": every or max(target // pictures_of(file.scene.count), 1),
         "trajectory": f"trajectory.{kind}",
         "measures": list(measures),
         "status": "starting",
@@ -217,6 +217,11 @@ def _without_folder(
         return
     for line in summary(part, report, sim):
         click.echo(line)
+
+
+def pictures_of(count: int) -> int:
+    """Frames in the trajectory of so many discs, where nobody said how many: writing a million takes seconds."""
+    return min(max(1_000_000 // max(count, 1), 10), 100)
 
 
 def frames_until(until: float, dt: float) -> int:

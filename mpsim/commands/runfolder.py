@@ -31,10 +31,17 @@ TIMINGS = "timings.csv"
 STATE = "final.npz"
 PICTURE = "final.png"
 
-PICTURES = 100
-"""Frames in the trajectory of a run, about, where it is not said how many."""
-
-_ALL = (CHECKPOINT, f"{CHECKPOINT}.previous", MEASURES, TIMINGS, STATE, PICTURE, "trajectory.xyz", "trajectory.gsd")
+_ALL = (
+    CHECKPOINT,
+    f"{CHECKPOINT}.previous",
+    MEASURES,
+    TIMINGS,
+    STATE,
+    PICTURE,
+    "plot.png",
+    "trajectory.xyz",
+    "trajectory.gsd",
+)
 
 
 class RunFolder:
@@ -88,6 +95,9 @@ class RunFolder:
             ) from None
         if found > FORMAT:
             raise InputError(f"{str(folder)!r} is of format {found}; this mpsim reads up to {FORMAT}. Use a newer one.")
+        missing = {"scene", "target", "every", "trajectory", "measures", "status", "parts"} - record.keys()
+        if missing:
+            raise InputError(f"{RECORD} must hold {', '.join(sorted(missing))}; that in {str(folder)!r} does not.")
         return cls(folder, record)
 
     def __getitem__(self, name: str) -> Path:
@@ -96,7 +106,7 @@ class RunFolder:
     @property
     def trajectory(self) -> Path:
         """The file of the trajectory."""
-        return self.path / self.record["trajectory"]
+        return self.path / Path(self.record["trajectory"]).name  # in this folder, whatever the record says
 
     @property
     def scene(self) -> Scene:

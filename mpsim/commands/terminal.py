@@ -157,7 +157,8 @@ class _Pace:
         seconds, gained = time.monotonic() - self._started, done - self._first
         if seconds <= 0 or gained <= 0:
             return "", ""
-        return f"{gained / seconds:.3g}/s", f"{duration((of - done) * seconds / gained)} left"
+        rate = gained / seconds
+        return f"{rate:,.0f}/s" if rate >= 100 else f"{rate:.3g}/s", f"{duration((of - done) * seconds / gained)} left"
 
 
 class _Lines:

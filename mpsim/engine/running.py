@@ -125,7 +125,7 @@ class Onlookers:
     """
 
     def __init__(self, observers: "Observer | Iterable[Observer] | None"):
-        self.seconds = 0.0
+        self.seconds: float = 0.0
         given: Any = [] if observers is None else [observers] if hasattr(observers, "look") else observers
         self._observers: list[Observer] = list(given) if isinstance(given, Iterable) else [given]
         for each in self._observers:

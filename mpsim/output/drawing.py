@@ -18,6 +18,9 @@ STYLE = Path(__file__).with_name("mpsim.mplstyle")
 
 DISC_COLOUR = "#56B4E9"
 OBSTACLE_COLOUR = "#444444"
+MOST_DISCS = 50_000
+"""Discs that a still shows at most: more would take long, and be smaller than its pixels."""
+
 BEHIND_COLOUR = "#BBBBBB"
 
 

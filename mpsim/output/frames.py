@@ -80,10 +80,10 @@ WRITTEN_AS = {
 
 
 def frame_of(sim: Simulation) -> Frame:
-    """The discs of a simulation as they are now."""
+    """The discs of a simulation as they are now, between two frames."""
     state, scene, here = sim.state, sim.scene, ~sim.absorbed
     known = {
-        "time": sim.time,
+        "time": sim.frame * sim.settings.dt,  # sim.time but for the rounding of the exact solver's clock
         "velocity": state.velocity[here],
         "radius": sim.radii[here],
         "ids": np.flatnonzero(here),

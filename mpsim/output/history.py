@@ -1,5 +1,6 @@
 """What a run recorded, as pictures: energy, overlap, collision rate along the way, and the state at the end."""
 
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import OutputError
-from mpsim.output.drawing import STYLE, behind_piston, draw_discs, new_figure
+from mpsim.output.drawing import MOST_DISCS, STYLE, behind_piston, draw_discs, new_figure
 from mpsim.output.frames import Frame, frame_of
 from mpsim.scene import Scene
 
@@ -43,22 +44,22 @@ def history(table: dict[str, NDArray[np.float64]], scene: Scene, last: Frame, ti
         rate.set(ylabel="[1/time]", title="Collisions per disc and time")
         _from_zero(rate, table["collision_rate"])
         overlap.plot(time, table["overlap_largest"], color="#D55E00", label="largest")
-        overlap.plot(time, table["overlap_mean"], color="#0072B2", label="mean of those that overlap")
+        overlap.plot(time, table["overlap_mean"], color="#0072B2", ls="--", label="mean of those that overlap")
         overlap.set(ylabel="[length]", title="Depth of overlaps at that moment")
         _from_zero(overlap, table["overlap_largest"], room=1.45)
         overlap.legend(loc="upper left", fontsize=9)
         for axes in (energy, rate, overlap):
             axes.set_xlabel("time")
         draw_frame(place, last, scene)
-        place.set_anchor("C")
         figure.suptitle(title)
     return figure
 
 
 def draw_frame(axes: Axes, frame: Frame, scene: Scene) -> None:
     """The discs of a frame, coloured by speed."""
-    discs = draw_discs(axes, frame.position, scene, radii=frame.radius)
-    speeds = np.hypot(*frame.velocity.astype(np.float64).T)
+    step = max(math.ceil(len(frame.position) / MOST_DISCS), 1)
+    discs = draw_discs(axes, frame.position[::step], scene, radii=frame.radius[::step])
+    speeds = np.hypot(*frame.velocity[::step].astype(np.float64).T)
     discs.set_array(speeds)
     discs.set_cmap("viridis")
     discs.set_clim(0, max(1.5 * float(np.quantile(speeds, 0.9)) if len(speeds) else 0.0, 1e-300))
@@ -71,7 +72,8 @@ def draw_frame(axes: Axes, frame: Frame, scene: Scene) -> None:
     figure = axes.get_figure(root=True)
     assert figure is not None
     figure.colorbar(discs, ax=axes, label="speed [length/time]", **where)
-    axes.set_title(f"time {frame.time:.4g}, {len(frame.position)} discs")
+    shown = f"{len(speeds):,} of " if step > 1 else ""
+    axes.set_title(f"time {frame.time:.4g}, {shown}{len(frame.position):,} discs")
 
 
 def final_picture(sim: Simulation, path: str | os.PathLike[str]) -> Path:

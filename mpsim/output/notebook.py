@@ -13,7 +13,7 @@ from mpsim.kernels.layout import PHASES
 from mpsim.measure.tables import cost_text, error_text
 from mpsim.measure.tradeoff import label
 from mpsim.measure.tune import Tuned
-from mpsim.output.drawing import STYLE, draw_discs, new_figure
+from mpsim.output.drawing import MOST_DISCS, STYLE, draw_discs, new_figure
 from mpsim.scene import Scene
 
 INCHES = 3.2
@@ -21,9 +21,6 @@ INCHES = 3.2
 
 COLOURS = 48
 """Colours of a still: more hardly show, and fewer make it small."""
-
-MOST_DISCS = 50_000
-"""Discs that a still shows at most. More would take seconds, and be smaller than its pixels."""
 
 
 def scene_png(scene: Scene) -> bytes:

@@ -15,7 +15,15 @@ from mpsim.errors import InputError, OutputError
 from mpsim.measure.observables import overlap
 from mpsim.state import State
 
-COLUMNS = ("frame", "time", "discs", "kinetic_energy", "overlap_mean", "overlap_largest", "collision_rate")
+COLUMNS: tuple[str, ...] = (
+    "frame",
+    "time",
+    "discs",
+    "kinetic_energy",
+    "overlap_mean",
+    "overlap_largest",
+    "collision_rate",
+)
 """Time [time], energy [mass length^2/time^2], depth of the overlaps at that moment [length], collisions per disc and
 time since the row before [1/time], a pair counting for both. Discs that have left are not counted."""
 
@@ -30,7 +38,7 @@ class Recorder:
     """
 
     def __init__(self, path: str | os.PathLike[str], every: int, sim: Simulation):
-        self.every = checks.whole("every", every, 1, 10**12, "1 writes a row for every frame.")
+        self.every: int = checks.whole("every", every, 1, 10**12, "1 writes a row for every frame.")
         self._path = Path(path)
         self._since = sim.frame
         self._collisions = 0

@@ -8,7 +8,7 @@ import logging
 import os
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import overload
 
@@ -19,9 +19,9 @@ from mpsim.output.frames import Frame, Reader, Writer, differs, frame_of
 from mpsim.output.gsd import GsdReader, GsdWriter
 from mpsim.output.xyz import XyzReader, XyzWriter
 
-logger = logging.getLogger("mpsim")
+logger: logging.Logger = logging.getLogger("mpsim")
 
-ENDINGS = {
+ENDINGS: dict[str, tuple[Callable[[Path], Reader], Callable[[Path, str], Writer]]] = {
     ".xyz": (XyzReader, XyzWriter),
     ".extxyz": (XyzReader, XyzWriter),
     ".gsd": (GsdReader, GsdWriter),
@@ -54,7 +54,7 @@ class Trajectory:
     """
 
     def __init__(self, path: str | os.PathLike[str]):
-        self.path = _path_of(path)
+        self.path: Path = _path_of(path)
         if not self.path.is_file():
             raise TrajectoryError(f"a trajectory must be a file that can be read; {str(self.path)!r} is none.")
         self._reader: Reader = ENDINGS[self.path.suffix.lower()][0](self.path)
@@ -124,10 +124,11 @@ class TrajectoryWriter:
     """
 
     def __init__(self, path: str | os.PathLike[str], every: int = 1, *, mode: str = "x"):
-        self.path = _path_of(path)
-        self.every = checks.whole("every", every, 1, 10**12, "1 writes every frame.")
+        self.path: Path = _path_of(path)
+        self.every: int = checks.whole("every", every, 1, 10**12, "1 writes every frame.")
         checks.choice("mode", mode, ("x", "w", "a"))
-        self.frames, self.seconds = 0, 0.0
+        self.frames: int = 0
+        self.seconds: float = 0.0
         self._last = -1
         if mode == "x" and self.path.exists():
             raise OutputError(

@@ -148,7 +148,9 @@ def scan(path: Path) -> tuple[list[int], int]:
         file.seek(0)
         while offsets[-1] < size:
             head = file.readline(_LONGEST_COUNT)
-            if not head.endswith(b"\n") and file.tell() == size and (head.strip().isdigit() or not head.strip()):
+            if not head.strip() and not file.read(_LONGEST_COUNT).strip() and file.tell() == size:
+                return offsets, 0  # blank lines at the end, as some programs leave them
+            if not head.endswith(b"\n") and file.tell() == size and head.strip().isdigit():
                 break
             if not head.strip().isdigit():
                 raise TrajectoryError(

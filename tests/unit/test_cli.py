@@ -281,7 +281,7 @@ def test_progress_is_a_bar_on_a_terminal(monkeypatch, capsys):
     assert captured.out == ""
     assert "2/2" in captured.err
     plain = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", captured.err)
-    assert re.search(r"accuracy \[of a kind\] +━+ 2/2 [\d.e+]+/s left 0:00:00", plain), "rate and time left"
+    assert re.search(r"accuracy \[of a kind\] +━+ 2/2 [\d.,]+/s left 0:00:00", plain), "rate and time left"
 
 
 def test_warnings_are_a_line_without_source(monkeypatch):

@@ -13,7 +13,9 @@ import mpsim
 from mpsim import scenefile
 from mpsim.cli import main
 from mpsim.commands import terminal
-from mpsim.commands.run import frames_until
+from mpsim.commands.run import frames_until, pictures_of
+from mpsim.engine import shared
+from mpsim.measure import benchmark
 from mpsim.output.recorder import COLUMNS, read_table
 
 SHORT = ("--method", "grid", "--frames", "30", "--every", "4", "--quiet")
@@ -222,6 +224,8 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path, command):
     assert "Give a folder that `mpsim run --out` has made." in result.stderr
     (tmp_path / "run.json").write_text('{"format": 99}')
     assert "is of format 99; this mpsim reads up to 1. Use a newer" in mpsim_command(command, tmp_path).stderr
+    (tmp_path / "run.json").write_text('{"format": 1, "scene": "gas", "every": 1, "trajectory": "a", "parts": []}')
+    assert "run.json must hold measures, status, target; that in " in mpsim_command(command, tmp_path).stderr
 
 
 @pytest.mark.parametrize(
@@ -305,14 +309,17 @@ def test_what_cannot_be_animated_is_told_before_any_picture(tmp_path, monkeypatc
 
 
 def test_bench_tells_how_fast_each_method_is(monkeypatch):
-    result = mpsim_command("bench", "--frames", 60, "--workers", 2, "--quiet")
-    assert result.exit_code == 0, result.stderr
-    assert [line.split()[0] for line in result.stdout.splitlines()[1:4]] == ["naive", "grid", "parallel"]
-    found = json.loads(mpsim_command("bench", "--frames", 60, "--workers", 2, "--quiet", "--json").stdout)
+    arguments = ("bench", "--frames", 60, "--workers", 2, "--quiet")
+    found = json.loads(mpsim_command(*arguments, "--json").stdout)
     digests = {row["method"]: row["digest"] for row in found["methods"]}
     assert digests["grid"] == digests["parallel"] != digests["naive"]
-    assert f"grid and parallel gave the same bits: {digests['grid']}" in result.stdout
     assert all(row["median_seconds"] > 0 for row in found["methods"])
+    measured = benchmark.fixed(mpsim.Settings(method="grid", contact="push"), 2, lambda word: None, 20)
+    monkeypatch.setattr(benchmark, "fixed", lambda *given: measured)
+    lines = mpsim_command(*arguments).stdout.splitlines()
+    assert [line.split()[0] for line in lines[1:4]] == ["naive", "grid", "parallel"]
+    assert all(" us a frame, mean " in line for line in lines[1:4])
+    assert lines[4] == f"grid and parallel gave the same bits: {measured.timings['grid'].digest}"
 
 
 def test_warmup_says_how_long_each_scene_took():
@@ -345,3 +352,14 @@ def test_help_has_examples(command):
     result = mpsim_command(command, "--help")
     assert result.exit_code == 0
     assert f"Examples:\n    mpsim {command}" in result.stdout
+
+
+def test_clean_can_tell_in_json(monkeypatch):
+    block = shared.StaleBlock("mpsim-7-0123abcd", 7, 4096)
+    monkeypatch.setattr(shared, "stale_blocks", lambda: [block])
+    found = json.loads(mpsim_command("clean", "--dry-run", "--json").stdout)
+    assert found == [{"name": "mpsim-7-0123abcd", "pid": 7, "nbytes": 4096}]
+
+
+def test_large_scenes_are_written_less_often():
+    assert [pictures_of(count) for count in (0, 100, 10_000, 50_000, 10**6)] == [100, 100, 100, 20, 10]

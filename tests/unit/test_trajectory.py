@@ -111,12 +111,13 @@ def test_a_run_in_parts_writes_the_file_of_one_run(tmp_path):
     assert (tmp_path / "parts.xyz").read_bytes() == (tmp_path / "one.xyz").read_bytes()
 
 
-def test_a_resumed_run_goes_on_with_the_trajectory_of_one_that_never_stopped(path, tmp_path):
+@pytest.mark.parametrize("method", ["grid", "event"])
+def test_a_resumed_run_goes_on_with_the_trajectory_of_one_that_never_stopped(path, tmp_path, method):
     """It was killed at frame 17, after a checkpoint at frame 10: what was written since comes again."""
     scene = gas(30, 0.3)
     whole = path.with_stem("whole")
-    written(whole, scene, 24, 4)
-    with simulate(scene, **SETTINGS) as sim, mpsim.Trajectory.write(path, every=4) as out:
+    written(whole, scene, 24, 4, method=method)
+    with simulate(scene, dt=0.02, method=method) as sim, mpsim.Trajectory.write(path, every=4) as out:
         sim.run(frames=10, observe=out)
         sim.save(tmp_path / "checkpoint")
         sim.run(frames=7, observe=out)
@@ -235,8 +236,10 @@ def test_a_file_of_another_kind_is_refused_by_what_it_lacks(tmp_path, text, erro
 
 def test_the_smallest_extended_xyz_is_read(tmp_path):
     """Negative control of the test above."""
-    (tmp_path / "a.xyz").write_text('1\nLattice="5 0 0 0 5 0 0 0 1"\nX 1 2 3\n')
-    assert mpsim.Trajectory(tmp_path / "a.xyz")[0].position.tolist() == [[1, 2]]
+    for end in ("\n", "\n\n", "\n \n"):
+        (tmp_path / "a.xyz").write_text('1\nLattice="5 0 0 0 5 0 0 0 1"\nX 1 2 3' + end)
+        (frame,) = mpsim.Trajectory(tmp_path / "a.xyz")
+        assert frame.position.tolist() == [[1, 2]]
 
 
 def test_other_frames_can_be_read_where_one_is_damaged(tmp_path):
