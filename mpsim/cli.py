@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 import mpsim
-from mpsim.commands import clean, scenes, trade
+from mpsim.commands import clean, scenes, stability, trade
 
 
 class Door(click.Group):
@@ -64,5 +64,5 @@ def main(verbose: bool) -> None:
         click.get_current_context().call_on_close(lambda: logging.getLogger("mpsim").removeHandler(handler))
 
 
-for command in (scenes.scenes, scenes.show, trade.tune, trade.tradeoff, clean.clean):
+for command in (scenes.scenes, scenes.show, trade.tune, trade.tradeoff, clean.clean, stability.stability):
     main.add_command(command)
