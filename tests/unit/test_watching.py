@@ -71,24 +71,24 @@ def test_too_many_meetings_in_a_step_are_told():
 
 def test_a_disc_that_becomes_fast_is_told_once():
     with mpsim.Simulation(pair(0.5, side=60.0), mpsim.Settings(dt=0.01, method="grid")) as sim:
-        sim.run(frames=10)
+        sim.run(frames=4090)
         sim.add((5, 5), (90, 1))
-        with pytest.warns(mpsim.FastWarning, match=r"in frame 1024 disc 2 moves 1.8 times") as told:
-            sim.run(frames=1100)
+        with pytest.warns(mpsim.FastWarning, match=r"in frame 4096 disc 2 moves 1.8 times") as told:
+            sim.run(frames=10)
         assert len(told) == 1
         assert told[0].filename == __file__
-        sim.run(frames=3000)  # where warnings are errors
+        sim.run(frames=5000)  # where warnings are errors
 
 
 def test_error_refuses_before_the_run_and_during_it():
     with pytest.raises(mpsim.TooFastError, match=r"1.2 times its radius .* on_fast='warn' runs it all the same"):
         mpsim.Simulation(pair(6.0), mpsim.Settings(dt=0.1, on_fast="error"))
     with mpsim.Simulation(pair(0.5, side=60.0), mpsim.Settings(dt=0.01, method="grid", on_fast="error")) as sim:
-        sim.run(frames=1)
+        sim.run(frames=4090)
         sim.add((5, 5), (90, 1))
-        with pytest.raises(mpsim.TooFastError, match="in frame 1024 disc 2"):
-            sim.run(frames=2000)
-        assert sim.frame == 1024, "the simulation goes on living"
+        with pytest.raises(mpsim.TooFastError, match="in frame 4096 disc 2"):
+            sim.run(frames=10)
+        assert sim.frame == 4096, "the simulation goes on living"
         assert len(sim.state.position) == 3
 
 
