@@ -32,7 +32,7 @@ DENSE, HEXAGONAL = 0.7, 0.9069
 """Packing from which on discs are taken for a crystal, and the densest there is."""
 
 AIM = 0.5
-"""Part of BOUND kept by on_fast="substep" where it looks: a disc may double its speed until the next look."""
+"""Part of both bounds kept by on_fast="substep" where it looks: a disc may double its speed until the next look."""
 
 ADAPT_EVERY = 16
 """Frames between two looks of on_fast="substep"."""
@@ -201,14 +201,14 @@ class Watch:
         self._done = True
 
     def substeps_for(self, pace: Pace, frame: int) -> int:
-        """Sub-steps that keep the fastest disc at AIM or below until the next look, and meetings at MEETINGS.
+        """Sub-steps that keep speeds and meetings at AIM of their bounds, and below the bounds until the next look.
 
         Raises:
             TooFastError: if they are more than MOST_SUBSTEPS.
         """
         dt = self._settings.dt
         pace = replace(pace, speed=pace.speed + self._gain * ADAPT_EVERY)
-        part = max(pace.part(dt) / AIM, pace.meetings * dt / MEETINGS)
+        part = max(pace.part(dt) / BOUND, pace.meetings * dt / MEETINGS) / AIM
         if not part <= MOST_SUBSTEPS:
             raise TooFastError(
                 f"{self._words(pace, frame)} on_fast='substep' takes at most {MOST_SUBSTEPS} sub-steps, and would need "
@@ -227,7 +227,7 @@ class Watch:
         part, meetings = pace.part(dt) / BOUND, pace.meetings * dt / MEETINGS
         if part <= 1 and meetings <= 1:
             return None
-        needed = settings.substeps * max(part / AIM, meetings)
+        needed = settings.substeps * max(part, meetings) / AIM
         remedy = ""
         if math.isfinite(needed):
             remedy = f"Use dt={settings.dt * settings.substeps / needed:.2g}"

@@ -206,9 +206,9 @@ def crowded_places(kind: str) -> Scene:
         "one line": np.stack([np.linspace(RADIUS, side - RADIUS, count), np.full(count, side / 2)], axis=1),
         "one cell": side / 2 + 0.01 * site,
         "cell edges": 1.0 + 2 * site - (site == 5) * 0.5,
-        "wall edges": [*np.where(site % 2 == 0, RADIUS, side - RADIUS), [0, 0]],
+        "wall edges": np.where(site % 2 == 0, RADIUS, side - RADIUS),
         "touching": RADIUS + site,
-        "pairs in one place": [*np.repeat(RADIUS + 2 * site[:18], 2, axis=0), 1, 1],
+        "pairs in one place": np.repeat(1.0 + RADIUS + 2 * site[:18], 2, axis=0),
     }[kind]
     places = np.clip(places, RADIUS, side - RADIUS)
     velocity = np.where(np.arange(count)[:, None] % 2, [1.0, -0.5], [-1.0, 0.5])
