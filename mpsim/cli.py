@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 import mpsim
-from mpsim.commands import clean, look, machine, run, scenes, trade
+from mpsim.commands import clean, look, machine, run, scenes, stability, trade
 from mpsim.commands.terminal import Interrupted
 
 INTERRUPTED = 130
@@ -94,6 +94,7 @@ for command in (
     machine.bench,
     machine.warmup,
     machine.completion,
+    stability.stability,
     clean.clean,
 ):
     main.add_command(command)

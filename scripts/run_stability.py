@@ -4,6 +4,7 @@ python scripts/run_stability.py                    all axes, under three minutes
 python scripts/run_stability.py --only step map    some of them
 python scripts/run_stability.py --full             also millions of discs and a million frames
 python scripts/run_stability.py --docs docs/stability.md    and renew that page and its pictures
+python scripts/run_stability.py --cost             only what the looks at the speeds take of a run's time
 
 Everything is written under results/stability/. Exit code 1 if anything forbidden was found.
 """
@@ -11,6 +12,7 @@ Everything is written under results/stability/. Exit code 1 if anything forbidde
 import argparse
 import re
 import shutil
+import statistics
 import sys
 import time
 from pathlib import Path
@@ -21,6 +23,7 @@ from run_bench import machine, make_folder
 from run_tradeoff import made_by
 
 import mpsim
+from mpsim.engine import watching
 from mpsim.measure import stability
 from mpsim.measure.extremes import AXES
 from mpsim.output import stability_map
@@ -32,10 +35,28 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", metavar="AXIS", help=f"{', '.join([*AXES, stability.MAP])}")
     parser.add_argument("--full", action="store_true", help="also what takes long")
+    parser.add_argument("--cost", action="store_true", help="measure what looks at the speeds take, nothing else")
     parser.add_argument("--workers", type=int, default=2, help="processes that try at the same time (default: 2)")
     parser.add_argument("--out", type=Path, default=Path("results/stability"), help="default: results/stability")
     parser.add_argument("--docs", type=Path, help="page whose tables and pictures are renewed: docs/stability.md")
     return parser.parse_args()
+
+
+def cost() -> None:
+    """Median time of a frame and of a look at the speeds, and the part of a run that looks take."""
+    for count in (100, 8192, 100_000):
+        scene = mpsim.Scene.random(count=count, packing=0.4, radius=0.5, seed=1)
+        with mpsim.Simulation(scene, mpsim.Settings(dt=0.01, method="grid")) as sim:
+            frame = statistics.median(sim.run(frames=100).frame_seconds)
+            looks = []
+            for _ in range(30):
+                started = time.perf_counter()
+                watching.pace_of(sim.state.velocity, scene.radii, scene)
+                looks.append(time.perf_counter() - started)
+        look, every = statistics.median(looks), watching.Watch(scene, sim.settings, False).frames_ahead(0, count)
+        console.print(
+            f"{count:,} discs: a frame {frame:.3g} s, a look {look:.3g} s, {look / every / frame:.2%} of a run"
+        )
 
 
 def fill_page(page: Path, blocks: dict[str, str], out: Path) -> None:
@@ -81,6 +102,9 @@ def run(options: argparse.Namespace) -> int:
 def main() -> int:
     options = arguments()
     started = time.perf_counter()
+    if options.cost:
+        cost()
+        return 0
     try:
         code = run(options)
     except (mpsim.MpsimError, OSError) as error:

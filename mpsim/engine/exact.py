@@ -61,6 +61,7 @@ class ExactSolver:
         self._law = _law_of(scene)
         self._radii, self._masses = scene.radii, scene.masses
         self.torn = False
+        self.substeps = 1
         self._process = psutil.Process()
         self._counting = False
         self._at_once = 10 * FEWEST_EVENTS

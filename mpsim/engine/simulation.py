@@ -155,6 +155,11 @@ class Simulation:
         return self._open_solver().count
 
     @property
+    def substeps(self) -> int:
+        """Steps of a frame now: as set, or as on_fast="substep" has chosen; 1 for `event`, which has none."""
+        return self._open_solver().substeps
+
+    @property
     def state(self) -> State:
         """Copies of all positions and velocities, in the order of the scene's discs (added ones follow)."""
         return self._open_solver().state()

@@ -40,7 +40,7 @@ class SteppedSolver:
         self.choice: Choice = choice
         self._scene = scene
         self._settings = settings
-        self._substeps = settings.substeps
+        self.substeps = settings.substeps
         self._sorted_grid: Grid | None = None
         self._tallying = False
         self.torn: bool = False  # whether a worker died inside a frame and Ctrl-C came before anybody could be told
@@ -121,8 +121,8 @@ class SteppedSolver:
         The count of steps becomes what it would be if all frames had had as many: so the place of a piston follows from
         it as before, and a snapshot tells the number of sub-steps.
         """
-        if substeps != self._substeps:
-            self._substeps = substeps
+        if substeps != self.substeps:
+            self.substeps = substeps
             self._block.arrays["control"][layout.STEPS] = self.frame * substeps
             self._configure()
 
@@ -361,7 +361,7 @@ class SteppedSolver:
         control = self._block.arrays["control"]
         frames, steps = snapshot["progress"].tolist()
         control[layout.DONE], control[layout.STEPS] = frames, steps
-        self._substeps = steps // frames if frames else self._settings.substeps
+        self.substeps = steps // frames if frames else self._settings.substeps
         if "exits" in snapshot:
             self._block.arrays["exits"][:, : self.count] = snapshot["exits"]
         self._sorted_grid = None
@@ -398,7 +398,7 @@ class SteppedSolver:
         scene, settings = self._scene, self._settings
         self._grid = self._grid_for(self.count)
         values: dict[int, Any] = {
-            layout.DT: settings.dt / self._substeps,
+            layout.DT: settings.dt / self.substeps,
             layout.DIAMETER: 2 * scene.largest_radius,
             **dict(zip(LIMITS, wall_limits(scene), strict=True)),
             layout.CELLS_PER_X: self._grid.columns / scene.width,
@@ -419,7 +419,7 @@ class SteppedSolver:
             layout.COUNT: self.count,
             layout.COLUMNS: self._grid.columns,
             layout.ROWS: self._grid.rows,
-            layout.SUBSTEPS: self._substeps,
+            layout.SUBSTEPS: self.substeps,
             layout.LAW: _LAWS[settings.law],
             layout.CONTACT: _CONTACTS[settings.contact],
             layout.PASSES: settings.passes,

@@ -32,7 +32,7 @@ DENSE, HEXAGONAL = 0.7, 0.9069
 """Packing from which on discs are taken for a crystal, and the densest there is."""
 
 AIM = 0.5
-"""Part of BOUND kept by on_fast="substep" where it looks: a disc may double its speed until the next look."""
+"""Part of both bounds kept by on_fast="substep" where it looks: a disc may double its speed until the next look."""
 
 ADAPT_EVERY = 16
 """Frames between two looks of on_fast="substep"."""
@@ -40,7 +40,7 @@ ADAPT_EVERY = 16
 MOST_SUBSTEPS = 10_000
 """Sub-steps of a frame that on_fast="substep" chooses at most: more are a mistake in dt or in a speed."""
 
-WATCH_EVERY, WATCH_LARGE_EVERY, LARGE = 1024, 64, 8192
+WATCH_EVERY, WATCH_LARGE_EVERY, LARGE = 4096, 256, 8192
 """Frames between two looks that only warn or refuse: fewer from LARGE discs on, where a look costs far less than a
 frame. Either way a look takes less than a hundredth of the time."""
 
@@ -53,6 +53,9 @@ TOO_COARSE = 0.125
 
 TINY = 1e-6
 """Radius, as a part of the distance between neighbours, below which squares of both do not fit one float64."""
+
+VANISHING = 1e7
+"""Square of radius times speed, in smallest normal numbers, below which the user is told."""
 
 STEP_SPACINGS = 16
 """A step of typical length should be so many spacings of coordinates long: rounding then changes it by 3 % at most."""
@@ -198,14 +201,14 @@ class Watch:
         self._done = True
 
     def substeps_for(self, pace: Pace, frame: int) -> int:
-        """Sub-steps that keep the fastest disc at AIM or below until the next look, and meetings at MEETINGS.
+        """Sub-steps that keep speeds and meetings at AIM of their bounds, and below the bounds until the next look.
 
         Raises:
             TooFastError: if they are more than MOST_SUBSTEPS.
         """
         dt = self._settings.dt
         pace = replace(pace, speed=pace.speed + self._gain * ADAPT_EVERY)
-        part = max(pace.part(dt) / AIM, pace.meetings * dt / MEETINGS)
+        part = max(pace.part(dt) / BOUND, pace.meetings * dt / MEETINGS) / AIM
         if not part <= MOST_SUBSTEPS:
             raise TooFastError(
                 f"{self._words(pace, frame)} on_fast='substep' takes at most {MOST_SUBSTEPS} sub-steps, and would need "
@@ -224,7 +227,7 @@ class Watch:
         part, meetings = pace.part(dt) / BOUND, pace.meetings * dt / MEETINGS
         if part <= 1 and meetings <= 1:
             return None
-        needed = settings.substeps * max(part / AIM, meetings)
+        needed = settings.substeps * max(part, meetings) / AIM
         remedy = ""
         if math.isfinite(needed):
             remedy = f"Use dt={settings.dt * settings.substeps / needed:.2g}"
@@ -277,6 +280,13 @@ def check_precision(scene: Scene, settings: Settings) -> None:
     for name in ("velocity", "gravity", "acceleration"):
         if getattr(scene, name) is not None:
             checks.fitting(name, getattr(scene, name), precision)
+    product = 8 * scene.largest_radius * float(np.abs(scene.velocity).max(initial=0.0))
+    most = math.sqrt(float(np.finfo(precision).max))
+    if product > most:
+        raise InputError(
+            f"radius times velocity must be at most {most / 8:.3g} in {precision}, so that its square fits; got "
+            f"{product / 8:.3g}. Use other units{_or_double(precision)}."
+        )
     if scene.mass is not None:
         checks.fitting("mass", scene.mass, precision)
         lightest = float(scene.mass.min(initial=1.0))
@@ -312,6 +322,11 @@ def coarseness(scene: Scene, settings: Settings) -> str | None:
             "moves its radius. Use larger discs or a smaller box"
         )
     speed = math.sqrt(float((scene.velocity**2).sum(axis=1).mean())) if scene.count else 0.0
+    if scene.count and 0 < (speed * scene.smallest_radius) ** 2 < VANISHING * float(np.finfo(precision).tiny):
+        words.append(
+            f"the square of mean speed {speed:.3g} times radius {scene.smallest_radius:.3g} is lost, so that times of "
+            f"contacts cannot be told. Use other units{_or_double(precision)}"
+        )
     dt = settings.dt / settings.substeps
     way = speed * dt
     if settings.method == "event":  # which moves discs from collision to collision, not by steps
@@ -326,12 +341,16 @@ def coarseness(scene: Scene, settings: Settings) -> str | None:
     if settings.method != "event" and 0 < pull * dt < float(np.finfo(precision).eps) * speed:
         words.append(
             f"gravity changes a velocity by {pull * dt:.3g} in a step, which rounding loses beside a mean speed of "
-            f"{speed:.3g}. Use larger steps{'' if precision == 'float64' else f', or {_DOUBLE}'}"
+            f"{speed:.3g}. Use larger steps{_or_double(precision)}"
         )
     return ". ".join(words) + "." if words else None
 
 
 _DOUBLE = "precision='float64'"
+
+
+def _or_double(precision: str) -> str:
+    return "" if precision == "float64" else f" or {_DOUBLE}"
 
 
 def _finer(precision: str) -> str:

@@ -71,7 +71,7 @@ def crystal(packing: float) -> Scene:
     row, column = np.divmod(np.arange(columns * rows), columns)
     rise = pitch * math.sqrt(3) / 2
     position = np.stack([(column + 0.5 * (row % 2) + 0.25) * pitch, (row + 0.5) * rise], axis=1)
-    size = {"width": columns * pitch, "height": rows * rise}
+    size: Any = {"width": columns * pitch, "height": rows * rise}
     return Scene(position=position, velocity=_thermal(len(row)), radius=RADIUS, boundary="periodic", **size)
 
 
@@ -166,7 +166,7 @@ def _radii(ratio: float) -> Case:
         radius = np.full(60, RADIUS / ratio)
         radius[:4] = RADIUS
         side = max(6 * RADIUS, math.sqrt(math.pi * float((radius**2).sum()) / 0.3))
-        box = {"width": side, "height": side, "boundary": "periodic", "temperature": 0.5, "seed": SEED}
+        box: Any = {"width": side, "height": side, "boundary": "periodic", "temperature": 0.5, "seed": SEED}
         return Scene.random(count=60, radius=radius, **box)
 
     return Case(scene, step_of(0.05, 1.0, RADIUS / ratio), 400, compares=False)
@@ -176,7 +176,7 @@ def _masses(ratio: float) -> Case:
     def scene() -> Scene:
         mass = np.where(np.arange(100) % 2, 1.0, ratio)
         even = gas(100, boundary="periodic")
-        box = {"width": even.width, "height": even.height, "radius": RADIUS, "boundary": "periodic"}
+        box: Any = {"width": even.width, "height": even.height, "radius": RADIUS, "boundary": "periodic"}
         return Scene(position=even.position, velocity=even.velocity, mass=mass, **box)
 
     return Case(scene, step_of(0.02), 400, compares=False)
@@ -206,9 +206,9 @@ def crowded_places(kind: str) -> Scene:
         "one line": np.stack([np.linspace(RADIUS, side - RADIUS, count), np.full(count, side / 2)], axis=1),
         "one cell": side / 2 + 0.01 * site,
         "cell edges": 1.0 + 2 * site - (site == 5) * 0.5,
-        "wall edges": [*np.where(site % 2 == 0, RADIUS, side - RADIUS), [0, 0]],
+        "wall edges": np.where(site % 2 == 0, RADIUS, side - RADIUS),
         "touching": RADIUS + site,
-        "pairs in one place": [*np.repeat(RADIUS + 2 * site[:18], 2, axis=0), 1, 1],
+        "pairs in one place": np.repeat(1.0 + RADIUS + 2 * site[:18], 2, axis=0),
     }[kind]
     places = np.clip(places, RADIUS, side - RADIUS)
     velocity = np.where(np.arange(count)[:, None] % 2, [1.0, -0.5], [-1.0, 0.5])
@@ -235,7 +235,13 @@ def _numbers(text: str) -> Case:
     """One number of a small scene at the end of what a float can be."""
     name, value = text.split("=")
     number = float(value)
-    near = {"width": 6.0, "height": 6.0, "position": [[2, 3], [3.5, 3]], "velocity": [[1, 0], [-1, 0]], "radius": 0.5}
+    near: Any = {
+        "width": 6.0,
+        "height": 6.0,
+        "position": [[2, 3], [3.5, 3]],
+        "velocity": [[1, 0], [-1, 0]],
+        "radius": 0.5,
+    }
     changes: dict[str, Any] = {
         "velocity": {"velocity": [[number, 0], [-number, 0]]},
         "one velocity": {"velocity": [[number, 0], [1, 0]]},

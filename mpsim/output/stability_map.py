@@ -8,7 +8,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, Rectangle
 
 from mpsim.measure.extremes import AXES, PACKINGS, PARTS
 from mpsim.measure.stability import FORBIDDEN, MAP, MAP_ROWS, TOLERANCE, Outcome
@@ -77,7 +77,7 @@ def _cells(axes: Any, table: Sequence[Sequence[Outcome | None]]) -> None:
         for x, outcome in enumerate(row):
             mark, colour, face = _mark(outcome)
             if face is not None:
-                axes.add_patch(matplotlib.patches.Rectangle((x - 0.5, y - 0.5), 1, 1, color=face, linewidth=0))
+                axes.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, color=face, linewidth=0))
             if mark:
                 axes.text(x, y, mark, ha="center", va="center", color=colour, fontsize=8)
 

@@ -11,6 +11,8 @@ import mpsim
 from mpsim import Scene, Settings
 from mpsim.measure.comparison import parting, short_run, typical_speed
 
+pytestmark = pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # errors of long steps are what is measured
+
 BALANCES = ["energy_drift", "momentum_drift"]
 
 

@@ -1,0 +1,115 @@
+"""on_fast="substep": the same bits however a run is cut, saved, restored or shared out."""
+
+import numpy as np
+import pytest
+from support.checkpoints import rewrite
+from support.scenes import gas, simulate, zoo
+
+import mpsim
+
+FRAMES = 75
+"""More than four looks, and no multiple of the frames between two."""
+
+
+def cooling():
+    """A gas that loses energy, so that it needs fewer and fewer sub-steps."""
+    return gas(300, 0.4, restitution=0.6, wall_restitution=0.6)
+
+
+def substepped(scene, **settings):
+    return simulate(scene, on_fast="substep", contact="impact", **{"dt": 0.3, "method": "grid", **settings})
+
+
+def in_pieces(scene, pieces, **settings):
+    with substepped(scene, **settings) as sim:
+        seen = {sim.substeps}
+        for frames in pieces:
+            sim.run(frames=frames)
+            seen.add(sim.substeps)
+        return sim.digest(), seen
+
+
+def test_how_a_run_is_cut_changes_no_bit():
+    whole, _ = in_pieces(cooling(), [FRAMES])
+    cut, seen = in_pieces(cooling(), [1, 7, 16, 3, 20, 0, 28])
+    assert cut == whole
+    assert len(seen) > 2, "the number of sub-steps has changed on the way"
+    with simulate(cooling(), dt=0.3, method="grid", contact="impact") as sim:
+        sim.run(frames=FRAMES)
+        assert sim.digest() != whole, "the control: without sub-steps the result is another"
+
+
+def test_workers_and_measures_change_no_bit():
+    whole, _ = in_pieces(cooling(), [FRAMES])
+    with substepped(cooling(), method="parallel", workers=2) as sim:
+        sim.run(frames=40)
+        sim.run(frames=FRAMES - 40, measures=["collision_rate"])
+        assert sim.digest() == whole
+
+
+@pytest.mark.parametrize("at", [0, 5, 16, 33])
+def test_a_resumed_run_goes_on_with_its_sub_steps(at, tmp_path):
+    whole, _ = in_pieces(cooling(), [FRAMES])
+    with substepped(cooling()) as sim:
+        sim.run(frames=at)
+        substeps = sim.substeps
+        path = sim.save(tmp_path / "run")
+    with mpsim.Simulation.resume(path) as sim:
+        assert sim.substeps == substeps
+        sim.run(frames=FRAMES - at)
+        assert sim.digest() == whole
+
+
+def test_going_back_to_a_snapshot_goes_back_to_its_sub_steps():
+    with substepped(cooling()) as sim:
+        sim.run(frames=5)
+        kept, substeps = sim._snapshot(), sim.substeps
+        sim.run(frames=FRAMES - 5)
+        digest = sim.digest()
+        assert sim.substeps != substeps
+        sim._restore(kept)
+        assert sim.substeps == substeps
+        sim.run(frames=FRAMES - 5)
+        assert sim.digest() == digest
+
+
+def test_a_disc_that_is_added_counts_at_once_and_after_a_resume(tmp_path):
+    def add(sim):
+        before = sim.substeps
+        sim.add((1.0, 1.0), (60.0, 3.0))
+        assert sim.substeps > 2 * before
+
+    with substepped(cooling()) as sim:
+        sim.run(frames=21)
+        add(sim)
+        path = sim.save(tmp_path / "run")
+        sim.run(frames=30)
+        digest = sim.digest()
+    with mpsim.Simulation.resume(path) as sim:
+        sim.run(frames=30)
+        assert sim.digest() == digest
+
+
+@pytest.mark.long
+def test_a_piston_stands_where_its_time_says_whatever_the_sub_steps():
+    with substepped(zoo("piston lossy"), dt=0.05) as sim:
+        seen = set()
+        for frame in range(1, 60):
+            sim.run(frames=1)
+            seen.add(sim.substeps)
+            wall = float(sim._solver._block.arrays["parameters"][5])
+            ahead = 0.05 / sim.substeps  # the wall is where the next step will meet it
+            assert wall == pytest.approx(max(8 - 1.5 * (frame * 0.05 + ahead), 6.4) - 0.5, abs=1e-9)
+    assert len(seen) > 1
+
+
+def test_a_checkpoint_with_steps_that_cannot_be_is_refused(tmp_path):
+    with substepped(cooling()) as sim:
+        sim.run(frames=5)
+        path = sim.save(tmp_path / "run")
+    for steps in (0, 4, 11, 5 * 20_000):
+        good = path.read_bytes()
+        rewrite(path, lambda header, arrays, steps=steps: arrays.update({"solver.progress": np.array([5, steps])}))
+        with pytest.raises(mpsim.CheckpointError, match="5 frames cannot have"):
+            mpsim.Simulation.resume(path)
+        path.write_bytes(good)

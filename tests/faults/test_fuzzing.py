@@ -1,0 +1,178 @@
+"""Damaged scene files and checkpoints, thousands of them: a scene or a simulation, or one error that says why not.
+
+Whatever else comes out is a failure, and so is memory far beyond what the file is worth. Each damage follows from a
+number, so a failure names the one to try again.
+"""
+
+import contextlib
+import random
+import tracemalloc
+import warnings
+
+import numpy as np
+import pytest
+from support.checkpoints import rewrite, saved
+from support.fuzzing import damaged_array, damaged_bytes, damaged_text, damaged_values
+from support.scenes import gas, zoo
+
+import mpsim
+from mpsim import scenefile
+from mpsim.scenefile.reading import PACKAGED
+
+FEW, MANY = 200, 20_000
+"""Executions of each test by default, and with --long."""
+
+MEMORY = 100_000_000
+"""Bytes that reading one file may take: the files here are of some 10 kB, their scenes of at most 2000 discs."""
+
+SCENES = ("cradle", "galton", "mixture", "piston", "growth", "channel")
+"""Named scenes that together use all that a scene file knows."""
+
+SAYS_WHERE = """
+schema = 1
+width = 9.0
+height = 6.0
+boundary = "walls"
+restitution = 0.5
+absorbing = ["left"]
+
+[settings]
+dt = 0.01
+substeps = 2
+
+[[discs]]
+position = [[1.0, 1.0], [3.0, 3.0]]
+velocity = [[1.0, 0.0], [0.0, 1.0]]
+radius = [0.5, 0.25]
+mass = 2.0
+"""
+
+
+def read_scene(content, folder):
+    """Load what should be a scene file; returns whether it was one."""
+    path = folder / "scene.toml"
+    path.write_bytes(content)
+    try:
+        scenefile.load(path)
+    except mpsim.SceneFileError:
+        return False
+    return True
+
+
+def read_checkpoint(path):
+    """Resume from what should be a checkpoint, and go on from there; returns whether it was one."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            sim = mpsim.Simulation.resume(path)
+        except mpsim.CheckpointError:
+            return False
+        with sim, contextlib.suppress(mpsim.MpsimError):  # of a state that may be, but cannot go on
+            sim.run(frames=2)
+    return True
+
+
+def count_good(times, first, trial):
+    """Run trials numbered from `first` on; returns how many were accepted. A failure names its number."""
+    good = 0
+    tracemalloc.start()
+    try:
+        for number in range(first, first + times):
+            tracemalloc.reset_peak()
+            before = tracemalloc.get_traced_memory()[0]
+            try:
+                good += trial(random.Random(number))
+            except Exception as error:
+                error.add_note(f"damage number {number}")
+                raise
+            peak = tracemalloc.get_traced_memory()[1] - before
+            assert peak < MEMORY, f"damage number {number} took {peak:,} bytes"
+    finally:
+        tracemalloc.stop()
+    return good
+
+
+def executions(request):
+    return MANY if request.config.getoption("--long") else FEW
+
+
+def test_damaged_scene_files(request, tmp_path, figures):
+    texts = [SAYS_WHERE, *((PACKAGED / f"{name}.toml").read_text() for name in SCENES)]
+    texts = [text.replace("count = 800", "count = 80") for text in texts]
+
+    def trial(rng):
+        text = rng.choice(texts)
+        if rng.random() < 0.3:
+            return read_scene(damaged_bytes(text.encode(), rng), tmp_path)
+        return read_scene(damaged_text(text, rng).encode("utf-8", "replace"), tmp_path)
+
+    times = executions(request)
+    good = count_good(times, 1, trial)
+    assert 0 < good < times, "neither is every damage harmless nor every file refused"
+    figures.note("F1", f"{times} damaged scene files", "nothing but SceneFileError", "scenes", f"{good} still scenes")
+
+
+def checkpoints(folder):
+    """One of the stepped solver with features, one plain, one of the exact solver."""
+    made = [
+        saved(folder / "stepped", zoo("absorbing emitters acceleration", count=5)),
+        saved(folder / "plain", gas(5, 0.2), on_fast="substep"),
+        saved(folder / "exact", gas(5, 0.2), method="event", contact="impact"),
+    ]
+    return [path.read_bytes() for path in made]
+
+
+def test_damaged_checkpoints(request, tmp_path, figures):
+    contents = checkpoints(tmp_path)
+    path = tmp_path / "run"
+
+    def trial(rng):
+        path.write_bytes(damaged_bytes(rng.choice(contents), rng))
+        return read_checkpoint(path)
+
+    times = executions(request)
+    good = count_good(times, 1, trial)
+    assert good < times / 10, "a digest lets hardly any damage pass"
+    figures.note("F2", f"{times} damaged checkpoints", "nothing but CheckpointError", "runs", f"{good} still whole")
+
+
+def test_forged_checkpoints(request, tmp_path, figures):
+    """The digest is right, as whoever forges one can compute it; what is refused must be refused for what it says."""
+    contents = checkpoints(tmp_path)
+    path = tmp_path / "run"
+
+    def forge(header, arrays, rng):
+        if rng.random() < 0.6:
+            found = damaged_values(header, rng)
+            if isinstance(found, dict):
+                header.clear()
+                header.update(found)
+        if rng.random() < 0.6 and arrays:
+            name = rng.choice(sorted(arrays))
+            with np.errstate(all="ignore"), warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                arrays[name] = damaged_array(arrays[name], rng)
+
+    def trial(rng):
+        path.write_bytes(rng.choice(contents))
+        rewrite(path, lambda header, arrays: forge(header, arrays, rng))
+        return read_checkpoint(path)
+
+    times = executions(request)
+    good = count_good(times, 1, trial)
+    assert 0 < good < times
+    figures.note("F3", f"{times} forged checkpoints", "nothing but CheckpointError", "runs", f"{good} sound states")
+
+
+def test_the_fuzzer_sees_what_escapes():
+    """The controls: an error of another kind, and memory."""
+
+    def careless(rng):
+        if rng.random() < 0.1:
+            raise KeyError("escaped")
+        return True
+
+    with pytest.raises(KeyError, match="escaped"):
+        count_good(FEW, 1, careless)
+    with pytest.raises(AssertionError, match="took"):
+        count_good(1, 1, lambda rng: bool(bytearray(2 * MEMORY)))
