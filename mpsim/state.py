@@ -1,5 +1,8 @@
 """The particle arrays: their names, dtypes and order in the shared block, and the copies handed out of it."""
 
+# pyright: reportUnnecessaryIsInstance=false
+# Arguments are checked when the program runs as well, for callers without a type checker.
+
 import hashlib
 import math
 import os

@@ -15,7 +15,7 @@ from click.shell_completion import CompletionItem
 
 from mpsim import scenefile
 from mpsim.scenefile import SceneFile
-from mpsim.settings import CONTACTS, DEATHS, LAWS, METHODS, MOST_WORKERS, PRECISIONS, Settings
+from mpsim.settings import CONTACTS, DEATHS, LAWS, METHODS, MOST_WORKERS, ON_FAST, PRECISIONS, Settings
 
 SPARSE = 10.0
 """Seconds between two lines of progress where nobody watches a terminal."""
@@ -84,6 +84,7 @@ def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
             click.option("--precision", type=click.Choice(PRECISIONS)),
             click.option("--passes", type=click.IntRange(1, 1000), help="Times contacts are looked for in a step."),
             click.option("--substeps", type=click.IntRange(1, 1_000_000), help="Steps in each frame."),
+            click.option("--on-fast", type=click.Choice(ON_FAST), help="When discs move too far in a step."),
             click.option(
                 "--on-worker-death", type=click.Choice(DEATHS), help="restart: go on from a snapshot in memory."
             ),

@@ -40,7 +40,7 @@ class SteppedSolver:
         self.choice: Choice = choice
         self._scene = scene
         self._settings = settings
-        self.substeps = settings.substeps
+        self.substeps: int = settings.substeps
         self._sorted_grid: Grid | None = None
         self._tallying = False
         self.torn: bool = False  # whether a worker died inside a frame and Ctrl-C came before anybody could be told

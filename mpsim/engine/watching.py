@@ -13,6 +13,7 @@ follows from them is the same with any number of workers, and however a run is c
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,7 +87,7 @@ class Pace:
         return self.speed * dt / self.limit
 
 
-def pace_of(velocity: NDArray, radius: NDArray[np.float64], scene: Scene) -> Pace:
+def pace_of(velocity: NDArray[Any], radius: NDArray[np.float64], scene: Scene) -> Pace:
     """How fast discs are.
 
     Args:
