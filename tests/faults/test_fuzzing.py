@@ -49,8 +49,7 @@ mass = 2.0
 
 
 FOUND = [
-    SAYS_WHERE
-    + f"[[emitters]]\nposition = [1.0, 1.0]\nvelocity = {10**400}\n",  # OverflowError
+    SAYS_WHERE + f"[[emitters]]\nposition = [1.0, 1.0]\nvelocity = {10**400}\n",  # OverflowError
 ]
 """What earlier executions have found, mended since: scene files that ended in another error than they should."""
 
