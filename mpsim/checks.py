@@ -16,7 +16,7 @@ def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: 
     """A read-only float64 copy of `value` with the given shape (None: any length). `meaning` words the shape."""
     try:
         array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:  # the last of a whole number beyond float64
         raise InputError(f"{name} must be numbers of shape {meaning}; got {_brief(value)} ({error}).") from None
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):

@@ -93,7 +93,7 @@ def _crowd(
     counts = np.bincount(level, minlength=len(present))
     side = np.maximum(2 * largest, np.sqrt(size[0] * size[1] / np.maximum(counts, 1)))
     # A box so thin that it has one row of cells has no more of them than any other.
-    columns, rows = (np.clip((length / side).astype(np.int64), 1, np.maximum(counts, 1)) for length in size)
+    columns, rows = (np.clip(length / side, 1, np.maximum(counts, 1)).astype(np.int64) for length in size)
     cells = columns * rows
     return crowding.Crowd(
         x,

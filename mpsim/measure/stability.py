@@ -46,9 +46,9 @@ TOLERANCE = {
 the largest; collisions relative to the exact solver's, noise on top; places against the exact solver's and the deepest
 overlap at the end in diameters."""
 
-FEW = 30
-"""Collisions up to which the median distance from the exact solver's places is looked at; from there on, their number,
-as each collision multiplies what the places of its discs are off by."""
+FEW = 0.5
+"""Collisions, as a part of the number of discs, up to which the median distance from the exact solver's places is
+looked at; from there on, their number, as each collision multiplies what the places of its discs are off by."""
 
 PATIENCE = 180.0
 """Seconds after which a trial counts as hung: far above what the slowest takes, compilation included."""
@@ -225,7 +225,7 @@ def _errors(trial: Trial, case: Case, scene: Scene, start: State, end: State, co
     if exact is None:
         return errors
     state, met = exact
-    if met <= FEW:
+    if met <= FEW * scene.count:
         errors["trajectory"] = _median_distance(end, state, scene) / (2 * scene.smallest_radius)
     else:
         errors["collisions"] = max(abs(collisions / met - 1) - 3 / math.sqrt(met), 0.0)

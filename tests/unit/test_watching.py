@@ -171,3 +171,4 @@ def test_the_number_of_cells_does_not_grow_with_the_aspect_of_a_box():
     assert report.block_bytes < 2e6
     assert mpsim.Scene.random(count=10, width=4e9, height=4.0, radius=0.5).count == 10
     assert mpsim.Scene.random(count=10, width=1e6, height=1e6, radius=0.5).count == 10
+    assert mpsim.Scene.random(count=3, width=1e200, height=1.0, radius=[0.1, 0.2, 0.3]).count == 3
