@@ -327,7 +327,8 @@ def coarseness(scene: Scene, settings: Settings) -> str | None:
             "moves its radius. Use larger discs or a smaller box"
         )
     speed = math.sqrt(float((scene.velocity**2).sum(axis=1).mean())) if scene.count else 0.0
-    if squares_products(settings) and 0 < (speed * scene.smallest_radius) ** 2 < VANISHING * float(
+    square = (speed * scene.smallest_radius) ** 2
+    if squares_products(settings) and 0 < square < VANISHING * float(np.finfo(precision).tiny):
         np.finfo(precision).tiny
     ):
         words.append(
