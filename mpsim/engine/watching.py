@@ -329,8 +329,6 @@ def coarseness(scene: Scene, settings: Settings) -> str | None:
     speed = math.sqrt(float((scene.velocity**2).sum(axis=1).mean())) if scene.count else 0.0
     square = (speed * scene.smallest_radius) ** 2
     if squares_products(settings) and 0 < square < VANISHING * float(np.finfo(precision).tiny):
-        np.finfo(precision).tiny
-    ):
         words.append(
             f"the square of mean speed {speed:.3g} times radius {scene.smallest_radius:.3g} is lost, so that times of "
             f"contacts cannot be told. Use other units{_or_double(precision)}"
