@@ -283,7 +283,7 @@ def check_precision(scene: Scene, settings: Settings) -> None:
             checks.fitting(name, getattr(scene, name), precision)
     product = 8 * scene.largest_radius * float(np.abs(scene.velocity).max(initial=0.0))
     most = math.sqrt(float(np.finfo(precision).max))
-    if product > most:
+    if product > most and squares_products(settings):
         raise InputError(
             f"radius times velocity must be at most {most / 8:.3g} in {precision}, so that its square fits; got "
             f"{product / 8:.3g}. Use other units{_or_double(precision)}."
@@ -299,6 +299,11 @@ def check_precision(scene: Scene, settings: Settings) -> None:
             f"{precision}, whose coordinates are {spacing:.3g} apart: smaller discs cannot be told from each other; "
             f"got {smallest:.3g}. Use {_finer(precision)}."
         )
+
+
+def squares_products(settings: Settings) -> bool:
+    """Whether contacts are computed with the square of radius times speed: `push` does without."""
+    return settings.contact == "impact" or settings.method == "event"
 
 
 def spacing_of(scene: Scene, precision: str) -> float:
@@ -323,7 +328,8 @@ def coarseness(scene: Scene, settings: Settings) -> str | None:
             "moves its radius. Use larger discs or a smaller box"
         )
     speed = math.sqrt(float((scene.velocity**2).sum(axis=1).mean())) if scene.count else 0.0
-    if scene.count and 0 < (speed * scene.smallest_radius) ** 2 < VANISHING * float(np.finfo(precision).tiny):
+    square = (speed * scene.smallest_radius) ** 2
+    if squares_products(settings) and 0 < square < VANISHING * float(np.finfo(precision).tiny):
         words.append(
             f"the square of mean speed {speed:.3g} times radius {scene.smallest_radius:.3g} is lost, so that times of "
             f"contacts cannot be told. Use other units{_or_double(precision)}"
