@@ -210,10 +210,12 @@ class Watch:
         dt = self._settings.dt
         pace = replace(pace, speed=pace.speed + self._gain * ADAPT_EVERY)
         part = max(pace.part(dt) / BOUND, pace.meetings * dt / MEETINGS) / AIM
+        if math.isinf(part):
+            raise TooFastError(f"{self._words(pace, frame)} No number of sub-steps is enough. Use a larger box.")
         if not part <= MOST_SUBSTEPS:
             raise TooFastError(
                 f"{self._words(pace, frame)} on_fast='substep' takes at most {MOST_SUBSTEPS} sub-steps, and would need "
-                f"{part:.3g}. Use a smaller dt{'' if math.isfinite(part) else ', or a larger box'}."
+                f"{part:.3g}. Use a smaller dt."
             )
         return max(self._settings.substeps, math.ceil(part))
 
@@ -229,7 +231,7 @@ class Watch:
         if part <= 1 and meetings <= 1:
             return None
         needed = settings.substeps * max(part, meetings) / AIM
-        remedy = ""
+        remedy = "Use a larger box"
         if math.isfinite(needed):
             remedy = f"Use dt={settings.dt * settings.substeps / needed:.2g}"
             remedy += f", substeps={math.ceil(needed)}" if needed <= MOST_SUBSTEPS else ""
@@ -242,6 +244,8 @@ class Watch:
     def _words(self, pace: Pace, frame: int) -> str:
         dt = self._settings.dt / self._settings.substeps
         part, meetings = pace.part(dt), pace.meetings * dt
+        if math.isinf(meetings):
+            return f"in frame {frame} discs fill the box more densely than they can be packed, so that they overlap."
         if not part > BOUND and meetings > MEETINGS:
             return (
                 f"in frame {frame} a disc collides some {meetings:.3g} times in one step (mean speed "
