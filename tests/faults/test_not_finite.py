@@ -67,6 +67,7 @@ def slow_start(extra):
 
 
 @pytest.mark.parametrize("workers", [2, 3])
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
 def test_the_frame_of_an_overflow_inside_a_long_run_does_not_depend_on_the_workers(workers):
     """Disc 0 is made so fast that its mirrored velocity overflows when it meets disc 1, many frames later."""
     scene = slow_start(extra=5000)
