@@ -108,7 +108,7 @@ def test_sub_steps_keep_every_frame_below_the_bound():
 def test_what_would_need_absurdly_many_sub_steps_is_refused():
     with pytest.raises(mpsim.TooFastError, match=r"at most 10000 sub-steps, and would need 4e\+12\. Use a smaller dt"):
         mpsim.Simulation(pair(1e12), mpsim.Settings(dt=1.0, on_fast="substep"))
-    with pytest.raises(mpsim.TooFastError, match="No number of sub-steps is enough. Use a larger box"):
+    with pytest.raises(mpsim.TooFastError, match="No number of sub-steps is enough"):
         simulate(pair(1.0, apart=0.1, side=1.2), dt=1.0, on_fast="substep")
 
 
