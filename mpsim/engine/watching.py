@@ -41,7 +41,7 @@ ADAPT_EVERY = 16
 MOST_SUBSTEPS = 10_000
 """Sub-steps of a frame that on_fast="substep" chooses at most: more are a mistake in dt or in a speed."""
 
-WATCH_EVERY, WATCH_LARGE_EVERY, LARGE = 4096, 256, 8192
+WATCH_EVERY, WATCH_LARGE_EVERY, LARGE = 4096, 1024, 8192
 """Frames between two looks that only warn or refuse: fewer from LARGE discs on, where a look costs far less than a
 frame. Either way a look takes less than a hundredth of the time."""
 
