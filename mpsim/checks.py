@@ -25,7 +25,7 @@ def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: 
             f"{name} must be finite; {name}{list(at)} is {array[at]} ({len(bad)} such values). "
             "Correct or leave out those discs."
         )
-    if array.size == 0 and shape[0] in (None, 0):  # an empty list has lost its second axis
+    if array.size == 0 and shape[:1] in ((None,), (0,)):  # an empty list has lost its second axis
         array = array.reshape((0, *[length or 0 for length in shape[1:]]))
     fits = array.ndim == len(shape) and all(
         wanted in (None, got) for wanted, got in zip(shape, array.shape, strict=True)

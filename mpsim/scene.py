@@ -439,6 +439,8 @@ def _box(
     else:
         packing = checks.positive("packing", packing, "(a fraction of the area)")
         width = height = max(math.sqrt(area / packing), (4 if "periodic" in boundary else 2) * largest)
+        if not math.isfinite(width):
+            raise InputError(f"packing must leave the box finite; got {packing:g}. Use a larger one.")
     if packing > placement.LARGEST_PACKING:
         raise InputError(
             f"packing must be at most {placement.LARGEST_PACKING} for random places; got {packing:.3g}. "

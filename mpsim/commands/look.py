@@ -26,7 +26,7 @@ Examples:
 @click.option("--force", is_flag=True, help="Replace an existing file.")
 @json_option
 def plot(folder: Path, out: Path | None, force: bool, as_json: bool) -> None:
-    """Draw what the run in FOLDER recorded: energy, overlap, collision rate, and its last state.
+    """Draw what the run in FOLDER recorded: energy, overlap, collision rate, and the last frame.
 
     The run may still be going on.
     """

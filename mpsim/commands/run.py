@@ -91,8 +91,7 @@ def run(
         "measures": list(measures),
         "status": "starting",
     }
-    with Simulation(file.scene, settings) as sim:
-        folder = RunFolder.create(out, record, force=force)
+    with Simulation(file.scene, settings) as sim, RunFolder.create(out, record, force=force) as folder:
         sim.save(folder[CHECKPOINT])  # so that the run can be gone on with, however early it ends
         folder.note(sim, "running")
         _advance(folder, sim, target, as_json, quiet)
@@ -122,21 +121,33 @@ def resume(
     """
     if frames is not None and until is not None:
         raise click.UsageError("Give --frames or --until, not both.")
-    found = RunFolder.open(folder)
-    with Simulation.resume(found[CHECKPOINT], workers=workers) as sim:
+    with RunFolder.claim(folder) as found, Simulation.resume(found[CHECKPOINT], workers=workers) as sim:
         target = found.record["target"]
         if frames is not None:
             target = sim.frame + frames
         elif until is not None:
             target = frames_until(until, sim.settings.dt)
         if target <= sim.frame:
+            asked = f"--until {until:g} is frame {target}" if until is not None else f"it was to go to frame {target}"
             raise click.UsageError(
-                f"The run in {str(folder)!r} is at frame {sim.frame}, time {sim.time:g}, and was to go to frame "
-                f"{target}. Say how far it is to go on: --frames or --until."
+                f"The run in {str(folder)!r} is at frame {sim.frame}, time {sim.time:g}; {asked}. Say how far it is to "
+                "go on: --frames or --until."
             )
-        found.record["target"] = target
+        _tell_of_frames_lost(found, sim, quiet)
+        found.record["target"] = max(target, found.record["target"])  # the end that was asked for stays
         found.note(sim, "running")
         _advance(found, sim, target, as_json, quiet)
+
+
+def _tell_of_frames_lost(folder: RunFolder, sim: Simulation, quiet: bool) -> None:
+    """After a kill the trajectory may hold frames that are later than the checkpoint."""
+    later = [frame.frame for frame in folder.frames if frame.frame > sim.frame] if folder.trajectory.exists() else []
+    if later and not quiet:
+        click.echo(
+            f"Going on from the checkpoint of frame {sim.frame}: the run was ended without a later one. Its "
+            f"{len(later)} recorded frames after that, up to {later[-1]}, are computed again, to the same bits.",
+            err=True,
+        )
 
 
 def _advance(folder: RunFolder, sim: Simulation, target: int, as_json: bool, quiet: bool) -> None:
@@ -186,10 +197,12 @@ def _left_resumable(folder: RunFolder, sim: Simulation) -> Iterator[None]:
         raise terminal.Interrupted(
             f"Interrupted at frame {sim.frame} of {folder.record['target']}. Go on with: mpsim resume {folder.path}"
         ) from None
-    except BaseException:
-        folder.record["status"] = "ended early"
+    except BaseException as end:
+        folder.record |= {"status": "ended early", "frame": sim.frame, "time": sim.time}
         with contextlib.suppress(MpsimError):
             folder.save()
+        if isinstance(end, SystemExit):  # by SIGTERM, after a checkpoint
+            click.echo(f"Ended by SIGTERM at frame {sim.frame}. Go on with: mpsim resume {folder.path}", err=True)
         raise
 
 
@@ -238,8 +251,10 @@ def summary(part: dict[str, Any], report: Report, sim: Simulation) -> Iterator[s
         f"frame {sim.frame}, time {sim.time:g}, {sim.count} discs; {part['wall_seconds']:.2f} s in all, of them "
         f"{part['frame_seconds']:.2f} s frames and {part['writing_seconds']:.2f} s writing"
     )
+    over = f", over frames {part['from_frame'] + 1} to {part['to_frame']}" if part["from_frame"] else ""
     if report.workers > 1:
         yield f"{100 * report.waiting:.0f} % of the workers' time was waiting for each other"
     for name, measure in report.measures.items():
-        yield f"{name}: {measure.value:.6g} +- {measure.error:.2g}"
+        error = f"+- {measure.error:.2g}" if math.isfinite(measure.error) else "(too few samples for an error)"
+        yield f"{name}: {measure.value:.6g} {error}{over}"
     yield f"digest {sim.digest()}"

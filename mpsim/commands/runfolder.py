@@ -9,6 +9,7 @@ final.npz, final.png    the last state
 """
 
 import dataclasses
+import fcntl
 import json
 import os
 import platform
@@ -45,7 +46,9 @@ _ALL = (
 
 
 class RunFolder:
-    """A folder that holds one run. `create` makes one, `open` finds one.
+    """A folder that holds one run. `create` makes one, `claim` takes one to go on with, `open` looks at one.
+
+    What `create` and `claim` return is locked: use it in a `with` block, at whose end another process may write to it.
 
     Attributes:
         path: of the folder.
@@ -55,27 +58,52 @@ class RunFolder:
     def __init__(self, path: Path, record: dict[str, Any]):
         self.path = path
         self.record = record
+        self._lock = -1
+
+    def __enter__(self) -> "RunFolder":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1
 
     @classmethod
     def create(cls, path: str | os.PathLike[str], record: dict[str, Any], *, force: bool = False) -> "RunFolder":
         """A new folder, or, with `force`, that of another run, whose files are removed.
 
         Raises:
-            InputError: if there is anything in the folder that would be lost.
+            InputError: if there is anything in the folder that would be lost, or another process writes to it.
             OutputError: if it cannot be written.
         """
         folder = Path(path)
         try:
-            if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            old = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
+            if old:
                 _demand_leave(folder, force)
+            folder.mkdir(parents=True, exist_ok=True)
+            lock = _locked(folder)
+            if old:
                 for name in (RECORD, *_ALL, *(path.name for path in folder.glob("timings-*.csv"))):
                     (folder / name).unlink(missing_ok=True)
-            folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise _unwritable(folder, error) from error
         made = cls(folder, {"format": FORMAT, "versions": versions(), **record, "parts": []})
+        made._lock = lock
         made.save()
         return made
+
+    @classmethod
+    def claim(cls, path: str | os.PathLike[str]) -> "RunFolder":
+        """The folder of a run, to go on with it.
+
+        Raises:
+            InputError: as `open`, or if another process writes to it.
+        """
+        lock = _locked(cls.open(path).path)
+        claimed = cls.open(path)  # again: who had it until now may have written
+        claimed._lock = lock
+        return claimed
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> "RunFolder":
@@ -148,7 +176,7 @@ class RunFolder:
         except OSError as error:
             raise _unwritable(self.path, error) from error
         sim.state.save(self[STATE])
-        self.note(sim, "done")
+        self.note(sim, "done" if sim.frame >= self.record["target"] else "paused")
 
     @property
     def frames(self) -> Trajectory:
@@ -199,6 +227,24 @@ def _demand_leave(folder: Path, force: bool) -> None:
             f"--out holds a run already: {str(folder)!r} is not overwritten. Give another name, --force to replace "
             f"it, or go on with it: mpsim resume {folder}"
         )
+
+
+def _locked(folder: Path) -> int:
+    """A descriptor that holds the folder's lock until it is closed, by the end of the process at the latest.
+
+    Raises:
+        InputError: if another process holds it.
+    """
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise InputError(
+            f"only one process may write to the folder of a run; another one is writing to {str(folder)!r} at this "
+            "moment. Wait for its end, or give another name."
+        ) from None
+    return descriptor
 
 
 def _unwritable(folder: Path, error: OSError) -> OutputError:

@@ -1,6 +1,7 @@
 """Animations: discs at true radius, coloured, written frame by frame to a GIF or an MP4."""
 
 import contextlib
+import dataclasses
 import itertools
 import os
 from collections.abc import Callable, Iterator
@@ -57,8 +58,8 @@ def animate(
         pictures_per_second: of the animation, 1 to 50 [1/s].
         pixels: length of the longer side of the box in a picture, 100 to 4000.
         colour: "speed"; "worker", by the worker that owns the column of a disc, or "parity", by whether that column is
-            even or odd, so that one sees the passes (both need a method with columns, `grid` or `parallel`); None: one
-            colour for all.
+            even or odd, so that one sees the passes (both need a method with columns, `grid` or `parallel`;
+            `auto` then stands for the latter); None: one colour for all.
         progress: show a progress bar, if standard error is a terminal; or a function, called as progress(done, of).
 
     Returns:
@@ -80,6 +81,9 @@ def animate(
     pixels = checks.whole("pixels", pixels, 100, 4000, "480 suits a page.")
     target = checked_target(path)
     writer = _writer_for(target, rate)
+    settings = Settings() if settings is None else settings
+    if colour in ("worker", "parity") and settings.method == "auto":  # which may choose one without columns
+        settings = dataclasses.replace(settings, method="parallel")
     with Simulation(scene, settings) as sim, matplotlib.rc_context(fname=STYLE), _bar(frames, progress) as advance:
         picture = Picture(sim, pixels, colour)
         with writer.saving(picture.figure, str(target), DPI):

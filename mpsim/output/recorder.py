@@ -25,7 +25,8 @@ COLUMNS: tuple[str, ...] = (
     "collision_rate",
 )
 """Time [time], energy [mass length^2/time^2], depth of the overlaps at that moment [length], collisions per disc and
-time since the row before [1/time], a pair counting for both. Discs that have left are not counted."""
+time since the row before, or since the run was gone on with [1/time], a pair counting for both. Discs that have left
+are not counted."""
 
 
 class Recorder:
@@ -92,7 +93,8 @@ def read_table(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]:
     try:
         values = np.array([[float(value) for value in row] for row in rows]).reshape(len(rows), len(COLUMNS))
     except ValueError as error:
-        raise InputError(f"{os.fspath(path)!r} must be a table of numbers that a run has written; {error}.") from None
+        reason = str(error)[:120]
+        raise InputError(f"{os.fspath(path)!r} must be a table of numbers that a run has written; {reason}.") from None
     return dict(zip(COLUMNS, values.T, strict=True))
 
 
@@ -100,8 +102,16 @@ def _rows(path: Path) -> list[list[str]]:
     """Whole rows of a file, without the head; none where there is no file."""
     if not path.exists():
         return []
-    whole = path.read_text("utf-8").rpartition("\n")[0]
+    whole = path.read_text("utf-8", errors="replace").rpartition("\n")[0]
     rows = list(csv.reader(io.StringIO(whole)))
     if rows and tuple(rows[0]) != COLUMNS:
-        raise InputError(f"{str(path)!r} must begin with the columns {','.join(COLUMNS)}; got {','.join(rows[0])!r}.")
+        raise InputError(
+            f"{str(path)!r} must begin with the columns {','.join(COLUMNS)}; got {','.join(rows[0])[:80]!r}."
+        )
+    for number, row in enumerate(rows[1:], start=2):
+        if len(row) != len(COLUMNS) or not row[0].isdecimal():
+            raise InputError(
+                f"line {number} of {str(path)!r} must be a row of {len(COLUMNS)} numbers that a run has written; got "
+                f"{','.join(row)[:80]!r}. Remove the file: the run goes on without what it held."
+            )
     return rows[1:]

@@ -82,6 +82,9 @@ def _box(table: SceneTable, problems: list[Problem]) -> tuple[float, float]:
         return 1.0, 1.0  # for the search for further problems
     assert table.packing is not None
     side = max(math.sqrt(area / table.packing), (4 if "periodic" in table.boundary else 2) * largest)
+    if not math.isfinite(side):
+        problems.append(("packing", f"packing must leave the box finite; got {table.packing!r}. Use a larger one."))
+        return 1.0, 1.0
     return side, side
 
 

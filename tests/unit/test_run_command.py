@@ -14,6 +14,7 @@ from mpsim import scenefile
 from mpsim.cli import main
 from mpsim.commands import terminal
 from mpsim.commands.run import frames_until, pictures_of
+from mpsim.commands.runfolder import RunFolder
 from mpsim.engine import shared
 from mpsim.measure import benchmark
 from mpsim.output.recorder import COLUMNS, read_table
@@ -191,7 +192,7 @@ def test_a_run_that_has_ended_goes_on_where_it_is_told_to(tmp_path):
     refused = mpsim_command("resume", tmp_path / "run")
     assert refused.exit_code == 2
     assert (
-        "is at frame 30, time 0.3, and was to go to frame 30. Say how far it is to go on: --frames or" in refused.stderr
+        "is at frame 30, time 0.3; it was to go to frame 30. Say how far it is to go on: --frames or" in refused.stderr
     )
     assert mpsim_command("resume", tmp_path / "run", "--frames", 10, "--quiet").exit_code == 0
     last = mpsim_command("resume", tmp_path / "run", "--until", 0.5, "--quiet")
@@ -199,6 +200,71 @@ def test_a_run_that_has_ended_goes_on_where_it_is_told_to(tmp_path):
     assert "13 frames in the trajectory" in last.stdout
     timings = (tmp_path / "run" / "timings.csv").read_text().splitlines()
     assert [int(line.split(",")[0]) for line in timings[1:]] == list(range(1, 51))
+
+
+def test_only_one_process_writes_to_a_folder(tmp_path):
+    out = tmp_path / "run"
+    mpsim_command("run", "gas", *SHORT, "--out", out)
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    with RunFolder.claim(out):  # as a run that goes on holds it
+        for command in (("resume", out, "--frames", 5), ("run", "gas", *SHORT, "--out", out, "--force")):
+            refused = mpsim_command(*command)
+            assert refused.exit_code == 2
+            assert f"another one is writing to '{out}' at this moment. Wait for its end" in refused.stderr
+        assert mpsim_command("plot", out).exit_code == 0, "looking is free"
+        (out / "plot.png").unlink()
+        assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    assert mpsim_command("resume", out, "--frames", 5, "--quiet").exit_code == 0
+
+
+def test_a_part_of_the_way_leaves_the_end_that_was_asked_for(tmp_path, ctrl_c, monkeypatch):
+    out = tmp_path / "run"
+    ctrl_c(3)
+    mpsim_command("run", "gas", *SHORT, "--out", out)
+    monkeypatch.undo()
+    assert mpsim_command("resume", out, "--frames", 2, "--quiet").exit_code == 0
+    record = json.loads((out / "run.json").read_text())
+    assert (record["status"], record["target"]) == ("paused", 30)
+    assert mpsim_command("resume", out, "--quiet").exit_code == 0
+    record = json.loads((out / "run.json").read_text())
+    assert (record["status"], record["frame"]) == ("done", 30)
+    refused = mpsim_command("resume", out, "--until", 0.1)
+    assert "is at frame 30, time 0.3; --until 0.1 is frame 10. Say how far it is to go on" in refused.stderr
+
+
+def test_frames_that_a_kill_makes_the_run_compute_again_are_told(tmp_path):
+    """The checkpoint of the start beside a trajectory of all frames, as a kill before the next checkpoint leaves it."""
+    out = tmp_path / "run"
+    mpsim_command("run", "gas", *SHORT, "--out", out)
+    trajectory = (out / "trajectory.xyz").read_bytes()
+    with mpsim.Simulation(scenefile.load("gas").scene, mpsim.Settings(method="grid")) as sim:
+        sim.save(out / "checkpoint.mpsim")
+    resumed = mpsim_command("resume", out, "--frames", 30)
+    assert resumed.exit_code == 0
+    assert "Going on from the checkpoint of frame 0: " in resumed.stderr
+    assert "Its 7 recorded frames after that, up to 28, are computed again, to the same bits.\n" in resumed.stderr
+    assert (out / "trajectory.xyz").read_bytes() == trajectory
+
+
+@pytest.mark.parametrize("damage", [b"\0" * 5000 + b"\n", b"1,2\n", b"x,0,0,0,0,0,0\n", b"\xff\xfe,\n"])
+def test_a_damaged_table_is_one_short_error(tmp_path, damage):
+    out = tmp_path / "run"
+    mpsim_command("run", "gas", *SHORT, "--out", out)
+    with (out / "measures.csv").open("ab") as file:
+        file.write(damage)
+    for command in (("resume", out, "--frames", 5, "--quiet"), ("plot", out)):
+        refused = mpsim_command(*command)
+        assert refused.exit_code == 2
+        assert (
+            f"line 10 of '{out / 'measures.csv'}' must be a row of 7 numbers that a run has written" in refused.stderr
+        )
+        assert len(refused.stderr) < 700
+
+
+def test_a_measure_of_too_few_samples_says_so(tmp_path):
+    done = mpsim_command("run", "gas", "--frames", 3, "--method", "grid", "--measure", "pressure", "--quiet")
+    assert "(too few samples for an error)\n" in done.stdout
+    assert "nan" not in done.stdout
 
 
 def test_a_run_that_fails_says_so_in_its_record(tmp_path, monkeypatch):
