@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from support.event_twin import Twin
 from support.exact import CONFIGURATIONS, Run, bits, follow, gas
+from support.selection import long_but
 
 from mpsim.kernels import events
 
 
-@pytest.mark.parametrize("name", CONFIGURATIONS)
+@pytest.mark.parametrize("name", long_but(CONFIGURATIONS, "plain", "gravity", "channel with everything"))
 def test_follows_the_slow_twin_event_by_event(name):
     options = dict(CONFIGURATIONS[name])
     position, velocity, radius, length = gas(9, 0.35, seed=5, spread=options.pop("spread", 0.0))

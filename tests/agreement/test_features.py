@@ -14,6 +14,7 @@ from support.compare import assert_same_bits
 from support.internals import scramble
 from support.processes import assert_clean, run_script
 from support.scenes import ZOO, simulate, state_after, zoo
+from support.selection import long_but
 from support.twins import Twin, assert_is_its_twin
 
 import mpsim
@@ -64,14 +65,21 @@ def test_each_feature_alone_and_any_of_them_together_are_what_the_slow_twin_says
     assert int(outcome.out) > 2000, "too few contacts to show anything"
 
 
-@pytest.mark.parametrize(("method", "precision"), [("naive", "float64"), ("grid", "float64"), ("grid", "float32")])
+@pytest.mark.parametrize(
+    ("method", "precision"),
+    [
+        pytest.param("naive", "float64", marks=pytest.mark.long),
+        ("grid", "float64"),
+        pytest.param("grid", "float32", marks=pytest.mark.long),
+    ],
+)
 @pytest.mark.parametrize("contact", CONTACTS)
 def test_all_features_together_are_what_the_slow_twin_says_compiled(method, precision, contact):
     check_twin("everything", method, precision, contact, count=40, frames=30)
 
 
 @pytest.mark.parametrize("method", [pytest.param("naive", marks=pytest.mark.long), "grid"])
-@pytest.mark.parametrize("contact", CONTACTS)
+@pytest.mark.parametrize("contact", long_but(CONTACTS, "impact"))
 def test_giants_in_a_periodic_box_are_what_the_slow_twin_says_compiled(method, contact):
     scene = zoo("giants periodic", 30, seed=2)
     settings = {"method": method, "contact": contact, "dt": 0.05}
@@ -134,7 +142,7 @@ def assert_parallel_is_grid(scene, frames=40, workers=(1, 2, 3), **settings):
         assert contacts > 0, f"{scene}: no contacts, which tests nothing"
 
 
-@pytest.mark.parametrize("contact", CONTACTS)
+@pytest.mark.parametrize("contact", long_but(CONTACTS, "impact"))
 def test_workers_do_not_change_all_features_together(contact):
     assert_parallel_is_grid(zoo(EVERYTHING, 500, seed=3, side=24.0), contact=contact)
 

@@ -1,0 +1,13 @@
+"""Which of many alike tests run by default: each new combination of features is compiled for seconds."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
+
+
+def long_but(names: Iterable[str], *kept: str) -> list[Any]:
+    """Parameters of a test, of which all but those kept wait for --long."""
+    found = list(names)
+    assert set(kept) <= set(found), f"{set(kept) - set(found)} are not among {found}"
+    return [name if name in kept else pytest.param(name, marks=pytest.mark.long) for name in found]
