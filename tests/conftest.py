@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parent))  # for `support`, from every fold
 from support.figures import Figures
 from support.processes import blocks_of, wait_until
 
-LONGEST_SESSION = {False: 1300, True: 7200}
+LONGEST_SESSION = {False: 1380, True: 7200}
 """Seconds after which a whole session, default or long, counts as hung: pytest-timeout bounds each single test before,
 but cannot see a hang between tests."""
 
