@@ -10,17 +10,15 @@ Everything is written under results/stability/. Exit code 1 if anything forbidde
 """
 
 import argparse
-import re
-import shutil
 import statistics
 import sys
 import time
 from pathlib import Path
 
+from pages import fill_page, made_by
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from run_bench import machine, make_folder
-from run_tradeoff import made_by
 
 import mpsim
 from mpsim.engine import watching
@@ -59,20 +57,6 @@ def cost() -> None:
         )
 
 
-def fill_page(page: Path, blocks: dict[str, str], out: Path) -> None:
-    """Renew what stands between `<!-- run_stability: NAME -->` and `<!-- end -->`, and the pictures beside the page."""
-
-    def filled(match: re.Match[str]) -> str:
-        return f"{match[1]}\n{blocks[match[2]]}\n{match[3]}" if match[2] in blocks else match[0]
-
-    block = re.compile(r"(<!-- run_stability: (\w+) -->)\n.*?(<!-- end -->)", re.DOTALL)
-    page.write_text(block.sub(filled, page.read_text()))
-    folder = page.with_suffix("")
-    folder.mkdir(exist_ok=True)
-    for picture in sorted(out.glob("*.png")):
-        shutil.copyfile(picture, folder / picture.name)
-
-
 def run(options: argparse.Namespace) -> int:
     """All that was asked for; 1 if anything forbidden was found."""
     make_folder(options.out)
@@ -94,7 +78,8 @@ def run(options: argparse.Namespace) -> int:
     for text in (table, worst):
         console.print(text, highlight=False, markup=False, soft_wrap=True)
     if options.docs:
-        fill_page(options.docs, {"counts": table, "findings": worst, "made": made}, options.out)
+        pictures = {picture.name: picture for picture in options.out.glob("*.png")}
+        fill_page(options.docs, "run_stability", {"counts": table, "findings": worst, "made": made}, pictures)
     found = stability.counts(outcomes)
     return int(any(found[kind] for kind in stability.FORBIDDEN))
 

@@ -13,15 +13,13 @@ with gravity such that m g L is 4, 10 and 30 kT (L: side of the box), settled be
 import argparse
 import json
 import math
-import re
-import shlex
-import shutil
 import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pages import fill_page, made_by
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from run_bench import machine, make_folder
@@ -163,28 +161,6 @@ def write(table: mpsim.Tradeoff, words: str, made: str, folder: Path) -> None:
     frontier.save(table, folder)
 
 
-def fill_page(page: Path, found: dict[str, str], made: str, out: Path) -> None:
-    """Renew a page: answers between `<!-- run_tradeoff: NAME -->` and `<!-- end -->`, and the files beside it."""
-    blocks = {name: text.split("\n\n", 1)[1] for name, text in found.items()} | {"made": made}
-
-    def filled(match: re.Match[str]) -> str:
-        return f"{match[1]}\n{blocks[match[2]]}\n{match[3]}" if match[2] in blocks else match[0]
-
-    block = re.compile(r"(<!-- run_tradeoff: ([\w-]+) -->)\n.*?(<!-- end -->)", re.DOTALL)
-    page.write_text(block.sub(filled, page.read_text()))
-    for name, source in SHOWN.items():
-        if (out / source).exists():
-            shutil.copyfile(out / source, page.with_suffix("") / name)
-
-
-def made_by(machine_now: dict[str, Any]) -> str:
-    """Where, when and how the figures came about."""
-    return (
-        f"Made by `python {shlex.join(sys.argv)}` on {machine_now['usable_cores']} cores of "
-        f"{machine_now['processor']}, {machine_now['date'][:10]}, commit {machine_now['commit']}."
-    )
-
-
 def run(options: argparse.Namespace) -> None:
     """All that was asked for."""
     made = made_by(machine())
@@ -214,7 +190,9 @@ def run(options: argparse.Namespace) -> None:
     (options.out / "answers.md").write_text(f"{text}\n\n{made}\n")
     console.print(text, highlight=False, markup=False, soft_wrap=True)
     if options.docs:
-        fill_page(options.docs, found_answers, made, options.out)
+        blocks = {name: text.split("\n\n", 1)[1] for name, text in found_answers.items()} | {"made": made}
+        shown = {name: options.out / source for name, source in SHOWN.items() if (options.out / source).exists()}
+        fill_page(options.docs, "run_tradeoff", blocks, shown)
 
 
 def main() -> int:

@@ -7,7 +7,6 @@ import click
 
 from mpsim import scenefile
 from mpsim.commands import terminal
-from mpsim.commands.run import json_option
 from mpsim.commands.runfolder import MEASURES, RunFolder
 from mpsim.errors import InputError
 
@@ -24,7 +23,7 @@ Examples:
     "--out", type=click.Path(path_type=Path), help="Picture to write.  [default: plot.png in the folder, replaced]"
 )
 @click.option("--force", is_flag=True, help="Replace an existing file.")
-@json_option
+@terminal.json_option
 def plot(folder: Path, out: Path | None, force: bool, as_json: bool) -> None:
     """Draw what the run in FOLDER recorded: energy, overlap, collision rate, and the last frame.
 
@@ -74,7 +73,7 @@ Examples:
 )
 @terminal.settings_options
 @click.option("--force", is_flag=True, help="Replace an existing file.")
-@json_option
+@terminal.json_option
 @terminal.quiet_option
 def animate(
     scene: str,

@@ -7,7 +7,6 @@ import click
 
 from mpsim import scenefile
 from mpsim.commands import terminal
-from mpsim.commands.run import json_option
 from mpsim.engine.cores import usable_cores
 from mpsim.engine.simulation import Simulation
 from mpsim.kernels.compiling import compiled_kernels
@@ -33,7 +32,7 @@ All of it, with pictures: python scripts/run_bench.py in a checkout.
 @click.option(
     "--precision", type=click.Choice(PRECISIONS), default="float32", show_default=True, help="float32: the report's."
 )
-@json_option
+@terminal.json_option
 @terminal.quiet_option
 def bench(count: int, frames: int, workers: int | None, law: str, precision: str, as_json: bool, quiet: bool) -> None:
     """The term-project report's first experiment on this machine: a gas by each method from the same start.
@@ -85,7 +84,7 @@ Examples:
 @click.argument("scenes", nargs=-1, shell_complete=terminal.complete_scene)
 @terminal.settings_options
 @click.option("--measure", "measures", type=click.Choice(NAMES), multiple=True, help="What runs will measure.")
-@json_option
+@terminal.json_option
 @terminal.quiet_option
 def warmup(scenes: tuple[str, ...], measures: tuple[str, ...], as_json: bool, quiet: bool, **options: Any) -> None:
     """Compile what SCENES need, so that their first run starts at once. The machine code is kept between runs.

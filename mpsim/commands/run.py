@@ -15,6 +15,7 @@ from mpsim import scenefile
 from mpsim.commands import terminal
 from mpsim.commands.runfolder import CHECKPOINT, MEASURES, PICTURE, STATE, TIMINGS, RunFolder, part_of
 from mpsim.engine.report import Report
+from mpsim.engine.running import frames_until
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import MpsimError
 from mpsim.interrupts import interrupts_held_back
@@ -25,8 +26,6 @@ FRAMES = 500
 
 CHECKPOINT_SECONDS = 30.0
 """Time of a run that a kill may cost."""
-
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 RUN_EXAMPLES = """\b
 Examples:
@@ -49,7 +48,7 @@ Examples:
     "--format", "kind", type=click.Choice(["xyz", "gsd"]), default="xyz", show_default=True, help="Of the trajectory."
 )
 @click.option("--force", is_flag=True, help="Replace the run that is in the folder.")
-@json_option
+@terminal.json_option
 @terminal.quiet_option
 def run(
     scene: str,
@@ -110,7 +109,7 @@ Examples:
 @click.option("--frames", type=click.IntRange(1), help="So many frames more.")
 @click.option("--until", type=terminal.Positive("time"), help="Or until this time of the scene.")
 @click.option("--workers", type=click.IntRange(1, terminal.MOST_WORKERS), help="Processes; they change no bit.")
-@json_option
+@terminal.json_option
 @terminal.quiet_option
 def resume(
     folder: Path, frames: int | None, until: float | None, workers: int | None, as_json: bool, quiet: bool
@@ -141,11 +140,17 @@ def resume(
 
 def _tell_of_frames_lost(folder: RunFolder, sim: Simulation, quiet: bool) -> None:
     """After a kill the trajectory may hold frames that are later than the checkpoint."""
-    later = [frame.frame for frame in folder.frames if frame.frame > sim.frame] if folder.trajectory.exists() else []
-    if later and not quiet:
+    if quiet or not folder.trajectory.exists():
+        return
+    frames = folder.frames
+    kept = len(frames)
+    while kept and frames[kept - 1].frame > sim.frame:
+        kept -= 1
+    if kept < len(frames):
         click.echo(
             f"Going on from the checkpoint of frame {sim.frame}: the run was ended without a later one. Its "
-            f"{len(later)} recorded frames after that, up to {later[-1]}, are computed again, to the same bits.",
+            f"{len(frames) - kept} recorded frames after that, up to {frames[-1].frame}, are computed again, to the "
+            "same bits.",
             err=True,
         )
 
@@ -235,11 +240,6 @@ def _without_folder(
 def pictures_of(count: int) -> int:
     """Frames in the trajectory of so many discs, where nobody said how many: writing a million takes seconds."""
     return min(max(1_000_000 // max(count, 1), 10), 100)
-
-
-def frames_until(until: float, dt: float) -> int:
-    """Frames from the start to the first that reaches a time; one that ends within rounding of it does."""
-    return max(math.ceil(until / dt * (1 - 1e-12)), 1)
 
 
 def summary(part: dict[str, Any], report: Report, sim: Simulation) -> Iterator[str]:

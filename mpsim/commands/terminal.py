@@ -100,6 +100,11 @@ def settings_of(file: SceneFile, options: dict[str, Any]) -> Settings:
     return dataclasses.replace(file.settings or Settings(), **given)
 
 
+def json_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The option --json."""
+    return click.option("--json", "as_json", is_flag=True, help="Print JSON.")(command)
+
+
 def quiet_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """The option --quiet."""
     return click.option("-q", "--quiet", is_flag=True, help="Show no progress.")(command)

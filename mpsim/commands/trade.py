@@ -24,7 +24,6 @@ until_option = click.option(
 replicas_option = click.option(
     "--replicas", type=click.IntRange(2, 100_000), default=8, show_default=True, help="Runs per candidate."
 )
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
 def _budget_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -49,7 +48,7 @@ Examples:
 @_budget_options
 @until_option
 @replicas_option
-@json_option
+@terminal.json_option
 @terminal.quiet_option
 def tune(scene: str, until: float | None, replicas: int, as_json: bool, quiet: bool, **budgets: float | None) -> None:
     """Find the cheapest settings whose errors on SCENE stay inside every budget.
@@ -99,7 +98,7 @@ Examples:
 @until_option
 @replicas_option
 @click.option("--csv", "as_csv", is_flag=True, help="Print CSV.")
-@json_option
+@terminal.json_option
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, path_type=Path),

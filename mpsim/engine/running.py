@@ -1,6 +1,7 @@
 """What accompanies the frames of one run: what was gathered, who looks on, snapshots to go back to, checkpoints."""
 
 import logging
+import math
 import signal
 import threading
 import time
@@ -35,6 +36,15 @@ MOST_DEATHS = 5
 """Deaths of workers without a snapshot in between after which there is no use in trying again."""
 
 Mark = tuple[int, int, int, Any]
+
+
+def frames_until(until: float, dt: float) -> int:
+    """Frames from the start to the first that reaches a time; one that ends within rounding of it does.
+
+    >>> frames_until(2.1, 0.3), frames_until(2.2, 0.3)  # 2.1 / 0.3 is 7.000000000000001
+    (7, 8)
+    """
+    return math.ceil(until / dt * (1 - 1e-12))
 
 
 def tell_of(death: WorkerDied, what_now: str) -> None:

@@ -5,7 +5,6 @@
 
 import atexit
 import dataclasses
-import math
 import os
 import warnings
 import weakref
@@ -30,6 +29,7 @@ from mpsim.engine.running import (
     Ledger,
     Observer,
     Onlookers,
+    frames_until,
     tell_of,
     warn_of_guard,
 )
@@ -482,5 +482,4 @@ class Simulation:
         until = checks.non_negative("until", until, "[time]")
         if until < self.time:
             raise InputError(f"until must not lie in the past: the time is {self.time:g}; got {until!r}.")
-        # A frame that ends within rounding of `until` reaches it.
-        return max(math.ceil(until / self._settings.dt * (1 - 1e-12)) - self.frame, 0)
+        return max(frames_until(until, self._settings.dt) - self.frame, 0)

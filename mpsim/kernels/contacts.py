@@ -34,7 +34,7 @@ from mpsim.kernels.layout import (
     Y_LOW,
 )
 from mpsim.kernels.machine import LANES, lowest_bit, natural, overlap_lanes
-from mpsim.kernels.optional import confined, mass_of, radius_of, reach_of, seen_from, share, touching_distance
+from mpsim.kernels.optional import confined, own_or, seen_from, share, touching_distance
 
 
 @inlined
@@ -52,7 +52,7 @@ def normal(discs, i, j, image_x, image_y):
 @inlined
 def shift(discs, i, dx, dy, features, parameters):
     """Move disc i by (dx, dy), but not through a wall."""
-    margin = radius_of(discs.radius, i, parameters.dtype.type(0))
+    margin = own_or(discs.radius, i, parameters.dtype.type(0))
     discs.x[i] = confined(discs.x[i] + dx, parameters[X_LOW], parameters[X_HIGH], margin, features.wrap_x)
     discs.y[i] = confined(discs.y[i] + dy, parameters[Y_LOW], parameters[Y_HIGH], margin, features.wrap_y)
 
@@ -81,8 +81,8 @@ def apply_law(discs, i, j, nx, ny, features, parameters, law):
     vy[i] += change_i * ny
     vx[j] += change_j * nx
     vy[j] += change_j * ny
-    impulse_i = abs(change_i) * mass_of(features.mass, discs.id[i], one)
-    return (impulse_i + abs(change_j) * mass_of(features.mass, discs.id[j], one)) / two
+    impulse_i = abs(change_i) * own_or(features.mass, discs.id[i], one)
+    return (impulse_i + abs(change_j) * own_or(features.mass, discs.id[j], one)) / two
 
 
 @inlined
@@ -179,7 +179,7 @@ def resolve_range(discs, i, first, last, image_x, image_y, features, parameters,
 
     The same as testing one by one: after a contact has moved disc i, the lanes that follow are tested again.
     """
-    reach = reach_of(discs.radius, i, parameters[DIAMETER] * parameters[DIAMETER])
+    reach = own_or(discs.radius, i, parameters[DIAMETER] * parameters[DIAMETER])
     contacts = 0
     block, last = np.int64(first), np.int64(last)
     while block < last:
@@ -220,7 +220,7 @@ def resolve_column(discs, start, column, features, parameters, control, tally, f
         next_end = start[natural(cell + stride + 2)]
         own = own_end - i - 1
         others = next_end - next_first
-        reach = reach_of(discs.radius, i, diameter_squared)
+        reach = own_or(discs.radius, i, diameter_squared)
         own_mask = overlapping(discs, i, i + 1, None, None, reach)
         next_mask = overlapping(discs, i, next_first, None, None, reach)
         own_mask &= (1 << min(own, LANES)) - 1

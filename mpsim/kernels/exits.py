@@ -2,7 +2,7 @@
 
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.layout import ABSORBING, COLUMNS, CONTACT, DT, IMPACT, ROWS, X_HIGH, X_LOW, Y_HIGH, Y_LOW
-from mpsim.kernels.optional import pull_on, radius_of
+from mpsim.kernels.optional import own_or, pull_on
 
 
 @inlined
@@ -21,7 +21,7 @@ def absorb(discs, low, high, exits, features, parameters, control):
     late = dt / two if control[CONTACT] == IMPACT else zero  # a parabola is as far as its mean velocity leads
     for i in range(low, high):
         disc = discs.id[i]
-        margin = radius_of(discs.radius, i, zero)
+        margin = own_or(discs.radius, i, zero)
         pull_x = pull_on(features.gravity, features.acceleration, 0, disc, zero)
         pull_y = pull_on(features.gravity, features.acceleration, 1, disc, zero)
         x = discs.x[i] + (discs.vx[i] + pull_x * (dt - late)) * dt

@@ -17,7 +17,7 @@ from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.exits import is_gone
 from mpsim.kernels.gliding import BLOCK, glide
 from mpsim.kernels.layout import DT, TALLY_SCALE, WALL_RESTITUTION, X_LOW, Y_LOW
-from mpsim.kernels.optional import mass_of, pull_on, radius_of, wall_speed, wrapped
+from mpsim.kernels.optional import own_or, pull_on, wall_speed, wrapped
 
 
 @inlined
@@ -93,7 +93,7 @@ def fall_alone(discs, i, features, parameters, tally, frame):
     """Advance one accelerated disc. Returns True if it is not finite."""
     zero, one = discs.x.dtype.type(0), discs.x.dtype.type(1)
     disc = discs.id[i]
-    margin = radius_of(discs.radius, i, zero)
+    margin = own_or(discs.radius, i, zero)
     pull_x = pull_on(features.gravity, features.acceleration, 0, disc, zero)
     pull_y = pull_on(features.gravity, features.acceleration, 1, disc, zero)
     x, vx, left, right = fall_along(
@@ -104,7 +104,7 @@ def fall_alone(discs, i, features, parameters, tally, frame):
     )
     discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x, y, vx, vy
     if tally is not None and not is_gone(features.exits, disc):
-        scale = np.float64(parameters[TALLY_SCALE]) * mass_of(features.mass, disc, one)
+        scale = np.float64(parameters[TALLY_SCALE]) * own_or(features.mass, disc, one)
         for wall, taken in enumerate((left, right, bottom, top)):
             tally[frame, wall] += np.int64(taken * scale)
     return not ((x - x == zero) & (y - y == zero) & (vx - vx == zero) & (vy - vy == zero))

@@ -2,7 +2,7 @@
 
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.layout import DT, X_HIGH, X_LOW, Y_HIGH, Y_LOW
-from mpsim.kernels.optional import radius_of
+from mpsim.kernels.optional import own_or
 
 BLOCK = 64
 """Discs that are looked at together."""
@@ -45,7 +45,7 @@ def glide(discs, low, high, kick_x, kick_y, half_x, half_y, parameters):
     x_low, x_high, y_low, y_high = parameters[X_LOW], parameters[X_HIGH], parameters[Y_LOW], parameters[Y_HIGH]
     free = True
     for i in range(high - low):
-        margin = radius_of(radius, i, zero)
+        margin = own_or(radius, i, zero)
         px = x[i] + eased(kicked(vx[i], kick_x), half_x) * dt
         py = y[i] + eased(kicked(vy[i], kick_y), half_y) * dt
         inside_x = (px >= x_low + margin) & (px < x_high - margin) & (x[i] >= x_low) & (x[i] < x_high)

@@ -25,7 +25,7 @@ from mpsim.kernels.layout import (
 )
 from mpsim.kernels.machine import atomic_store
 from mpsim.kernels.obstacles import meet_obstacles
-from mpsim.kernels.optional import mass_of, radius_of, wall_speed, wrapped
+from mpsim.kernels.optional import own_or, wall_speed, wrapped
 
 
 @inlined
@@ -120,7 +120,7 @@ def drift_anyhow(discs, low, high, wrap_x, wrap_y, piston, parameters):
         if glide(discs, first, last, None, None, None, None, parameters):
             continue
         for i in range(first, last):
-            margin = radius_of(discs.radius, i, zero)
+            margin = own_or(discs.radius, i, zero)
             x, vx = along_axis(discs.x[i], discs.vx[i], X_LOW, margin, wrap_x, piston, parameters)
             y, vy = along_axis(discs.y[i], discs.vy[i], Y_LOW, margin, wrap_y, piston, parameters)
             discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x, y, vx, vy
@@ -149,8 +149,8 @@ def tally_walls(discs, low, high, features, parameters, tally, frame):
     for i in range(low, high):
         if is_gone(features.exits, discs.id[i]):
             continue
-        margin = radius_of(discs.radius, i, zero)
-        gain = (1 + parameters[WALL_RESTITUTION]) * mass_of(features.mass, discs.id[i], one)
+        margin = own_or(discs.radius, i, zero)
+        gain = (1 + parameters[WALL_RESTITUTION]) * own_or(features.mass, discs.id[i], one)
         ux, uy = discs.vx[i], discs.vy[i]
         px = discs.x[i] + ux * dt
         py = discs.y[i] + uy * dt

@@ -10,7 +10,7 @@ from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.exits import is_gone
 from mpsim.kernels.falling import bounce_back
 from mpsim.kernels.layout import CONTACT, DIAMETER, DT, IMPACT, WALL_RESTITUTION, X_HIGH, X_LOW, Y_HIGH, Y_LOW
-from mpsim.kernels.optional import confined, pull_on, radius_of, wrapped
+from mpsim.kernels.optional import confined, own_or, pull_on, wrapped
 
 
 @inlined
@@ -102,7 +102,7 @@ def meet_capsules(discs, low, high, features, parameters, control):
         column = min(max(int(discs.x[i] * obstacles.per_length[0]), 0), columns - 1)
         row = min(max(int(discs.y[i] * obstacles.per_length[1]), 0), rows - 1)
         cell = column * rows + row
-        radius = radius_of(discs.radius, i, half)
+        radius = own_or(discs.radius, i, half)
         pull_x = pull_on(features.gravity, features.acceleration, 0, disc, zero)
         pull_y = pull_on(features.gravity, features.acceleration, 1, disc, zero)
         met = False
@@ -110,7 +110,7 @@ def meet_capsules(discs, low, high, features, parameters, control):
             k = obstacles.index[entry]
             met |= meet_capsule(discs, i, k, obstacles.capsule, radius, pull_x, pull_y, parameters, impact)
         if met:
-            margin = radius_of(discs.radius, i, zero)
+            margin = own_or(discs.radius, i, zero)
             x = confined(discs.x[i], parameters[X_LOW], parameters[X_HIGH], margin, features.wrap_x)
             y = confined(discs.y[i], parameters[Y_LOW], parameters[Y_HIGH], margin, features.wrap_y)
             # Out of a thick obstacle it may be far beyond the border, where there are no cells.

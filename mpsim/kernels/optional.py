@@ -11,19 +11,11 @@ from mpsim.kernels.layout import DIAMETER, PISTON_NOW, PISTON_WALL
 
 
 @inlined
-def radius_of(radius, i, otherwise):
-    """Radius of the disc in slot i, or what stands for it where all discs have the same."""
-    if radius is None:
-        return otherwise
-    return radius[i]
-
-
-@inlined
-def mass_of(mass, disc, one):
-    """Mass of a disc by its id; one where all have the same."""
-    if mass is None:
-        return one
-    return mass[disc]
+def own_or(values, i, shared):
+    """A disc's own radius or mass, or what stands for it where all discs have the same."""
+    if values is None:
+        return shared
+    return values[i]
 
 
 @inlined
@@ -40,14 +32,6 @@ def touching_distance(radius, i, j, parameters):
     if radius is None:
         return parameters[DIAMETER]
     return radius[i] + radius[j]
-
-
-@inlined
-def reach_of(radius, i, diameter_squared):
-    """What `overlap_lanes` compares with for the disc in slot i: its radius, or the diameter squared of all."""
-    if radius is None:
-        return diameter_squared
-    return radius[i]
 
 
 @inlined

@@ -25,6 +25,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, MpsimError
 from mpsim.measure.extremes import AXES, PACKINGS, PARTS, Case, step_and_packing
 from mpsim.measure.observables import overlap
+from mpsim.measure.pairs import lengths_of, to_nearest_image
 from mpsim.scene import Scene
 from mpsim.settings import Settings
 from mpsim.state import State
@@ -252,10 +253,7 @@ def _conserved(case: Case, scene: Scene, start: State, end: State, masses: Any, 
 
 def _median_distance(one: State, other: State, scene: Scene) -> float:
     """Between the places of a disc in two states, the nearest images along periodic axes [length]."""
-    apart = one.position - other.position.astype(float)
-    for axis, length in enumerate((scene.width, scene.height)):
-        if scene.periodic[axis]:
-            apart[:, axis] -= length * np.round(apart[:, axis] / length)
+    apart = to_nearest_image(one.position - other.position.astype(float), lengths_of(scene))
     return float(np.median(np.hypot(*apart.T)))
 
 

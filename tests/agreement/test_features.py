@@ -10,7 +10,7 @@ import warnings
 import numpy as np
 import pytest
 from support.anything import anything
-from support.compare import assert_same_bits
+from support.compare import assert_parallel_is_grid, assert_same_bits
 from support.internals import scramble
 from support.processes import assert_clean, run_script
 from support.scenes import ZOO, simulate, state_after, zoo
@@ -130,16 +130,6 @@ def test_plain_python_is_compiled():
 
 
 # --- workers
-
-
-def assert_parallel_is_grid(scene, frames=40, workers=(1, 2, 3), **settings):
-    settings = {"dt": 0.03, **settings}
-    expected = state_after(scene, frames, method="grid", **settings)
-    for number in workers:
-        with simulate(scene, method="parallel", workers=number, **settings) as sim:
-            contacts = sim.run(frames=frames).collisions
-            assert_same_bits(sim.state, expected, f"{scene}, {number} workers, {settings}")
-        assert contacts > 0, f"{scene}: no contacts, which tests nothing"
 
 
 @pytest.mark.parametrize("contact", long_but(CONTACTS, "impact"))

@@ -4,6 +4,7 @@ import dataclasses
 import warnings
 
 import pytest
+from support.selection import long_but
 
 import mpsim
 from mpsim import scenefile
@@ -22,9 +23,7 @@ def digest(file: scenefile.SceneFile, method: str, workers: int | None = None) -
         return sim.digest()
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[] if name in DEFAULT else pytest.mark.long) for name in scenefile.names()]
-)
+@pytest.mark.parametrize("name", long_but(scenefile.names(), *DEFAULT))
 def test_a_named_scene_gives_the_same_bits_on_any_number_of_workers(name):
     file = scenefile.load(name)
     digests = {workers: digest(file, "parallel", workers) for workers in (1, 2, 3)}

@@ -1,8 +1,11 @@
 """Comparisons whose failure names the first thing that differs."""
 
+from typing import Any
+
 import numpy as np
 
 import mpsim
+from support.scenes import simulate, state_after
 
 
 def assert_same_bits(got: mpsim.State, expected: mpsim.State, note: str) -> None:
@@ -19,6 +22,17 @@ def assert_same_bits(got: mpsim.State, expected: mpsim.State, note: str) -> None
                 f"{note}: {len(differ)} of {len(left)} discs differ in {field}; the first is disc {first}: "
                 f"{left[first].tolist()} instead of {right[first].tolist()}"
             )
+
+
+def assert_parallel_is_grid(scene: mpsim.Scene, frames: int = 40, workers: Any = (1, 2, 3), **settings: Any) -> None:
+    """Fail unless `parallel` has the bits of `grid` with each number of workers, or if there was no contact."""
+    settings = {"dt": 0.03, **settings}
+    expected = state_after(scene, frames, method="grid", **settings)
+    for number in workers:
+        with simulate(scene, method="parallel", workers=number, **settings) as sim:
+            contacts = sim.run(frames=frames).collisions
+            assert_same_bits(sim.state, expected, f"{scene!r}, {number} workers, {settings}")
+        assert contacts > 0, f"{scene!r}: no contacts, which tests nothing"
 
 
 def assert_inside_and_finite(state: mpsim.State, scene: mpsim.Scene, note: str) -> None:

@@ -13,9 +13,10 @@ import mpsim
 from mpsim import scenefile
 from mpsim.cli import main
 from mpsim.commands import terminal
-from mpsim.commands.run import frames_until, pictures_of
+from mpsim.commands.run import pictures_of
 from mpsim.commands.runfolder import RunFolder
 from mpsim.engine import shared
+from mpsim.engine.running import frames_until
 from mpsim.measure import benchmark
 from mpsim.output.recorder import COLUMNS, read_table
 
