@@ -8,7 +8,7 @@ project = "mpsim"
 author = "the mpsim developers"
 version = release = mpsim.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_click"]
 exclude_patterns = ["_build"]
 default_role = "py:obj"  # names in docstrings lead to what they name, where that is documented
 myst_heading_anchors = 3  # links such as accuracy.md#the-frontier

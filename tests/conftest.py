@@ -70,7 +70,17 @@ def figures(request) -> Figures:
     return request.config.stash[_figures]
 
 
+def pytest_xdist_auto_num_workers(config):
+    """Two processes for the whole default suite, which half of the time compiles or waits; else none besides this."""
+    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
+    alone = config.getoption("--long") or config.getoption("--figures") or config.getoption("--renew")
+    return 2 if whole and not alone else 0
+
+
 def pytest_collection_modifyitems(config, items):
+    for item in items:  # a file's tests share compiled kernels; tests that kill and pin processes keep to themselves
+        group = "faults" if "faults" in item.path.parts else item.path.stem
+        item.add_marker(pytest.mark.xdist_group(group))
     if not config.getoption("--long"):
         for item in items:
             if item.get_closest_marker("long"):

@@ -4,7 +4,7 @@ run.json            scene, settings, versions, and what each part of the run did
 checkpoint.mpsim    from which `mpsim resume` goes on
 trajectory.xyz      (or .gsd) frames, for OVITO and mpsim.Trajectory
 measures.csv        energy, overlap and collision rate along the way
-timings.csv         time of each frame, phase and worker
+timings.csv         time of each frame, phase and worker, of the parts that came to their end
 final.npz, final.png    the last state
 """
 

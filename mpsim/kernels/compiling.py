@@ -21,6 +21,7 @@ from typing import Any
 import llvmlite
 import numba
 from numba import config, njit
+from numba.extending import register_jitable
 
 from mpsim.interrupts import interrupts_held_back
 
@@ -65,11 +66,12 @@ def _writable_cache_folder() -> Path | None:
 _FOLDER = None if JIT_DISABLED else _writable_cache_folder()
 
 
-_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
 """nogil: a thread that watches the other processes must be able to run during a long kernel. No fastmath (it would
 reorder sums, fuse multiply-adds and void every NaN test) and no parallel=True. Without reference counts, which a kernel
 that allocates nothing does not need: counting them for each array taken out of a tuple can cost more than the physics
-(measured: an event of the exact solver 1,150 ns with, 500 ns without; a contact of the stepped one 45 ns)."""
+(measured: an event of the exact solver 1,150 ns with, 500 ns without; a contact of the stepped one 45 ns). Without the
+wrapper that would make each a first-class function, which none is used as."""
 
 
 def _cached(dispatcher: Any) -> Any:
@@ -119,12 +121,13 @@ def compiled(function: Callable[..., Any]) -> Any:
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """Numba-compile a small `function` into each of its callers.
+    """Numba-compile a small `function` into each of its callers; called from Python it stays plain Python.
 
     A call hands over every field of every array (some 60 words for a disc record), which costs more than the work of a
-    contact; the compiler's own judgement of what to inline changes with every edit.
+    contact; the compiler's own judgement of what to inline changes with every edit. An entry from Python for each of
+    these functions, and machine code behind it, took a third of the time of a first compilation.
     """
-    return njit(forceinline=True, **_OPTIONS)(function)
+    return register_jitable(forceinline=True, **_OPTIONS)(function)
 
 
 def compiled_kernels() -> int:

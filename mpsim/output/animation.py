@@ -21,7 +21,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from mpsim import checks
 from mpsim.engine.simulation import Simulation
-from mpsim.errors import OutputError
+from mpsim.errors import InputError, OutputError
 from mpsim.output.drawing import STYLE, behind_piston, draw_discs, new_figure, with_images
 from mpsim.scene import Scene
 from mpsim.settings import Settings
@@ -66,8 +66,8 @@ def animate(
         The path that was written.
 
     Raises:
-        OutputError: for another ending, without ffmpeg for .mp4, or if the path cannot be written; before any work.
-        InputError: for numbers out of range, and for columns of a method that has none.
+        OutputError: without ffmpeg for .mp4, or if the path cannot be written; before any work.
+        InputError: for another ending, for numbers out of range, and for columns of a method that has none.
 
     >>> import tempfile
     >>> scene = Scene.random(count=20, packing=0.3, radius=0.5, seed=2)
@@ -100,12 +100,13 @@ def checked_target(path: str | os.PathLike[str]) -> Path:
     """The path of an animation, after making sure that it can be written.
 
     Raises:
-        OutputError: for another ending, without ffmpeg for .mp4, or if the path cannot be written.
+        InputError: for another ending.
+        OutputError: without ffmpeg for .mp4, or if the path cannot be written.
     """
     target = Path(path)
     ending = target.suffix.lower()
     if ending not in (".gif", ".mp4"):
-        raise OutputError(f"an animation's path must end in .gif or .mp4; got {str(target)!r}. Use {target.stem}.gif.")
+        raise InputError(f"an animation's path must end in .gif or .mp4; got {str(target)!r}. Use {target.stem}.gif.")
     if ending == ".mp4" and not FFMpegWriter.isAvailable():
         gif = target.with_suffix(".gif")
         raise OutputError(f"an .mp4 needs ffmpeg, which is not on the PATH. Write {str(gif)!r} or install ffmpeg.")

@@ -20,7 +20,8 @@ from mpsim.scene import Scene
 TALL: dict[str, Any] = {"location": "right", "shrink": 0.7, "aspect": 30}
 """Where the colour bar of a box lies that is not flat."""
 
-_LINE = {"color": "#0072B2"}
+FEW = 100
+"""Points that are drawn as such too: a line through one would be nothing."""
 
 
 def history(table: dict[str, NDArray[np.float64]], scene: Scene, last: Frame, title: str) -> Figure:
@@ -37,14 +38,15 @@ def history(table: dict[str, NDArray[np.float64]], scene: Scene, last: Frame, ti
         panels = figure.subplots(2, 2)
         energy, rate, overlap, place = panels.flat
         time = table["time"]
-        energy.plot(time, table["kinetic_energy"], **_LINE)
+        line: dict[str, Any] = {"marker": "." if len(time) <= FEW else ""}
+        energy.plot(time, table["kinetic_energy"], color="#0072B2", **line)
         energy.set(ylabel="[mass length²/time²]", title="Kinetic energy")
         _from_zero(energy, table["kinetic_energy"])
-        rate.plot(time, table["collision_rate"], **_LINE)
+        rate.plot(time, table["collision_rate"], color="#0072B2", **line)
         rate.set(ylabel="[1/time]", title="Collisions per disc and time")
         _from_zero(rate, table["collision_rate"])
-        overlap.plot(time, table["overlap_largest"], color="#D55E00", label="largest")
-        overlap.plot(time, table["overlap_mean"], color="#0072B2", ls="--", label="mean of those that overlap")
+        overlap.plot(time, table["overlap_largest"], color="#D55E00", label="largest", **line)
+        overlap.plot(time, table["overlap_mean"], color="#0072B2", ls="--", label="mean of those that overlap", **line)
         overlap.set(ylabel="[length]", title="Depth of overlaps at that moment")
         _from_zero(overlap, table["overlap_largest"], room=1.45)
         overlap.legend(loc="upper left", fontsize=9)

@@ -9,11 +9,11 @@ import numpy as np
 from PIL import Image
 
 from mpsim.engine.report import Report
-from mpsim.kernels.layout import PHASES
 from mpsim.measure.tables import cost_text, error_text
 from mpsim.measure.tradeoff import label
 from mpsim.measure.tune import Tuned
 from mpsim.output.drawing import MOST_DISCS, STYLE, draw_discs, new_figure
+from mpsim.output.times import phases_of
 from mpsim.scene import Scene
 
 INCHES = 3.2
@@ -53,8 +53,8 @@ def report_html(report: Report) -> str:
     if report.frames:
         low, median, high = np.quantile(report.frame_seconds, [0.05, 0.5, 0.95]) * 1e6
         rows.append(("time of a frame", f"median {median:.3g} µs (5 % to 95 %: {low:.3g} to {high:.3g} µs)"))
-        total = sum(float(report.phase_seconds[name].sum()) for name in PHASES) or 1.0
-        shares = [f"{name} {100 * float(report.phase_seconds[name].sum()) / total:.0f} %" for name in PHASES]
+        seconds = {word: float(report.phase_seconds[name].sum()) for name, word in phases_of(report).items()}
+        shares = [f"{word} {100 * part / sum(seconds.values()):.0f} %" for word, part in seconds.items()]
         rows.append(("phases", ", ".join(shares)))
     rows += [(name, f"{measure.value:.6g} ± {measure.error:.2g}") for name, measure in report.measures.items()]
     return table(rows, "report.plot() draws it")

@@ -12,6 +12,12 @@ from mpsim.output.drawing import STYLE, new_figure
 PHASE_COLOURS = dict(zip(PHASES, ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#CCCCCC"), strict=True))
 """Waiting is grey: it is nobody's work."""
 
+FEW = 100
+"""Frames whose times are drawn as points too: a line through one would be nothing."""
+
+PHASE_WORDS = {"naive": {"even columns": "pairs"}, "event": {"move": "events"}}
+"""What a method does in a phase, where that is not what the phase is called after."""
+
 
 def times(report: Report) -> Figure:
     """Time of each frame above; below, a bar for each worker that shows the median time of its phases."""
@@ -22,7 +28,8 @@ def times(report: Report) -> Figure:
         above, below = figure.subplots(2, 1, height_ratios=[3, 1.4 + 0.3 * workers])
         microseconds = report.frame_seconds * 1e6
         # On a scale of ratios a frame that the system disturbed does not press all others to the floor.
-        above.plot(frames, microseconds, color="#0072B2", linewidth=0.7)
+        marker = "." if report.frames <= FEW else ""
+        above.plot(frames, microseconds, color="#0072B2", linewidth=0.7, marker=marker)
         if report.frames:
             median = float(np.median(microseconds))
             above.axhline(median, color="#D55E00", linewidth=1.2, label=f"median {median:.3g} µs")
@@ -30,12 +37,12 @@ def times(report: Report) -> Figure:
             above.set(yscale="log", xlim=(0, report.frames + 1))
         word = f"{report.method}, {report.workers} worker{'s' * (report.workers > 1)}"
         above.set(xlabel="frame of the run", ylabel="time of a frame [µs]", title=f"{report.frames} frames by {word}")
-        medians = {name: _medians(seconds) for name, seconds in report.phase_seconds.items()}
         left = np.zeros(workers)
-        for name in PHASES:
-            below.barh(np.arange(workers), medians[name], left=left, color=PHASE_COLOURS[name], label=name, height=0.7)
-            left += medians[name]
-        waiting = 100 * medians["wait"].sum() / (left.sum() or 1.0)
+        for name, word in phases_of(report).items():
+            medians = _medians(report.phase_seconds[name])
+            below.barh(np.arange(workers), medians, left=left, color=PHASE_COLOURS[name], label=word, height=0.7)
+            left += medians
+        waiting = 100 * _medians(report.phase_seconds["wait"]).sum() / (left.sum() or 1.0)
         below.set(
             xlabel=f"median time of each phase [µs]; {waiting:.0f} % of it is waiting for others",
             ylabel="worker",
@@ -43,8 +50,15 @@ def times(report: Report) -> Figure:
             ylim=(workers - 0.4, -0.6),
         )
         below.grid(False, axis="y")
-        figure.legend(*below.get_legend_handles_labels(), loc="outside lower center", ncols=len(PHASES), fontsize=9)
+        if report.frames:
+            figure.legend(*below.get_legend_handles_labels(), loc="outside lower center", ncols=len(PHASES), fontsize=9)
     return figure
+
+
+def phases_of(report: Report) -> dict[str, str]:
+    """The phases that took any time, and what to call each: naive and event do not go by columns."""
+    words = PHASE_WORDS.get(report.method, {})
+    return {name: words.get(name, name) for name in PHASES if report.phase_seconds[name].any()}
 
 
 def _medians(seconds: NDArray[np.float64]) -> NDArray[np.float64]:

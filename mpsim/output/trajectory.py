@@ -10,7 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import overload
+from typing import Any, overload
 
 from mpsim import checks
 from mpsim.engine.simulation import Simulation
@@ -210,8 +210,17 @@ class TrajectoryWriter:
         self._writer.close()
 
 
+def _hint(path: Any) -> str:
+    """What to use instead: perhaps the folder of a run was given."""
+    if isinstance(path, str | os.PathLike):
+        found = sorted(p for p in Path(os.fsdecode(path)).glob("*") if p.suffix.lower() in ENDINGS)
+        if found:
+            return f"It is a folder; use {str(found[0])!r}."
+    return "Use 'run.xyz'."
+
+
 def _path_of(path: str | os.PathLike[str]) -> Path:
     """A path that ends as a trajectory does."""
     if not isinstance(path, str | os.PathLike) or Path(os.fsdecode(path)).suffix.lower() not in ENDINGS:
-        raise InputError(f"a trajectory's path must end in {', '.join(ENDINGS)}; got {path!r}. Use 'run.xyz'.")
+        raise InputError(f"a trajectory's path must end in {', '.join(ENDINGS)}; got {path!r}. {_hint(path)}")
     return Path(os.fsdecode(path))

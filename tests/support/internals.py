@@ -3,13 +3,25 @@
 No view of the shared block outlives a call in here: the block could not be closed while one lives.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numba import njit
 
 import mpsim
 from mpsim.kernels import layout
 from mpsim.state import MOST_FRAMES
+
+
+def machine_code(inlined: Callable[..., Any]) -> Callable[..., Any]:
+    """A kernel that is compiled only into its callers, through a caller that only calls it."""
+
+    @njit(error_model="numpy")
+    def call(*arguments):
+        return inlined(*arguments)
+
+    return call
 
 
 def _arrays(sim: mpsim.Simulation) -> dict[str, Any]:

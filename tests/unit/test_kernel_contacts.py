@@ -2,22 +2,23 @@
 
 import numpy as np
 import pytest
-from numba import njit
 from support.arrays import BARE, control_of, discs_of, parameters_of
+from support.internals import machine_code
 
-from mpsim.kernels.contacts import push_contact, resolve_all_pairs, resolve_range
+from mpsim.kernels import contacts
+from mpsim.kernels.contacts import resolve_all_pairs
 from mpsim.kernels.layout import ELASTIC, REFLECT
 
 REALS = [np.float32, np.float64]
 
 
-@njit
+push_contact, resolve_range = map(machine_code, (contacts.push_contact, contacts.resolve_range))
+
+
 def contact(discs, i, j, parameters, law):
-    """`push_contact`, compiled as its callers compile it."""
     push_contact(discs, i, j, None, None, BARE, parameters, law)
 
 
-@njit
 def contacts_of_range(discs, i, first, last, parameters, control):
     return resolve_range(discs, i, first, last, None, None, BARE, parameters, control, None, 0)
 

@@ -7,20 +7,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.arrays import BARE, control_of, discs_of, parameters_of
-from support.internals import wall_impulses
+from support.internals import machine_code, wall_impulses
 from support.scenes import simulate
 
 import mpsim
 from mpsim.engine import provision
 from mpsim.features import distance_to_capsules
-from mpsim.kernels import layout
+from mpsim.kernels import falling, layout, motion, obstacles
 from mpsim.kernels.exits import absorb
-from mpsim.kernels.falling import bounce_back, fall
-from mpsim.kernels.motion import along_axis, tally_walls
-from mpsim.kernels.obstacles import meet_capsule, meet_capsules
+from mpsim.kernels.falling import fall
+from mpsim.kernels.motion import tally_walls
+from mpsim.kernels.obstacles import meet_capsules
 from mpsim.kernels.optional import wrap_places
 from mpsim.kernels.piston import place_wall
 from mpsim.kernels.sorting import sort
+
+bounce_back, along_axis, meet_capsule = map(
+    machine_code, (falling.bounce_back, motion.along_axis, obstacles.meet_capsule)
+)
 
 FLOOR = (0.0, 0.0, 10.0, 0.0, 0.0)
 PEG = (0.0, 0.0, 0.0, 0.0, 0.5)

@@ -47,6 +47,21 @@ def test_a_report_of_no_frames_is_drawn_too():
         assert len(sim.run(frames=0).plot().axes) == 2
 
 
+@pytest.mark.parametrize(("method", "words"), [("naive", {"move", "pairs"}), ("event", {"events"})])
+def test_a_method_without_columns_has_no_phases_called_after_them(method, words):
+    with simulate(gas(50, 0.4), method=method) as sim:
+        report = sim.run(frames=5)
+    below = report.plot().axes[1]
+    assert {container.get_label() for container in below.containers} == words
+    assert "columns" not in report._repr_html_()
+
+
+def test_the_time_of_a_single_frame_is_a_point():
+    with simulate(gas(20, 0.2), method="grid") as sim:
+        above = sim.run(frames=1).plot().axes[0]
+    assert above.lines[0].get_marker() == "."
+
+
 def test_a_report_in_a_notebook_is_a_small_table():
     with simulate(gas(20, 0.2), method="grid") as sim:
         text = sim.run(frames=10, measures=["temperature"])._repr_html_()

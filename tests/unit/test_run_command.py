@@ -361,7 +361,7 @@ def test_what_cannot_be_animated_is_told_before_any_picture(tmp_path, monkeypatc
     assert result.exit_code == 1
     assert f"needs ffmpeg, which is not on the PATH. Write '{tmp_path}/a.gif' or install ffmpeg." in result.stderr
     result = mpsim_command("animate", "gas", tmp_path / "a.avi")
-    assert result.exit_code == 1
+    assert result.exit_code == 2
     assert "an animation's path must end in .gif or .mp4; got " in result.stderr
     result = mpsim_command("animate", "gas", tmp_path / "a.gif", "--colour", "worker", "--method", "naive")
     assert result.exit_code == 2

@@ -321,6 +321,12 @@ def test_wrong_arguments_are_refused(make, error):
         make()
 
 
+def test_the_folder_of_a_run_is_told_from_its_trajectory(tmp_path):
+    (tmp_path / "trajectory.xyz").touch()
+    with pytest.raises(mpsim.InputError, match=r"It is a folder; use '.*/trajectory\.xyz'\."):
+        mpsim.Trajectory(tmp_path)
+
+
 def test_a_missing_file_is_told(tmp_path):
     with pytest.raises(mpsim.TrajectoryError, match=r"a trajectory must be a file that can be read; .* is none"):
         mpsim.Trajectory(tmp_path / "none.xyz")
