@@ -78,9 +78,6 @@ def pytest_xdist_auto_num_workers(config):
 
 
 def pytest_collection_modifyitems(config, items):
-    for item in items:  # a file's tests share compiled kernels; tests that kill and pin processes keep to themselves
-        group = "faults" if "faults" in item.path.parts else item.path.stem
-        item.add_marker(pytest.mark.xdist_group(group))
     if not config.getoption("--long"):
         for item in items:
             if item.get_closest_marker("long"):

@@ -22,11 +22,18 @@ with mpsim.Simulation(scene, mpsim.Settings(method="{method}", workers=2, dt=0.0
 """
 
 
+PLACE = """
+import mpsim
+print(mpsim.Scene.random(count=30, packing=0.5, radius=0.5, seed=1).digest())
+"""
+"""What needs few kernels."""
+
+
 @pytest.fixture(scope="module")
-def cache_of_naive(tmp_path_factory):
-    """A cache folder with the kernels of `naive`, and what the run that filled it printed."""
+def small_cache(tmp_path_factory):
+    """A cache folder with the kernels of `PLACE`, and what the run that filled it printed."""
     cache = tmp_path_factory.mktemp("cache")
-    outcome = run_script(RUN.format(method="naive"), env={"NUMBA_CACHE_DIR": str(cache)}, bound=90)
+    outcome = run_script(PLACE, env={"NUMBA_CACHE_DIR": str(cache)}, bound=90)
     assert_clean(outcome)
     return cache, outcome.out
 
@@ -74,9 +81,9 @@ def test_an_edit_in_a_file_that_kernels_call_is_never_answered_from_a_stale_cach
 NO_CACHE = {"NUMBA_CACHE_DIR": "/proc/mpsim-cannot-write-here"}
 
 
-def test_a_cache_folder_that_cannot_be_written_costs_one_log_line_and_nothing_else(cache_of_naive):
-    outcome = run_script(RUN.format(method="naive"), env=NO_CACHE, bound=90)
-    assert (outcome.code, outcome.out) == (0, cache_of_naive[1])
+def test_a_cache_folder_that_cannot_be_written_costs_one_log_line_and_nothing_else(small_cache):
+    outcome = run_script(PLACE, env=NO_CACHE, bound=90)
+    assert (outcome.code, outcome.out) == (0, small_cache[1])
     assert outcome.err.count("\n") == 1, outcome.err
     assert "no writable cache folder" in outcome.err
     assert "NUMBA_CACHE_DIR" in outcome.err
@@ -89,15 +96,15 @@ def test_a_home_that_does_not_exist_is_no_error():
     assert outcome.err.count("\n") == 1, outcome.err
 
 
-def test_truncated_cache_files_are_replaced(tmp_path, cache_of_naive):
+def test_truncated_cache_files_are_replaced(tmp_path, small_cache):
     """A full disk or a power cut leaves such files; they must not stop every later run with an unpickling error."""
-    cache, expected = cache_of_naive
+    cache, expected = small_cache
     shutil.copytree(cache, tmp_path / "cache")
     indices, codes = (sorted((tmp_path / "cache").rglob(f"*.{ending}")) for ending in ("nbi", "nbc"))
     assert min(len(indices), len(codes)) > 1
     for file in indices[::2] + codes:
         file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    outcome = run_script(RUN.format(method="naive"), env={"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, bound=90)
+    outcome = run_script(PLACE, env={"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, bound=90)
     assert (outcome.code, outcome.out) == (0, expected), outcome.err
     assert "Traceback" not in outcome.err, outcome.err
 

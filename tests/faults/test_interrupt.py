@@ -14,6 +14,7 @@ import pytest
 from support.compare import assert_inside_and_finite, assert_same_bits, overlapping_pairs
 from support.processes import Script, assert_nothing_left_of, blocks_of, is_gone
 from support.scenes import lattice, simulate, state_after
+from support.selection import long_but
 
 import mpsim
 from mpsim.engine import exact, pool
@@ -53,7 +54,7 @@ def interrupt(text, after, delay):
 
 
 @pytest.mark.timeout(60)
-@pytest.mark.parametrize("start", ["fork", "spawn", "forkserver"])
+@pytest.mark.parametrize("start", long_but(["fork", "spawn", "forkserver"], "forkserver"))
 def test_an_interrupt_during_a_run_is_one_keyboard_interrupt(start):
     interrupt(SCRIPT.format(method="parallel", start=start), "running", 0.3)
 
@@ -86,7 +87,7 @@ def interrupt_again_and_again(start, pause):
 
 
 @pytest.mark.timeout(60)
-@pytest.mark.parametrize("pause", [0.0005, 0.01])
+@pytest.mark.parametrize("pause", long_but([0.0005, 0.01], 0.0005))
 @pytest.mark.parametrize("start", ["fork", "forkserver"])
 def test_a_storm_of_interrupts_leaves_nothing_behind(start, pause, figures):
     pressed = interrupt_again_and_again(start, pause)

@@ -8,6 +8,7 @@ import pytest
 from support.internals import block_name
 from support.processes import SHARED_MEMORY, assert_clean, blocks_of, is_gone, run_script, wait_until
 from support.scenes import lattice, simulate
+from support.selection import long_but
 
 import mpsim
 
@@ -106,7 +107,7 @@ def test_a_program_that_fails_shows_only_its_own_traceback():
     assert outcome.err.rstrip().endswith("ZeroDivisionError: division by zero"), outcome.err
 
 
-@pytest.mark.parametrize("start", ["fork", "spawn", "forkserver"])
+@pytest.mark.parametrize("start", long_but(["fork", "spawn", "forkserver"], "spawn"))
 def test_a_script_without_main_guard_runs_once(start):
     outcome = run_script(f"""
     print("once")

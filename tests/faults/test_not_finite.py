@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.internals import write
 from support.scenes import gas, simulate
+from support.selection import long_but
 
 import mpsim
 
@@ -66,7 +67,7 @@ def slow_start(extra):
     return mpsim.Scene(width=80, height=200, position=position, velocity=velocity, radius=0.5)
 
 
-@pytest.mark.parametrize("workers", [2, 3])
+@pytest.mark.parametrize("workers", long_but([2, 3], 3))
 @pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
 def test_the_frame_of_an_overflow_inside_a_long_run_does_not_depend_on_the_workers(workers):
     """Disc 0 is made so fast that its mirrored velocity overflows when it meets disc 1, many frames later."""

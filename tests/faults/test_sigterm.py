@@ -46,7 +46,7 @@ def terminate(path, method="parallel", workers=3, start="fork", group=False, bef
         ("parallel", "fork", True),
         pytest.param("parallel", "spawn", True, marks=pytest.mark.long),
         ("parallel", "forkserver", True),
-        ("parallel", "forkserver", False),
+        pytest.param("parallel", "forkserver", False, marks=pytest.mark.long),
     ],
 )
 def test_sigterm_writes_a_checkpoint_that_goes_on_with_the_same_bits(method, start, group, tmp_path, figures):

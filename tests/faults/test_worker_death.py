@@ -11,6 +11,7 @@ import pytest
 from support.internals import block_name, peek
 from support.processes import SHARED_MEMORY, Script, assert_nothing_left_of, is_gone, wait_until
 from support.scenes import lattice, simulate
+from support.selection import long_but
 
 import mpsim
 
@@ -94,7 +95,7 @@ def assert_over(sim, pids, block):
     sim.close()
 
 
-@pytest.mark.parametrize("worker", [1, 2])
+@pytest.mark.parametrize("worker", long_but([1, 2], 2))
 @pytest.mark.parametrize("phase", PHASES)
 def test_a_death_in_any_phase_is_named_in_full(phase, worker):
     error = death_during_run(lambda sim: kill_in_phase(sim, worker, phase))

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 
-def long_but(names: Iterable[str], *kept: str) -> list[Any]:
+def long_but(names: Iterable[Any], *kept: Any) -> list[Any]:
     """Parameters of a test, of which all but those kept wait for --long."""
     found = list(names)
     assert set(kept) <= set(found), f"{set(kept) - set(found)} are not among {found}"
