@@ -80,7 +80,7 @@ def test_nothing_is_lost_and_no_energy_comes_from_nowhere(run, method):
 
 
 @given(runs())
-@settings(max_examples=12)
+@settings(max_examples=settings().max_examples // 6)  # of the profile: more with --long
 def test_workers_change_no_bit_at_the_extremes(run):
     scene, how = run
     one, two = ran(scene, 20, method="grid", **how), ran(scene, 20, method="parallel", workers=2, **how)

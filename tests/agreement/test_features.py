@@ -137,7 +137,7 @@ def test_workers_do_not_change_all_features_together(contact):
     assert_parallel_is_grid(zoo(EVERYTHING, 500, seed=3, side=24.0), contact=contact)
 
 
-@pytest.mark.parametrize("side", [6.0, 6.1, 9.5, 20.0, 21.0])
+@pytest.mark.parametrize("side", long_but([6.0, 6.1, 9.5, 20.0, 21.0], 6.0, 9.5))
 def test_workers_do_not_change_giants_in_periodic_boxes_of_any_number_of_columns(side):
     """6 is exactly two diameters of a giant; odd numbers of columns are made even."""
     assert_parallel_is_grid(zoo("giants periodic", int(side**2), seed=4, side=side), contact="impact")
@@ -154,9 +154,13 @@ def test_workers_do_not_change_giants_on_borders_and_corners():
         assert assert_is_its_twin(there, 10, f"giant at {corner}", method="grid", dt=0.03).contacts > 50
 
 
-@pytest.mark.parametrize(("width", "height"), [(2.0, 40.0), (40.0, 2.0), (2.0, 2.0), (3.0, 3.0), (5.0, 2.5)])
-def test_periodic_boxes_of_two_columns_or_rows_are_what_the_slow_twin_says(width, height):
+NARROW = [(2.0, 40.0), (40.0, 2.0), (2.0, 2.0), (3.0, 3.0), (5.0, 2.5)]
+
+
+@pytest.mark.parametrize("size", long_but(NARROW, (2.0, 40.0), (2.0, 2.0)))
+def test_periodic_boxes_of_two_columns_or_rows_are_what_the_slow_twin_says(size):
     """Two diameters are the least; discs then meet each other from both sides."""
+    width, height = size
     rng = np.random.default_rng(6)
     count = int(width * height)
     radius = np.where(np.arange(count) % 2, 0.5, 0.4)

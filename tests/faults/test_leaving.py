@@ -164,7 +164,7 @@ def cycle(workers, start):
 
 
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # 3.12: fork in a process with threads
-@pytest.mark.parametrize(("number", "workers", "start"), [(30, 3, "fork"), (6, 2, "forkserver")])
+@pytest.mark.parametrize(("number", "workers", "start"), [(20, 3, "fork"), (4, 2, "forkserver")])
 def test_many_simulations_leak_no_descriptor_no_block_and_no_process(number, workers, start):
     before, after = cycles(number, workers, start)
     assert after == before, f"(descriptors, blocks, processes) were {before}, and are {after} after {number} cycles"

@@ -83,7 +83,7 @@ def test_the_frame_of_an_overflow_inside_a_long_run_does_not_depend_on_the_worke
 
     expected = error_of(method="grid")
     assert expected[1] > 10, "the overflow must happen in the middle of the run"
-    for run in range(10):
+    for run in range(4):
         assert error_of(method="parallel", workers=workers) == expected, f"run {run}"
 
 

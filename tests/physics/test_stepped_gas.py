@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from support.scenes import gas, simulate
+from support.selection import long_but
 
 from mpsim import Scene
 from mpsim.measure import fit_order, independent_average, reference, reference_motion, speed_kurtosis
@@ -64,7 +65,7 @@ def test_b1_the_bias_of_two_discs_is_of_second_order_with_impact_and_of_first_wi
     figures.note("B1", "impact", quantity, 2, orders["impact"], f"push: {orders['push']}")
 
 
-@pytest.mark.parametrize("count", [3, 10])
+@pytest.mark.parametrize("count", long_but([3, 10], 3))
 def test_b5_speeds_of_few_discs_have_the_moments_of_fixed_energy(count, figures):
     """2N/(N+1) of a sphere in 2N dimensions, from equal speeds; the Maxwell distribution's 2 must be told from it."""
 
