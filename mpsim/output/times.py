@@ -15,7 +15,7 @@ PHASE_COLOURS = dict(zip(PHASES, ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#
 FEW = 100
 """Frames whose times are drawn as points too: a line through one would be nothing."""
 
-PHASE_WORDS = {"naive": {"even columns": "pairs"}, "event": {"move": "events"}}
+PHASE_WORDS: dict[str, dict[str, str]] = {"naive": {"even columns": "pairs"}, "event": {"move": "events"}}
 """What a method does in a phase, where that is not what the phase is called after."""
 
 
