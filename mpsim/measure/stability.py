@@ -253,7 +253,7 @@ def _conserved(case: Case, scene: Scene, start: State, end: State, masses: Any, 
 
 def _median_distance(one: State, other: State, scene: Scene) -> float:
     """Between the places of a disc in two states, the nearest images along periodic axes [length]."""
-    apart = to_nearest_image(one.position - other.position.astype(float), lengths_of(scene))
+    apart = to_nearest_image(np.subtract(one.position, other.position, dtype=np.float64), lengths_of(scene))
     return float(np.median(np.hypot(*apart.T)))
 
 

@@ -9,7 +9,7 @@ from mpsim.engine.report import Report
 from mpsim.kernels.layout import PHASES
 from mpsim.output.drawing import STYLE, new_figure
 
-PHASE_COLOURS = dict(zip(PHASES, ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#CCCCCC"), strict=True))
+PHASE_COLOURS: dict[str, str] = dict(zip(PHASES, ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#CCCCCC"), strict=True))
 """Waiting is grey: it is nobody's work."""
 
 FEW = 100
