@@ -10,6 +10,7 @@ python scripts/run_bench.py --features --before REVISION and the bare scene besi
 import argparse
 import csv
 import dataclasses
+import io
 import json
 import platform
 import subprocess
@@ -264,6 +265,8 @@ def make_folder(path: Path) -> None:
 
 def features(options: argparse.Namespace, settings: mpsim.Settings, machine_now: dict[str, Any]) -> str:
     """Markdown: cost of each feature, and of the bare scene beside an older version."""
+    if options.before:
+        archive_of(options.before)  # a mistyped revision is told before the long work
     with console.status("compiling") as status:
         found = feature_cost.feature_costs(settings, status.update)
         bare = found[0].nanoseconds
@@ -295,16 +298,23 @@ def features(options: argparse.Namespace, settings: mpsim.Settings, machine_now:
 
 def beside(revision: str, settings: mpsim.Settings, tick: Any) -> tuple[list[float], bool]:
     """Cost of the bare scene over that of an older revision, unpacked into a temporary folder."""
-    with tempfile.TemporaryDirectory() as folder:
-        packed = Path(folder, "revision.tar")
-        top = Path(__file__).parents[1]
-        command = ["git", "archive", "--output", str(packed), revision, "mpsim"]
-        done = subprocess.run(command, cwd=top, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise mpsim.InputError(f"--before must be a git revision of this checkout; got {revision!r}: {done.stderr}")
-        with tarfile.open(packed) as archive:
-            archive.extractall(folder, filter="data")
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        tarfile.open(fileobj=io.BytesIO(archive_of(revision))) as archive,
+    ):
+        archive.extractall(folder, filter="data")
         return feature_cost.bare_beside(Path(folder), settings, 10, tick)
+
+
+def archive_of(revision: str) -> bytes:
+    """The package at a git revision, as a tar archive."""
+    command = ["git", "archive", revision, "mpsim"]
+    done = subprocess.run(command, cwd=Path(__file__).parents[1], capture_output=True, check=False)
+    if done.returncode:
+        raise mpsim.InputError(
+            f"--before must be a git revision of this checkout; got {revision!r}: {done.stderr.decode().strip()}"
+        )
+    return done.stdout
 
 
 def main() -> int:

@@ -3,7 +3,8 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from mpsim.engine.simulation import Simulation
+from mpsim.errors import FastWarning
 from mpsim.features import FixedDisc, Piston, Polyline
 from mpsim.measure.benchmark import DT, WrongAnswerError
 from mpsim.scene import Scene
@@ -110,8 +112,10 @@ def feature_costs(settings: Settings, tick: Callable[[str], None]) -> list[Featu
     try:
         for name, each in scenes().items():
             tick(f"compiling {name}")
-            simulations[name] = Simulation(each, settings)
-            simulations[name].run(frames=WARM_UP)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", FastWarning)  # of discs a sixteenth as large: only times are wanted
+                simulations[name] = Simulation(each, settings)
+                simulations[name].run(frames=WARM_UP)
         best = dict.fromkeys(simulations, np.inf)
         for turn in range(ROUNDS):
             tick(f"round {turn + 1}")
@@ -125,7 +129,7 @@ def feature_costs(settings: Settings, tick: Callable[[str], None]) -> list[Featu
             FeatureCost(
                 name,
                 best[name],
-                tuple(each for each in sim.array_names if each not in bare),
+                families(each for each in sim.array_names if each not in bare),
                 sim.run(frames=0).block_bytes / sim.count,
             )
             for name, sim in simulations.items()
@@ -133,6 +137,16 @@ def feature_costs(settings: Settings, tick: Callable[[str], None]) -> list[Featu
     finally:
         for sim in simulations.values():
             sim.close()
+
+
+def families(arrays: Iterable[str]) -> tuple[str, ...]:
+    """What arrays hold: both buffers of a quantity are one, and all that stands for the obstacles is one.
+
+    >>> families(["a.radius", "b.radius", "obstacles.near", "obstacles.index"])
+    ('radius', 'obstacles')
+    """
+    names = (name.removeprefix("a.").removeprefix("b.").partition(".")[0] for name in arrays)
+    return tuple(dict.fromkeys(names))
 
 
 def _check(name: str, sim: Simulation) -> None:
