@@ -13,8 +13,11 @@ with gravity such that m g L is 4, 10 and 30 kT (L: side of the box), settled be
 import argparse
 import json
 import math
+import multiprocessing
+import signal
 import sys
 import time
+from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +29,7 @@ from run_bench import machine, make_folder
 from tradeoff_answers import Effort, Kept, answers
 
 import mpsim
+from mpsim.engine.cores import usable_cores
 from mpsim.measure import tables
 from mpsim.output import frontier
 
@@ -62,6 +66,9 @@ SHOWN = {
 
 LONGER = 4
 """So many times longer is a run with --full."""
+
+LEAVE_CTRL_C = (signal.SIGINT, signal.SIG_IGN)
+"""Processes that compute leave Ctrl-C to the one that started them."""
 
 console = Console()
 
@@ -112,7 +119,9 @@ def description(scene: mpsim.Scene, place: Place) -> str:
     )
 
 
-def table_of(name: str, scene: mpsim.Scene, options: argparse.Namespace, progress: Progress) -> mpsim.Tradeoff:
+def table_of(
+    name: str, scene: mpsim.Scene, options: argparse.Namespace, pool: Executor, progress: Progress
+) -> mpsim.Tradeoff:
     """The table of one scene; what is finished is kept beside it."""
     place, folder = SCENES[name], options.out / name
     kept = folder / ("runs-full.json" if options.full else "runs.json")
@@ -125,7 +134,9 @@ def table_of(name: str, scene: mpsim.Scene, options: argparse.Namespace, progres
         progress.update(task, completed=done, total=of, description=f"{name}: {what}")
 
     longer, replicas = (LONGER, FULL_REPLICAS) if options.full else (1, REPLICAS)
-    table = mpsim.tradeoff(scene, until=place.until * longer, replicas=replicas, path=kept, progress=tick)
+    table = mpsim.tradeoff(
+        scene, until=place.until * longer, replicas=replicas, executor=pool, path=kept, progress=tick
+    )
     if costs:
         keep_lower(kept, costs)
         table = mpsim.tradeoff(scene, until=place.until * longer, replicas=replicas, path=kept)
@@ -153,12 +164,11 @@ def keep_lower(path: Path, costs: dict[str, Any]) -> None:
 
 
 def write(table: mpsim.Tradeoff, words: str, made: str, folder: Path) -> None:
-    """The table in three forms, and its pictures."""
+    """The table in three forms."""
     table.to_csv(folder / "table.csv")
     table.to_json(folder / "table.json")
     text = [tables.markdown_table(table), words, made]
     (folder / "table.md").write_text("\n\n".join(part for part in text if part) + "\n")
-    frontier.save(table, folder)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -167,16 +177,20 @@ def run(options: argparse.Namespace) -> None:
     columns = (TextColumn("{task.description:36}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     found: dict[str, mpsim.Tradeoff] = {}
     scenes: dict[str, mpsim.Scene] = {}
-    with Progress(*columns, console=console) as progress:
+    # Processes, whose short runs do not wait for each other's Python as threads would; idle while costs are taken.
+    pool = ProcessPoolExecutor(usable_cores(), multiprocessing.get_context("forkserver"), signal.signal, LEAVE_CTRL_C)
+    with pool, Progress(*columns, console=console) as progress:
         for name in options.scenes or SCENES:
             folder = options.out / name
             make_folder(folder)
             scenes[name] = scene_of(SCENES[name])
             words = description(scenes[name], SCENES[name])
-            found[name] = table_of(name, scenes[name], options, progress)
+            found[name] = table_of(name, scenes[name], options, pool, progress)
             write(found[name], words, made, folder)
             console.print(f"{name}. {words}", highlight=False, soft_wrap=True)
             console.print(str(found[name]), highlight=False, markup=False, soft_wrap=True)
+        progress.add_task("pictures", total=None)
+        list(pool.map(frontier.save, found.values(), [options.out / name for name in found]))
         if not (options.answers or options.docs or options.full):
             return
         task = progress.add_task("answers", total=None)
@@ -201,11 +215,13 @@ def main() -> int:
     try:
         make_folder(options.out)
         run(options)
+    except KeyboardInterrupt:
+        console.print("Interrupted; the same call, without --fresh, goes on from what is finished.")
+        return 130
     except (mpsim.MpsimError, OSError) as error:
         console.print(f"run_tradeoff: {error}", style="red", highlight=False, soft_wrap=True)
         return 2 if isinstance(error, mpsim.InputError | OSError) else 1
-    cpu = time.process_time()
-    console.print(f"{time.perf_counter() - started:.1f} s ({cpu:.1f} s of cores); all is in {options.out}/")
+    console.print(f"{time.perf_counter() - started:.1f} s; all is in {options.out}/")
     return 0
 
 
