@@ -111,7 +111,7 @@ def test_truncated_cache_files_are_replaced(tmp_path, small_cache):
 
 @pytest.mark.long
 @pytest.mark.timeout(600)
-def test_many_first_runs_at_once_on_one_cold_cache_agree(tmp_path):
+def test_many_first_runs_at_once_on_one_cold_cache_agree(tmp_path, figures):
     text, env = RUN.format(method="grid"), {"NUMBA_CACHE_DIR": str(tmp_path)}
     with contextlib.ExitStack() as stack:
         scripts = [stack.enter_context(Script(text, env=env)) for _ in range(8)]
@@ -119,6 +119,7 @@ def test_many_first_runs_at_once_on_one_cold_cache_agree(tmp_path):
     for outcome in outcomes:
         assert_clean(outcome)
     assert len({outcome.out for outcome in outcomes}) == 1
+    figures.note("R16", "grid", "8 first runs at once on one cold cache", "one digest, no complaint", "one digest")
 
 
 def test_importing_mpsim_compiles_nothing_and_is_quick():

@@ -153,9 +153,11 @@ def test_an_interrupt_while_workers_start_is_one_keyboard_interrupt(start, delay
 @pytest.mark.long
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("start", ["fork", "spawn", "forkserver"])
-def test_an_interrupt_at_any_moment_is_one_keyboard_interrupt(start):
+def test_an_interrupt_at_any_moment_is_one_keyboard_interrupt(start, figures):
     for attempt in range(25):
         interrupt(SCRIPT.format(method="parallel", start=start), "starting", attempt * 0.06)
+    deed = "Ctrl-C at 25 moments of start-up and run"
+    figures.note("R8", f"parallel on 3, {start}", deed, "one KeyboardInterrupt, nothing left", "25 of 25")
 
 
 @pytest.fixture

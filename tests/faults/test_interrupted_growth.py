@@ -59,6 +59,8 @@ def test_an_interrupt_while_discs_are_added_leaves_a_whole_state_or_a_closed_sim
 
 @pytest.mark.long
 @pytest.mark.timeout(600)
-def test_an_interrupt_at_any_moment_of_a_growth_does_no_harm():
+def test_an_interrupt_at_any_moment_of_a_growth_does_no_harm(figures):
     outcome = run_script(SCRIPT.format(method="parallel", attempts=2000, step=1e-6), bound=500)
     assert_clean(outcome)
+    deed = "Ctrl-C at 2000 moments while discs are added"
+    figures.note("R8", "parallel on 2", deed, "a whole state or a closed simulation", "2000 of 2000")

@@ -172,6 +172,8 @@ def test_many_simulations_leak_no_descriptor_no_block_and_no_process(number, wor
 
 @pytest.mark.long
 @pytest.mark.timeout(1200)
-def test_a_thousand_simulations_leak_nothing():
+def test_a_thousand_simulations_leak_nothing(figures):
     before, after = cycles(1000, 2, "forkserver")
     assert after == before, f"(descriptors, blocks, processes) were {before}, and are {after}"
+    counts = "descriptors, blocks, processes after 1000 simulations"
+    figures.note("R15", "parallel on 2", counts, "as before", f"{after}, as before")

@@ -99,9 +99,10 @@ def test_a_huge_but_finite_velocity_loses_no_disc():
 
 @pytest.mark.long
 @pytest.mark.timeout(600)
-def test_a_bad_disc_is_named_alike_a_hundred_times_on_more_workers_than_cores():
+def test_a_bad_disc_is_named_alike_a_hundred_times_on_more_workers_than_cores(figures):
     """Workers that are late in leaving one command's barrier must still come to the next one's, bad state or not."""
     bad = {particle: {"vx": np.nan} for particle in (880, 411, 23, 300, 24)}
     for _ in range(100):
         error = run_with(bad, "parallel", 5)
         assert (error.particle, error.frame) == (23, BEFORE)
+    figures.note("R17", "parallel on 5", "NaN in 5 of 1000 discs, 100 times", "the lowest disc is named", "100 of 100")

@@ -220,7 +220,7 @@ def kill_later(pid, delay):
 
 @pytest.mark.long
 @pytest.mark.timeout(900)
-def test_a_hundred_deaths_at_random_moments_are_all_noticed():
+def test_a_hundred_deaths_at_random_moments_are_all_noticed(figures):
     for attempt in range(100):
         sim = simulate(lattice(60, 60), method="parallel", workers=3)
         pids, block = sim.pids, block_name(sim)
@@ -231,3 +231,4 @@ def test_a_hundred_deaths_at_random_moments_are_all_noticed():
         killer.join()
         assert caught.value.worker == attempt % 2 + 1, f"attempt {attempt}"
         assert_over(sim, pids, block)
+    figures.note("R14", "parallel on 3", "a worker killed at 100 moments", "WorkerDied, and nothing left", "100 of 100")
