@@ -130,7 +130,7 @@ def test_damaged_scene_files(request, tmp_path, figures):
     times = executions(request)
     good = count_good(times, 1, trial)
     assert 0 < good < times, "neither is every damage harmless nor every file refused"
-    figures.note("F1", f"{times} damaged scene files", "nothing but SceneFileError", "scenes", f"{good} still scenes")
+    figures.note("F1", "scenes", f"{times} damaged scene files", "nothing but SceneFileError", f"{good} still scenes")
 
 
 def checkpoints(folder):
@@ -199,7 +199,7 @@ def test_damaged_checkpoints(request, tmp_path, figures):
     times = executions(request)
     good = without_compilation(damage_checkpoints, tmp_path, times)
     assert good < times / 10, "a digest lets hardly any damage pass"
-    figures.note("F2", f"{times} damaged checkpoints", "nothing but CheckpointError", "runs", f"{good} still whole")
+    figures.note("F2", "runs", f"{times} damaged checkpoints", "nothing but CheckpointError", f"{good} still whole")
 
 
 @pytest.mark.timeout(2400)
@@ -208,7 +208,7 @@ def test_forged_checkpoints(request, tmp_path, figures):
     times = executions(request)
     good = without_compilation(forge_checkpoints, tmp_path, times)
     assert 0 < good < times
-    figures.note("F3", f"{times} forged checkpoints", "nothing but CheckpointError", "runs", f"{good} sound states")
+    figures.note("F3", "runs", f"{times} forged checkpoints", "nothing but CheckpointError", f"{good} sound states")
 
 
 def test_the_fuzzer_sees_what_escapes():
