@@ -265,8 +265,7 @@ def make_folder(path: Path) -> None:
 
 def features(options: argparse.Namespace, settings: mpsim.Settings, machine_now: dict[str, Any]) -> str:
     """Markdown: cost of each feature, and of the bare scene beside an older version."""
-    if options.before:
-        archive_of(options.before)  # a mistyped revision is told before the long work
+    before = archive_of(options.before) if options.before else b""  # a mistyped revision is told before the long work
     with console.status("compiling") as status:
         found = feature_cost.feature_costs(settings, status.update)
         bare = found[0].nanoseconds
@@ -284,8 +283,8 @@ def features(options: argparse.Namespace, settings: mpsim.Settings, machine_now:
             )
             lines.append(f"| {' | '.join(cells)} | {arrays} |")
         lines += ["", f"10,000 discs, packing 0.40, `grid`, {settings.precision}, {settings.contact}."]
-        if options.before:
-            ratios, equal = beside(options.before, settings, status.update)
+        if before:
+            ratios, equal = beside(before, settings, status.update)
             low, median, high = np.percentile(ratios, [25, 50, 75])
             lines += [
                 "",
@@ -296,12 +295,9 @@ def features(options: argparse.Namespace, settings: mpsim.Settings, machine_now:
     return "\n".join(lines) + "\n"
 
 
-def beside(revision: str, settings: mpsim.Settings, tick: Any) -> tuple[list[float], bool]:
-    """Cost of the bare scene over that of an older revision, unpacked into a temporary folder."""
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        tarfile.open(fileobj=io.BytesIO(archive_of(revision))) as archive,
-    ):
+def beside(packed: bytes, settings: mpsim.Settings, tick: Any) -> tuple[list[float], bool]:
+    """Cost of the bare scene over that of an older package, a tar archive, unpacked into a temporary folder."""
+    with tempfile.TemporaryDirectory() as folder, tarfile.open(fileobj=io.BytesIO(packed)) as archive:
         archive.extractall(folder, filter="data")
         return feature_cost.bare_beside(Path(folder), settings, 10, tick)
 

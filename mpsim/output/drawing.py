@@ -24,6 +24,11 @@ MOST_DISCS = 50_000
 BEHIND_COLOUR = "#BBBBBB"
 
 
+def marker_of(points: int) -> str:
+    """Matplotlib's marker for a line through so many points: few are drawn too, as a line through one is nothing."""
+    return "." if points <= 100 else ""
+
+
 def new_figure(width: float, height: float) -> Figure:
     """A figure of the given size [inch] in mpsim's style, bound to no window."""
     with matplotlib.rc_context(fname=STYLE):

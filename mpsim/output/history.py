@@ -13,15 +13,12 @@ from numpy.typing import NDArray
 
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import OutputError
-from mpsim.output.drawing import MOST_DISCS, STYLE, behind_piston, draw_discs, new_figure
+from mpsim.output.drawing import MOST_DISCS, STYLE, behind_piston, draw_discs, marker_of, new_figure
 from mpsim.output.frames import Frame, frame_of
 from mpsim.scene import Scene
 
 TALL: dict[str, Any] = {"location": "right", "shrink": 0.7, "aspect": 30}
 """Where the colour bar of a box lies that is not flat."""
-
-FEW = 100
-"""Points that are drawn as such too: a line through one would be nothing."""
 
 
 def history(table: dict[str, NDArray[np.float64]], scene: Scene, last: Frame, title: str) -> Figure:
@@ -38,7 +35,7 @@ def history(table: dict[str, NDArray[np.float64]], scene: Scene, last: Frame, ti
         panels = figure.subplots(2, 2)
         energy, rate, overlap, place = panels.flat
         time = table["time"]
-        line: dict[str, Any] = {"marker": "." if len(time) <= FEW else ""}
+        line: dict[str, Any] = {"marker": marker_of(len(time))}
         energy.plot(time, table["kinetic_energy"], color="#0072B2", **line)
         energy.set(ylabel="[mass length²/time²]", title="Kinetic energy")
         _from_zero(energy, table["kinetic_energy"])

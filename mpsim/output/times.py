@@ -7,13 +7,10 @@ from numpy.typing import NDArray
 
 from mpsim.engine.report import Report
 from mpsim.kernels.layout import PHASES
-from mpsim.output.drawing import STYLE, new_figure
+from mpsim.output.drawing import STYLE, marker_of, new_figure
 
 PHASE_COLOURS: dict[str, str] = dict(zip(PHASES, ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#CCCCCC"), strict=True))
 """Waiting is grey: it is nobody's work."""
-
-FEW = 100
-"""Frames whose times are drawn as points too: a line through one would be nothing."""
 
 PHASE_WORDS: dict[str, dict[str, str]] = {"naive": {"even columns": "pairs"}, "event": {"move": "events"}}
 """What a method does in a phase, where that is not what the phase is called after."""
@@ -28,8 +25,7 @@ def times(report: Report) -> Figure:
         above, below = figure.subplots(2, 1, height_ratios=[3, 1.4 + 0.3 * workers])
         microseconds = report.frame_seconds * 1e6
         # On a scale of ratios a frame that the system disturbed does not press all others to the floor.
-        marker = "." if report.frames <= FEW else ""
-        above.plot(frames, microseconds, color="#0072B2", linewidth=0.7, marker=marker)
+        above.plot(frames, microseconds, color="#0072B2", linewidth=0.7, marker=marker_of(report.frames))
         if report.frames:
             median = float(np.median(microseconds))
             above.axhline(median, color="#D55E00", linewidth=1.2, label=f"median {median:.3g} µs")
@@ -38,9 +34,9 @@ def times(report: Report) -> Figure:
         word = f"{report.method}, {report.workers} worker{'s' * (report.workers > 1)}"
         above.set(xlabel="frame of the run", ylabel="time of a frame [µs]", title=f"{report.frames} frames by {word}")
         left = np.zeros(workers)
-        for name, word in phases_of(report).items():
+        for name, label in phases_of(report).items():
             medians = _medians(report.phase_seconds[name])
-            below.barh(np.arange(workers), medians, left=left, color=PHASE_COLOURS[name], label=word, height=0.7)
+            below.barh(np.arange(workers), medians, left=left, color=PHASE_COLOURS[name], label=label, height=0.7)
             left += medians
         waiting = 100 * _medians(report.phase_seconds["wait"]).sum() / (left.sum() or 1.0)
         below.set(

@@ -212,7 +212,7 @@ class TrajectoryWriter:
 
 def _hint(path: Any) -> str:
     """What to use instead: perhaps the folder of a run was given."""
-    if isinstance(path, str | os.PathLike):
+    if isinstance(path, str | os.PathLike) and os.path.isdir(path):  # False too for what no path can be
         found = sorted(p for p in Path(os.fsdecode(path)).glob("*") if p.suffix.lower() in ENDINGS)
         if found:
             return f"It is a folder; use {str(found[0])!r}."

@@ -325,6 +325,8 @@ def test_the_folder_of_a_run_is_told_from_its_trajectory(tmp_path):
     (tmp_path / "trajectory.xyz").touch()
     with pytest.raises(mpsim.InputError, match=r"It is a folder; use '.*/trajectory\.xyz'\."):
         mpsim.Trajectory(tmp_path)
+    with pytest.raises(mpsim.InputError, match=r"Use 'run\.xyz'\."):
+        mpsim.Trajectory("x" * 5000)
 
 
 def test_a_missing_file_is_told(tmp_path):
