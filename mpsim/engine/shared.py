@@ -76,7 +76,8 @@ class SharedBlock:
         size = _offsets(specs)[-1]
         name = f"mpsim-{os.getpid()}-{secrets.token_hex(4)}"
         # SharedMemory registers a block that it has made. A kill in between, which threads that wait for each other
-        # make likely, would leave it for ever; a name that never came to be is no harm.
+        # make likely, would leave it for ever; a name that never came to be is no harm. (Under `-W error` it is some:
+        # the tracker of CPython then ends at the first name that it cannot find. `remove_stale_blocks` finds the rest.)
         resource_tracker.register(f"/{name}", "shared_memory")
         try:
             memory = SharedMemory(name, create=True, size=size)
