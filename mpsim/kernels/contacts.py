@@ -38,15 +38,18 @@ from mpsim.kernels.optional import confined, own_or, seen_from, share, touching_
 
 
 @inlined
-def normal(discs, i, j, image_x, image_y):
-    """Unit vector from disc i to disc j, and their distance. Centres at one point give (1, 0): defined, never NaN."""
-    one = discs.x.dtype.type(1)
-    nx = discs.x[j] - seen_from(discs.x[i], image_x)
-    ny = discs.y[j] - seen_from(discs.y[i], image_y)
-    distance = math.sqrt(nx * nx + ny * ny)
-    if distance == 0:
-        return one, distance, distance
-    return nx / distance, ny / distance, distance
+def apart(discs, i, j, image_x, image_y):
+    """Vector from disc i to disc j."""
+    return discs.x[j] - seen_from(discs.x[i], image_x), discs.y[j] - seen_from(discs.y[i], image_y)
+
+
+@inlined
+def normalised(x, y, one):
+    """Unit vector along (x, y), and its length. No length gives (one, 0): defined, never NaN."""
+    length = math.sqrt(x * x + y * y)
+    if length == 0:
+        return one, length, length
+    return x / length, y / length, length
 
 
 @inlined
@@ -92,7 +95,8 @@ def push_contact(discs, i, j, image_x, image_y, features, parameters, law):
     Each moves half the overlap, of unequal ones the lighter more. Returns the impulse.
     """
     one = discs.x.dtype.type(1)
-    nx, ny, distance = normal(discs, i, j, image_x, image_y)
+    x, y = apart(discs, i, j, image_x, image_y)
+    nx, ny, distance = normalised(x, y, one)
     half = (touching_distance(discs.radius, i, j, parameters) - distance) / discs.x.dtype.type(2)
     way_i = half * share(features.mass, discs.id[i], discs.id[j], one)
     way_j = half * share(features.mass, discs.id[j], discs.id[i], one)
@@ -110,8 +114,7 @@ def time_since_impact(discs, i, j, image_x, image_y, parameters):
     t = -c / (sqrt(b^2 - u.u c) - b). Discs that gravity pulls alike move uniformly against each other: it holds too.
     """
     diameter = touching_distance(discs.radius, i, j, parameters)
-    rx = discs.x[j] - seen_from(discs.x[i], image_x)
-    ry = discs.y[j] - seen_from(discs.y[i], image_y)
+    rx, ry = apart(discs, i, j, image_x, image_y)
     ux = discs.vx[j] - discs.vx[i]
     uy = discs.vy[j] - discs.vy[i]
     b = rx * ux + ry * uy
@@ -133,7 +136,10 @@ def impact_contact(discs, i, j, image_x, image_y, features, parameters, law):
     for disc in (i, j):
         discs.x[disc] -= discs.vx[disc] * time
         discs.y[disc] -= discs.vy[disc] * time
-    nx, ny, _ = normal(discs, i, j, image_x, image_y)
+    # In float64 whatever the run's precision. Discs that just touch are all equally far apart, and a float32 root or
+    # quotient of that one number is rounded the same way each time: with diameter 1, by 1e-7 of energy per collision.
+    x, y = apart(discs, i, j, image_x, image_y)
+    nx, ny, _ = normalised(np.float64(x), np.float64(y), 1.0)
     impulse = apply_law(discs, i, j, nx, ny, features, parameters, law)
     for disc in (i, j):
         shift(discs, disc, discs.vx[disc] * time, discs.vy[disc] * time, features, parameters)
@@ -158,7 +164,8 @@ def resolve_contact(discs, i, j, image_x, image_y, features, parameters, control
 @compiled
 def tally_depth(discs, i, j, image_x, image_y, parameters, tally, frame):
     """Count a pair that is met and how deep it overlaps, as a part of the (largest) diameter."""
-    _, _, distance = normal(discs, i, j, image_x, image_y)
+    x, y = apart(discs, i, j, image_x, image_y)
+    _, _, distance = normalised(x, y, discs.x.dtype.type(1))
     overlap = touching_distance(discs.radius, i, j, parameters) - distance
     depth = np.int64(np.float64(overlap / parameters[DIAMETER]) * DEPTH_SCALE)
     tally[frame, MET] += 1

@@ -9,8 +9,6 @@ there, and let go on. With depth d beyond the wall, speed s outward now and acce
     now                 e c t - A t^2 / 2 inside, moving inward at e c - A t
 """
 
-import math
-
 import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined
@@ -24,7 +22,7 @@ from mpsim.kernels.optional import own_or, pull_on, wall_speed, wrapped
 def bounce_back(depth, speed, pull, parameters):
     """(way inside, speed inward) of a disc `depth` beyond a wall; speed and pull are outward."""
     zero, two = parameters.dtype.type(0), parameters.dtype.type(2)  # whole numbers would make float64 of float32
-    at_wall = math.sqrt(max(speed * speed - two * pull * depth, zero))
+    at_wall = np.sqrt(max(speed * speed - two * pull * depth, zero))
     if speed + at_wall == zero:
         return zero, zero
     time = min(two * depth / (speed + at_wall), parameters[DT])

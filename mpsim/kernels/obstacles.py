@@ -6,6 +6,8 @@ worker can do its own slice. A grid of its own tells which obstacles are near a 
 
 import math
 
+import numpy as np
+
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.exits import is_gone
 from mpsim.kernels.falling import bounce_back
@@ -29,13 +31,13 @@ def nearest_offset(x, y, capsule, k):
 
 
 @inlined
-def normal_of(rx, ry, distance, flat, capsule, k, one):
+def normal_of(rx, ry, distance, flat, capsule, k):
     """Unit vector from the nearest point of segment k to a disc `distance` away; on the segment itself, across it."""
     if distance > 0:
         return rx / distance, ry / distance
     if not flat:
-        return distance, one
-    along_x, along_y = capsule[k, 2] - capsule[k, 0], capsule[k, 3] - capsule[k, 1]
+        return 0.0, 1.0
+    along_x, along_y = np.float64(capsule[k, 2] - capsule[k, 0]), np.float64(capsule[k, 3] - capsule[k, 1])
     length = math.sqrt(along_x * along_x + along_y * along_y)
     return -along_y / length, along_x / length
 
@@ -63,23 +65,25 @@ def meet_capsule(discs, i, k, capsule, radius, pull_x, pull_y, parameters, impac
     Impact takes the side of a segment, and the plane that touches an end, for a wall: `bounce_back` keeps the energy
     of discs that gravity pulls, and lets a disc rest.
     """
-    zero, one, e = discs.x.dtype.type(0), discs.x.dtype.type(1), parameters[WALL_RESTITUTION]
-    rx, ry, flat = nearest_offset(discs.x[i], discs.y[i], capsule, k)
+    offset_x, offset_y, flat = nearest_offset(discs.x[i], discs.y[i], capsule, k)
     reach = radius + capsule[k, 4]
-    squared = rx * rx + ry * ry
-    if not squared < reach * reach:
+    if not offset_x * offset_x + offset_y * offset_y < reach * reach:
         return False
-    distance, vx, vy = math.sqrt(squared), discs.vx[i], discs.vy[i]
-    nx, ny = normal_of(rx, ry, distance, flat, capsule, k, one)
+    # In float64 whatever the run's precision, as between two discs: see `contacts.impact_contact`.
+    rx, ry, vx, vy = np.float64(offset_x), np.float64(offset_y), np.float64(discs.vx[i]), np.float64(discs.vy[i])
+    squared = rx * rx + ry * ry
+    distance = np.sqrt(squared)
+    nx, ny = normal_of(rx, ry, distance, flat, capsule, k)
     if impact and rx * vx + ry * vy < 0:
         if not flat:
             nx, ny = normal_at_touch(rx, ry, squared, reach, vx, vy, parameters[DT])
         depth, speed = reach - (rx * nx + ry * ny), -(vx * nx + vy * ny)
-        way, inward = bounce_back(depth, max(speed, zero), -(pull_x * nx + pull_y * ny), parameters)
+        way, inward = bounce_back(depth, max(speed, 0.0), -(pull_x * nx + pull_y * ny), parameters)
         way, change = way + depth, inward + speed
     else:
         along = vx * nx + vy * ny
-        way, change = reach - distance, -(one + e) * along if along < 0 else zero
+        back = 1.0 + np.float64(parameters[WALL_RESTITUTION])
+        way, change = reach - distance, -back * along if along < 0 else 0.0
     discs.vx[i] += change * nx
     discs.vy[i] += change * ny
     discs.x[i] += way * nx

@@ -62,6 +62,38 @@ def test_a_closed_box_keeps_its_energy(law, precision, rel):
     assert (end**2).sum() == pytest.approx((start**2).sum(), rel=rel)
 
 
+ROUNDING = float(np.finfo("float32").eps)
+
+LONG_LIVED = {
+    # 1 + 1: of discs that just touch, every root and quotient would be that of 1, rounded the same way each time
+    "unit diameter": {},
+    # 2 / 3 and 4 / 3: what each takes of an impulse would be the same two rounded numbers at every contact
+    "two masses": {"mass": [1.0] * 5 + [2.0] * 5, "radius": 0.4},
+    "pegs": {"obstacles": [mpsim.FixedDisc((x, 3.0), 0.5) for x in (1.0, 3.0, 5.0)]},
+    "slopes": {"obstacles": [mpsim.Polyline([(1.0, 1.0), (4.7, 4.1)], 0.1)]},
+}
+
+
+@pytest.mark.parametrize("contact", ["impact", "push"])
+@pytest.mark.parametrize("name", LONG_LIVED)
+def test_energy_in_float32_does_not_creep_by_one_rounding_per_contact(name, contact):
+    """Roundings that are all of one sign add up with the contacts, independent ones only with their root."""
+    features = {"radius": 0.5, "seed": 1, "width": 6.0, "height": 6.0} | LONG_LIVED[name]
+    scene = Scene.random(count=10 if "mass" in features else 6, **features)
+    with simulate(scene, dt=0.05, method="naive", precision="float32", contact=contact) as sim:
+        before = energy_of(sim)
+        contacts = sim.run(frames=1_500_000).collisions / scene.count
+        change = energy_of(sim) / before - 1
+    bound = 8 * ROUNDING * np.sqrt(contacts)
+    assert contacts * ROUNDING / 4 > 3 * bound, f"{contacts:.0f} contacts of each disc could not tell one from the other"
+    assert abs(change) < bound
+
+
+def energy_of(sim):
+    """Twice the kinetic energy, summed in float64."""
+    return float(sim.masses @ (sim.state.velocity.astype(float) ** 2).sum(axis=1))
+
+
 def test_a_push_adds_energy_under_gravity():
     """Negative control for energy: with gravity a push lifts discs, so the energy of a heap is not kept."""
     scene = Scene.random(count=200, packing=0.5, radius=0.5, seed=3, gravity=(0, -5))

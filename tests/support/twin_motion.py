@@ -198,10 +198,10 @@ class Motion:
         a, b = capsule[:2], capsule[2:4]
         r, flat = self.from_segment(self.p[i], a, b)
         reach = (self.radius(i) if self.has_radii else self.diameter / self.real(2)) + capsule[4]
-        distance = np.sqrt(_dot(r, r))
         if not _dot(r, r) < reach * reach:
             return False
-        v = self.v[i].copy()
+        r, v = r.astype(np.float64), self.v[i].astype(np.float64)  # whatever the precision of the run
+        distance = np.sqrt(_dot(r, r))
         if self.impact and _dot(r, v) < 0:
             n = r / distance if flat else self.normal_at_touch(r, v, reach)
             pull = [self.pull(i, axis) for axis in range(2)]
@@ -209,10 +209,10 @@ class Motion:
             way, inward = self.bounced(depth, speed, -_dot(pull, n))
             way, change = way + depth, inward + -_dot(v, n)
         else:
-            n = self.away_from(r, distance, flat, b - a)
+            n = self.away_from(r, distance, flat, (b - a).astype(np.float64))
             along = _dot(v, n)
             way = reach - distance
-            change = -(self.real(1) + self.wall_restitution) * along if along < 0 else self.real(0)
+            change = -(1.0 + np.float64(self.wall_restitution)) * along if along < 0 else self.real(0)
         self.v[i] += change * n
         self.p[i] += way * n
         return True
@@ -233,9 +233,9 @@ class Motion:
         if distance > 0:
             return r / distance
         if not flat:
-            return np.array([0, 1], self.real)
+            return np.array([0.0, 1.0])
         length = np.sqrt(_dot(along, along))
-        return np.array([-along[1] / length, along[0] / length], self.real)
+        return np.array([-along[1] / length, along[0] / length])
 
     def normal_at_touch(self, r: Any, v: Any, reach: Any) -> Any:
         """Direction from an end to where the disc, flying straight, touched it; if before this step, to where it is."""

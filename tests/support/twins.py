@@ -31,6 +31,12 @@ def assert_is_its_twin(scene: mpsim.Scene, frames: int, note: str, **settings: A
     return twin
 
 
+def normalised(x: Any, y: Any) -> tuple[Any, Any, Any]:
+    """Unit vector along (x, y), and its length, in the precision of x and y."""
+    length = np.sqrt(x * x + y * y)
+    return (x / length, y / length, length) if length > 0 else (type(x)(1), type(x)(0), length)
+
+
 class Twin(Motion):
     """A scene simulated by `naive` or `grid`, disc by disc, in the order in which the discs were given."""
 
@@ -215,8 +221,7 @@ class Twin(Motion):
         self.contacts += 1
         if self.settings.contact == "impact" and self.meet_where_they_touched(i, j, image_x, image_y, touching):
             return
-        distance = np.sqrt(squared)
-        nx, ny = (nx / distance, ny / distance) if distance > 0 else (self.real(1), self.real(0))
+        nx, ny, distance = normalised(*self.apart(i, j, image_x, image_y))
         half = (touching - distance) / self.real(2)
         self.push(i, -nx * (half * self.share(i, j)), -ny * (half * self.share(i, j)))
         self.push(j, nx * (half * self.share(j, i)), ny * (half * self.share(j, i)))
@@ -234,19 +239,18 @@ class Twin(Motion):
             return False
         self.p[i] -= self.v[i] * time
         self.p[j] -= self.v[j] * time
-        nx, ny = self.apart(i, j, image_x, image_y)
-        distance = np.sqrt(nx * nx + ny * ny)
-        nx, ny = (nx / distance, ny / distance) if distance > 0 else (self.real(1), self.real(0))
+        nx, ny, _ = normalised(*(np.float64(part) for part in self.apart(i, j, image_x, image_y)))
         self.apply_law(i, j, nx, ny)
         self.push(i, *(self.v[i] * time))
         self.push(j, *(self.v[j] * time))
         return True
 
     def share(self, i: int, j: int) -> Any:
-        """What disc i takes of what the pair divides: by masses, twice the other's part of both."""
+        """What disc i takes of what the pair divides: by masses, twice the other's part of both, in float64."""
         if not self.has_masses:
             return self.real(1)
-        return self.real(2) * self.mass[j] / (self.mass[i] + self.mass[j])
+        mass_i, mass_j = np.float64(self.mass[i]), np.float64(self.mass[j])
+        return 2.0 * mass_j / (mass_i + mass_j)
 
     def apply_law(self, i: int, j: int, nx: Any, ny: Any) -> None:
         """Change the velocities along the unit vector n from i to j."""
