@@ -47,6 +47,26 @@ class Taken:
         return capsules[~(apart_x | apart_y)]
 
 
+def side_for(packing: float, area: float, largest: float, boundary: tuple[str, str]) -> float:
+    """Side of the square box in which discs have a packing fraction [length].
+
+    It has room for the largest of them, and in a periodic box for twice as many, so that no disc meets its own image.
+
+    Args:
+        packing: area of the discs over that of the box, > 0.
+        area: of all discs together [length^2].
+        largest: radius [length].
+        boundary: of the two axes.
+
+    Raises:
+        InputError: if the side is not finite.
+    """
+    side = max(math.sqrt(area / packing), (4 if "periodic" in boundary else 2) * largest)
+    if not math.isfinite(side):
+        raise InputError(f"packing must leave the box finite; got {packing:g}. Use a larger one.")
+    return side
+
+
 def lattice_sites(
     kind: str, region: Region, spacing: float | None = None, count: int | None = None
 ) -> NDArray[np.float64]:

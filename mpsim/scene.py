@@ -438,9 +438,7 @@ def _box(
         _demand_room(largest, width, height, boundary)
     else:
         packing = checks.positive("packing", packing, "(a fraction of the area)")
-        width = height = max(math.sqrt(area / packing), (4 if "periodic" in boundary else 2) * largest)
-        if not math.isfinite(width):
-            raise InputError(f"packing must leave the box finite; got {packing:g}. Use a larger one.")
+        width = height = arrangement.side_for(packing, area, largest, boundary)
     if packing > placement.LARGEST_PACKING:
         raise InputError(
             f"packing must be at most {placement.LARGEST_PACKING} for random places; got {packing:.3g}. "

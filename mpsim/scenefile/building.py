@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.arrangement import Taken, lattice_sites, random_places, thermal_velocities
+from mpsim.arrangement import Taken, lattice_sites, random_places, side_for, thermal_velocities
 from mpsim.errors import InputError
 from mpsim.features import Obstacle, capsules_of
 from mpsim.scene import Scene
@@ -81,9 +81,10 @@ def _box(table: SceneTable, problems: list[Problem]) -> tuple[float, float]:
     if not area:
         return 1.0, 1.0  # for the search for further problems
     assert table.packing is not None
-    side = max(math.sqrt(area / table.packing), (4 if "periodic" in table.boundary else 2) * largest)
-    if not math.isfinite(side):
-        problems.append(("packing", f"packing must leave the box finite; got {table.packing!r}. Use a larger one."))
+    try:
+        side = side_for(table.packing, area, largest, table.boundary)
+    except InputError as error:
+        problems.append(("packing", str(error)))
         return 1.0, 1.0
     return side, side
 

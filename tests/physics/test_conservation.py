@@ -85,7 +85,9 @@ def test_energy_in_float32_does_not_creep_by_one_rounding_per_contact(name, cont
         contacts = sim.run(frames=1_500_000).collisions / scene.count
         change = energy_of(sim) / before - 1
     bound = 8 * ROUNDING * np.sqrt(contacts)
-    assert contacts * ROUNDING / 4 > 3 * bound, f"{contacts:.0f} contacts of each disc could not tell one from the other"
+    assert contacts * ROUNDING / 4 > 3 * bound, (
+        f"{contacts:.0f} contacts of each disc could not tell one from the other"
+    )
     assert abs(change) < bound
 
 

@@ -79,6 +79,10 @@ RANDOM = {
     "count in halves": ({"count": 10.5}, ["count must be a whole number", "got 10.5"]),
     "packing 0": ({"packing": 0}, ["packing must be a finite number > 0", "got 0"]),
     "packing above 0.8": ({"packing": 0.81}, ["packing must be at most 0.8", "got 0.81", "fewer"]),
+    "packing of next to nothing": (
+        {"packing": 5e-324, "radius": 1e10},
+        ["packing must leave the box finite", "got 4.94066e-324", "Use a larger one"],
+    ),
     "packing 2": ({"packing": 2}, ["packing must be at most 0.8", "got 2"]),
     "neither": ({"packing": None}, ["the box must be given either by packing or by width and height", "packing=None"]),
     "both": ({"width": 9, "height": 9}, ["the box must be given either by", "width=9"]),

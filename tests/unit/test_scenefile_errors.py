@@ -155,6 +155,8 @@ WRONG = {
     "schema = 1\npacking = 0.3": "packing needs discs to make a box for; got none. Give width and height.",
     "schema = 1\npacking = 0.3\n[[discs]]\nplaces = 'square'\nspacing = 1.0\nradius = 0.5": "discs[0].count must be "
     "given where packing makes the box; got none.",
+    "schema = 1\npacking = 5e-324\n[[discs]]\nplaces = 'random'\nradius = 0.5\ncount = 3": "packing must leave the "
+    "box finite; got 4.94066e-324. Use a larger one.",
     "schema = 2\nnonsense = 3": "schema must be 1, the version of scene files that this mpsim reads; got 2. "
     "A newer mpsim may read it.",
     "schema = true" + HEAD[10:]: "schema must be 1, the version of scene files that this mpsim reads; got True. "
