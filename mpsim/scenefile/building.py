@@ -34,12 +34,15 @@ def build(table: SceneTable) -> Scene:
         ProblemsError: with all that is wrong.
     """
     problems: list[Problem] = []
-    width, height = _box(table, problems)
+    sides = _box(table, problems)
     obstacles = _obstacles(table, problems)
     periodic = table.boundary[0] == "periodic", table.boundary[1] == "periodic"
     taken = Taken(capsules=capsules_of(tuple(each for _, each in obstacles)))
     groups: list[Arguments] = []
+    width, height = sides or (1.0, 1.0)
     for index, discs in enumerate(table.discs):
+        if sides is None and discs.places is not None:
+            continue  # nobody knows yet where
         try:
             groups.append(_group(discs, (width, height), taken, periodic))
         except InputError as error:
@@ -61,8 +64,8 @@ def build(table: SceneTable) -> Scene:
         raise ProblemsError(found or [("", str(error))]) from None
 
 
-def _box(table: SceneTable, problems: list[Problem]) -> tuple[float, float]:
-    """Width and height, which `packing` leaves to the discs."""
+def _box(table: SceneTable, problems: list[Problem]) -> tuple[float, float] | None:
+    """Width and height, which `packing` leaves to the discs; None if they cannot be told."""
     if table.width is not None and table.height is not None:
         return table.width, table.height
     area, largest = 0.0, 0.0
@@ -78,14 +81,14 @@ def _box(table: SceneTable, problems: list[Problem]) -> tuple[float, float]:
         largest = max(largest, float(np.max(discs.radius, initial=0.0)))
     if not area and not problems:
         problems.append(("packing", "packing needs discs to make a box for; got none. Give width and height."))
-    if not area:
-        return 1.0, 1.0  # for the search for further problems
+    if problems:
+        return None
     assert table.packing is not None
     try:
         side = side_for(table.packing, area, largest, table.boundary)
     except InputError as error:
         problems.append(("packing", str(error)))
-        return 1.0, 1.0
+        return None
     return side, side
 
 
