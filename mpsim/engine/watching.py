@@ -73,6 +73,7 @@ class Pace:
         between: "" or the axis between whose walls that is.
         meetings: collisions of a disc with others, estimated [1/time].
         mean_speed: root mean square [length/time].
+        when: "" now; or, in words, when discs will be so fast.
     """
 
     disc: int = -1
@@ -81,6 +82,7 @@ class Pace:
     between: str = ""
     meetings: float = 0.0
     mean_speed: float = 0.0
+    when: str = ""
 
     def part(self, dt: float) -> float:
         """Way of the fastest disc in a step of length dt, as a part of what it may be."""
@@ -135,6 +137,35 @@ def _meetings(radius: NDArray[np.float64], speed: float, scene: Scene) -> float:
     return 2 * math.sqrt(math.pi) * density * 2 * float(radius.mean()) * crowding * speed / math.sqrt(2)
 
 
+def pace_after_fall(pace: Pace, scene: Scene, pull: float) -> Pace:
+    """How fast the fastest disc is where acceleration has taken it through the box."""
+    fall = math.sqrt(2 * pull * max(scene.width, scene.height))
+    return replace(pace, speed=math.hypot(pace.speed, fall), when="after a fall through the box" if fall else "")
+
+
+def pace_in_equilibrium(pace: Pace, scene: Scene) -> Pace:
+    """How fast discs become whose masses differ: collisions give each the same energy, so light ones become fast.
+
+    With E = <m v^2> the mean square of a disc's speed is E / m, and the fastest of N is sqrt(ln N) times faster:
+    speeds in two dimensions exceed s with probability exp(-s^2 m / E).
+    """
+    if scene.mass is None or scene.count < 2:
+        return pace
+    squares = (scene.velocity**2).sum(axis=1)
+    energy = float((scene.mass * squares).mean())
+    speed = np.sqrt(energy / scene.mass * max(math.log(scene.count), 1.0))
+    worst = int((speed / scene.radii).argmax())
+    mean_speed = math.sqrt(energy * float((1 / scene.mass).mean()))
+    return Pace(
+        worst,
+        float(speed[worst]),
+        float(scene.radii[worst]),
+        meetings=_meetings(scene.radii, mean_speed, scene),
+        mean_speed=mean_speed,
+        when="once collisions have shared the energy out",
+    )
+
+
 class Watch:
     """Looks at the fastest disc at fixed frames and acts as Settings.on_fast says.
 
@@ -174,9 +205,11 @@ class Watch:
         if self.adapts:
             self.substeps_for(pace, 0)
             return
-        # A disc that falls through the box becomes fast between two looks.
-        fall = math.sqrt(2 * self._pull * max(scene.width, scene.height))
-        fast = self.complaint(replace(pace, speed=math.hypot(pace.speed, fall)), 0)
+        # What falls, or is light among heavy discs, becomes fast between two looks.
+        ahead = [pace, pace_after_fall(pace, scene, self._pull)]
+        if settings.law == "elastic":
+            ahead.append(pace_in_equilibrium(pace, scene))
+        fast = next(filter(None, (self.complaint(each, 0) for each in ahead)), None)
         if fast:
             self.told()
             yield fast, FastWarning
@@ -244,11 +277,12 @@ class Watch:
     def _words(self, pace: Pace, frame: int) -> str:
         dt = self._settings.dt / self._settings.substeps
         part, meetings = pace.part(dt), pace.meetings * dt
+        when = pace.when or f"in frame {frame}"
         if math.isinf(meetings):
-            return f"in frame {frame} discs fill the box more densely than they can be packed, so that they overlap."
+            return f"{when} discs fill the box more densely than they can be packed, so that they overlap."
         if not part > BOUND and meetings > MEETINGS:
             return (
-                f"in frame {frame} a disc collides some {meetings:.3g} times in one step (mean speed "
+                f"{when} a disc collides some {meetings:.3g} times in one step (mean speed "
                 f"{pace.mean_speed:.3g}, step {dt:.3g}); above {MEETINGS:g} many collisions that follow from others "
                 "are missed."
             )
@@ -257,7 +291,7 @@ class Watch:
             way = f"its free way {pace.limit:.3g} between the walls along {pace.between}"
         lost = "bounces are lost" if pace.between else "discs may pass through each other unseen"
         return (
-            f"in frame {frame} disc {pace.disc} moves {part:.3g} times {way} in one step (speed {pace.speed:.3g}, step "
+            f"{when} disc {pace.disc} moves {part:.3g} times {way} in one step (speed {pace.speed:.3g}, step "
             f"{dt:.3g}); above {BOUND:g} {lost}."
         )
 

@@ -179,7 +179,7 @@ def _masses(ratio: float) -> Case:
         box: Any = {"width": even.width, "height": even.height, "radius": RADIUS, "boundary": "periodic"}
         return Scene(position=even.position, velocity=even.velocity, mass=mass, **box)
 
-    return Case(scene, step_of(0.02), 400, compares=False)
+    return Case(scene, step_of(0.02), 1000, compares=False)
 
 
 def _restitution(e: float) -> Case:
