@@ -146,7 +146,8 @@ def trials(axes: Iterable[str] | None = None, full: bool = False) -> list[Trial]
         if name == MAP:
             found += [Trial(MAP, pair, row) for row in MAP_ROWS for pair in product(PARTS, PACKINGS)]
             continue
-        values = AXES[name].values + (AXES[name].full if full else ())
+        axis = AXES[name]
+        values = sorted(axis.values + axis.full) if full and axis.full else axis.values
         found += [Trial(name, value, row) for value in values for row in ROWS if _sensible(name, value, row)]
     return found
 

@@ -88,6 +88,20 @@ def test_trials_in_processes_of_their_own_come_back_in_order(tmp_path):
     assert "| number of discs | 4 | 4 | 0 | 0 | 0 |" in stability.counts_table(outcomes)
 
 
+@pytest.mark.parametrize("axis", ["length", "count", "drift"])
+def test_further_values_of_the_long_map_stand_in_order(axis):
+    values, more = ([trial.value for trial in stability.trials([axis], full=full)] for full in (False, True))
+    assert set(values) < set(more)
+    assert more == sorted(more)
+
+
+def test_a_trial_of_masses_lasts_until_light_discs_are_fast():
+    """Else it would end before anything could go wrong."""
+    outcomes = [attempt(Trial("masses", ratio, GRID)) for ratio in (1.0, 1e-9)]
+    assert [(each.kind, each.told) for each in outcomes] == [("correct", ()), ("degraded", ("FastWarning",))]
+    assert attempt(Trial("masses", 1e-9, Row("grid", on_fast="substep"))).kind == "correct"
+
+
 def test_an_unknown_axis_is_refused():
     with pytest.raises(mpsim.InputError, match=r"axis must be one of step, packing, .* got 'stepp'"):
         stability.trials(["stepp"])
