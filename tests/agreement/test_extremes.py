@@ -49,13 +49,13 @@ def runs(draw):
 
 
 def ran(scene, frames, **how):
-    """Final state and the names of the warnings; None where it is refused with a remedy."""
+    """Final state, the kinds of warnings, and the number of contacts; None where it is refused with a remedy."""
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         try:
             with mpsim.Simulation(scene, mpsim.Settings(**how)) as sim:
-                sim.run(frames=frames)
-                return sim.state, {each.category for each in told}
+                report = sim.run(frames=frames)
+                return sim.state, {each.category for each in told}, report.collisions
         except mpsim.InputError:
             return None
 
@@ -71,10 +71,11 @@ def test_nothing_is_lost_and_no_energy_comes_from_nowhere(run, method):
     found = ran(scene, 40, method=method, **how)
     if found is None:
         return
-    state, _ = found
+    state, _, contacts = found
     assert len(state.position) == scene.count
     assert_inside_and_finite(state, scene, f"{method}, {how}")
-    rounding = 1e-12 if how["precision"] == "float64" else 1e-4
+    # A contact rounds a velocity, and with on_fast="substep" there may be ten thousand of them in these frames.
+    rounding = (1e-12 if how["precision"] == "float64" else 1e-4) + contacts * np.finfo(float).eps
     before, after = energy(scene.velocity, scene), energy(state.velocity, scene)
     assert after <= before * (1 + rounding) + 1e-30, f"{method}, {how}: energy {before} became {after}"
 
@@ -112,11 +113,12 @@ def test_two_discs_part_as_they_should_or_it_was_told(part, off, speeds, unit, p
     found = ran(scene, frames, method="grid", dt=dt, precision=precision, on_fast=on_fast)
     if found is None:
         return
-    state, told = found
+    state, told, _ = found
     expected = _by_hand(off, gap, speeds, frames * dt, places / scale)
     if (expected < 0.5).any() or (expected > side - 0.5).any():  # they have met a wall
         return
-    rounding = 1e-6 if precision == "float64" else 0.05 + 1e-3 * frames
+    # Each frame rounds a place by at most half the spacing of coordinates, and by the same half if it goes on so.
+    rounding = 1e-6 + frames * np.finfo(float).eps * side if precision == "float64" else 0.05 + 1e-3 * frames
     if np.abs(state.position / scale - expected).max() > rounding:
         assert told, f"silent: {state.position / scale} for {expected}, {frames} frames of {dt}"
 
