@@ -157,10 +157,9 @@ def test_workers_do_not_change_giants_on_borders_and_corners():
 NARROW = [(2.0, 40.0), (40.0, 2.0), (2.0, 2.0), (3.0, 3.0), (5.0, 2.5)]
 
 
-@pytest.mark.parametrize("size", long_but(NARROW, (2.0, 40.0), (2.0, 2.0)))
-def test_periodic_boxes_of_two_columns_or_rows_are_what_the_slow_twin_says(size):
+@pytest.mark.parametrize(("width", "height"), long_but(NARROW, (2.0, 40.0), (2.0, 2.0)))
+def test_periodic_boxes_of_two_columns_or_rows_are_what_the_slow_twin_says(width, height):
     """Two diameters are the least; discs then meet each other from both sides."""
-    width, height = size
     rng = np.random.default_rng(6)
     count = int(width * height)
     radius = np.where(np.arange(count) % 2, 0.5, 0.4)

@@ -4,14 +4,18 @@ import numpy as np
 import pytest
 from support.compare import assert_parallel_is_grid, assert_same_bits
 from support.scenes import FEATURED, crowd, features_of, gas, state_after
+from support.selection import long_but
 
 import mpsim
 
 FRAMES = 40
 
+GASES = long_but(
+    [(packing, law) for packing in (0.05, 0.75) for law in ("elastic", "reflect")], (0.05, "reflect"), (0.75, "elastic")
+)
 
-@pytest.mark.parametrize("packing", [0.05, 0.75])
-@pytest.mark.parametrize("law", ["elastic", "reflect"])
+
+@pytest.mark.parametrize(("packing", "law"), GASES)
 def test_parallel_is_grid_for_gases_of_any_packing(packing, law):
     assert_parallel_is_grid(gas(600, packing, seed=1), workers=(2, 3), law=law, dt=0.02)
 

@@ -65,7 +65,7 @@ def test_auto_goes_on_with_the_method_it_had(tmp_path):
         assert_same_bits(state, expected, f"auto with {scene.count} discs")
 
 
-@pytest.mark.parametrize("every", [None, 1, 5, 24])
+@pytest.mark.parametrize("every", long_but([None, 1, 5, 24], None, 1))
 @pytest.mark.parametrize(("method", "workers"), [("grid", 1), ("parallel", 2), ("event", 1)])
 def test_checkpoints_on_the_way_change_no_bit(method, workers, every, tmp_path):
     scene = lattice(20, 20) if method == "event" else crowd(400, 0.8, seed=1)

@@ -11,6 +11,7 @@ import pytest
 from support.checkpoints import WORDS, frame_in, saved, two
 from support.processes import assert_clean, run_script
 from support.scenes import lattice, simulate, zoo
+from support.selection import long_but
 
 import mpsim
 
@@ -180,7 +181,7 @@ with simulate(lattice(20, 20), method="grid") as sim:
 """
 
 
-@pytest.mark.parametrize("free", [500, 9_000, 30_000])
+@pytest.mark.parametrize("free", long_but([500, 9_000, 30_000], 500, 30_000))
 def test_a_full_disk_is_an_error_and_the_checkpoint_of_before_is_kept(free, figures):
     size = 128 * 1024
     prefix = ["unshare", "--mount", "sh", "-c", f'mount -t tmpfs -o size={size} tmpfs /mnt && exec "$@"', "sh"]

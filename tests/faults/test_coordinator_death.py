@@ -6,6 +6,7 @@ import time
 
 import pytest
 from support.processes import Script, assert_nothing_left_of, blocks_of, is_gone, wait_until
+from support.selection import long_but
 
 WORKERS_GONE_WITHIN = 2.0
 BLOCK_GONE_WITHIN = 10.0
@@ -39,7 +40,10 @@ def kill_coordinator(script, pids):
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize(
     ("start", "then"),
-    [("fork", RUNNING), ("fork", IDLE), ("spawn", RUNNING), ("forkserver", RUNNING), ("forkserver", IDLE)],
+    long_but(
+        [("fork", RUNNING), ("fork", IDLE), ("spawn", RUNNING), ("forkserver", RUNNING), ("forkserver", IDLE)],
+        *(("fork", RUNNING), ("spawn", RUNNING), ("forkserver", IDLE)),
+    ),
 )
 def test_a_killed_coordinator_leaves_no_worker_and_no_block(start, then):
     with Script(SCRIPT.format(start=start, then=then, columns=100)) as script:

@@ -12,6 +12,7 @@ from support.compare import assert_same_bits
 from support.internals import block_name
 from support.processes import SHARED_MEMORY, assert_clean, run_script
 from support.scenes import lattice, simulate, state_after
+from support.selection import long_but
 
 ATTACH = """
 import os, sys
@@ -28,7 +29,7 @@ ENDINGS = {
 }
 
 
-@pytest.mark.parametrize("ending", ENDINGS)
+@pytest.mark.parametrize("ending", long_but(ENDINGS, "closes and exits"))
 def test_a_foreign_process_that_attached_to_the_block_and_ends_does_no_harm(ending):
     """Before Python 3.13 its resource tracker removes the block's name as it exits, thinking it a leak of its own.
 
@@ -79,7 +80,7 @@ FORKS = {
 }
 
 
-@pytest.mark.parametrize("fork", FORKS)
+@pytest.mark.parametrize("fork", long_but(FORKS, "closes its copy and drops it"))
 def test_a_fork_of_the_coordinator_takes_nothing_away(fork):
     outcome = run_script(f"""
     import gc, os

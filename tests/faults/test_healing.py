@@ -13,6 +13,7 @@ import pytest
 from support.internals import block_name, peek
 from support.processes import SHARED_MEMORY, is_gone, wait_until
 from support.scenes import crowd, gas, lattice, simulate, zoo
+from support.selection import long_but
 
 import mpsim
 from mpsim.engine import pool, running, simulation
@@ -109,7 +110,7 @@ def assert_as_undisturbed(sim, report, frames=FRAMES):
     assert (report.frame_seconds > 0).all()
 
 
-@pytest.mark.parametrize("start", ["fork", "forkserver"])
+@pytest.mark.parametrize("start", long_but(["fork", "forkserver"], "fork"))
 def test_workers_that_die_at_random_moments_change_nothing(start, figures):
 
     def experiment(killing):

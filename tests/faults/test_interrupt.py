@@ -144,8 +144,11 @@ def test_an_interrupt_while_kernels_are_loaded_is_one_keyboard_interrupt(method)
     assert outcome.err.count("Traceback") == 1, outcome.err
 
 
+STARTS = long_but([("fork", 0.05), ("spawn", 0.2), ("spawn", 0.5), ("forkserver", 0.2)], ("fork", 0.05), ("spawn", 0.5))
+
+
 @pytest.mark.timeout(60)
-@pytest.mark.parametrize(("start", "delay"), [("fork", 0.05), ("spawn", 0.2), ("spawn", 0.5), ("forkserver", 0.2)])
+@pytest.mark.parametrize(("start", "delay"), STARTS)
 def test_an_interrupt_while_workers_start_is_one_keyboard_interrupt(start, delay):
     interrupt(SCRIPT.format(method="parallel", start=start), "starting", delay)
 

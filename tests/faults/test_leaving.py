@@ -81,7 +81,7 @@ ENDINGS = {
 }
 
 
-@pytest.mark.parametrize("ending", ENDINGS)
+@pytest.mark.parametrize("ending", long_but(ENDINGS, "without close", "by sys.exit"))
 def test_a_program_may_end_without_closing(ending):
     start = "forkserver" if ending == "without close" else "fork"
     outcome = run_script(f"""
@@ -164,7 +164,9 @@ def cycle(workers, start):
 
 
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # 3.12: fork in a process with threads
-@pytest.mark.parametrize(("number", "workers", "start"), [(20, 3, "fork"), (4, 2, "forkserver")])
+@pytest.mark.parametrize(
+    ("number", "workers", "start"), long_but([(20, 3, "fork"), (4, 2, "forkserver")], (20, 3, "fork"))
+)
 def test_many_simulations_leak_no_descriptor_no_block_and_no_process(number, workers, start):
     before, after = cycles(number, workers, start)
     assert after == before, f"(descriptors, blocks, processes) were {before}, and are {after} after {number} cycles"

@@ -47,7 +47,7 @@ def test_any_coordinate_that_is_not_finite_is_noticed(method, workers, field, va
     assert (error.particle, error.frame) == (37, BEFORE)
 
 
-@pytest.mark.parametrize(("method", "workers"), LAYOUTS)
+@pytest.mark.parametrize(("method", "workers"), long_but(LAYOUTS, ("grid", 1), ("parallel", 3)))
 def test_of_several_bad_discs_the_lowest_is_named(method, workers):
     bad = {particle: {"vx": np.nan} for particle in (880, 411, 23, 300, 24)}
     for _ in range(5):

@@ -9,6 +9,7 @@ import pytest
 from support.checkpoints import frame_in
 from support.processes import Script, assert_nothing_left_of
 from support.scenes import lattice, simulate, state_after
+from support.selection import long_but
 
 import mpsim
 from mpsim.engine import checkpoint
@@ -43,7 +44,7 @@ def terminate(path, method="parallel", workers=3, start="fork", group=False, bef
     [
         ("grid", "fork", False),
         ("event", "fork", False),
-        ("parallel", "fork", True),
+        pytest.param("parallel", "fork", True, marks=pytest.mark.long),
         pytest.param("parallel", "spawn", True, marks=pytest.mark.long),
         ("parallel", "forkserver", True),
         pytest.param("parallel", "forkserver", False, marks=pytest.mark.long),
@@ -77,7 +78,7 @@ def test_sigterm_inside_a_long_exact_frame_is_heard(tmp_path):
         assert sim.frame == 0 < sim.time
 
 
-@pytest.mark.parametrize("method", ["grid", "parallel"])
+@pytest.mark.parametrize("method", long_but(["grid", "parallel"], "parallel"))
 def test_sigterm_without_a_checkpoint_does_what_it_did(method, tmp_path):
     assert terminate(tmp_path / "run", method, with_checkpoint=False).code == -signal.SIGTERM
     handler = "import signal, sys; signal.signal(signal.SIGTERM, lambda *_: sys.exit(7))"

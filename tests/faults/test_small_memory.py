@@ -5,6 +5,7 @@ import subprocess
 
 import pytest
 from support.processes import Outcome, assert_clean, run_script
+from support.selection import long_but
 
 SIZE = 2 * 2**20
 """Bytes of the private /dev/shm: enough for a small scene on one worker, too little for a large one."""
@@ -43,7 +44,7 @@ def run_in_small_memory(text: str) -> Outcome:
     return run_script(text, prefix=PREFIX)
 
 
-@pytest.mark.parametrize("method", ["naive", "grid", "parallel"])
+@pytest.mark.parametrize("method", long_but(["naive", "grid", "parallel"], "parallel"))
 def test_too_little_shared_memory_is_an_error_with_sizes_and_a_remedy(method):
     outcome = run_in_small_memory(SCRIPT.format(method=method))
     assert_clean(outcome)

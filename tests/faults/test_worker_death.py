@@ -184,7 +184,9 @@ except mpsim.WorkerDied as error:
 """
 
 
-@pytest.mark.parametrize(("start", "delay"), [("spawn", 0.0), ("spawn", 0.1), ("forkserver", 0.0)])
+@pytest.mark.parametrize(
+    ("start", "delay"), long_but([("spawn", 0.0), ("spawn", 0.1), ("forkserver", 0.0)], ("spawn", 0.1))
+)
 def test_a_death_during_start_up_is_named(start, delay):
     with Script(START_UP.format(start=start, delay=delay)) as script:
         outcome = script.finish(30)

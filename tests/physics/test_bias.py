@@ -6,6 +6,7 @@
 import numpy as np
 import pytest
 from support.scenes import gas, simulate
+from support.selection import long_but
 
 from mpsim.measure.statistics import fit_order, independent_average
 
@@ -35,7 +36,7 @@ def test_the_exact_solver_meets_the_published_value():
     assert mean.error < 0.005
 
 
-@pytest.mark.parametrize("method", ["naive", "grid"])
+@pytest.mark.parametrize("method", long_but(["naive", "grid"], "grid"))
 def test_impact_passes_the_pressure_gates_and_push_fails_them(method):
     coarse, error = bias(dt=0.1, contact="impact", method=method)
     assert error < 0.002

@@ -7,7 +7,11 @@ import pytest
 
 
 def long_but(names: Iterable[Any], *kept: Any) -> list[Any]:
-    """Parameters of a test, of which all but those kept wait for --long."""
+    """Parameters of a test, of which all but those kept wait for --long. A tuple stands for several arguments."""
     found = list(names)
     assert set(kept) <= set(found), f"{set(kept) - set(found)} are not among {found}"
-    return [name if name in kept else pytest.param(name, marks=pytest.mark.long) for name in found]
+    each = [name if isinstance(name, tuple) else (name,) for name in found]
+    return [
+        name if name in kept else pytest.param(*values, marks=pytest.mark.long)
+        for name, values in zip(found, each, strict=True)
+    ]
