@@ -143,6 +143,7 @@ def test_workers_do_not_change_giants_in_periodic_boxes_of_any_number_of_columns
     assert_parallel_is_grid(zoo("giants periodic", int(side**2), seed=4, side=side), contact="impact")
 
 
+@pytest.mark.long
 def test_workers_do_not_change_giants_on_borders_and_corners():
     side = 12.0
     scene = zoo("giants periodic", 150, seed=5, side=side)

@@ -65,6 +65,7 @@ def copy(tmp_path):
     return edit, digest
 
 
+@pytest.mark.long
 @pytest.mark.timeout(150)
 def test_an_edit_in_a_file_that_kernels_call_is_never_answered_from_a_stale_cache(copy):
     """Half the push in contacts.py: Numba's own cache would go on running the old code, as stepping.py is the same."""

@@ -4,6 +4,7 @@ import os
 import signal
 import threading
 import time
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -58,14 +59,19 @@ def kill_in_phase(sim, worker, phase):
 
 
 def kill_at_barrier(sim, worker, other):
-    """Hold another worker up, so that this one waits at a barrier for certain; kill it there."""
-    os.kill(sim.pids[other - 1], signal.SIGSTOP)
-    time.sleep(0.1)
-    _, frame = peek(sim, worker)
-    os.kill(sim.pids[worker - 1], signal.SIGKILL)
+    """Hold another worker up, so that this one waits at a barrier for certain; kill it there while that one is held."""
+    victim, held_up = sim.pids[worker - 1], sim.pids[other - 1]
+    os.kill(held_up, signal.SIGSTOP)
+    before, now = None, peek(sim, worker)
+    while now != before:  # on a busy machine it may be long on its way to the barrier
+        time.sleep(0.1)
+        before, now = now, peek(sim, worker)
+    os.kill(victim, signal.SIGKILL)
     moment = time.monotonic()
-    os.kill(sim.pids[other - 1], signal.SIGCONT)
-    return moment, frame
+    assert wait_until(lambda: is_gone(victim), 5)
+    with suppress(ProcessLookupError):  # its death was noticed, and all were stopped
+        os.kill(held_up, signal.SIGCONT)
+    return moment, now[1]
 
 
 def death_during_run(deed, workers=3):

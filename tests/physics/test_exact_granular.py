@@ -116,6 +116,7 @@ def potential_energy(radius, starts, until):
     return independent_average(ratios)
 
 
+@pytest.mark.long
 def test_f2_half_of_the_energy_of_small_discs_under_gravity_is_potential(figures):
     """Radius 0.01 is nearly ideal: the area of the discs, which grows with its square, lifts them by some 0.2 %."""
     found = potential_energy(0.01, 16, 4100)

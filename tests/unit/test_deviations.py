@@ -159,6 +159,7 @@ def assert_honest(found):
             assert values.std() > 1 - room, f"{name}: stated errors are too large, it scatters by {values.std():.2f}"
 
 
+@pytest.mark.long
 def test_results_scatter_by_their_stated_errors():
     """Pieces taken as samples gave 0.36 for the pressure, and 1.98 for the distribution of speeds."""
     assert_honest(coverage(gas(30, 0.3), 20, 20))
