@@ -10,8 +10,7 @@ def long_but(names: Iterable[Any], *kept: Any) -> list[Any]:
     """Parameters of a test, of which all but those kept wait for --long. A tuple stands for several arguments."""
     found = list(names)
     assert set(kept) <= set(found), f"{set(kept) - set(found)} are not among {found}"
-    each = [name if isinstance(name, tuple) else (name,) for name in found]
     return [
-        name if name in kept else pytest.param(*values, marks=pytest.mark.long)
-        for name, values in zip(found, each, strict=True)
+        name if name in kept else pytest.param(*(name if isinstance(name, tuple) else (name,)), marks=pytest.mark.long)
+        for name in found
     ]

@@ -221,7 +221,7 @@ class Twin(Motion):
         self.contacts += 1
         if self.settings.contact == "impact" and self.meet_where_they_touched(i, j, image_x, image_y, touching):
             return
-        nx, ny, distance = normalised(*self.apart(i, j, image_x, image_y))
+        nx, ny, distance = normalised(nx, ny)
         half = (touching - distance) / self.real(2)
         self.push(i, -nx * (half * self.share(i, j)), -ny * (half * self.share(i, j)))
         self.push(j, nx * (half * self.share(j, i)), ny * (half * self.share(j, i)))
