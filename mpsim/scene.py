@@ -39,6 +39,8 @@ class Scene:
         emitters: Emitter objects, which add discs while the scene runs.
         absorbing: edges, of "left", "right", "bottom", "top", at which discs leave for good.
         piston: one wall that moves.
+        duration: how long it should run to show what it is about [time], > 0: a recommendation, on which no bit of a
+            run depends.
 
     Raises:
         InputError: naming the argument, its rule and the value received.
@@ -66,6 +68,7 @@ class Scene:
         emitters: Sequence[Emitter] | Emitter = (),
         absorbing: Sequence[str] | str = (),
         piston: Piston | None = None,
+        duration: float | None = None,
     ):
         self.width: float = checks.positive("width", width, "[length]")
         self.height: float = checks.positive("height", height, "[length]")
@@ -91,6 +94,7 @@ class Scene:
         self.piston: Piston | None = features.check_piston(
             piston, self.boundary, self.width, self.height, self.absorbing
         )
+        self.duration: float | None = None if duration is None else checks.positive("duration", duration, "[time]")
         self._check_room()
         self.check_inside("position", self.position, self.radius)
         for index, emitter in enumerate(self.emitters):
@@ -186,13 +190,15 @@ class Scene:
         scenefile.save(self, path)
 
     def digest(self) -> str:
-        """Hex digest of all that the scene holds; equal digests mean equal bits.
+        """Hex digest of all that a run depends on, so not of its duration; equal digests mean equal bits.
 
         >>> Scene.load("gas").digest() == Scene.random(count=100, packing=0.4, radius=0.5, seed=1).digest()
         True
         """
         digest = hashlib.blake2b(digest_size=16)
         for name, value in sorted(vars(self).items()):
+            if name == "duration":
+                continue
             digest.update(f"{name} ".encode())
             if isinstance(value, np.ndarray):
                 array = np.ascontiguousarray(value, "<f8")
@@ -339,7 +345,7 @@ class Scene:
             packing: packing fraction of a square box made to fit, 0 < packing <= 0.8.
             width, height: the box, instead of packing.
             boundary, obstacles: as of Scene. Discs stay clear of obstacles; packing leaves them out of account.
-            others: further arguments of Scene, such as gravity.
+            others: further arguments of Scene, such as gravity or duration.
 
         Places are drawn by random sequential addition up to packing 0.4. Denser scenes start from a hexagonal lattice,
         or, with discs of several sizes, periodic axes or obstacles, from discs that are parted until none overlap;

@@ -70,13 +70,14 @@ def description(file: SceneFile) -> dict[str, str]:
         words["obstacles"] = f"{len(scene.obstacles)}"
     for emitter in scene.emitters:
         limit = "no end" if emitter.limit is None else f"{emitter.limit} in all"
-        words["emitters"] = words.get("emitters", "") + (
-            f"{'; ' if 'emitters' in words else ''}one disc every {emitter.every} frames, {limit}"
-        )
+        often = f"every {emitter.interval:g} of time" if emitter.every is None else f"every {emitter.every} frames"
+        words["emitters"] = f"{words['emitters']}; " if "emitters" in words else ""
+        words["emitters"] += f"one disc {often}, {limit}"
     if scene.absorbing:
         words["absorbing"] = ", ".join(scene.absorbing)
     if scene.piston is not None:
         words["piston"] = f"the {scene.piston.wall} wall, speed {scene.piston.speed:g}, to {scene.piston.stop:g}"
+    words["duration"] = "none recommended" if scene.duration is None else f"{scene.duration:g}"
     words["settings"] = settings_text(file.settings)
     words["read from"] = ", ".join(map(str, file.read))
     return words
@@ -114,6 +115,7 @@ def record(file: SceneFile) -> dict[str, Any]:
         "emitters": [dataclasses.asdict(emitter) for emitter in scene.emitters],
         "absorbing": scene.absorbing,
         "piston": None if scene.piston is None else dataclasses.asdict(scene.piston),
+        "duration": scene.duration,
         "settings": None if file.settings is None else dataclasses.asdict(file.settings),
         "read": [str(path) for path in file.read],
         "digest": scene.digest(),

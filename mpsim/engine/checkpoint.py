@@ -191,6 +191,8 @@ def scene_parts(scene: Scene) -> tuple[dict[str, Any], Arrays]:
     plain["obstacles"] = [_plain(each) for each in scene.obstacles]
     plain["emitters"] = [_plain(each) for each in scene.emitters]
     plain["piston"] = None if scene.piston is None else _plain(scene.piston)
+    if scene.duration is not None:
+        plain["duration"] = scene.duration
     return plain, arrays
 
 

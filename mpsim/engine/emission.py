@@ -1,87 +1,185 @@
 """Emitters: discs that enter a running scene."""
 
+import copy
+import math
 import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from mpsim.engine.exact import ExactSolver
+from mpsim.engine.flight import launched
 from mpsim.engine.provision import has_masses, has_radii
-from mpsim.errors import EmitterWarning
+from mpsim.engine.stepped import SteppedSolver
+from mpsim.errors import EmitterWarning, InputError
 from mpsim.features import Emitter
-from mpsim.scene import Scene
+from mpsim.interrupts import interrupts_held_back
+from mpsim.scene import LARGEST_COUNT, Scene
 
 if TYPE_CHECKING:
     from mpsim.engine.simulation import Simulation
+
+TRIES = 8
+"""Times in an interval at which the place of a waiting disc is looked at. A power of two: k TRIES / TRIES is k."""
+
+Progress = dict[str, list[int]]
 
 
 class Emission:
     """What the emitters of a scene have done so far.
 
-    An emitter acts before the frames every, 2 every, ...; a place that is occupied is tried again before each frame. So
-    what enters when depends on the state alone, not on how a run is cut into slices.
+    Each emitter has a count, `due`, at which its next disc is to enter: of frames where it has `every`, of parts of its
+    interval, interval / TRIES, where it has that. Each disc puts the count on by `every` or by TRIES, each time that
+    its place is occupied by 1. So what enters when depends on the state and on these counts alone, not on how a run is
+    cut into slices, and times are products, to which no rounding adds up.
+
+    Raises:
+        InputError: for an interval so short that more discs would enter in a frame than a scene may have.
     """
 
-    def __init__(self, scene: Scene):
+    def __init__(self, scene: Scene, dt: float):
+        for index, emitter in enumerate(scene.emitters):
+            if emitter.interval is not None and emitter.interval * LARGEST_COUNT < dt:
+                raise InputError(
+                    f"interval of emitters[{index}] must be at least dt / {LARGEST_COUNT:g}, {dt / LARGEST_COUNT:g} "
+                    f"here; got {emitter.interval:g}. Use a smaller dt, or a longer interval."
+                )
         self._scene = scene
         self._emitters = scene.emitters
         self._emitted = [0] * len(scene.emitters)
-        self._due = [emitter.every for emitter in scene.emitters]
+        self._due = [emitter.every or TRIES for emitter in scene.emitters]
         self._warned = False
 
     @property
-    def progress(self) -> dict[str, list[int]]:
-        """How many discs each emitter has added, and the frame before which it is due again."""
+    def progress(self) -> Progress:
+        """How many discs each emitter has added, and the count at which it is due again."""
         return {"emitted": list(self._emitted), "due": list(self._due)}
 
     @progress.setter
-    def progress(self, found: dict[str, list[int]]) -> None:
+    def progress(self, found: Progress) -> None:
         self._emitted, self._due = list(found["emitted"]), list(found["due"])
 
     def frames_ahead(self, frame: int) -> int:
-        """Frames until an emitter is due again; a very large number without one."""
-        return min((max(due - frame, 1) for index, due in enumerate(self._due) if self._open(index)), default=2**62)
+        """Frames until an emitter that counts frames is due again; a very large number without one."""
+        ahead = [max(self._due[index] - frame, 1) for index in self._open() if self._emitters[index].every]
+        return min(ahead, default=2**62)
 
-    def emit(self, sim: "Simulation") -> None:
-        """Add the discs that are due at this frame, where their places are free."""
-        for index, emitter in enumerate(self._emitters):
-            if self._open(index) and sim.frame >= self._due[index]:
-                if self._occupied(sim, emitter):
-                    self._warn(index, emitter, sim.frame)
-                    continue
-                radius = emitter.radius if emitter.radius is not None else self._scene.largest_radius
-                mass = emitter.mass if emitter.mass is not None else 1.0
-                sim.add(
-                    emitter.position,
-                    emitter.velocity,
-                    radius=radius if has_radii(self._scene) else None,
-                    mass=mass if has_masses(self._scene) else None,
-                )
-                self._emitted[index] += 1
-                self._due[index] = sim.frame + emitter.every
+    @property
+    def next_time(self) -> float:
+        """When an emitter that has an interval is due again [time]; infinity without one."""
+        return min((self._time(index) for index in self._open() if not self._emitters[index].every), default=math.inf)
 
-    def _open(self, index: int) -> bool:
-        """Whether an emitter has discs left."""
-        limit = self._emitters[index].limit
-        return limit is None or self._emitted[index] < limit
+    def before_frame(self, sim: "Simulation", solver: SteppedSolver | ExactSolver) -> None:
+        """Add the discs that are to enter before this frame, and any in time that Ctrl-C has left out."""
+        self._enter(sim, solver, count_frames=True)
 
-    def _occupied(self, sim: "Simulation", emitter: Emitter) -> bool:
-        """Whether a disc overlaps the place of the next one."""
-        state, gone = sim.state, sim.absorbed
-        radii = sim.radii
-        own = emitter.radius if emitter.radius is not None else self._scene.largest_radius
-        offset = np.abs(state.position - np.asarray(emitter.position))
-        for axis, length in enumerate((self._scene.width, self._scene.height)):
-            if self._scene.boundary[axis] == "periodic":
-                offset[:, axis] = np.minimum(offset[:, axis], length - offset[:, axis])
-        return bool(((offset**2).sum(axis=1) < (radii + own) ** 2)[~gone].any())
+    def in_time(self, sim: "Simulation", solver: SteppedSolver | ExactSolver) -> None:
+        """Add the discs whose times the last frame has reached, the part of it that they have seen being done."""
+        self._enter(sim, solver, count_frames=False)
 
-    def _warn(self, index: int, emitter: Emitter, frame: int) -> None:
+    def _enter(self, sim: "Simulation", solver: SteppedSolver | ExactSolver, count_frames: bool) -> None:
+        """Add all discs that are due, oldest first, where their places are free."""
+        if self._earliest(sim, solver, count_frames) is None:
+            return
+        plan, crowd = copy.copy(self), _Crowd(sim)
+        plan.progress = self.progress
+        entering: list[tuple[Emitter, NDArray[np.float64], NDArray[np.float64]]] = []
+        while (found := plan._earliest(sim, solver, count_frames)) is not None:
+            time, index = found
+            emitter = self._emitters[index]
+            radius, _ = self._kind(emitter)
+            position, velocity = launched(self._scene, emitter, radius, max(sim.time - time, 0.0), sim.time)
+            free = crowd.admits(position, radius)
+            if free:
+                entering.append((emitter, position, velocity))
+            else:
+                self._warn(index, emitter, sim.frame if emitter.every else time)
+            plan._note(index, sim.frame, free)
+        with interrupts_held_back():  # else a disc could be in the simulation, but not in the books
+            if entering:
+                self._add(sim, entering)
+            self.progress = plan.progress
+
+    def _earliest(
+        self, sim: "Simulation", solver: SteppedSolver | ExactSolver, count_frames: bool
+    ) -> tuple[float, int] | None:
+        """Time and index of the emitter that is due first by now, the lower index of several; None without one."""
+        due: list[tuple[float, int]] = []
+        for index in self._open():
+            if self._emitters[index].every:
+                if count_frames and self._due[index] <= sim.frame:
+                    due.append((sim.time, index))
+            elif solver.reached(self._time(index)):
+                due.append((self._time(index), index))
+        return min(due, default=None)
+
+    def _note(self, index: int, frame: int, entered: bool) -> None:
+        """Put an emitter's count on."""
+        every = self._emitters[index].every
+        if every:
+            self._due[index] = frame  # one that waited in a checkpoint of an older version was due before
+        self._due[index] += (every or TRIES) if entered else 1
+        self._emitted[index] += entered
+
+    def _add(
+        self, sim: "Simulation", entering: list[tuple[Emitter, NDArray[np.float64], NDArray[np.float64]]]
+    ) -> None:
+        emitters, positions, velocities = zip(*entering, strict=True)
+        radii, masses = np.array([self._kind(emitter) for emitter in emitters]).T
+        sim.add(
+            np.array(positions),
+            np.array(velocities),
+            radius=radii if has_radii(self._scene) else None,
+            mass=masses if has_masses(self._scene) else None,
+        )
+
+    def _kind(self, emitter: Emitter) -> tuple[float, float]:
+        """Radius and mass of an emitter's discs."""
+        radius = emitter.radius if emitter.radius is not None else self._scene.largest_radius
+        return radius, emitter.mass if emitter.mass is not None else 1.0
+
+    def _open(self) -> list[int]:
+        """Emitters that have discs left."""
+        limits = [math.inf if emitter.limit is None else emitter.limit for emitter in self._emitters]
+        return [index for index, limit in enumerate(limits) if self._emitted[index] < limit]
+
+    def _time(self, index: int) -> float:
+        """When an emitter that has an interval is due [time]."""
+        interval = self._emitters[index].interval
+        assert interval is not None
+        return self._due[index] * (interval / TRIES)
+
+    def _warn(self, index: int, emitter: Emitter, when: float) -> None:
         """Say once that a disc waits."""
         if not self._warned:
             self._warned = True
+            name, moment = ("every", f"before frame {when}") if emitter.every else ("interval", f"at time {when:g}")
             warnings.warn(
-                f"emitters[{index}] found its place {emitter.position} occupied before frame {frame}: its disc waits "
-                "until the place is free. Give a larger `every`, or a velocity that leads away.",
+                f"emitters[{index}] found its place {emitter.position} occupied {moment}: its disc waits "
+                f"until the place is free. Give a larger `{name}`, or a velocity that leads away.",
                 EmitterWarning,
-                stacklevel=4,
+                stacklevel=6,
             )
+
+
+class _Crowd:
+    """Where discs are: those of a simulation, and those that are to enter."""
+
+    def __init__(self, sim: "Simulation"):
+        here = ~sim.absorbed
+        self._scene = sim.scene
+        self._position = sim.state.position[here]
+        self._radius = sim.radii[here]
+
+    def admits(self, place: NDArray[np.float64], radius: float) -> bool:
+        """Whether a disc overlaps none; it is then one of them."""
+        offset = np.abs(self._position - place)
+        for axis, length in enumerate((self._scene.width, self._scene.height)):
+            if self._scene.periodic[axis]:
+                offset[:, axis] = np.minimum(offset[:, axis], length - offset[:, axis])
+        free = not ((offset**2).sum(axis=1) < (self._radius + radius) ** 2).any()
+        if free:
+            self._position = np.append(self._position, place[None].astype(self._position.dtype), axis=0)
+            self._radius = np.append(self._radius, radius)
+        return free

@@ -12,6 +12,7 @@ from mpsim.engine.additions import NewDiscs
 from mpsim.engine.methods import Choice, Columns, no_columns
 from mpsim.engine.provision import has_masses, has_radii
 from mpsim.engine.report import Slice
+from mpsim.engine.running import frames_until
 from mpsim.engine.shared import SharedBlock
 from mpsim.errors import DivergedError, InputError, StalledError
 from mpsim.kernels import events, layout
@@ -65,6 +66,7 @@ class ExactSolver:
         self._process = psutil.Process()
         self._counting = False
         self._at_once = 10 * FEWEST_EVENTS
+        self._stopped = 0.0
         self._progress: Any = np.zeros(2, np.int64)
         self._seen: Any = np.zeros(COUNTED)
         self._clock: Any = np.zeros(2, np.int64)
@@ -74,15 +76,17 @@ class ExactSolver:
         )
         try:
             # Compiles or loads the kernel, so that no frame time contains it, and no wait for Ctrl-C.
-            self._play(np.zeros(0, np.int64), np.zeros((0, COUNTED)))
+            self._play(np.zeros(0, np.int64), np.zeros((0, COUNTED)), math.inf)
         except BaseException:
             self.close()
             raise
 
     # --- frames
 
-    def advance(self, frames: int, workers: int) -> Slice:
+    def advance(self, frames: int, workers: int, stop: float = math.inf) -> Slice:
         """Run up to `frames` frames, fewer where they are long: after about SECONDS_AT_ONCE it returns.
+
+        At the time `stop` [time] it returns too, inside a frame.
 
         What was done of an unfinished frame counts for the slice in which it ends.
 
@@ -92,13 +96,13 @@ class ExactSolver:
         before = int(self._store.counter[events.PAIRS])
         times = np.zeros(frames, np.int64)
         counts = np.zeros((frames if self._counting else 0, COUNTED))
-        done = self._play(times, counts)
+        done = self._play(times, counts, stop)
         by_phase = np.zeros((1, done, len(layout.PHASES)), np.int64)
         by_phase[0, :, layout.MOVE] = times[:done]
         contacts = int(self._store.counter[events.PAIRS]) - before
         return Slice(by_phase, contacts, self._tally(counts[:done]) if self._counting else None)
 
-    def _play(self, times: NDArray[np.int64], counts: NDArray[np.float64]) -> int:
+    def _play(self, times: NDArray[np.int64], counts: NDArray[np.float64], stop: float) -> int:
         """One call of the kernel. Returns the frames it finished."""
         before, started = int(self._store.counter[events.EVENTS]), time.perf_counter()
         finished, status, particle = events.advance_frames(
@@ -108,12 +112,15 @@ class ExactSolver:
             self._settings.dt,
             len(times),
             self._at_once,
+            stop,
             self._progress,
             self._seen,
             times,
             counts,
             self._clock,
         )
+        if status == events.STOPPED:
+            self._stopped = stop
         if status == events.PAUSED:
             self._pace(int(self._store.counter[events.EVENTS]) - before, time.perf_counter() - started)
         if status == events.NOT_FINITE:
@@ -154,14 +161,25 @@ class ExactSolver:
     @property
     def time(self) -> float:
         """The time that has been reached [time]: the end of the last frame, or later if a stop came inside one."""
-        present = float(self._store.clock[events.BASE] + self._store.clock[events.NOW])
-        frame, dt = self.frame, self._settings.dt
-        return min(max(frame * dt, present), (frame + 1) * dt)  # beyond its frame only by rounding
+        frame, dt, present = self.frame, self._settings.dt, self._present
+        if frames_until(present, dt) <= frame:
+            return frame * dt
+        return min(present, (frame + 1) * dt)  # beyond its frame only by rounding
+
+    @property
+    def _present(self) -> float:
+        """The time of the last event, stop or end of a frame [time]: to the bit, where `time` rounds to frames."""
+        last_event = float(self._store.clock[events.BASE] + self._store.clock[events.NOW])
+        return max(self.frame * self._settings.dt, last_event, self._stopped)
+
+    def reached(self, time: float) -> bool:
+        """Whether a time [time] has been reached."""
+        return time <= self._present
 
     def state(self) -> State:
         """Synchronised copies at `time`, in the order of the scene's discs. Taking them changes nothing."""
         position, velocity = np.empty((2, self.count, 2))
-        events.read_out(self._store, self._box, self._law, self.time, position, velocity)
+        events.read_out(self._store, self._box, self._law, self._present, position, velocity)
         return State(position, velocity)
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
@@ -173,7 +191,7 @@ class ExactSolver:
         state = self.state()
         places, speeds = np.concatenate([state.position, new.position]), np.concatenate([state.velocity, new.velocity])
         radii, masses = np.concatenate([self._radii, new.radius]), np.concatenate([self._masses, new.mass])
-        block, store, box = self._placed(places, speeds, radii, masses, self.time)
+        block, store, box = self._placed(places, speeds, radii, masses, self._present)
         # Of a frame in hand, the new store has counted nothing yet, and the guard acts once for the whole run.
         self._seen -= *self._store.tally, self._store.counter[events.PAIRS]
         store.counter[events.GUARDS] = self.guarded
@@ -255,6 +273,7 @@ class ExactSolver:
         self.count, self.choice, self._block, self._store, self._box = count, choice, block, store, box
         self._radii, self._masses = snapshot["radii"].copy(), snapshot["masses"].copy()
         self._progress[:], self._seen[:] = snapshot["progress"], snapshot["seen"]
+        self._stopped = 0.0  # a stop at which nothing was done yet is met again
 
     # --- the block
 

@@ -105,7 +105,7 @@ class Simulation:
         self._settings = settings
         watching.check_precision(scene, settings)
         self._last_frame = 0
-        self._emission = Emission(scene)
+        self._emission = Emission(scene, settings.dt)
         choice = methods.choose(scene.count, settings)
         exact = choice.method == "event"
         self._watch = watching.Watch(scene, settings, exact)
@@ -243,7 +243,7 @@ class Simulation:
         """One slice of frames: what emitters add, a command of the solver, and, where wanted, the way back."""
         self._look()
         try:
-            self._emission.emit(self)
+            self._emission.before_frame(self, self._solver)
             if keeper is not None and self._solver.pids:
                 keeper.keep()
             ahead = min(
@@ -252,7 +252,7 @@ class Simulation:
                 self._watch.frames_ahead(self.frame, self.count),
             )
             workers, size = self._pacer.next_slice(int(min(most, ahead)))
-            part = self._solver.advance(size, workers)
+            part = self._solver.advance(size, workers, self._emission.next_time)
         except WorkerDied as death:
             if keeper is None or not self._closing.alive:
                 self.close()
@@ -271,6 +271,7 @@ class Simulation:
         if part.times.shape[1]:
             self._pacer.note(workers, part.times.shape[1], float(np.median(part.times[0].sum(axis=1))) * 1e-9)
         ledger.take(part, self._scene)
+        self._emission.in_time(self, self._solver)
 
     def _look(self, anyway: bool = False) -> None:
         """Look at the speeds, if this is a frame before which to look, and act as the settings say."""

@@ -1,5 +1,6 @@
 """The stepped solver as the coordinator sees it: the block, its parameters, and one command after the other."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from mpsim.engine.methods import Choice, Columns, no_columns
 from mpsim.engine.pool import WorkerPool
 from mpsim.engine.provision import feature_specs, fill_features, giant_radius, has_radii, wall_limits
 from mpsim.engine.report import Slice
+from mpsim.engine.running import frames_until
 from mpsim.engine.shared import SharedBlock
 from mpsim.engine.watching import Pace, pace_of
 from mpsim.engine.worker import kernel_arguments, load_kernels
@@ -70,15 +72,18 @@ class SteppedSolver:
 
     # --- frames
 
-    def advance(self, frames: int, workers: int) -> Slice:
+    def advance(self, frames: int, workers: int, stop: float = math.inf) -> Slice:
         """Run up to MOST_FRAMES frames on all workers or on one (the coordinator, while the others rest).
 
-        Fewer where they take longer than expected: no command lasts much longer than layout.SLICE.
+        Fewer where they take longer than expected: no command lasts much longer than layout.SLICE. The first frame that
+        reaches the time `stop` [time] is the last.
 
         Raises:
             DivergedError, WorkerDied, WorkerStalled: the solver can then only be closed.
         """
-        arrays, control = self._block.arrays, self._block.arrays["control"]
+        arrays, control, dt = self._block.arrays, self._block.arrays["control"], self._settings.dt
+        to_stop = frames_until(min(stop, (self.frame + frames) * dt), dt) - self.frame
+        frames = min(frames, max(to_stop, 1))
         control[layout.FRAMES] = frames
         control[layout.WORKERS] = workers
         arrays["team"][:, layout.COLLISIONS] = 0
@@ -191,6 +196,10 @@ class SteppedSolver:
     def time(self) -> float:
         """Simulated time since the start [time]."""
         return self.frame * self._settings.dt
+
+    def reached(self, time: float) -> bool:
+        """Whether the last frame has reached a time [time]; one that ends within rounding of it has."""
+        return self.frame >= frames_until(min(time, (self.frame + 1) * self._settings.dt), self._settings.dt)
 
     @property
     def guarded(self) -> int:

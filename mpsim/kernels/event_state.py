@@ -12,7 +12,7 @@ from collections import namedtuple
 import numpy as np
 
 # Outcomes.
-REACHED, PAUSED, NOT_FINITE, STALLED, BACKWARDS, OUTSIDE = range(6)
+REACHED, PAUSED, NOT_FINITE, STALLED, BACKWARDS, OUTSIDE, STOPPED = range(7)
 
 # Columns of `disc` (float64): position and velocity at the time SINCE of the disc's own last event; the times of its
 # next impact with a disc, of its next cell border or wall, and of its last contact.

@@ -63,6 +63,7 @@ from mpsim.kernels.event_state import (
     STALL,
     STALLED,
     STEP,
+    STOPPED,
     TOP,
     VIRIAL,
     VX,
@@ -97,6 +98,7 @@ __all__ = [
     "RENEWALS",
     "RIGHT",
     "STALLED",
+    "STOPPED",
     "TOP",
     "VIRIAL",
     "WALLS",
@@ -112,6 +114,9 @@ __all__ = [
     "schedule",
     "worst_overlap",
 ]
+
+STOP_ROUNDING = 1e-12
+"""Part of a time by which rounding may put a stop beyond the end of the frame that reaches it."""
 
 # --- events ---
 
@@ -360,20 +365,27 @@ def schedule(store, box, law):
 
 
 @compiled
-def advance_frames(store, box, law, dt, frames, max_events, progress, seen, times, counts, timespec):
+def advance_frames(store, box, law, dt, frames, max_events, stop, progress, seen, times, counts, timespec):
     """Play so many frames of length dt [time] more: (frames finished, status, particle).
 
     progress: int64, (2,): frames finished since the start, and the time [ns] spent so far on the one in hand; seen:
     the totals at the end of the last finished one, (6,). Both are kept here, because Ctrl-C may throw away what a call
     returns. times: int64 [ns], and counts: (frames, 6), or (0, 6) where they are not wanted: impulse on each wall, sum
     of r.dp, and pair impacts; written for each finished frame.
-    PAUSED after about max_events events, perhaps inside a frame: call again with what is left.
+    PAUSED after about max_events events, perhaps inside a frame: call again with what is left. STOPPED at the time
+    `stop` [time], inside a frame: also where only rounding puts it beyond the end of the frame, which ends after it.
     """
     end = store.counter[EVENTS] + max_events
     for frame in range(frames):
         started = now(timespec)
-        status, particle = advance(store, box, law, (progress[FRAME] + 1) * dt, end - store.counter[EVENTS])
+        until = (progress[FRAME] + 1) * dt
+        stops = stop <= until * (1.0 + STOP_ROUNDING)
+        status, particle = advance(store, box, law, stop if stops else until, end - store.counter[EVENTS])
         progress[SPENT] += now(timespec) - started
+        if status == BACKWARDS:  # a stop has carried the clock a rounding beyond the end of the frame
+            status = REACHED
+        if status == REACHED and stops:
+            return frame, STOPPED, particle
         if status != REACHED:
             return frame, status, particle
         times[frame] = progress[SPENT]

@@ -56,7 +56,7 @@ def build(table: SceneTable) -> Scene:
         "absorbing": table.absorbing,
         "piston": None if table.piston is None else table.piston.made(),
     }
-    plain = {name: getattr(table, name) for name in ("gravity", "restitution", "wall_restitution")}
+    plain = {name: getattr(table, name) for name in ("gravity", "restitution", "wall_restitution", "duration")}
     try:
         return Scene(**box, **_joined(groups), **parts, **plain)
     except InputError as error:

@@ -215,7 +215,9 @@ class Discs(Table):
 
 _PEG = (FixedDisc, {"position": (0.0, 0.0), "radius": 1.0})
 _LINE = (Polyline, {"points": ((0.0, 0.0), (1.0, 0.0)), "thickness": 0.0})
-_EMITTER = (Emitter, {"position": (0.0, 0.0), "velocity": (0.0, 0.0)})
+_EMITTERS = tuple(
+    (Emitter, {"position": (0.0, 0.0), "velocity": (0.0, 0.0), **timing}) for timing in ({"interval": 1.0}, {"every": 1})
+)
 _PISTONS = (
     (Piston, {"wall": "left", "speed": 1.0, "stop": 1.0}),
     (Piston, {"wall": "right", "speed": -1.0, "stop": 1.0}),
@@ -273,12 +275,22 @@ ObstacleTable = Annotated[
 class EmitterTable(Table):
     """An Emitter."""
 
-    position: Annotated[Any, _as_in(_EMITTER), Field(description="centre of the new disc [x, y]")]
-    velocity: Annotated[Any, _as_in(_EMITTER), Field(description="of the new disc [vx, vy]")]
-    every: Annotated[int, _as_in(_EMITTER), Field(description="frames between two discs")] = 1
-    limit: Annotated[int | None, _as_in(_EMITTER), Field(description="discs in all; left out: no end")] = None
-    radius: Annotated[float | None, _as_in(_EMITTER), Field(description="left out: that of all discs")] = None
-    mass: Annotated[float | None, _as_in(_EMITTER), Field(description="left out: 1, if all discs have that")] = None
+    position: Annotated[Any, _as_in(*_EMITTERS), Field(description="centre of the new disc [x, y]")]
+    velocity: Annotated[Any, _as_in(*_EMITTERS), Field(description="of the new disc [vx, vy]")]
+    interval: Annotated[float | None, _as_in(*_EMITTERS), Field(description="time between two discs")] = None
+    every: Annotated[
+        int | None,
+        _as_in(*reversed(_EMITTERS)),
+        Field(description="instead of interval: frames between two discs, so another scene for each dt"),
+    ] = None
+    limit: Annotated[int | None, _as_in(*_EMITTERS), Field(description="discs in all; left out: no end")] = None
+    radius: Annotated[float | None, _as_in(*_EMITTERS), Field(description="left out: that of all discs")] = None
+    mass: Annotated[float | None, _as_in(*_EMITTERS), Field(description="left out: 1, if all discs have that")] = None
+
+    @model_validator(mode="after")
+    def _has_its_times(self) -> "EmitterTable":
+        self.made()
+        return self
 
     def made(self) -> Emitter:
         """The emitter."""
@@ -326,6 +338,9 @@ class SceneTable(Table):
         _as_in(_SCENE, words=True),
         Field(description='edges at which discs leave: a list of "left", "right", "bottom", "top"'),
     ] = ()
+    duration: Annotated[
+        float | None, _as_in(_SCENE), Field(description="how long it should run to show what it is about")
+    ] = None
     about: Annotated[About | None, Field(description="for people")] = None
     settings: Annotated[SettingsTable | None, Field(description="recommended ones")] = None
     discs: Annotated[list[Discs], Field(description="groups of discs")] = []

@@ -69,6 +69,7 @@ def _scene_lines(scene: Scene) -> list[str]:
     values["gravity"] = scene.gravity
     values |= {name: getattr(scene, name) for name in ("restitution", "wall_restitution") if getattr(scene, name) != 1}
     values["absorbing"] = scene.absorbing or None
+    values["duration"] = scene.duration
     return _pairs(values)
 
 

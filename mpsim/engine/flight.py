@@ -1,0 +1,78 @@
+"""The part of a frame that a disc which entered inside it has flown: freely, under gravity, to the first obstacle."""
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.features import Emitter, distance_to_capsules
+from mpsim.scene import Scene
+
+Floats = NDArray[np.float64]
+
+LOOKS_PER_RADIUS = 4
+"""Places along a flight at which to look for what is in its way, for each radius of its length."""
+
+MOST_LOOKS = 10_000
+
+
+def launched(scene: Scene, emitter: Emitter, radius: float, elapsed: float, time: float) -> tuple[Floats, Floats]:
+    """Position and velocity, shape (2,) each, of a disc that left an emitter some time ago [length], [length/time].
+
+    It has flown freely: position + v s + g s^2/2 and v + g s. A flight that meets a wall, the piston or an obstacle
+    ends there with the velocity it then has, and the next frame begins with that contact; other discs are left out of
+    account.
+
+    Args:
+        scene: whose gravity pulls.
+        emitter: where the flight began.
+        radius: of the disc [length].
+        elapsed: time since then, s [time], >= 0.
+        time: now, which tells where the piston is [time].
+    """
+    start, velocity = np.array(emitter.position), np.array(emitter.velocity)
+    if elapsed == 0:
+        return start, velocity
+    gravity = np.zeros(2) if scene.gravity is None else scene.gravity
+
+    def places(times: Floats) -> Floats:
+        return start + times[:, None] * (velocity + 0.5 * times[:, None] * gravity)
+
+    length = elapsed * float(np.hypot(*velocity) + np.hypot(*gravity) * elapsed)
+    looks = int(np.clip(LOOKS_PER_RADIUS * length / radius, 1, MOST_LOOKS))
+    times = np.linspace(0, elapsed, looks + 1)[1:]
+    clear = _clear(scene, radius, places(times), time)
+    flown = elapsed
+    if not clear.all():
+        blocked = int(np.argmin(clear))
+        flown, beyond = float(times[blocked] - times[0]), float(times[blocked])
+        while flown < (middle := 0.5 * (flown + beyond)) < beyond:
+            if _clear(scene, radius, places(np.array([middle])), time)[0]:
+                flown = middle
+            else:
+                beyond = middle
+    place = places(np.array([flown]))[0]
+    for axis, length in enumerate((scene.width, scene.height)):
+        if scene.periodic[axis]:
+            place[axis] %= length
+    return place, velocity + flown * gravity
+
+
+def _clear(scene: Scene, radius: float, places: Floats, time: float) -> NDArray[np.bool_]:
+    """Which centres are inside the walls and outside obstacles, shape (K,); through periodic borders too."""
+    low, high = scene.limits(radius)
+    low, high = np.where(scene.periodic, -np.inf, low), np.where(scene.periodic, np.inf, high)
+    if scene.piston is not None:
+        axis, upper = divmod(("left", "right", "bottom", "top").index(scene.piston.wall), 2)
+        wall = ((scene.width, scene.height)[axis] if upper else 0.0) + scene.piston.speed * time
+        if upper:
+            high[axis] = max(wall, scene.piston.stop) - radius
+        else:
+            low[axis] = min(wall, scene.piston.stop) + radius
+    clear = ((places >= low) & (places <= high)).all(axis=1)
+    if scene.obstacles:
+        steps = [(0.0, -length, length) if wraps else (0.0,) for length, wraps in zip(_size(scene), scene.periodic)]
+        for shift in product(*steps):
+            wrapped = np.where(scene.periodic, places % _size(scene), places) + np.array(shift)
+            clear &= distance_to_capsules(wrapped, scene.capsules).min(axis=1) >= radius
+    return clear
