@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.features import Emitter, distance_to_capsules
+from mpsim.features import EDGES, Emitter, distance_to_capsules
 from mpsim.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -60,19 +60,19 @@ def launched(scene: Scene, emitter: Emitter, radius: float, elapsed: float, time
 
 def _clear(scene: Scene, radius: float, places: Floats, time: float) -> NDArray[np.bool_]:
     """Which centres are inside the walls and outside obstacles, shape (K,); through periodic borders too."""
+    size, periodic = np.array([scene.width, scene.height]), np.array(scene.periodic)
     low, high = scene.limits(radius)
-    low, high = np.where(scene.periodic, -np.inf, low), np.where(scene.periodic, np.inf, high)
+    low, high = np.where(periodic, -np.inf, low), np.where(periodic, np.inf, high)
     if scene.piston is not None:
-        axis, upper = divmod(("left", "right", "bottom", "top").index(scene.piston.wall), 2)
-        wall = ((scene.width, scene.height)[axis] if upper else 0.0) + scene.piston.speed * time
+        axis, upper = divmod(EDGES.index(scene.piston.wall), 2)
+        wall = (size[axis] if upper else 0.0) + scene.piston.speed * time
         if upper:
             high[axis] = max(wall, scene.piston.stop) - radius
         else:
             low[axis] = min(wall, scene.piston.stop) + radius
     clear = ((places >= low) & (places <= high)).all(axis=1)
     if scene.obstacles:
-        steps = [(0.0, -length, length) if wraps else (0.0,) for length, wraps in zip(_size(scene), scene.periodic)]
-        for shift in product(*steps):
-            wrapped = np.where(scene.periodic, places % _size(scene), places) + np.array(shift)
-            clear &= distance_to_capsules(wrapped, scene.capsules).min(axis=1) >= radius
+        wrapped = np.where(periodic, places % size, places)
+        for shift in product(*((-1, 0, 1) if wraps else (0,) for wraps in scene.periodic)):
+            clear &= distance_to_capsules(wrapped + shift * size, scene.capsules).min(axis=1) >= radius
     return clear

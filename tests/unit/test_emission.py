@@ -25,7 +25,7 @@ def entered(frames, *emitters, dt=0.1, **scene):
 def test_a_disc_enters_before_every_so_manieth_frame_until_the_limit():
     assert entered(10, mpsim.Emitter(LEFT, (10, 0), every=3)) == [0, 0, 0, 1, 1, 1, 2, 2, 2, 3]
     assert entered(10, mpsim.Emitter(LEFT, (10, 0), every=3, limit=2)) == [0, 0, 0, 1, 1, 1, 2, 2, 2, 2]
-    assert entered(5, mpsim.Emitter(LEFT, (10, 0))) == [0, 1, 2, 3, 4]
+    assert entered(5, mpsim.Emitter(LEFT, (10, 0), every=1)) == [0, 1, 2, 3, 4]
 
 
 def test_several_emitters_take_turns_in_the_order_of_the_scene():
@@ -47,7 +47,7 @@ def test_one_run_and_runs_of_single_frames_have_the_same_discs():
 def test_a_disc_waits_until_its_place_is_free_and_says_so_once():
     """Each disc covers the place for 0.5 / 1 = 5 frames of 0.1, and the next one enters as soon as it has gone."""
     with pytest.warns(mpsim.EmitterWarning) as caught:
-        counts = entered(14, mpsim.Emitter(LEFT, (1, 0)))
+        counts = entered(14, mpsim.Emitter(LEFT, (1, 0), every=1))
     assert counts == [0, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 3]
     assert [str(warning.message) for warning in caught] == [
         "emitters[0] found its place (1.0, 2.0) occupied before frame 2: its disc waits until the place is free. "
@@ -58,7 +58,7 @@ def test_a_disc_waits_until_its_place_is_free_and_says_so_once():
 def test_a_disc_beyond_a_periodic_border_occupies_a_place_too():
     blocked = {"position": [[9.9, 2]], "velocity": [[0, 0]], "boundary": ("periodic", "walls")}
     with pytest.warns(mpsim.EmitterWarning):
-        assert entered(4, mpsim.Emitter((0.2, 2), (1, 0)), **blocked) == [1] * 4
+        assert entered(4, mpsim.Emitter((0.2, 2), (1, 0), every=1), **blocked) == [1] * 4
 
 
 def test_discs_that_have_left_occupy_no_place():
@@ -76,7 +76,7 @@ def test_discs_that_have_left_occupy_no_place():
 
 
 def test_what_enters_has_the_radius_and_mass_of_its_emitter():
-    emitter = mpsim.Emitter(LEFT, (0, 0), radius=0.5, mass=3, limit=1)
+    emitter = mpsim.Emitter(LEFT, (0, 0), every=1, radius=0.5, mass=3, limit=1)
     scene = mpsim.Scene(**{**EMPTY, "position": [[4, 2]], "velocity": [[-10, 0]]}, radius=0.25, emitters=emitter)
     with simulate(scene, method="naive", dt=0.05, contact="impact") as sim:
         sim.run(frames=2)
@@ -137,7 +137,7 @@ def test_added_discs_of_a_mixed_scene_take_one_value_or_one_each():
     ],
 )
 def test_an_emitter_that_does_not_fit_the_scene_is_refused_by_name(features, text):
-    places = {"position": [[4, 4], [6, 6]], "velocity": np.zeros((2, 2)), "emitters": mpsim.Emitter((1, 1), (0, 0))}
+    places = {"position": [[4, 4], [6, 6]], "velocity": np.zeros((2, 2)), "emitters": mpsim.Emitter((1, 1), (0, 0), every=1)}
     with pytest.raises(mpsim.InputError, match=text):
         mpsim.Scene(width=10, height=10, **{**features, **places})
 

@@ -153,12 +153,12 @@ REFUSED = {
         "absorbing edges",
     ),
     "emitters": (
-        {"emitters": Emitter((8, 6), (0, 0))},
+        {"emitters": Emitter((8, 6), (0, 0), every=1)},
         ["pressure_virial", "collision_rate", "energy_drift", "momentum_drift"],
         "emitters",
     ),
     "emitters of masses": (
-        {"mass": 2.0, "emitters": Emitter((8, 6), (0, 0), mass=1.0)},
+        {"mass": 2.0, "emitters": Emitter((8, 6), (0, 0), every=1, mass=1.0)},
         ["pressure_virial", "collision_rate", "energy_drift", "momentum_drift", "kinetic_energy", "temperature"],
         "",
     ),

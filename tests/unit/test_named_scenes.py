@@ -47,6 +47,7 @@ def test_these_are_the_scenes():
 def test_a_named_scene_is_complete(name):
     file = scenefile.load(name)
     assert file.settings is not None
+    assert file.scene.duration is not None
     assert file.scene.count or file.scene.emitters
     assert 10 <= len(file.title) <= 60
     assert file.text.endswith(".")

@@ -39,15 +39,15 @@ WRONG = {
     "an obstacle outside": ({"obstacles": FixedDisc((9, 1), 1)}, ["obstacles[0] must lie in the box", "(9.0, 1.0)"]),
     "an emitter of another kind": ({"emitters": [1]}, ["emitters[0] must be an mpsim.Emitter", "int"]),
     "an emitter outside": (
-        {"emitters": Emitter((0.2, 3), (1, 0))},
+        {"emitters": Emitter((0.2, 3), (1, 0), every=1)},
         ["the position of emitters[0][0] must lie in [0.5, 7.5]", "(0.2, 3.0)"],
     ),
     "an emitter without a radius": (
-        {"radius": [0.5, 0.4], "emitters": Emitter((2, 3), (1, 0))},
+        {"radius": [0.5, 0.4], "emitters": Emitter((2, 3), (1, 0), every=1)},
         ["emitters[0] must have a radius", "got None"],
     ),
     "an emitter without a mass": (
-        {"mass": [1, 2], "emitters": Emitter((2, 3), (1, 0))},
+        {"mass": [1, 2], "emitters": Emitter((2, 3), (1, 0), every=1)},
         ["emitters[0] must have a mass", "got None"],
     ),
     "an unknown edge": ({"absorbing": "botom"}, ["absorbing must be one of", "Did you mean 'bottom'?"]),
@@ -86,9 +86,9 @@ PARTS = {
     "a wall of no shape": (lambda: Polyline([(0, 0, 0)]), ["points of a Polyline", "(K, 2)"]),
     "a negative thickness": (lambda: Polyline([(0, 0), (1, 0)], -1), ["thickness of a Polyline", ">= 0"]),
     "an emitter of no frames": (lambda: Emitter((0, 0), (1, 0), every=0), ["every of an Emitter", "from 1"]),
-    "an emitter of no discs": (lambda: Emitter((0, 0), (1, 0), limit=0), ["limit of an Emitter", "no end"]),
-    "an emitter of no size": (lambda: Emitter((0, 0), (1, 0), radius=0), ["radius of an Emitter", "> 0 [length]"]),
-    "an emitter of no mass": (lambda: Emitter((0, 0), (1, 0), mass=-1), ["mass of an Emitter", "> 0 [mass]"]),
+    "an emitter of no discs": (lambda: Emitter((0, 0), (1, 0), every=1, limit=0), ["limit of an Emitter", "no end"]),
+    "an emitter of no size": (lambda: Emitter((0, 0), (1, 0), every=1, radius=0), ["radius of an Emitter", "> 0 [length]"]),
+    "an emitter of no mass": (lambda: Emitter((0, 0), (1, 0), every=1, mass=-1), ["mass of an Emitter", "> 0 [mass]"]),
     "a piston of no wall": (lambda: Piston("front", 1, 1), ["wall of a Piston", "'front'"]),
     "a piston that pulls": (lambda: Piston("right", 1, 1), ["must point into the box", "< 0 for the right wall"]),
     "a piston at rest": (lambda: Piston("left", 0, 1), ["must point into the box", "> 0 for the left wall"]),
@@ -110,7 +110,7 @@ def test_what_is_equal_for_all_counts_as_one():
     assert (scene.radius, scene.mass) == (0.5, None)
     assert scene_of(mass=2.0).masses.tolist() == [2, 2]
     assert (scene_of(radius=[0.5, 0.25]).smallest_radius, scene_of(radius=[0.5, 0.25]).largest_radius) == (0.25, 0.5)
-    wide = scene_of(emitters=Emitter((4, 3), (0, 1), radius=0.75))
+    wide = scene_of(emitters=Emitter((4, 3), (0, 1), every=1, radius=0.75))
     assert (wide.smallest_radius, wide.largest_radius) == (0.5, 0.75)
 
 

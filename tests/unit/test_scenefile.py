@@ -48,6 +48,7 @@ def test_a_file_says_the_same_as_python(load, tmp_path):
         restitution = 0.9
         wall_restitution = 0.8
         absorbing = ["bottom"]
+        duration = 12.5
         obstacles = [{ position = [5, 5], radius = 1 }, { points = [[1, 1], [2, 1], [2, 3]], thickness = 0.1 }]
         [about]
         title = "A test"
@@ -91,6 +92,7 @@ def test_a_file_says_the_same_as_python(load, tmp_path):
         piston=mpsim.Piston("top", -1, 6),
     )
     assert file.scene.digest() == same.digest()
+    assert file.scene.duration == 12.5
     assert file.settings == mpsim.Settings(dt=0.5, passes=2)
     assert (file.name, file.title, file.text, file.look_for) == ("scene", "A test", "", "Nothing.")
     assert [path.name for path in file.read] == ["scene.toml", "mass.npy", "speeds.csv"]
@@ -205,7 +207,7 @@ def test_groups_are_joined(load):
 
 def test_a_scene_may_begin_without_discs(load):
     assert load(HEAD).scene.count == 0
-    emitter = "[[emitters]]\nposition = [5, 5]\nvelocity = [1, 0]\n"
+    emitter = "[[emitters]]\nposition = [5, 5]\nvelocity = [1, 0]\ninterval = 0.5\n"
     assert load(HEAD + "[[discs]]\nposition = []\nradius = 0.5\n" + emitter).scene.largest_radius == 0.5
     assert load(HEAD + emitter + "radius = 0.25\nmass = 1\n").scene.largest_radius == 0.25
 
@@ -238,6 +240,7 @@ def scenes(draw):
         "gravity": draw(st.none() | st.tuples(finite, finite)),
         "acceleration": rows(finite) if draw(st.booleans()) else None,
         "mass": rows(st.floats(1e-3, 1e3), 1) if draw(st.booleans()) else None,
+        "duration": draw(st.none() | st.floats(1e-9, 1e9)),
         "restitution": draw(fraction),
         "wall_restitution": draw(fraction),
         "absorbing": draw(st.sampled_from([(), ("bottom",), ("bottom", "top")])),
@@ -254,7 +257,7 @@ def scenes(draw):
                     mpsim.Emitter,
                     st.tuples(inside, inside),
                     st.tuples(finite, finite),
-                    every=st.integers(1, 10**12),
+                    **draw(st.sampled_from([{"every": st.integers(1, 10**12)}, {"interval": st.floats(1e-9, 1e9)}])),
                     limit=st.none() | st.integers(1, 10**8),
                     radius=tiny,
                     mass=tiny,
@@ -283,6 +286,7 @@ def test_saved_and_loaded_a_scene_has_the_same_bits(scene, tmp_path):
     scene.save(tmp_path / "saved.toml")
     again = mpsim.Scene.load(tmp_path / "saved.toml")
     assert again.digest() == scene.digest()
+    assert again.duration == scene.duration
     assert repr(again) == repr(scene)
 
 

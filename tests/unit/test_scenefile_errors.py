@@ -129,6 +129,7 @@ def test_parts_that_do_not_fit_the_box_are_told_at_once(problems):
         [[emitters]]
         position = [3, 0]
         velocity = [0, 0]
+        interval = 1
         [piston]
         wall = "top"
         speed = -1
