@@ -122,9 +122,7 @@ class Emission:
         self._due[index] += (every or TRIES) if entered else 1
         self._emitted[index] += entered
 
-    def _add(
-        self, sim: "Simulation", entering: list[tuple[Emitter, NDArray[np.float64], NDArray[np.float64]]]
-    ) -> None:
+    def _add(self, sim: "Simulation", entering: list[tuple[Emitter, NDArray[np.float64], NDArray[np.float64]]]) -> None:
         emitters, positions, velocities = zip(*entering, strict=True)
         radii, masses = np.array([self._kind(emitter) for emitter in emitters]).T
         sim.add(

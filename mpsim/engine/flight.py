@@ -1,5 +1,6 @@
 """The part of a frame that a disc which entered inside it has flown: freely, under gravity, to the first obstacle."""
 
+import math
 from itertools import product
 
 import numpy as np
@@ -38,7 +39,7 @@ def launched(scene: Scene, emitter: Emitter, radius: float, elapsed: float, time
     def places(times: Floats) -> Floats:
         return start + times[:, None] * (velocity + 0.5 * times[:, None] * gravity)
 
-    length = elapsed * float(np.hypot(*velocity) + np.hypot(*gravity) * elapsed)
+    length = elapsed * (math.hypot(*velocity) + math.hypot(*gravity) * elapsed)
     looks = int(np.clip(LOOKS_PER_RADIUS * length / radius, 1, MOST_LOOKS))
     times = np.linspace(0, elapsed, looks + 1)[1:]
     clear = _clear(scene, radius, places(times), time)
@@ -70,9 +71,9 @@ def _clear(scene: Scene, radius: float, places: Floats, time: float) -> NDArray[
             high[axis] = max(wall, scene.piston.stop) - radius
         else:
             low[axis] = min(wall, scene.piston.stop) + radius
-    clear = ((places >= low) & (places <= high)).all(axis=1)
+    clear: NDArray[np.bool_] = np.all((places >= low) & (places <= high), axis=1)
     if scene.obstacles:
         wrapped = np.where(periodic, places % size, places)
         for shift in product(*((-1, 0, 1) if wraps else (0,) for wraps in scene.periodic)):
-            clear &= distance_to_capsules(wrapped + shift * size, scene.capsules).min(axis=1) >= radius
+            clear &= np.all(distance_to_capsules(wrapped + shift * size, scene.capsules) >= radius, axis=1)
     return clear

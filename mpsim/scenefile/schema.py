@@ -216,7 +216,8 @@ class Discs(Table):
 _PEG = (FixedDisc, {"position": (0.0, 0.0), "radius": 1.0})
 _LINE = (Polyline, {"points": ((0.0, 0.0), (1.0, 0.0)), "thickness": 0.0})
 _EMITTERS = tuple(
-    (Emitter, {"position": (0.0, 0.0), "velocity": (0.0, 0.0), **timing}) for timing in ({"interval": 1.0}, {"every": 1})
+    (Emitter, {"position": (0.0, 0.0), "velocity": (0.0, 0.0), **timing})
+    for timing in ({"interval": 1.0}, {"every": 1})
 )
 _PISTONS = (
     (Piston, {"wall": "left", "speed": 1.0, "stop": 1.0}),
@@ -277,7 +278,9 @@ class EmitterTable(Table):
 
     position: Annotated[Any, _as_in(*_EMITTERS), Field(description="centre of the new disc [x, y]")]
     velocity: Annotated[Any, _as_in(*_EMITTERS), Field(description="of the new disc [vx, vy]")]
-    interval: Annotated[float | None, _as_in(*_EMITTERS), Field(description="time between two discs")] = None
+    interval: Annotated[
+        float | None, _as_in(*_EMITTERS), Field(description="time between two discs; this or every is needed")
+    ] = None
     every: Annotated[
         int | None,
         _as_in(*reversed(_EMITTERS)),

@@ -93,6 +93,7 @@ def zoo(words: str, count: int = 40, seed: int = 0, side: float = 8.0, **more: A
         features["emitters"] = [
             mpsim.Emitter((1.0, side - 2), (1.0, -0.5), every=3, **sizes, **kinds),
             mpsim.Emitter((side / 2, side / 2), (0.0, 2.0), every=2, limit=2, **sizes, **kinds),
+            mpsim.Emitter((0.75 * side, 0.3 * side), (1.5, 1.0), interval=0.12, **sizes, **kinds),
         ]
     position = margin + rng.random((count, 2)) * (side - 2 * margin)
     features |= {"width": side, "height": side, "velocity": 2 * rng.normal(size=(count, 2)), **more}

@@ -45,7 +45,7 @@ class Twin(Motion):
         self.exchange = self.real((1 + scene.restitution) / 2)
         self.contacts = 0
         self.frame = 0
-        self.due = [emitter.every for emitter in scene.emitters]
+        self.due = [emitter.every or 8 for emitter in scene.emitters]  # frames, or eighths of an interval
         self.left = [emitter.limit or 10**9 for emitter in scene.emitters]
 
     @property
@@ -64,6 +64,7 @@ class Twin(Motion):
                 self.advance_piston()
                 self.meet_all()
             self.frame += 1
+            self.emit_in_time()
 
     def add(self, position: Any, velocity: Any, radius: Any = None, mass: Any = None) -> None:
         """One more disc."""
@@ -78,10 +79,32 @@ class Twin(Motion):
         """Discs enter where their places are free."""
         for index, emitter in enumerate(self.scene.emitters):
             radius = self.scene.largest_radius if emitter.radius is None else emitter.radius
-            if self.left[index] and self.frame >= self.due[index] and self.is_free(emitter.position, radius):
+            due = emitter.every and self.left[index] and self.frame >= self.due[index]
+            if due and self.is_free(emitter.position, radius):
                 self.add(emitter.position, emitter.velocity, radius, emitter.mass)
                 self.left[index] -= 1
                 self.due[index] = self.frame + emitter.every
+
+    def emit_in_time(self) -> None:
+        """Discs that were due in the last frame enter, oldest first, with a free flight from then to now."""
+        now, gravity = self.frame * self.settings.dt, np.zeros(2) if self.scene.gravity is None else self.scene.gravity
+        while True:
+            due = [
+                (self.due[index] * (emitter.interval / 8), index, emitter)
+                for index, emitter in enumerate(self.scene.emitters)
+                if emitter.interval is not None and self.left[index]
+            ]
+            time, index, emitter = min(due, default=(np.inf, 0, None), key=lambda each: each[:2])
+            if time > now * (1 + 1e-12):
+                return
+            s = max(now - time, 0.0)
+            place = np.array(emitter.position) + s * (np.array(emitter.velocity) + 0.5 * s * gravity)
+            radius = self.scene.largest_radius if emitter.radius is None else emitter.radius
+            free = self.is_free(place, radius)
+            if free:
+                self.add(place, np.array(emitter.velocity) + s * gravity, radius, emitter.mass)
+                self.left[index] -= 1
+            self.due[index] += 8 if free else 1
 
     def is_free(self, place: Any, radius: float) -> bool:
         apart = np.abs(self.state.position.astype(float) - np.array(place))

@@ -137,7 +137,11 @@ def test_added_discs_of_a_mixed_scene_take_one_value_or_one_each():
     ],
 )
 def test_an_emitter_that_does_not_fit_the_scene_is_refused_by_name(features, text):
-    places = {"position": [[4, 4], [6, 6]], "velocity": np.zeros((2, 2)), "emitters": mpsim.Emitter((1, 1), (0, 0), every=1)}
+    places = {
+        "position": [[4, 4], [6, 6]],
+        "velocity": np.zeros((2, 2)),
+        "emitters": mpsim.Emitter((1, 1), (0, 0), every=1),
+    }
     with pytest.raises(mpsim.InputError, match=text):
         mpsim.Scene(width=10, height=10, **{**features, **places})
 

@@ -87,7 +87,10 @@ PARTS = {
     "a negative thickness": (lambda: Polyline([(0, 0), (1, 0)], -1), ["thickness of a Polyline", ">= 0"]),
     "an emitter of no frames": (lambda: Emitter((0, 0), (1, 0), every=0), ["every of an Emitter", "from 1"]),
     "an emitter of no discs": (lambda: Emitter((0, 0), (1, 0), every=1, limit=0), ["limit of an Emitter", "no end"]),
-    "an emitter of no size": (lambda: Emitter((0, 0), (1, 0), every=1, radius=0), ["radius of an Emitter", "> 0 [length]"]),
+    "an emitter of no size": (
+        lambda: Emitter((0, 0), (1, 0), every=1, radius=0),
+        ["radius of an Emitter", "> 0 [length]"],
+    ),
     "an emitter of no mass": (lambda: Emitter((0, 0), (1, 0), every=1, mass=-1), ["mass of an Emitter", "> 0 [mass]"]),
     "a piston of no wall": (lambda: Piston("front", 1, 1), ["wall of a Piston", "'front'"]),
     "a piston that pulls": (lambda: Piston("right", 1, 1), ["must point into the box", "< 0 for the right wall"]),
