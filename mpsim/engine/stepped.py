@@ -82,8 +82,8 @@ class SteppedSolver:
             DivergedError, WorkerDied, WorkerStalled: the solver can then only be closed.
         """
         arrays, control, dt = self._block.arrays, self._block.arrays["control"], self._settings.dt
-        to_stop = frames_until(min(stop, (self.frame + frames) * dt), dt) - self.frame
-        frames = min(frames, max(to_stop, 1))
+        if stop < (self.frame + frames) * dt:
+            frames = min(frames, max(frames_until(stop, dt) - self.frame, 1))
         control[layout.FRAMES] = frames
         control[layout.WORKERS] = workers
         arrays["team"][:, layout.COLLISIONS] = 0
@@ -199,7 +199,8 @@ class SteppedSolver:
 
     def reached(self, time: float) -> bool:
         """Whether the last frame has reached a time [time]; one that ends within rounding of it has."""
-        return self.frame >= frames_until(min(time, (self.frame + 1) * self._settings.dt), self._settings.dt)
+        frame, dt = self.frame, self._settings.dt
+        return time < (frame + 1) * dt and frames_until(time, dt) <= frame
 
     @property
     def guarded(self) -> int:

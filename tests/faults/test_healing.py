@@ -330,10 +330,10 @@ def test_deaths_without_end_end_the_run(monkeypatch, figures):
     """Each new worker dies in its first frame: no progress, so no snapshot, and no use in trying again."""
     advance = simulation.SteppedSolver.advance
 
-    def kill_and_advance(self, frames, workers):
+    def kill_and_advance(self, frames, workers, stop):
         if self.frame >= 10:
             os.kill(self.pids[0], signal.SIGKILL)
-        return advance(self, min(frames, 10), workers)
+        return advance(self, min(frames, 10), workers, stop)
 
     monkeypatch.setattr(simulation.SteppedSolver, "advance", kill_and_advance)
     sim = healing(workers=2)

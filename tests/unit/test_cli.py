@@ -86,11 +86,12 @@ def test_show_names_every_feature(tmp_path):
         gravity = [0, -1]
         restitution = 0.5
         absorbing = ["bottom"]
+        duration = 5
         obstacles = [{ position = [5, 5], radius = 1 }]
         discs = [{ position = [[1, 2], [9, 3]], radius = [0.5, 0.25], mass = [1, 2], acceleration = [1, 0] }]
         emitters = [
             { position = [2, 2], velocity = [1, 1], every = 7, limit = 3, radius = 1, mass = 1 },
-            { position = [3, 2], velocity = [1, 1], radius = 1, mass = 1 },
+            { position = [3, 2], velocity = [1, 1], interval = 0.25, radius = 1, mass = 1 },
         ]
         piston = { wall = "top", speed = -1, stop = 6 }
     """)
@@ -104,9 +105,10 @@ def test_show_names_every_feature(tmp_path):
         "acceleration one per disc\n"
         "restitution  0.5 of discs, 1 of walls\n"
         "obstacles    1\n"
-        "emitters     one disc every 7 frames, 3 in all; one disc every 1 frames, no end\n"
+        "emitters     one disc every 7 frames, 3 in all; one disc every 0.25 of time, no end\n"
         "absorbing    bottom\n"
         "piston       the top wall, speed -1, to 6\n"
+        "duration     5\n"
         "settings     none recommended\n"
         f"read from    {tmp_path}/a.toml\n"
     )
