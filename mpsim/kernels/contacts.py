@@ -34,7 +34,8 @@ from mpsim.kernels.layout import (
     Y_LOW,
 )
 from mpsim.kernels.machine import LANES, lowest_bit, natural, overlap_lanes
-from mpsim.kernels.optional import confined, own_or, seen_from, share, touching_distance
+from mpsim.kernels.optional import confined, has_any, own_or, pull_on, seen_from, share, touching_distance
+from mpsim.kernels.walls import fly_on
 
 
 @inlined
@@ -106,6 +107,48 @@ def push_contact(discs, i, j, image_x, image_y, features, parameters, law):
 
 
 @inlined
+def push_and_pay(discs, i, j, image_x, image_y, features, parameters, law):
+    """`push_contact` of accelerated discs, whose lift is paid for. Returns the impulse of the law.
+
+    Free discs keep their centre of mass, but a wall that confines one of them lifts both, against gravity. What that
+    takes (or gives, W > 0) changes the velocity w with which they part or approach: w'^2 = w^2 + 2 W / mu, with the
+    reduced mass mu. A pair that cannot pay is moved as far as it can; a lossy one, which may lie in a heap, all the way.
+    """
+    one, two = discs.x.dtype.type(1), discs.x.dtype.type(2)
+    start_i, start_j = (discs.x[i], discs.y[i]), (discs.x[j], discs.y[j])
+    impulse = push_contact(discs, i, j, image_x, image_y, features, parameters, law)
+    work = work_since(discs, i, *start_i, features) + work_since(discs, j, *start_j, features)
+    share_i = share(features.mass, discs.id[i], discs.id[j], one)
+    share_j = share(features.mass, discs.id[j], discs.id[i], one)
+    given = two * two * work / (share_i * own_or(features.mass, discs.id[i], one))
+    x, y = apart(discs, i, j, image_x, image_y)
+    nx, ny, _ = normalised(x, y, one)
+    along = (discs.vx[j] - discs.vx[i]) * nx + (discs.vy[j] - discs.vy[i]) * ny
+    square = along * along
+    if (square + given < 0) & (parameters[EXCHANGE] == one):
+        for disc, start in ((i, start_i), (j, start_j)):
+            discs.x[disc] = start[0] - (discs.x[disc] - start[0]) * square / given
+            discs.y[disc] = start[1] - (discs.y[disc] - start[1]) * square / given
+    paid = np.sqrt(max(square + given, along - along))
+    change = (paid if along >= 0 else -paid) - along
+    change_i, change_j = -change * share_i / two, change * share_j / two
+    discs.vx[i] += change_i * nx
+    discs.vy[i] += change_i * ny
+    discs.vx[j] += change_j * nx
+    discs.vy[j] += change_j * ny
+    return impulse
+
+
+@inlined
+def work_since(discs, i, x, y, features):
+    """Work that its acceleration has done on disc i since it was at (x, y) [mass length^2/time^2]."""
+    zero, one, disc = discs.x.dtype.type(0), discs.x.dtype.type(1), discs.id[i]
+    along_x = (discs.x[i] - x) * pull_on(features.gravity, features.acceleration, 0, disc, zero)
+    along_y = (discs.y[i] - y) * pull_on(features.gravity, features.acceleration, 1, disc, zero)
+    return (along_x + along_y) * own_or(features.mass, disc, one)
+
+
+@inlined
 def time_since_impact(discs, i, j, image_x, image_y, parameters):
     """Time since two overlapping discs touched, in free flight; negative if they do not approach.
 
@@ -125,14 +168,16 @@ def time_since_impact(discs, i, j, image_x, image_y, parameters):
 
 
 @inlined
-def impact_contact(discs, i, j, image_x, image_y, features, parameters, law):
+def impact_contact(discs, i, j, image_x, image_y, features, parameters, control, tally, frame):
     """Contact `impact`: back to the instant of contact, the law along the normal found there, and on again.
 
     Discs that do not approach, or that overlapped before this step, are pushed apart instead. Returns the impulse.
     """
     time = time_since_impact(discs, i, j, image_x, image_y, parameters)
     if not (time >= 0) & (time <= parameters[DT]):
-        return push_contact(discs, i, j, image_x, image_y, features, parameters, law)
+        if has_any(features.gravity, features.acceleration):
+            return push_and_pay(discs, i, j, image_x, image_y, features, parameters, control[LAW])
+        return push_contact(discs, i, j, image_x, image_y, features, parameters, control[LAW])
     for disc in (i, j):
         discs.x[disc] -= discs.vx[disc] * time
         discs.y[disc] -= discs.vy[disc] * time
@@ -140,9 +185,9 @@ def impact_contact(discs, i, j, image_x, image_y, features, parameters, law):
     # quotient of that one number is rounded the same way each time: with diameter 1, by 1e-7 of energy per collision.
     x, y = apart(discs, i, j, image_x, image_y)
     nx, ny, _ = normalised(np.float64(x), np.float64(y), 1.0)
-    impulse = apply_law(discs, i, j, nx, ny, features, parameters, law)
+    impulse = apply_law(discs, i, j, nx, ny, features, parameters, control[LAW])
     for disc in (i, j):
-        shift(discs, disc, discs.vx[disc] * time, discs.vy[disc] * time, features, parameters)
+        fly_on(discs, disc, time, features, parameters, control, tally, frame)
     return impulse
 
 
@@ -152,7 +197,7 @@ def resolve_contact(discs, i, j, image_x, image_y, features, parameters, control
     if tally is not None:
         tally_depth(discs, i, j, image_x, image_y, parameters, tally, frame)
     if control[CONTACT] == IMPACT:
-        impulse = impact_contact(discs, i, j, image_x, image_y, features, parameters, control[LAW])
+        impulse = impact_contact(discs, i, j, image_x, image_y, features, parameters, control, tally, frame)
     else:
         impulse = push_contact(discs, i, j, image_x, image_y, features, parameters, control[LAW])
     if tally is not None:

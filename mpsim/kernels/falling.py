@@ -20,11 +20,14 @@ from mpsim.kernels.optional import own_or, pull_on, wall_speed, wrapped
 
 @inlined
 def bounce_back(depth, speed, pull, parameters):
-    """(way inside, speed inward) of a disc `depth` beyond a wall; speed and pull are outward."""
+    """(way inside, speed inward) of a disc `depth` beyond a wall; speed and pull are outward.
+
+    A disc that moves inward, and was not carried out by its flight, is put at the wall and pays for that.
+    """
     zero, two = parameters.dtype.type(0), parameters.dtype.type(2)  # whole numbers would make float64 of float32
     at_wall = np.sqrt(max(speed * speed - two * pull * depth, zero))
-    if speed + at_wall == zero:
-        return zero, zero
+    if speed + at_wall <= zero:
+        return zero, at_wall
     time = min(two * depth / (speed + at_wall), parameters[DT])
     inward = parameters[WALL_RESTITUTION] * at_wall
     way = (inward - pull * time / two) * time
@@ -32,6 +35,18 @@ def bounce_back(depth, speed, pull, parameters):
     if way < zero:  # it does not leave the wall any more: it rests there
         return zero, max(inward, zero)
     return way, inward
+
+
+@inlined
+def bounce_between(p, v, pull, low, high, low_speed, high_speed, parameters):
+    """Place and velocity of an accelerated disc that a flight has led to p, between walls that may move."""
+    if p < low:
+        way, inward = bounce_back(low - p, low_speed - v, -pull, parameters)
+        return min(low + way, high), low_speed + inward
+    if p > high:
+        way, inward = bounce_back(p - high, v - high_speed, pull, parameters)
+        return max(high - way, low), high_speed - inward
+    return p, v
 
 
 @inlined
@@ -44,22 +59,11 @@ def fall_along(p, v, pull, axis_low, margin, wrap, piston, parameters):
     if wrap is not None:
         return wrapped(p, wrap), v, zero, zero
     low, high = parameters[axis_low] + margin, parameters[axis_low + 1] - margin
-    before = v
     if p - p != zero:  # not finite: found out by the caller
         return p, v, zero, zero
-    if p < low:
-        wall, way = wall_speed(piston, axis_low, zero), zero
-        if v < wall:
-            way, inward = bounce_back(low - p, wall - v, -pull, parameters)
-            v = wall + inward
-        return min(low + way, high), v, v - before, zero
-    if p > high:
-        wall, way = wall_speed(piston, axis_low + 1, zero), zero
-        if v > wall:
-            way, inward = bounce_back(p - high, v - wall, pull, parameters)
-            v = wall - inward
-        return max(high - way, low), v, zero, before - v
-    return p, v, zero, zero
+    speeds = wall_speed(piston, axis_low, zero), wall_speed(piston, axis_low + 1, zero)
+    place, turned = bounce_between(p, v, pull, low, high, *speeds, parameters)
+    return place, turned, turned - v if p < low else zero, v - turned if p > high else zero
 
 
 @inlined
@@ -87,9 +91,18 @@ def fall(discs, low, high, features, parameters, tally, frame):
 
 
 @inlined
+def count_impulses(left, right, bottom, top, disc, features, parameters, tally, frame):
+    """Add up the impulses on the walls that have changed the velocity of a disc by so much."""
+    if tally is not None and not is_gone(features.exits, disc):
+        scale = np.float64(parameters[TALLY_SCALE]) * own_or(features.mass, disc, parameters.dtype.type(1))
+        for wall, change in enumerate((left, right, bottom, top)):
+            tally[frame, wall] += np.int64(change * scale)
+
+
+@inlined
 def fall_alone(discs, i, features, parameters, tally, frame):
     """Advance one accelerated disc. Returns True if it is not finite."""
-    zero, one = discs.x.dtype.type(0), discs.x.dtype.type(1)
+    zero = discs.x.dtype.type(0)
     disc = discs.id[i]
     margin = own_or(discs.radius, i, zero)
     pull_x = pull_on(features.gravity, features.acceleration, 0, disc, zero)
@@ -101,8 +114,5 @@ def fall_alone(discs, i, features, parameters, tally, frame):
         discs.y[i], discs.vy[i], pull_y, Y_LOW, margin, features.wrap_y, features.piston, parameters
     )
     discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x, y, vx, vy
-    if tally is not None and not is_gone(features.exits, disc):
-        scale = np.float64(parameters[TALLY_SCALE]) * own_or(features.mass, disc, one)
-        for wall, taken in enumerate((left, right, bottom, top)):
-            tally[frame, wall] += np.int64(taken * scale)
+    count_impulses(left, right, bottom, top, disc, features, parameters, tally, frame)
     return not ((x - x == zero) & (y - y == zero) & (vx - vx == zero) & (vy - vy == zero))

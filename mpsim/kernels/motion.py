@@ -25,7 +25,8 @@ from mpsim.kernels.layout import (
 )
 from mpsim.kernels.machine import atomic_store
 from mpsim.kernels.obstacles import meet_obstacles
-from mpsim.kernels.optional import own_or, wall_speed, wrapped
+from mpsim.kernels.optional import has_any, own_or, wall_speed, wrapped
+from mpsim.kernels.walls import reach_wall
 
 
 @inlined
@@ -80,20 +81,6 @@ def drift_between_walls(discs, low, high, parameters):
         inside = (px >= x_low) & (px <= x_high) & (py >= y_low) & (py <= y_high)
         bad |= not (inside & (ux - ux == zero) & (uy - uy == zero))
     return bad
-
-
-@inlined
-def reach_wall(p, v, low, high, low_speed, high_speed, bounce, restitution):
-    """The wall rule along one axis between walls that may move: place and velocity after the step that led to p."""
-    if p < low:
-        if v < low_speed:
-            v = low_speed - (v - low_speed) * restitution
-        p = min(low + bounce * (low - p), high)
-    elif p > high:
-        if v > high_speed:
-            v = high_speed - (v - high_speed) * restitution
-        p = max(high + bounce * (high - p), low)
-    return p, v
 
 
 @inlined
@@ -173,14 +160,6 @@ def worst_slot(discs, low, high):
         if not fine and (worst < 0 or discs.id[i] < discs.id[worst]):
             worst = i
     return worst
-
-
-@inlined
-def has_any(gravity, acceleration):
-    """Whether discs are accelerated in this scene: a constant to the compiler."""
-    if gravity is None:
-        return acceleration is not None
-    return True
 
 
 @compiled

@@ -7,7 +7,7 @@ itself, a constant, or nothing at all.
 import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined
-from mpsim.kernels.layout import DIAMETER, PISTON_NOW, PISTON_WALL
+from mpsim.kernels.layout import ABSORBING, DIAMETER, DT, PISTON_NOW, PISTON_WALL, X_LOW
 
 
 @inlined
@@ -77,11 +77,35 @@ def pull_on(gravity, acceleration, axis, disc, zero):
 
 
 @inlined
+def has_any(gravity, acceleration):
+    """Whether discs are accelerated in this scene: a constant to the compiler."""
+    if gravity is None:
+        return acceleration is not None
+    return True
+
+
+@inlined
 def wall_speed(piston, limit, zero):
     """Speed of the wall that sets a limit (X_LOW, ...); only a piston has one."""
     if piston is None:
         return zero
     return piston[PISTON_NOW] if int(piston[PISTON_WALL]) == limit else zero
+
+
+@inlined
+def wall_place(piston, limit, parameters):
+    """Where the wall of a limit is when contacts are resolved: a piston's limit is that of the next step already."""
+    if piston is None:
+        return parameters[limit]
+    return parameters[limit] - wall_speed(piston, limit, parameters.dtype.type(0)) * parameters[DT]
+
+
+@inlined
+def absorbs(exits, control, limit):
+    """Whether the edge of a limit absorbs discs."""
+    if exits is None:
+        return False
+    return (control[ABSORBING] >> (limit - X_LOW)) & 1 != 0
 
 
 @compiled

@@ -116,19 +116,25 @@ class Motion:
             self.p[i, axis] = self.wrapped(p, axis)
             return
         limits = self.inside(i, axis)
-        back = self.wall_restitution if self.impact else self.real(0)
         beyond = p < limits[0]
+        p, self.v[i, axis] = self.reflected(axis, p, self.v[i, axis], limits, self.plain)
+        if self.plain and beyond and p > limits[1]:  # faster than a box per step: it bounces once more
+            p, _ = self.reflected(axis, p, self.real(0), limits, self.plain)
+        self.p[i, axis] = min(max(p, limits[0]), limits[1])
+
+    def reflected(self, axis: int, p: Any, v: Any, limits: tuple[Any, Any], plain: bool = False) -> tuple[Any, Any]:
+        """Place and velocity beyond a wall, mirrored there: as far inside as it would be outside, or under push on it.
+
+        plain: the walls are known to be at rest.
+        """
+        back = self.wall_restitution if self.impact else self.real(0)
         for side, sign in ((0, -1), (1, 1)):
-            limit, wall, v = limits[side], self.wall_speeds[axis][side], self.v[i, axis]
+            limit, wall = limits[side], self.wall_speeds[axis][side]
             if sign * p > sign * limit:
                 if sign * v > sign * wall:
-                    plain = -v * self.wall_restitution
-                    self.v[i, axis] = plain if self.plain else wall - (v - wall) * self.wall_restitution
-                p = limit + back * (limit - p)
-                break
-        if self.plain and beyond and p > limits[1]:  # faster than a box per step: it bounces once more
-            p = limits[1] + back * (limits[1] - p)
-        self.p[i, axis] = min(max(p, limits[0]), limits[1])
+                    v = -v * self.wall_restitution if plain else wall - (v - wall) * self.wall_restitution
+                return limit + back * (limit - p), v
+        return p, v
 
     def fall(self, i: int, axis: int) -> None:
         """Along the parabola; beyond a wall, bounced off where the parabola crossed it."""
@@ -136,23 +142,23 @@ class Motion:
         v = self.v[i, axis] + pull * self.dt
         p = self.wrapped(self.p[i, axis], axis) + (v - pull * self.dt / self.real(2)) * self.dt
         if self.wrap[axis] is None:
-            limits = self.inside(i, axis)
-            for side, sign in ((0, -1), (1, 1)):
-                limit, wall = limits[side], self.wall_speeds[axis][side]
-                if sign * p > sign * limit:
-                    way = self.real(0)
-                    if sign * v > sign * wall:
-                        way, inward = self.bounced(abs(p - limit), abs(v - wall), sign * pull)
-                        v = wall - sign * inward
-                    p = min(max(limit - sign * way, limits[0]), limits[1])
-                    break
+            p, v = self.off_walls(axis, p, v, pull, self.inside(i, axis))
         self.p[i, axis], self.v[i, axis] = self.wrapped(p, axis), v
+
+    def off_walls(self, axis: int, p: Any, v: Any, pull: Any, limits: tuple[Any, Any]) -> tuple[Any, Any]:
+        """Place and velocity of an accelerated disc, bounced off the wall that it is beyond, if any."""
+        for side, sign in ((0, -1), (1, 1)):
+            limit, wall = limits[side], self.wall_speeds[axis][side]
+            if sign * p > sign * limit:
+                way, inward = self.bounced(abs(p - limit), sign * (v - wall), sign * pull)
+                return min(max(limit - sign * way, limits[0]), limits[1]), wall - sign * inward
+        return p, v
 
     def bounced(self, depth: Any, speed: Any, pull: Any) -> tuple[Any, Any]:
         """Way and speed inward of a disc so far beyond a wall, so fast and so pulled outward. Energy tells the rest."""
         at_wall = np.sqrt(max(speed * speed - self.real(2) * pull * depth, self.real(0)))
-        if speed + at_wall == 0:
-            return self.real(0), self.real(0)
+        if speed + at_wall <= 0:  # it moves inward already
+            return self.real(0), at_wall
         time = min(self.real(2) * depth / (speed + at_wall), self.dt)
         start = self.wall_restitution * at_wall
         way, inward = (start - pull * time / self.real(2)) * time, start - pull * time

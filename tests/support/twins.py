@@ -13,7 +13,7 @@ from mpsim.engine.provision import giant_radius
 from mpsim.state import grid_for
 from support.compare import assert_same_bits
 from support.scenes import simulate
-from support.twin_motion import Motion
+from support.twin_motion import EDGES, Motion
 
 Cells = dict[tuple[int, int], list[int]]
 
@@ -244,11 +244,60 @@ class Twin(Motion):
         self.contacts += 1
         if self.settings.contact == "impact" and self.meet_where_they_touched(i, j, image_x, image_y, touching):
             return
+        before = [self.p[disc].copy() for disc in (i, j)]
         nx, ny, distance = normalised(nx, ny)
         half = (touching - distance) / self.real(2)
         self.push(i, -nx * (half * self.share(i, j)), -ny * (half * self.share(i, j)))
         self.push(j, nx * (half * self.share(j, i)), ny * (half * self.share(j, i)))
         self.apply_law(i, j, nx, ny)
+        if self.settings.contact == "impact" and self.pulled:
+            self.pay(i, j, before, normalised(*self.apart(i, j, image_x, image_y)))
+
+    def pay(self, i: int, j: int, before: list[Any], direction: tuple[Any, Any, Any]) -> None:
+        """Take the work against gravity of a push from the velocity with which the discs part, or push less far."""
+        nx, ny, _ = direction
+        work_i, work_j = (self.work(disc, start) for disc, start in zip((i, j), before, strict=True))
+        mass = self.mass[i] if self.has_masses else self.real(1)
+        given = self.real(4) * (work_i + work_j) / (self.share(i, j) * mass)
+        along = (self.v[j, 0] - self.v[i, 0]) * nx + (self.v[j, 1] - self.v[i, 1]) * ny
+        if along * along + given < 0 and self.scene.restitution == 1:
+            for disc, start in zip((i, j), before, strict=True):
+                self.p[disc] = [a - (b - a) * (along * along) / given for a, b in zip(start, self.p[disc], strict=True)]
+        paid = np.sqrt(max(along * along + given, self.real(0)))
+        change = (paid if along >= 0 else -paid) - along
+        self.kick(i, -change * self.share(i, j) / self.real(2), nx, ny)
+        self.kick(j, change * self.share(j, i) / self.real(2), nx, ny)
+
+    def work(self, i: int, start: Any) -> Any:
+        """What its acceleration has done on a disc since it was at `start`."""
+        way = self.p[i] - start
+        work = way[0] * self.pull(i, 0) + way[1] * self.pull(i, 1)
+        return work * (self.mass[i] if self.has_masses else self.real(1))
+
+    def fly_on(self, i: int, axis: int, time: Any) -> None:
+        """Along one axis for the time since the impact, and off the walls; at an edge that absorbs, up to it."""
+        p, v = self.p[i, axis] + self.v[i, axis] * time, self.v[i, axis]
+        if self.wrap[axis] is None:
+            low, high = (
+                limit - speed * self.dt for limit, speed in zip(self.limits[axis], self.wall_speeds[axis], strict=True)
+            )
+            margin = self.radius(i) if self.has_radii else self.real(0)
+            limits = low + margin, high - margin
+            if self.absorbs(axis, p, limits):
+                p = min(max(p, limits[0]), limits[1])
+            elif self.pulled:
+                p, v = self.off_walls(axis, p, v, self.pull(i, axis), limits)
+            else:
+                p, v = self.reflected(axis, p, v, limits)
+                p = min(max(p, limits[0]), limits[1])
+        self.p[i, axis], self.v[i, axis] = p, v
+
+    def absorbs(self, axis: int, place: Any, limits: tuple[Any, Any]) -> bool:
+        """Whether a place lies beyond an edge that absorbs."""
+        edges = EDGES[2 * axis : 2 * axis + 2]
+        return (place < limits[0] and edges[0] in self.scene.absorbing) or (
+            place > limits[1] and edges[1] in self.scene.absorbing
+        )
 
     def meet_where_they_touched(self, i: int, j: int, image_x: Any, image_y: Any, touching: Any) -> bool:
         """Contact `impact`, if the discs touched within this step: back, the law, and on again."""
@@ -264,8 +313,9 @@ class Twin(Motion):
         self.p[j] -= self.v[j] * time
         nx, ny, _ = normalised(*(np.float64(part) for part in self.apart(i, j, image_x, image_y)))
         self.apply_law(i, j, nx, ny)
-        self.push(i, *(self.v[i] * time))
-        self.push(j, *(self.v[j] * time))
+        for disc in (i, j):
+            for axis in range(2):
+                self.fly_on(disc, axis, time)
         return True
 
     def share(self, i: int, j: int) -> Any:
