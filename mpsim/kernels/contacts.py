@@ -35,7 +35,7 @@ from mpsim.kernels.layout import (
 )
 from mpsim.kernels.machine import LANES, lowest_bit, natural, overlap_lanes
 from mpsim.kernels.optional import confined, has_any, own_or, pull_on, seen_from, share, touching_distance
-from mpsim.kernels.walls import fly_on
+from mpsim.kernels.walls import keep_inside
 
 
 @inlined
@@ -107,16 +107,15 @@ def push_contact(discs, i, j, image_x, image_y, features, parameters, law):
 
 
 @inlined
-def push_and_pay(discs, i, j, image_x, image_y, features, parameters, law):
-    """`push_contact` of accelerated discs, whose lift is paid for. Returns the impulse of the law.
+def pay(discs, i, j, image_x, image_y, start_i, start_j, features, parameters):
+    """Keep the energy of two accelerated discs that a contact has moved from `start`: pairs (x, y).
 
-    Free discs keep their centre of mass, but a wall that confines one of them lifts both, against gravity. What that
-    takes (or gives, W > 0) changes the velocity w with which they part or approach: w'^2 = w^2 + 2 W / mu, with the
-    reduced mass mu. A pair that cannot pay is moved as far as it can; a lossy one, which may lie in a heap, all the way.
+    Uniform gravity does no work on a contact that keeps the centre of mass; where a wall confines one of the discs it
+    does (both are lifted), and discs of different accelerations always meet some. The work W changes the velocity w
+    with which they part or approach: w'^2 = w^2 + 2 W / mu, with the reduced mass mu. Discs that cannot pay are moved
+    as far as they can; where collisions lose energy, and discs may lie in heaps, all the way.
     """
     one, two = discs.x.dtype.type(1), discs.x.dtype.type(2)
-    start_i, start_j = (discs.x[i], discs.y[i]), (discs.x[j], discs.y[j])
-    impulse = push_contact(discs, i, j, image_x, image_y, features, parameters, law)
     work = work_since(discs, i, *start_i, features) + work_since(discs, j, *start_j, features)
     share_i = share(features.mass, discs.id[i], discs.id[j], one)
     share_j = share(features.mass, discs.id[j], discs.id[i], one)
@@ -136,7 +135,6 @@ def push_and_pay(discs, i, j, image_x, image_y, features, parameters, law):
     discs.vy[i] += change_i * ny
     discs.vx[j] += change_j * nx
     discs.vy[j] += change_j * ny
-    return impulse
 
 
 @inlined
@@ -174,10 +172,12 @@ def impact_contact(discs, i, j, image_x, image_y, features, parameters, control,
     Discs that do not approach, or that overlapped before this step, are pushed apart instead. Returns the impulse.
     """
     time = time_since_impact(discs, i, j, image_x, image_y, parameters)
+    start_i, start_j = (discs.x[i], discs.y[i]), (discs.x[j], discs.y[j])
     if not (time >= 0) & (time <= parameters[DT]):
+        impulse = push_contact(discs, i, j, image_x, image_y, features, parameters, control[LAW])
         if has_any(features.gravity, features.acceleration):
-            return push_and_pay(discs, i, j, image_x, image_y, features, parameters, control[LAW])
-        return push_contact(discs, i, j, image_x, image_y, features, parameters, control[LAW])
+            pay(discs, i, j, image_x, image_y, start_i, start_j, features, parameters)
+        return impulse
     for disc in (i, j):
         discs.x[disc] -= discs.vx[disc] * time
         discs.y[disc] -= discs.vy[disc] * time
@@ -187,7 +187,12 @@ def impact_contact(discs, i, j, image_x, image_y, features, parameters, control,
     nx, ny, _ = normalised(np.float64(x), np.float64(y), 1.0)
     impulse = apply_law(discs, i, j, nx, ny, features, parameters, control[LAW])
     for disc in (i, j):
-        fly_on(discs, disc, time, features, parameters, control, tally, frame)
+        discs.x[disc] += discs.vx[disc] * time
+        discs.y[disc] += discs.vy[disc] * time
+    if features.acceleration is not None:
+        pay(discs, i, j, image_x, image_y, start_i, start_j, features, parameters)
+    for disc in (i, j):
+        keep_inside(discs, disc, features, parameters, control, tally, frame)
     return impulse
 
 

@@ -72,11 +72,9 @@ def bounce(discs, i, features, parameters, control, tally, frame):
 
 
 @inlined
-def fly_on(discs, i, time, features, parameters, control, tally, frame):
-    """Disc i flies on for what is left of the step after an impact, and bounces off a wall that it reaches."""
+def keep_inside(discs, i, features, parameters, control, tally, frame):
+    """`bounce`, if an impact has led disc i beyond a wall: seldom, so the bounce is a call."""
     margin = own_or(discs.radius, i, discs.x.dtype.type(0))
-    discs.x[i] += discs.vx[i] * time
-    discs.y[i] += discs.vy[i] * time
     free_x = is_between(discs.x[i], X_LOW, margin, features.wrap_x, features.piston, parameters)
     free_y = is_between(discs.y[i], Y_LOW, margin, features.wrap_y, features.piston, parameters)
     if not (free_x & free_y):

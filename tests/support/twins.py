@@ -254,7 +254,7 @@ class Twin(Motion):
             self.pay(i, j, before, normalised(*self.apart(i, j, image_x, image_y)))
 
     def pay(self, i: int, j: int, before: list[Any], direction: tuple[Any, Any, Any]) -> None:
-        """Take the work against gravity of a push from the velocity with which the discs part, or push less far."""
+        """Take the work against gravity of a contact from the velocity with which the discs part, or move them less."""
         nx, ny, _ = direction
         work_i, work_j = (self.work(disc, start) for disc, start in zip((i, j), before, strict=True))
         mass = self.mass[i] if self.has_masses else self.real(1)
@@ -274,9 +274,9 @@ class Twin(Motion):
         work = way[0] * self.pull(i, 0) + way[1] * self.pull(i, 1)
         return work * (self.mass[i] if self.has_masses else self.real(1))
 
-    def fly_on(self, i: int, axis: int, time: Any) -> None:
-        """Along one axis for the time since the impact, and off the walls; at an edge that absorbs, up to it."""
-        p, v = self.p[i, axis] + self.v[i, axis] * time, self.v[i, axis]
+    def keep_inside(self, i: int, axis: int) -> None:
+        """Off the wall that an impact has led a disc beyond; at an edge that absorbs, on the edge."""
+        p, v = self.p[i, axis], self.v[i, axis]
         if self.wrap[axis] is None:
             low, high = (
                 limit - speed * self.dt for limit, speed in zip(self.limits[axis], self.wall_speeds[axis], strict=True)
@@ -309,13 +309,17 @@ class Twin(Motion):
         time = -c / (np.sqrt(b * b - (u[0] * u[0] + u[1] * u[1]) * c) - b)
         if not 0 <= time <= self.dt:
             return False
+        before = [self.p[disc].copy() for disc in (i, j)]
         self.p[i] -= self.v[i] * time
         self.p[j] -= self.v[j] * time
         nx, ny, _ = normalised(*(np.float64(part) for part in self.apart(i, j, image_x, image_y)))
         self.apply_law(i, j, nx, ny)
-        for disc in (i, j):
-            for axis in range(2):
-                self.fly_on(disc, axis, time)
+        self.p[i] += self.v[i] * time
+        self.p[j] += self.v[j] * time
+        if self.scene.acceleration is not None:
+            self.pay(i, j, before, normalised(*self.apart(i, j, image_x, image_y)))
+        for disc, axis in ((i, 0), (i, 1), (j, 0), (j, 1)):
+            self.keep_inside(disc, axis)
         return True
 
     def share(self, i: int, j: int) -> Any:
