@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from support.internals import wall_impulses
 from support.scenes import gas, simulate
 
 from mpsim import Scene
@@ -215,3 +216,50 @@ def test_i1_pairs_are_met_at_the_overlap_of_kinetic_theory(contact, figures):
     doubled = overlap_met(2 * dt, contact)
     assert doubled.value / expected > 1.8, "the measure must tell a frame of twice the length"
     figures.note("I1", contact, "mean overlap met, dt = 0.005", f"{expected:.6f}", found, f"dt = 0.01: {doubled}")
+
+
+def thrown_at_a_wall(contact, wall_restitution=1.0, gravity=None):
+    """Two discs at rest and at speed 8 over a wall: the first reaches the wall within the step of the contact.
+
+    Touching after 1/128 they exchange velocities, so the first goes on where the second came from, one diameter lower:
+    1/8 over the wall at the start, 1/8 beyond it after the step of 1/32. Returns places over the wall, velocities, and
+    the impulse on it.
+    """
+    axis = 0 if gravity is None else 1
+    position, velocity = np.full((2, 2), 5.0), np.zeros((2, 2))
+    position[:, axis], velocity[1, axis] = (0.5 + 1 / 16, 0.5 + 1 / 16 + 1 + 1 / 16), -8
+    features = dict(radius=0.5, wall_restitution=wall_restitution, gravity=gravity)
+    scene = Scene(width=20, height=20, position=position, velocity=velocity, **features)
+    with simulate(scene, method="naive", dt=1 / 32, contact=contact) as sim:
+        impulse = wall_impulses(sim, 1)[2 * axis]
+        return sim.state.position[:, axis] - 0.5, sim.state.velocity[:, axis], impulse
+
+
+@pytest.mark.parametrize("restitution", [1.0, 0.5])
+def test_a_disc_that_an_impact_throws_at_a_wall_bounces_in_the_same_step(restitution):
+    place, velocity, impulse = thrown_at_a_wall("impact", restitution)
+    assert place == pytest.approx([restitution / 8, 1 + 1 / 16], abs=ROUNDING)
+    assert velocity == pytest.approx([8 * restitution, 0], abs=ROUNDING)
+    assert impulse == pytest.approx(8 * (1 + restitution), abs=1e-8)
+    place, velocity, impulse = thrown_at_a_wall("push", restitution)
+    assert (place[0], velocity[0], impulse) == (0, -8, 0), "the control stops at the wall, still on its course"
+
+
+def test_a_disc_that_an_impact_throws_at_the_floor_bounces_off_along_its_parabola():
+    """From 1/8 at speed 8 under g = 4: sqrt(65) at the floor, (sqrt(65) - 8)/4 after the start; then up and slower."""
+    g, landing = 4.0, math.sqrt(65)
+    since = 1 / 32 - (landing - 8) / g
+    place, velocity, impulse = thrown_at_a_wall("impact", gravity=(0.0, -g))
+    assert place[0] == pytest.approx(landing * since - g * since**2 / 2, abs=ROUNDING)
+    assert velocity[0] == pytest.approx(landing - g * since, abs=ROUNDING)
+    assert impulse == pytest.approx(2 * landing, abs=1e-8)
+    place, velocity, _ = thrown_at_a_wall("push", gravity=(0.0, -g))
+    assert (velocity**2 / 2 + g * place).sum() < 37, "the control does not have the energy 32 + 4 (1/16 + 9/8 - 1/128)"
+
+
+def test_a_disc_that_an_impact_throws_at_an_edge_that_absorbs_leaves():
+    position, velocity = [[0.5625, 5.0], [1.625, 5.0]], [[0.0, 0.0], [-8.0, 0.0]]
+    scene = Scene(width=20, height=20, position=position, velocity=velocity, radius=0.5, absorbing="left")
+    with simulate(scene, method="naive", dt=1 / 32, contact="impact") as sim:
+        sim.run(frames=2)
+        assert sim.absorbed.tolist() == [True, False]

@@ -7,12 +7,14 @@ from support.internals import machine_code
 
 from mpsim.kernels import contacts
 from mpsim.kernels.contacts import resolve_all_pairs
-from mpsim.kernels.layout import ELASTIC, REFLECT
+from mpsim.kernels.layout import CONTACT, ELASTIC, EXCHANGE, IMPACT, REFLECT
 
 REALS = [np.float32, np.float64]
 
 
-push_contact, resolve_range = map(machine_code, (contacts.push_contact, contacts.resolve_range))
+push_contact, impact_contact, resolve_range = map(
+    machine_code, (contacts.push_contact, contacts.impact_contact, contacts.resolve_range)
+)
 
 
 def contact(discs, i, j, parameters, law):
@@ -96,6 +98,71 @@ def test_a_push_does_not_carry_a_disc_through_a_wall():
     discs = discs_of(np.float64, [0.5, 1.0], [3.0, 3.0])
     contact(discs, 0, 1, parameters_of(np.float64, 10, 6), ELASTIC)
     assert (discs.x[0], discs.x[1]) == (0.5, 1.25)
+
+
+PULL = 8.0
+
+
+def energy(discs, acceleration, mass):
+    """Kinetic and potential energy of two discs."""
+    place, velocity = (np.array([a[:2], b[:2]], float) for a, b in (discs[:2], discs[2:4]))
+    return ((velocity**2 / 2 - acceleration * place) * mass).sum()
+
+
+def lifted(contact, offset, parting, mass=None, exchange=1.0):
+    """A disc on the floor and another 0.625 above it, to the right: height of both, energies before and after."""
+    velocities = [[0.0, parting * length / 0.625] for length in offset]
+    discs = discs_of(np.float64, [5.0, 5.0 + offset[0]], [0.5, 0.5 + offset[1]], *velocities)
+    features = BARE._replace(gravity=np.array([0.0, -PULL]), mass=mass)
+    parameters, control = parameters_of(np.float64, 10, 10), control_of(2)
+    parameters[EXCHANGE], control[CONTACT] = exchange, IMPACT
+    weights = np.ones(2) if mass is None else mass
+    before = energy(discs, np.array([[0.0], [-PULL]]), weights)
+    if contact == "push":
+        push_contact(discs, 0, 1, None, None, features, parameters, ELASTIC)
+    else:
+        impact_contact(discs, 0, 1, None, None, features, parameters, control, None, 0)
+    return discs.y[:2].copy(), before, energy(discs, np.array([[0.0], [-PULL]]), weights)
+
+
+@pytest.mark.parametrize("mass", [None, np.array([1.0, 3.0]), np.array([4.0, 1.0])])
+def test_a_lift_against_gravity_is_paid_for_by_the_speed_of_parting(mass):
+    """3/8 are missing along (0.6, 0.8). The floor does not yield, so the upper disc's half is a lift."""
+    height, before, after = lifted("impact", (0.375, 0.5), 5.0, mass)
+    pushed, _, control = lifted("push", (0.375, 0.5), 5.0, mass)
+    assert height.tolist() == pushed.tolist()
+    assert height[0] == 0.5
+    assert height[1] > 1.05
+    assert after == pytest.approx(before, rel=1e-13)
+    assert control > before + 0.5, "a push that nobody pays must show"
+
+
+def test_who_cannot_pay_for_a_lift_is_lifted_as_far_as_he_can():
+    """A parting speed of 0.8 has the energy 0.8^2/4 = 0.16 of relative motion: a lift of 0.16/8 = 0.02."""
+    height, before, after = lifted("impact", (0.0, 0.625), 0.8)
+    assert height == pytest.approx([0.5, 1.145], rel=1e-13)
+    assert after == pytest.approx(before, rel=1e-13)
+
+
+def test_in_a_heap_that_loses_energy_a_lift_may_cost_more_than_there_is():
+    height, before, after = lifted("impact", (0.375, 0.5), 0.0, exchange=0.75)
+    assert height.tolist() == lifted("push", (0.375, 0.5), 0.0)[0].tolist()
+    assert after > before
+
+
+@pytest.mark.parametrize("mass", [None, np.array([1.0, 3.0])])
+def test_an_impact_of_discs_that_are_pulled_differently_keeps_the_energy(mass):
+    pulls = np.array([[3.0, -1.0], [-7.0, 2.0]])
+    discs = discs_of(np.float64, [5.0, 5.5], [5.0, 5.5], [1.0, -9.0], [-2.0, 1.0])
+    parameters, control = parameters_of(np.float64, 10, 10, dt=0.1), control_of(2)
+    control[CONTACT] = IMPACT
+    weights = np.ones(2) if mass is None else mass
+    before = energy(discs, pulls, weights)
+    impact_contact(discs, 0, 1, None, None, BARE._replace(acceleration=pulls, mass=mass), parameters, control, None, 0)
+    assert energy(discs, pulls, weights) == pytest.approx(before, rel=1e-13)
+    alike = discs_of(np.float64, [5.0, 5.5], [5.0, 5.5], [1.0, -9.0], [-2.0, 1.0])
+    impact_contact(alike, 0, 1, None, None, BARE._replace(mass=mass), parameters, control, None, 0)
+    assert abs(energy(alike, pulls, weights) - before) > 0.1, "without the account it must show"
 
 
 def twin_of_range(discs, i, first, last, parameters, law):
