@@ -96,19 +96,18 @@ def heap_drift(dt, contact, starts, until, passes=1):
 
 
 def check_heap(starts, until, figures):
-    """Drift per unit of time: 0.4 dt^2 is allowed. Impact warms by 0.14 to 0.22 dt^2, push cools by 0.011 dt."""
+    """Energy gained: 0.002 dt^2 per unit of time is allowed, and impact gains some 1e-4 dt^2. Push loses 0.011 dt."""
     steps = (0.02, 0.01, 0.005)
     found = [heap_drift(dt, "impact", starts, until) for dt in steps]
     control = [heap_drift(dt, "push", starts, until) for dt in steps]
     for dt, drift, loss in zip(steps, found, control, strict=True):
-        gate = 0.4 * dt**2 * until
+        gate = 0.002 * dt**2 * until
         assert abs(drift.value) < gate, f"the heap gains {drift} at dt={dt}, allowed {gate}"
         assert loss.value < -gate, f"push must fail the gate {gate}; got {loss} at dt={dt}"
-    assert abs(found[2].value) < abs(found[0].value) / 4, f"the drift must fall with dt: {found}"
     order = fit_order(steps, [m.value for m in control], [m.error for m in control])
     assert 0.8 < order.value < 1.1, f"order of push {order}"
     for dt, drift, loss in zip(steps, found, control, strict=True):
-        quantity, gate = f"heap of 100, t = {until:g}, dt = {dt}: energy gained", 0.4 * dt**2 * until
+        quantity, gate = f"heap of 100, t = {until:g}, dt = {dt}: energy gained", 0.002 * dt**2 * until
         figures.note("A11", "impact", quantity, f"below {gate:.2g}", drift, f"push: {loss}")
 
 
@@ -193,9 +192,10 @@ def potential_share(dt, contact, starts, time=400.0, count=20):
 
 def check_shares(dt, starts, error, figures):
     share, drift = potential_share(dt, "impact", starts)
-    # Packing of 0.003 in the lower half raises the discs by as much; the energy drifts by 0.3 % at dt = 0.01.
+    # Packing of 0.003 in the lower half raises the discs by as much.
     assert share.error < error
-    assert abs(share.value - 1) < 3 * share.error + 0.003 + abs(drift.value), f"potential energy {share} of E/(2N)"
+    assert abs(drift.value) < 1e-5, f"the energy has changed by {drift}"
+    assert abs(share.value - 1) < 3 * share.error + 0.003, f"potential energy {share} of E/(2N)"
     control, loss = potential_share(dt, "push", max(starts // 3, 2))
     assert control.value < 0.9, f"clamped at the floor, discs must sink; got {control}"
     quantity = f"small discs under gravity, dt = {dt}: m g y over E/(2N)"
