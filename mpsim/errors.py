@@ -117,7 +117,7 @@ class CheckpointWarning(UserWarning):
 
 
 class EmitterWarning(UserWarning):
-    """A disc that an emitter was to add waits, because its place is occupied."""
+    """A disc that an emitter was to add waits: its place is occupied, or there is no room for it."""
 
 
 class FastWarning(UserWarning):

@@ -104,7 +104,8 @@ class Emitter:
     long: it tries again every interval / 8 (of `every`: before each frame).
 
     Args:
-        position: centre of the new disc (x, y) [length].
+        position: centre of the new disc (x, y) [length], a radius from walls and obstacles. Where a piston has passed
+            it, no more discs enter, and a warning says so.
         velocity: of the new disc v (vx, vy) [length/time].
         interval: time between two discs [time], > 0.
         every: frames between two discs, >= 1, instead of interval.
@@ -161,7 +162,8 @@ class Piston:
     Args:
         wall: "left", "right", "bottom" or "top".
         speed: along x or y [length/time]; a right wall with a negative speed compresses.
-        stop: coordinate at which it comes to rest [length], in the box, on the way.
+        stop: coordinate at which it comes to rest [length], in the box, on the way. There must be room for all discs
+            then.
 
     Raises:
         InputError: naming the argument, its rule and the value received.

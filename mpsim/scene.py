@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mpsim import arrangement, checks, features, placement
+from mpsim import arrangement, checks, features, placement, room
 from mpsim.errors import InputError
 from mpsim.features import Emitter, Obstacle, Piston
 from mpsim.state import State
@@ -107,12 +107,16 @@ class Scene:
         _demand_room(largest, self.width, self.height, self.boundary)
         if self.piston is not None:
             length = self.width if self.piston.wall in ("left", "right") else self.height
-            room = self.piston.stop if self.piston.wall in ("right", "top") else length - self.piston.stop
-            if 2 * largest > room:
+            left = self.piston.stop if self.piston.wall in ("right", "top") else length - self.piston.stop
+            if 2 * largest > left:
                 raise InputError(
                     f"stop of the piston must leave room for the largest disc, of diameter {2 * largest:g}; got "
-                    f"{self.piston.stop:g}, which leaves {room:g}. Let it stop earlier."
+                    f"{self.piston.stop:g}, which leaves {left:g}. Let it stop earlier."
                 )
+            limits = [emitter.limit for emitter in self.emitters if emitter.limit is not None]
+            radii = [emitter.radius or largest for emitter in self.emitters if emitter.limit is not None]
+            number = np.concatenate([np.ones(self.count), np.array(limits, float)])
+            room.check_end(self, "stop of the piston", np.concatenate([self.radii, np.array(radii, float)]), number)
 
     def _check_emitter(self, index: int, emitter: Emitter) -> None:
         """An emitter must know the radius and mass of its discs, and stand in the box."""
@@ -122,38 +126,59 @@ class Scene:
                     f"emitters[{index}] must have a {name}, as the discs of this scene have one each; got None."
                 )
         radius = self.radius if emitter.radius is None else emitter.radius
-        self.check_inside(f"the position of emitters[{index}]", np.array([emitter.position]), radius)
+        place = np.array([emitter.position])
+        self.check_inside(f"the position of emitters[{index}]", place, radius)
+        room.check_clear(self, f"the position of emitters[{index}]", place, np.array([radius]))
 
-    def limits(self, radius: float | NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Least and largest centre of discs of a radius, shapes (2,) or (N, 2) [length]."""
-        size = np.array([self.width, self.height])
+    def walls_at(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Corners (x, y) of the box at a time, the least and the largest: a piston may have made it smaller [length].
+
+        >>> Scene.load("piston").walls_at(math.inf)[1].tolist()
+        [20.0, 20.0]
+        """
+        low, high = np.zeros(2), np.array([self.width, self.height])
+        if self.piston is not None:
+            axis, far = divmod(features.EDGES.index(self.piston.wall), 2)
+            place = (low, high)[far][axis] + self.piston.speed * time
+            (low, high)[far][axis] = (min, max)[far](place, self.piston.stop)
+        return low, high
+
+    def limits(
+        self, radius: float | NDArray[np.float64], time: float = 0.0
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Least and largest centre of discs of a radius at a time, shapes (2,) or (N, 2) [length]."""
+        low, high = self.walls_at(time)
         walls = np.array([word == "walls" for word in self.boundary])
         margin = np.multiply.outer(np.asarray(radius), walls)
-        return margin, size - margin
+        return low + margin, high - margin
 
-    def check_inside(self, name: str, position: NDArray[np.float64], radius: float | NDArray[np.float64]) -> None:
+    def check_inside(
+        self, name: str, position: NDArray[np.float64], radius: float | NDArray[np.float64], time: float = 0.0
+    ) -> None:
         """Refuse discs that are not in the box.
 
         Args:
             name: of the argument, for the text of the error.
             position: centres, shape (N, 2) [length].
             radius: of every disc, or one each, shape (N,) [length].
+            time: at which they are to be there: a piston may have made the box smaller [time].
 
         Raises:
             InputError: naming the first centre that is less than one radius from a wall.
         """
-        low, high = self.limits(radius)
+        low, high = self.limits(radius, time)
         # A centre may touch the wall to within rounding of the box's own coordinates.
         slack = 4 * np.finfo(np.float64).eps * max(self.width, self.height)
         outside = np.argwhere(((position < low - slack) | (position > high + slack)).any(axis=1))
         if len(outside):
             index = int(outside[0, 0])
+            now = f", the piston's place at time {time:g} included" if self.piston is not None and time > 0 else ""
             (x_low, y_low), (x_high, y_high) = (
                 np.broadcast_to(limit, (len(position), 2))[index] for limit in (low, high)
             )
             raise InputError(
                 f"{name}[{index}] must lie in [{x_low:g}, {x_high:g}] x [{y_low:g}, {y_high:g}] (one "
-                f"radius from the walls); got {tuple(position[index].tolist())} ({len(outside)} discs outside). "
+                f"radius from the walls{now}); got {tuple(position[index].tolist())} ({len(outside)} discs outside). "
                 "Move the disc or enlarge the box."
             )
 

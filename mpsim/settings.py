@@ -43,9 +43,10 @@ class Settings:
         on_worker_death: "raise" WorkerDied, or "restart": go back to the last snapshot in memory and on from there with
             new workers, to the same bits. Snapshots take 1 % of the time or less.
         on_fast: what to do when a disc moves farther in a step than its own radius, so that discs may pass through each
-            other: "warn" (FastWarning, once), "error" (TooFastError), or "substep": divide frames into as many more
-            steps as keep every disc below half its radius, chosen every 16 frames from the state alone. See
-            docs/stability.md.
+            other, or meets more than one other in a step on average: "warn" (FastWarning, once), "error"
+            (TooFastError), or "substep": divide frames into as many more steps as keep every disc below half its
+            radius, chosen every 16 frames, and after any frame in which one was fast, from the state alone. The frame
+            in which a disc becomes fast is finished first. See docs/stability.md.
 
     Raises:
         InputError: naming the setting, its rule and the value received.

@@ -21,7 +21,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from run_bench import machine, make_folder
 
 import mpsim
-from mpsim.engine import watching
+from mpsim.engine import paces, watching
 from mpsim.measure import stability
 from mpsim.measure.extremes import AXES
 from mpsim.output import stability_map
@@ -49,7 +49,7 @@ def cost() -> None:
             looks = []
             for _ in range(30):
                 started = time.perf_counter()
-                watching.pace_of(sim.state.velocity, scene.radii, scene)
+                paces.pace_of(sim.state.velocity, scene.radii, scene)
                 looks.append(time.perf_counter() - started)
         look, every = statistics.median(looks), watching.Watch(scene, sim.settings, False).frames_ahead(0, count)
         console.print(

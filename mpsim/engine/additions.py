@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mpsim import checks
+from mpsim import checks, room
 from mpsim.engine.provision import has_masses, has_radii
 from mpsim.errors import InputError
 from mpsim.scene import Scene
@@ -30,6 +30,8 @@ class NewDiscs(NamedTuple):
 def checked(
     scene: Scene,
     precision: str,
+    time: float,
+    present: Floats,
     position: ArrayLike,
     velocity: ArrayLike,
     acceleration: ArrayLike | None,
@@ -37,6 +39,12 @@ def checked(
     mass: ArrayLike | None,
 ) -> NewDiscs:
     """What `Simulation.add` was given, as arrays.
+
+    Args:
+        scene, precision: of the simulation.
+        time: at which they are added [time].
+        present: radii of the discs that are there, shape (N,) [length].
+        position, velocity, acceleration, radius, mass: what was given.
 
     Raises:
         InputError: naming the argument, its rule and the value received.
@@ -54,9 +62,34 @@ def checked(
         kicks = checks.finite_array("acceleration", np.atleast_2d(acceleration), shape, meaning)
     radii = _one_each("radius", radius, scene.largest_radius, len(places), has_radii(scene))
     masses = _one_each("mass", mass, 1.0, len(places), has_masses(scene))
-    scene.check_inside("position", places, radii)
+    _check_room(scene, time, present, "position", places, radii)
     checks.fitting("velocity", speeds, precision)
     return NewDiscs(places, speeds, kicks, radii, masses)
+
+
+def _check_room(scene: Scene, time: float, present: Floats, name: str, position: Floats, radius: Floats) -> None:
+    """Refuse discs that are not in the box as it is now, or in an obstacle, or too many where a piston stops."""
+    scene.check_inside(name, position, radius, time)
+    room.check_clear(scene, name, position, radius)
+    together = np.append(present, radius)
+    room.check_end(scene, name, together, np.ones(len(together)))
+
+
+def hindrance(scene: Scene, time: float, present: Floats, name: str, position: Floats, radius: float) -> str | None:
+    """Why there is no room for a disc at a time, whoever is there: words for a warning, or None.
+
+    Args:
+        scene: in whose box it is to enter.
+        time: at which it is to enter [time].
+        present: radii of the discs that are there, shape (N,) [length].
+        name: of the position, for the words.
+        position, radius: of the disc, shape (2,) and () [length].
+    """
+    try:
+        _check_room(scene, time, present, name, position[None], np.array([radius]))
+    except InputError as error:
+        return str(error)
+    return None
 
 
 def _one_each(name: str, value: ArrayLike | None, common: float, count: int, own: bool) -> Floats:

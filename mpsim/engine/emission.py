@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.engine.additions import hindrance
 from mpsim.engine.exact import ExactSolver
 from mpsim.engine.flight import launched
 from mpsim.engine.provision import has_masses, has_radii
@@ -90,11 +91,13 @@ class Emission:
             emitter = self._emitters[index]
             radius, _ = self._kind(emitter)
             position, velocity = launched(self._scene, emitter, radius, max(sim.time - time, 0.0), sim.time)
-            free = crowd.admits(position, radius)
+            name = f"the position of emitters[{index}]"
+            hindered = hindrance(self._scene, sim.time, crowd.radius, name, position, radius)
+            free = not hindered and crowd.admits(position, radius)
             if free:
                 entering.append((emitter, position, velocity))
             else:
-                self._warn(index, emitter, sim.frame if emitter.every else time)
+                self._warn(index, emitter, sim.frame if emitter.every else time, hindered)
             plan._note(index, sim.frame, free)
         with interrupts_held_back():  # else a disc could be in the simulation, but not in the books
             if entering:
@@ -148,27 +151,28 @@ class Emission:
         assert interval is not None
         return self._due[index] * (interval / TRIES)
 
-    def _warn(self, index: int, emitter: Emitter, when: float) -> None:
+    def _warn(self, index: int, emitter: Emitter, when: float, hindered: str | None) -> None:
         """Say once that a disc waits."""
         if not self._warned:
             self._warned = True
             name, moment = ("every", f"before frame {when}") if emitter.every else ("interval", f"at time {when:g}")
-            warnings.warn(
+            text = (
                 f"emitters[{index}] found its place {emitter.position} occupied {moment}: its disc waits "
-                f"until the place is free. Give a larger `{name}`, or a velocity that leads away.",
-                EmitterWarning,
-                stacklevel=6,
+                f"until the place is free. Give a larger `{name}`, or a velocity that leads away."
             )
+            if hindered:
+                text = f"emitters[{index}] found no room {moment}, and its disc waits: {hindered}"
+            warnings.warn(text, EmitterWarning, stacklevel=6)
 
 
 class _Crowd:
-    """Where discs are: those of a simulation, and those that are to enter."""
+    """Where discs are: those of a simulation, and those that are to enter. Attribute radius: shape (N,) [length]."""
 
     def __init__(self, sim: "Simulation"):
         here = ~sim.absorbed
         self._scene = sim.scene
         self._position = sim.state.position[here]
-        self._radius = sim.radii[here]
+        self.radius = sim.radii[here]
 
     def admits(self, place: NDArray[np.float64], radius: float) -> bool:
         """Whether a disc overlaps none; it is then one of them."""
@@ -176,8 +180,8 @@ class _Crowd:
         for axis, length in enumerate((self._scene.width, self._scene.height)):
             if self._scene.periodic[axis]:
                 offset[:, axis] = np.minimum(offset[:, axis], length - offset[:, axis])
-        free = not ((offset**2).sum(axis=1) < (self._radius + radius) ** 2).any()
+        free = not ((offset**2).sum(axis=1) < (self.radius + radius) ** 2).any()
         if free:
             self._position = np.append(self._position, place[None].astype(self._position.dtype), axis=0)
-            self._radius = np.append(self._radius, radius)
+            self.radius = np.append(self.radius, radius)
         return free

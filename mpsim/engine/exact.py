@@ -62,6 +62,7 @@ class ExactSolver:
         self._law = _law_of(scene)
         self._radii, self._masses = scene.radii, scene.masses
         self.torn = False
+        self.alarmed = False
         self.substeps = 1
         self._process = psutil.Process()
         self._counting = False
@@ -181,6 +182,9 @@ class ExactSolver:
         position, velocity = np.empty((2, self.count, 2))
         events.read_out(self._store, self._box, self._law, self._present, position, velocity)
         return State(position, velocity)
+
+    def divide(self, substeps: int) -> None:
+        """Nothing: there are no steps."""
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
         """Append discs at the present time; refused if they overlap.

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim import checks
-from mpsim.engine import additions, methods, soundness, watching
+from mpsim.engine import additions, methods, resolution, soundness, watching
 from mpsim.engine import checkpoint as checkpoint_file
 from mpsim.engine.emission import Emission
 from mpsim.engine.exact import ExactSolver
@@ -103,7 +103,7 @@ class Simulation:
             raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
         self._scene = scene
         self._settings = settings
-        watching.check_precision(scene, settings)
+        resolution.check_precision(scene, settings)
         self._last_frame = 0
         self._emission = Emission(scene, settings.dt)
         choice = methods.choose(scene.count, settings)
@@ -116,6 +116,8 @@ class Simulation:
         self._solver: SteppedSolver | ExactSolver = solver(scene, settings, choice)
         self._closing = weakref.finalize(self, _close, self._solver)
         _open.add(self)
+        if isinstance(self._solver, SteppedSolver):
+            self._watch.arm(self._solver)
 
     def __enter__(self) -> "Simulation":
         return self
@@ -211,7 +213,7 @@ class Simulation:
         solver = self._open_solver()
         frames, onlookers = self._frames_wanted(frames, until), Onlookers(observe)
         whole = solver.time == solver.frame * self._settings.dt
-        gathering = Gathering(self._measures_wanted(measures), frames, solver.state, whole)
+        gathering = Gathering(checked(measures, self._scene, self.count), frames, solver.state, whole)
         self._between_frames(lambda: solver.record(gathering.counting))
         ledger, guarded = Ledger(max(solver.choice.workers), gathering), solver.guarded
         keeper = Keeper(self._snapshot, self._restore, ledger) if self._heals else None
@@ -241,7 +243,7 @@ class Simulation:
 
     def _advance(self, most: int, ledger: Ledger, keeper: Keeper | None) -> None:
         """One slice of frames: what emitters add, a command of the solver, and, where wanted, the way back."""
-        self._look()
+        self._solver.divide(self._look())
         try:
             self._emission.before_frame(self, self._solver)
             if keeper is not None and self._solver.pids:
@@ -271,21 +273,24 @@ class Simulation:
         if part.times.shape[1]:
             self._pacer.note(workers, part.times.shape[1], float(np.median(part.times[0].sum(axis=1))) * 1e-9)
         ledger.take(part, self._scene)
+        if self._solver.alarmed:  # look now: the run may end here, or be saved
+            self._solver.divide(self._look())
         self._emission.in_time(self, self._solver)
 
-    def _look(self, anyway: bool = False) -> None:
-        """Look at the speeds, if this is a frame before which to look, and act as the settings say."""
-        solver, watch = self._solver, self._watch
-        if not (anyway or watch.is_due(self.frame, solver.count)) or isinstance(solver, ExactSolver):
-            return
-        pace = solver.pace()
-        if watch.adapts:
-            solver.divide(watch.substeps_for(pace, self.frame))
-            return
-        text = watch.complaint(pace, self.frame)
-        if text:
-            watch.told()
-            warnings.warn(text, FastWarning, stacklevel=4)
+    def _look(self, new: additions.NewDiscs | None = None) -> int:
+        """Look at the speeds where there is reason to, and warn or refuse as the settings say.
+
+        Args:
+            new: discs that are about to be added.
+
+        Returns:
+            Sub-steps to take from now on.
+        """
+        solver = self._solver
+        due = new is not None or solver.alarmed or self._watch.is_due(self.frame, solver.count)
+        if not due or isinstance(solver, ExactSolver):
+            return solver.substeps
+        return self._watch.judge(solver, new)
 
     @property
     def _heals(self) -> bool:
@@ -387,6 +392,8 @@ class Simulation:
         try:
             sim._restore((found.arrays, found.run["emission"]), new_workers=False)
             sim._watch = watching.Watch(found.scene, settings, isinstance(sim._solver, ExactSolver))
+            if isinstance(sim._solver, SteppedSolver):
+                sim._watch.arm(sim._solver)
         except BaseException:
             sim.close()
             raise
@@ -404,21 +411,27 @@ class Simulation:
         """Add one disc, or several.
 
         Args:
-            position, velocity: shape (2,) or (K, 2); centres inside the box [length], [length/time]. A new disc may
-                overlap others: the next frames push them apart.
+            position, velocity: shape (2,) or (K, 2); centres inside the box as it is now, clear of obstacles
+                [length], [length/time]. A new disc may overlap others: the next frames push them apart.
             acceleration: as position, only in a scene that has it; left out it is zero [length/time^2].
             radius, mass: one or one each; needed in a scene whose discs have one each, and only there. No disc may be
                 larger than the largest of the scene [length], [mass].
 
         Raises:
             InputError: naming the argument, its rule and the value received; then nothing was added.
+            TooFastError: as settings.on_fast says; then nothing was added either.
         """
         solver = self._open_solver()
-        new = additions.checked(self._scene, self._settings.precision, position, velocity, acceleration, radius, mass)
+        now = (self._settings.precision, solver.time, solver.radii)
+        new = additions.checked(self._scene, *now, position, velocity, acceleration, radius, mass)
         before, choice = solver.choice, methods.choose(solver.count + len(new.position), self._settings)
-        self._between_frames(lambda: solver.add(new, choice))
-        if self._watch.adapts:  # which must not wait for the next look: the new disc may be fast
-            self._look(anyway=True)
+        substeps = self._look(new)
+
+        def grow() -> None:
+            solver.add(new, choice)
+            solver.divide(substeps)
+
+        self._between_frames(grow)
         if choice != before:
             self._pacer = Pacer(choice.workers, MOST_FRAMES)
 
@@ -471,9 +484,6 @@ class Simulation:
         return (
             "grid" if self._settings.method == "auto" and method == "parallel" and workers == 1 else method
         ), workers
-
-    def _measures_wanted(self, measures: Iterable[str] | None) -> tuple[str, ...]:
-        return checked(measures, self._scene, self.count)
 
     def _frames_wanted(self, frames: int | None, until: float | None) -> int:
         if (frames is None) == (until is None):

@@ -8,13 +8,14 @@ import psutil
 from numpy.typing import NDArray
 
 from mpsim.engine.additions import NewDiscs
+from mpsim.engine.alarm import Alert, caught
 from mpsim.engine.methods import Choice, Columns, no_columns
+from mpsim.engine.paces import Pace, pace_of
 from mpsim.engine.pool import WorkerPool
 from mpsim.engine.provision import feature_specs, fill_features, giant_radius, has_radii, wall_limits
 from mpsim.engine.report import Slice
 from mpsim.engine.running import frames_until
 from mpsim.engine.shared import SharedBlock
-from mpsim.engine.watching import Pace, pace_of
 from mpsim.engine.worker import kernel_arguments, load_kernels
 from mpsim.errors import DivergedError, SharedMemoryError
 from mpsim.features import EDGES
@@ -45,6 +46,7 @@ class SteppedSolver:
         self.substeps: int = settings.substeps
         self._sorted_grid: Grid | None = None
         self._tallying = False
+        self._alert = Alert()
         self.torn: bool = False  # whether a worker died inside a frame and Ctrl-C came before anybody could be told
         self._pool: WorkerPool | None = None
         self._processes = [psutil.Process()]
@@ -86,7 +88,7 @@ class SteppedSolver:
             frames = min(frames, max(frames_until(stop, dt) - self.frame, 1))
         control[layout.FRAMES] = frames
         control[layout.WORKERS] = workers
-        arrays["team"][:, layout.COLLISIONS] = 0
+        arrays["team"][:, [layout.COLLISIONS, layout.FASTEST]] = 0
         self._deal(workers)
         times, tally = arrays["times"], arrays.get("tally")
         for counts in (times, tally):
@@ -116,9 +118,27 @@ class SteppedSolver:
         totals[:, [layout.DEPTH, layout.DEEPEST]] *= 2 * self._scene.largest_radius / layout.DEPTH_SCALE
         return totals
 
-    def pace(self) -> Pace:
-        """How fast the discs are."""
-        return pace_of(self._state_as_it_lies().velocity, self._radii[: self.count], self._scene)
+    def pace(self, new: NewDiscs | None = None) -> Pace:
+        """How fast the discs are, those that are about to be added included."""
+        velocity, radii, present = self._state_as_it_lies().velocity, self._radii[: self.count], ~self.absorbed
+        if new is not None:
+            velocity, radii = np.concatenate([velocity, new.velocity]), np.concatenate([radii, new.radius])
+            present = np.append(present, np.ones(len(new.position), bool))
+        return pace_of(velocity, radii, self._scene, self.time, present if self._scene.absorbing else None)
+
+    @property
+    def alarmed(self) -> bool:
+        """Whether a disc was too fast in the last command, and so ended it."""
+        return bool(self._block.arrays["team"][:, layout.FASTEST].any())
+
+    def caught(self) -> Pace | None:
+        """The disc that was too fast in the last command, told once; None where there was none."""
+        return caught(self._block.arrays, self._radii, has_radii(self._scene), self.frame - 1)
+
+    def set_alert(self, alert: Alert) -> None:
+        """From now on end a command with the frame in which a disc is so fast."""
+        self._alert = alert
+        self._configure()
 
     def divide(self, substeps: int) -> None:
         """Divide the frames that follow into so many steps.
@@ -407,6 +427,8 @@ class SteppedSolver:
         """Write the parameters and control words that follow from scene, settings and number of discs."""
         scene, settings = self._scene, self._settings
         self._grid = self._grid_for(self.count)
+        smallest = float(self._radii[: self.count].min(initial=scene.largest_radius))
+        common = None if has_radii(scene) else scene.largest_radius
         values: dict[int, Any] = {
             layout.DT: settings.dt / self.substeps,
             layout.DIAMETER: 2 * scene.largest_radius,
@@ -417,6 +439,7 @@ class SteppedSolver:
             layout.WALL_RESTITUTION: scene.wall_restitution,
             layout.WALL_BOUNCE: scene.wall_restitution if settings.contact == "impact" else 0.0,
             layout.TALLY_SCALE: self._tally_scale,
+            layout.FAST: self._alert.square(settings.dt / self.substeps, common, smallest, settings.precision),
         }
         for index, value in values.items():
             self._block.arrays["parameters"][index] = value

@@ -1,173 +1,99 @@
-"""Whether steps are short enough for the speeds, and numbers fine enough for the scene.
+"""Whether steps are short enough for the speeds, and what is done where they are not.
 
 Two discs that touch at the start of a step and move towards each other are 2 R - 2 v dt apart at its end. While each
 moves less than its own radius, centres cannot pass one another, nor the middle of an obstacle: whatever overlaps is
 found on the side on which it came. Beyond, a pair may be met from behind, or pass unseen. Between two walls a disc must
-not move farther than its free way, or the second bounce of one step is lost. And where discs meet more than one other
-in a step on average, collisions that follow from others are missed.
+not move farther than its free distance, or the second bounce of one step is lost. And where discs meet more than one
+other in a step on average, collisions that follow from others are missed.
 
-Looks at the speeds happen at fixed frames, counted from the start of the simulation, and see the state alone. So what
-follows from them is the same with any number of workers, and however a run is cut into calls, saved or healed.
+The kernels see a disc that is too fast for the step to come, whatever made it fast, while they move it: the frame is
+then the last of its command, and the exact look follows. What no single speed tells, collisions in a step and the room
+between walls, is looked at in frames that follow from what can change it: at the start, where discs are added, as often
+as a piston has taken a little of the box, and now and then. All of it depends on the state alone. So what follows is
+the same with any number of workers, and however a run is cut into calls, saved or healed.
 """
 
 import math
+import os
+import sys
+import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mpsim import checks
-from mpsim.errors import FastWarning, InputError, OverlapWarning, ResolutionWarning, TooFastError
+from mpsim.engine.alarm import Alert
+from mpsim.engine.paces import (
+    Pace,
+    pace_after_fall,
+    pace_in_equilibrium,
+    pace_of,
+    pace_of_emitters,
+    pace_of_the_pushed,
+    pull_of,
+    sides_at,
+)
+from mpsim.engine.resolution import coarseness
+from mpsim.errors import FastWarning, OverlapWarning, ResolutionWarning, TooFastError
 from mpsim.scene import Scene
 from mpsim.settings import Settings
 
+if TYPE_CHECKING:
+    from mpsim.engine.additions import NewDiscs
+    from mpsim.engine.stepped import SteppedSolver
+
 BOUND = 1.0
-"""Way of a disc in one step, as a part of its radius (of its free way between walls), from which on it is too fast."""
+"""Displacement of a disc in one step, as a fraction of its radius (of its free distance between walls), from which on
+it is too fast."""
 
 MEETINGS = 1.0
 """Collisions of a disc in one step, on average, from which on too many are missed: those that follow from others."""
 
-DENSE, HEXAGONAL = 0.7, 0.9069
-"""Packing from which on discs are taken for a crystal, and the densest there is."""
-
 AIM = 0.5
-"""Part of both bounds kept by on_fast="substep" where it looks: a disc may double its speed until the next look."""
+"""Fraction of both bounds kept by on_fast="substep" where it looks."""
+
+ALERT = 0.7
+"""Fraction of the bound from which on on_fast="substep" looks at once: where two equal discs meet, neither leaves
+faster than sqrt(2) times the faster one came, so that the frame that is seen too late stays below the bound."""
 
 ADAPT_EVERY = 16
-"""Frames between two looks of on_fast="substep"."""
+"""Frames between two looks of on_fast="substep", and in boxes so narrow that a bound of theirs is below the radius."""
+
+WATCH_EVERY, WATCH_LARGE_EVERY, LARGE = 4096, 1024, 8192
+"""Frames between two looks where nothing but collisions changes speeds: fewer from LARGE discs on, where a look costs
+far less than a frame. Either way a look takes less than a hundredth of the time."""
+
+SQUEEZE = 0.02
+"""Fraction of the room that it will leave in the end by which a piston moves between two looks."""
+
+GAIN = 0.25
+"""Fraction of the bound of speed that acceleration adds to a disc between two looks."""
 
 MOST_SUBSTEPS = 10_000
 """Sub-steps of a frame that on_fast="substep" chooses at most: more are a mistake in dt or in a speed."""
 
-WATCH_EVERY, WATCH_LARGE_EVERY, LARGE = 4096, 1024, 8192
-"""Frames between two looks that only warn or refuse: fewer from LARGE discs on, where a look costs far less than a
-frame. Either way a look takes less than a hundredth of the time."""
-
-COARSE = 1e-3
-"""Spacing of coordinates, as a part of the smallest radius, from which on the user is told: directions of contacts are
-then wrong by about as much [radians]."""
-
-TOO_COARSE = 0.125
-"""The same, from which on contacts mean nothing and the scene is refused."""
-
-TINY = 1e-6
-"""Radius, as a part of the distance between neighbours, below which squares of both do not fit one float64."""
-
-VANISHING = 1e7
-"""Square of radius times speed, in smallest normal numbers, below which the user is told."""
-
-STEP_SPACINGS = 16
-"""A step of typical length should be so many spacings of coordinates long: rounding then changes it by 3 % at most."""
+ABOVE = 1 + 1e-5
+"""Where kernels see a disc, in parts of the bound: rounding of float32 must not let them see what is not above it."""
 
 
-@dataclass(frozen=True)
-class Pace:
-    """How fast the discs of a state are, for what they may be.
+def would_warn(scene: Scene, settings: Settings) -> str | None:
+    """What a simulation would say of its speeds before its first frame, by a warning or an error; None: nothing.
 
-    Attributes:
-        disc: index of the one whose way in a step is the largest part of what it may be; -1 where there is none.
-        speed: of it, or its component between two walls [length/time].
-        limit: way that it may make in a step: its radius, or its free way between walls [length].
-        between: "" or the axis between whose walls that is.
-        meetings: collisions of a disc with others, estimated [1/time].
-        mean_speed: root mean square [length/time].
-        when: "" now; or, in words, when discs will be so fast.
+    What nobody can know before, that a gas becomes fast on the way, is said when it happens.
     """
-
-    disc: int = -1
-    speed: float = 0.0
-    limit: float = 1.0
-    between: str = ""
-    meetings: float = 0.0
-    mean_speed: float = 0.0
-    when: str = ""
-
-    def part(self, dt: float) -> float:
-        """Way of the fastest disc in a step of length dt, as a part of what it may be."""
-        return self.speed * dt / self.limit
-
-
-def pace_of(velocity: NDArray[Any], radius: NDArray[np.float64], scene: Scene) -> Pace:
-    """How fast discs are.
-
-    Args:
-        velocity: shape (N, 2), in the order of the scene's discs, so that no sum depends on another one [length/time].
-        radius: shape (N,) [length].
-        scene: whose box it is.
-    """
-    if not len(velocity):
-        return Pace()
-    vx, vy = velocity.astype(np.float64).T
-    squares = vx * vx + vy * vy
-    speed = np.sqrt(squares)
-    mean_speed = math.sqrt(float(squares.mean()))
-    worst = int((speed / radius).argmax())
-    found = Pace(worst, float(speed[worst]), float(radius[worst]))
-    for axis, (v, length) in enumerate(((vx, scene.width), (vy, scene.height))):
-        free = length - 2 * radius
-        if scene.periodic[axis] or (free >= radius).all():
-            continue
-        # Where there is no room at all, or rounding's worth of it, a disc stands between the walls as it should.
-        free = np.where(free > 1e-6 * length, free, np.inf)
-        worst = int((np.abs(v) / free).argmax())
-        between = Pace(worst, float(abs(v[worst])), float(free[worst]), "xy"[axis])
-        found = max(found, between, key=lambda pace: pace.part(1.0))
-    return replace(found, meetings=_meetings(radius, mean_speed, scene), mean_speed=mean_speed)
-
-
-def _meetings(radius: NDArray[np.float64], speed: float, scene: Scene) -> float:
-    """Collisions of a disc with others per time, as in a gas without structure: 2 sqrt(pi) n sigma g sqrt(kT/m).
-
-    g, the density of neighbours in touch: of a fluid (Henderson 1975), or above packing 0.7 of a crystal by its free
-    volume, (Z - 1) / (2 packing) with Z = 2 / (1 - packing / 0.9069).
-    """
-    area = scene.width * scene.height
-    packing = math.pi * float((radius * radius).sum()) / area
-    if speed == 0 or len(radius) < 2:
-        return 0.0
-    if packing >= HEXAGONAL:
-        return math.inf
-    if packing <= DENSE:
-        crowding = (1 - 7 * packing / 16) / (1 - packing) ** 2
-    else:
-        crowding = (2 / (1 - packing / HEXAGONAL) - 1) / (2 * packing)
-    density = (len(radius) - 1) / area
-    return 2 * math.sqrt(math.pi) * density * 2 * float(radius.mean()) * crowding * speed / math.sqrt(2)
-
-
-def pace_after_fall(pace: Pace, scene: Scene, pull: float) -> Pace:
-    """How fast the fastest disc is where acceleration has taken it through the box."""
-    fall = math.sqrt(2 * pull * max(scene.width, scene.height))
-    return replace(pace, speed=math.hypot(pace.speed, fall), when="after a fall through the box" if fall else "")
-
-
-def pace_in_equilibrium(pace: Pace, scene: Scene) -> Pace:
-    """How fast discs become whose masses differ: collisions give each the same energy, so light ones become fast.
-
-    With E = <m v^2> the mean square of a disc's speed is E / m, and the fastest of N is sqrt(ln N) times faster:
-    speeds in two dimensions exceed s with probability exp(-s^2 m / E).
-    """
-    if scene.mass is None or scene.count < 2:
-        return pace
-    squares = (scene.velocity**2).sum(axis=1)
-    energy = float((scene.mass * squares).mean())
-    speed = np.sqrt(energy / scene.mass * max(math.log(scene.count), 1.0))
-    worst = int((speed / scene.radii).argmax())
-    mean_speed = math.sqrt(energy * float((1 / scene.mass).mean()))
-    return Pace(
-        worst,
-        float(speed[worst]),
-        float(scene.radii[worst]),
-        meetings=_meetings(scene.radii, mean_speed, scene),
-        mean_speed=mean_speed,
-        when="once collisions have shared the energy out",
-    )
+    if settings.method == "event":
+        return None
+    watch = Watch(scene, settings, exact=False)
+    if not watch.adapts:
+        return watch.forecast()
+    try:
+        watch.substeps_for(pace_of(scene.velocity, scene.radii, scene), 0)
+    except TooFastError as error:
+        return str(error)
+    return None
 
 
 class Watch:
-    """Looks at the fastest disc at fixed frames and acts as Settings.on_fast says.
+    """Looks at the fastest disc, and at collisions in a step, and acts as Settings.on_fast says.
 
     Args:
         scene, settings: of the simulation.
@@ -178,11 +104,25 @@ class Watch:
         self._scene = scene
         self._settings = settings
         self._done = exact  # or the warning was given
-        pulls = [0.0] if scene.gravity is None else [float(np.hypot(*scene.gravity))]
-        if scene.acceleration is not None and scene.count:
-            pulls.append(float(np.hypot(*scene.acceleration.T).max()))
-        self._pull = sum(pulls)
-        self._gain = self._pull * settings.dt  # of speed in a frame
+        self._pull = pull_of(scene)
+        narrow = any(
+            not wraps and length < 3 * scene.largest_radius
+            for wraps, length in zip(scene.periodic, sides_at(scene, math.inf), strict=True)
+        )
+        self._often = settings.on_fast == "substep" or narrow
+        self._squeezing, self._squeezed = self._frames_of_piston()
+
+    def _frames_of_piston(self) -> tuple[int, int]:
+        """Frames in which the piston takes SQUEEZE of the room that is left in the end, and the last of such looks."""
+        piston, dt = self._scene.piston, self._settings.dt
+        if piston is None:
+            return 0, -1
+        axis = 0 if piston.wall in ("left", "right") else 1
+        before, after = (sides_at(self._scene, time)[axis] for time in (0.0, math.inf))
+        displacement = abs(piston.speed) * dt
+        # A piston that needs 1e18 frames for it has no effect that can be told from none.
+        every = math.ceil(min(max(SQUEEZE * after / displacement, 1.0), 1e18))
+        return every, every * math.ceil((before - after) / displacement / every)
 
     def at_start(self) -> Iterator[tuple[str, type[Warning]]]:
         """What to warn of before anything is run: overlaps, lost digits, speeds.
@@ -201,18 +141,22 @@ class Watch:
             yield f"in {settings.precision} {coarse}", ResolutionWarning
         if exact:
             return
-        pace = pace_of(scene.velocity, scene.radii, scene)
         if self.adapts:
-            self.substeps_for(pace, 0)
+            self.substeps_for(pace_of(scene.velocity, scene.radii, scene), 0)
             return
-        # What falls, or is light among heavy discs, becomes fast between two looks.
-        ahead = [pace, pace_after_fall(pace, scene, self._pull)]
-        if settings.law == "elastic":
-            ahead.append(pace_in_equilibrium(pace, scene))
-        fast = next(filter(None, (self.complaint(each, 0) for each in ahead)), None)
+        fast = self.forecast()
         if fast:
-            self.told()
+            self._refuse_or_finish(fast)
             yield fast, FastWarning
+
+    def forecast(self) -> str | None:
+        """What there is to say of the speeds at the start, and of those that will certainly come."""
+        scene = self._scene
+        pace = pace_of(scene.velocity, scene.radii, scene)
+        ahead = [pace, pace_after_fall(pace, scene), pace_of_emitters(scene), pace_of_the_pushed(pace, scene)]
+        if self._settings.law == "elastic":
+            ahead.append(pace_in_equilibrium(pace, scene))
+        return next(filter(None, (self._complaint(each, 0) for each in ahead)), None)
 
     @property
     def adapts(self) -> bool:
@@ -223,16 +167,44 @@ class Watch:
         """Frames until the next look; a very large number if there is none."""
         if self._done:
             return 2**62
-        every = self._every(count)
-        return every - frame % every
+        return min(every - frame % every for every in self._periods(frame, count))
 
     def is_due(self, frame: int, count: int) -> bool:
         """Whether this is a frame before which to look."""
-        return not self._done and frame % self._every(count) == 0
+        return not self._done and any(frame % every == 0 for every in self._periods(frame, count))
 
-    def told(self) -> None:
-        """The warning was given: once is enough."""
-        self._done = True
+    def arm(self, solver: "SteppedSolver") -> None:
+        """Have the solver end its commands where a disc is too fast, or never, if there is no use in it."""
+        alert = Alert()
+        if self.adapts:
+            alert = Alert(ALERT * BOUND, self._gain(solver.frame, 1))
+        elif not self._done:
+            alert = Alert(ABOVE * BOUND)
+        solver.set_alert(alert)
+
+    def judge(self, solver: "SteppedSolver", new: "NewDiscs | None" = None) -> int:
+        """Look at the speeds, and warn where that is wanted. Returns how many sub-steps to take from now on.
+
+        Args:
+            solver: whose discs are looked at.
+            new: discs that are about to be added.
+
+        Raises:
+            TooFastError: if the settings do not allow such speeds, or they would need too many sub-steps.
+        """
+        if self._done:
+            return solver.substeps
+        frame = solver.frame
+        pace = solver.pace(new).or_faster(solver.caught())
+        if self.adapts:
+            self.arm(solver)
+            return self.substeps_for(pace, frame)
+        text = self._complaint(pace, frame)
+        if text:
+            self._refuse_or_finish(text)
+            self.arm(solver)
+            warnings.warn(text, FastWarning, stacklevel=_stacklevel())
+        return solver.substeps
 
     def substeps_for(self, pace: Pace, frame: int) -> int:
         """Sub-steps that keep speeds and meetings at AIM of their bounds, and below the bounds until the next look.
@@ -241,8 +213,8 @@ class Watch:
             TooFastError: if they are more than MOST_SUBSTEPS.
         """
         dt = self._settings.dt
-        pace = replace(pace, speed=pace.speed + self._gain * ADAPT_EVERY)
-        part = max(pace.part(dt) / BOUND, pace.meetings * dt / MEETINGS) / AIM
+        gained = self._gain(frame, ADAPT_EVERY) * dt / min(pace.limit, pace.smallest)
+        part = max((pace.part(dt) + gained) / BOUND, pace.meetings * dt / MEETINGS) / AIM
         if math.isinf(part):
             raise TooFastError(f"{self._words(pace, frame)} No number of sub-steps is enough. Use a larger box.")
         if not part <= MOST_SUBSTEPS:
@@ -252,12 +224,17 @@ class Watch:
             )
         return max(self._settings.substeps, math.ceil(part))
 
-    def complaint(self, pace: Pace, frame: int) -> str | None:
-        """What to tell of the fastest disc, or None where it is slow enough.
+    def _gain(self, frame: int, frames: int) -> float:
+        """Speed that a disc can gain in so many frames by other things than discs: acceleration, a moving piston.
 
-        Raises:
-            TooFastError: in place of telling, for on_fast="error".
+        Of the last frame at which sub-steps are looked at anyway: what a simulation that is resumed there would find.
         """
+        last, piston = frame - frame % ADAPT_EVERY, self._scene.piston
+        push = 2 * abs(piston.speed) if piston is not None and last <= self._squeezed else 0.0
+        return self._pull * self._settings.dt * frames + push
+
+    def _complaint(self, pace: Pace, frame: int) -> str | None:
+        """What to tell of the fastest disc, or None where it is slow enough."""
         settings = self._settings
         dt = settings.dt / settings.substeps
         part, meetings = pace.part(dt) / BOUND, pace.meetings * dt / MEETINGS
@@ -271,8 +248,14 @@ class Watch:
             remedy += " or on_fast='substep'"
         text = f"{self._words(pace, frame)} {remedy}"
         if settings.on_fast == "error":
-            raise TooFastError(f"{text}; on_fast='warn' runs it all the same.")
+            return f"{text}; on_fast='warn' runs it all the same."
         return f"{text}; method='event' has no such bound."
+
+    def _refuse_or_finish(self, text: str) -> None:
+        """Refuse, where that is wanted; else note that the warning is given now: once is enough."""
+        if self._settings.on_fast == "error":
+            raise TooFastError(text)
+        self._done = True
 
     def _words(self, pace: Pace, frame: int) -> str:
         dt = self._settings.dt / self._settings.substeps
@@ -291,112 +274,28 @@ class Watch:
             way = f"its free way {pace.limit:.3g} between the walls along {pace.between}"
         lost = "bounces are lost" if pace.between else "discs may pass through each other unseen"
         return (
-            f"{when} disc {pace.disc} moves {part:.3g} times {way} in one step (speed {pace.speed:.3g}, step "
-            f"{dt:.3g}); above {BOUND:g} {lost}."
+            f"{when} {'a disc' if pace.disc < 0 else f'disc {pace.disc}'} moves {part:.3g} times {way} in one step "
+            f"(speed {pace.speed:.3g}, step {dt:.3g}); above {BOUND:g} {lost}."
         )
 
-    def _every(self, count: int) -> int:
-        if self._settings.on_fast == "substep":
-            return ADAPT_EVERY
-        return WATCH_LARGE_EVERY if count >= LARGE else WATCH_EVERY
+    def _periods(self, frame: int, count: int) -> list[int]:
+        """Frames between two looks, for each reason that there is for them."""
+        periods = [WATCH_LARGE_EVERY if count >= LARGE else WATCH_EVERY]
+        if self._often:
+            periods.append(ADAPT_EVERY)
+        if self._pull > 0:
+            bound = BOUND * self._scene.smallest_radius / self._settings.dt * self._settings.substeps
+            frames = GAIN * bound / (self._pull * self._settings.dt)
+            periods.append(max(math.ceil(min(frames, WATCH_EVERY)), ADAPT_EVERY))
+        if frame <= self._squeezed:
+            periods.append(self._squeezing)
+        return periods
 
 
-def check_precision(scene: Scene, settings: Settings) -> None:
-    """Refuse a scene whose numbers do not fit the precision of the run.
-
-    Raises:
-        InputError: naming the number, the rule and a remedy.
-    """
-    precision = settings.precision
-    checks.fitting("the box", np.array([scene.width, scene.height]), precision)
-    # Squares of lengths must not underflow either, nor the time of a step.
-    tiny = float(np.finfo(precision).tiny)
-    smallest = float(scene.radii.min(initial=scene.largest_radius))
-    if smallest > 0:  # with radii of their own, no discs have none
-        checks.not_vanishing("radius", smallest, 1e4 * math.sqrt(tiny), precision)
-    checks.not_vanishing("dt / substeps", settings.dt / settings.substeps, tiny, precision)
-    checks.fitting("dt", np.array([settings.dt]), precision)
-    for name in ("velocity", "gravity", "acceleration"):
-        if getattr(scene, name) is not None:
-            checks.fitting(name, getattr(scene, name), precision)
-    product = 8 * scene.largest_radius * float(np.abs(scene.velocity).max(initial=0.0))
-    most = math.sqrt(float(np.finfo(precision).max))
-    if product > most and squares_products(settings):
-        raise InputError(
-            f"radius times velocity must be at most {most / 8:.3g} in {precision}, so that its square fits; got "
-            f"{product / 8:.3g}. Use other units{_or_double(precision)}."
-        )
-    if scene.mass is not None:
-        checks.fitting("mass", scene.mass, precision)
-        lightest = float(scene.mass.min(initial=1.0))
-        checks.not_vanishing("mass", lightest, tiny / float(np.finfo(precision).eps), precision)
-    spacing = spacing_of(scene, precision)
-    if smallest > 0 and spacing > TOO_COARSE * smallest:
-        raise InputError(
-            f"radius must be at least {spacing / TOO_COARSE:.3g} in a box of {scene.width:g} x {scene.height:g} in "
-            f"{precision}, whose coordinates are {spacing:.3g} apart: smaller discs cannot be told from each other; "
-            f"got {smallest:.3g}. Use {_finer(precision)}."
-        )
-
-
-def squares_products(settings: Settings) -> bool:
-    """Whether contacts are computed with the square of radius times speed: `push` does without."""
-    return settings.contact == "impact" or settings.method == "event"
-
-
-def spacing_of(scene: Scene, precision: str) -> float:
-    """Distance between two neighbouring coordinates at the far end of the box [length]."""
-    return float(np.finfo(precision).eps) * max(scene.width, scene.height)
-
-
-def coarseness(scene: Scene, settings: Settings) -> str | None:
-    """What the precision of the run loses of a scene, in words with numbers and remedy; None if it is little."""
-    precision, spacing = settings.precision, spacing_of(scene, settings.precision)
-    words = []
-    if scene.count and spacing > COARSE * scene.smallest_radius:
-        words.append(
-            f"coordinates are {spacing:.3g} apart at the far end of the box, {spacing / scene.smallest_radius:.2g} of "
-            f"the smallest radius: directions of contacts are wrong by as much. Use {_finer(precision)}"
-        )
-    apart = math.sqrt(scene.width * scene.height / max(scene.count, 1))
-    if settings.method == "event" and scene.count > 1 and scene.smallest_radius < TINY * apart:
-        words.append(
-            f"discs of radius {scene.smallest_radius:.3g} are some {apart:.3g} apart: the square of the radius is lost "
-            "beside that of the distance, so that the time of a contact is wrong by up to the time in which a disc "
-            "moves its radius. Use larger discs or a smaller box"
-        )
-    speed = math.sqrt(float((scene.velocity**2).sum(axis=1).mean())) if scene.count else 0.0
-    square = (speed * scene.smallest_radius) ** 2
-    if squares_products(settings) and 0 < square < VANISHING * float(np.finfo(precision).tiny):
-        words.append(
-            f"the square of mean speed {speed:.3g} times radius {scene.smallest_radius:.3g} is lost, so that times of "
-            f"contacts cannot be told. Use other units{_or_double(precision)}"
-        )
-    dt = settings.dt / settings.substeps
-    way = speed * dt
-    if settings.method == "event":  # which moves discs from collision to collision, not by steps
-        way = 0.0
-    if 0 < way < STEP_SPACINGS * spacing:
-        effect = "most discs do not move at all" if way < spacing / 2 else "rounding changes each step"
-        words.append(
-            f"a disc of mean speed {speed:.3g} moves {way:.3g} in a step, {way / spacing:.2g} of the distance "
-            f"{spacing:.3g} between coordinates: {effect}. Use larger steps, or {_finer(precision)}"
-        )
-    pull = 0.0 if scene.gravity is None else float(np.abs(scene.gravity).max())
-    if settings.method != "event" and 0 < pull * dt < float(np.finfo(precision).eps) * speed:
-        words.append(
-            f"gravity changes a velocity by {pull * dt:.3g} in a step, which rounding loses beside a mean speed of "
-            f"{speed:.3g}. Use larger steps{_or_double(precision)}"
-        )
-    return ". ".join(words) + "." if words else None
-
-
-_DOUBLE = "precision='float64'"
-
-
-def _or_double(precision: str) -> str:
-    return "" if precision == "float64" else f" or {_DOUBLE}"
-
-
-def _finer(precision: str) -> str:
-    return "a smaller box or larger discs" if precision == "float64" else f"{_DOUBLE} or a smaller box"
+def _stacklevel() -> int:
+    """What makes the caller of mpsim the place of a warning, however deep inside mpsim it is given."""
+    package = f"{Path(__file__).parent.parent}{os.sep}"
+    frame, depth = sys._getframe(1), 1
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(package):
+        frame, depth = frame.f_back, depth + 1
+    return depth

@@ -75,7 +75,8 @@ WALL_BOUNCE = 8  # part of a disc's way beyond a wall that it is put inside it: 
 TALLY_SCALE = 9  # a power of two: tallies are whole multiples of 1 / TALLY_SCALE [mass length/time]
 EXCHANGE = 10  # (1 + e) / 2 with e the restitution of two discs: the part of the normal velocities that is exchanged
 WALL_RESTITUTION = 11
-PARAMETERS = 12
+FAST = 12  # square of the speed (of the speed per radius, where discs have their own) from which on a frame is the last
+PARAMETERS = 13
 
 # Elements of `piston`, of the precision of the run.
 PISTON_WALL = 0  # which limit it moves: X_LOW, X_HIGH, Y_LOW or Y_HIGH
@@ -96,7 +97,7 @@ COUNT = 32  # discs
 COLUMNS = 33
 ROWS = 34
 LIVE = 35  # which of the two buffers holds the state: 0 or 1
-FRAMES = 36  # frames to run in this command; worker 0 lowers it when their time is up
+FRAMES = 36  # frames to run in this command; lowered when their time is up, or a disc is too fast
 SUBSTEPS = 37
 LAW = 38
 WORKERS = 39
@@ -135,6 +136,8 @@ FIRST_COLUMN = 12  # first column and one past the last column of this worker
 LAST_COLUMN = 13
 COMMANDS = 14  # commands this worker has begun
 MAILS = 15  # messages it has read
+FASTEST = 16  # 0, or how fast the fastest disc beyond FAST was in this command, times FASTEST_SCALE / the limit
+FASTEST_DISC = 17  # its id
 TEAM = 32
 
 # Phases of one frame, in the order of the last axis of `times`.
@@ -161,6 +164,9 @@ WALLS = slice(LEFT, TOP + 1)
 
 DEPTH_SCALE = 2.0**32
 """Depths are counted in parts of a diameter, whatever the impulses of a scene are."""
+
+FASTEST_SCALE = 2.0**20
+"""Speeds are reported in parts of the limit, so many to one."""
 
 # Collision laws.
 REFLECT = 0

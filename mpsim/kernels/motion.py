@@ -26,6 +26,7 @@ from mpsim.kernels.layout import (
 from mpsim.kernels.machine import atomic_store
 from mpsim.kernels.obstacles import meet_obstacles
 from mpsim.kernels.optional import has_any, own_or, wall_speed, wrapped
+from mpsim.kernels.speeding import end_where_fast
 from mpsim.kernels.walls import reach_wall
 
 
@@ -165,6 +166,7 @@ def worst_slot(discs, low, high):
 @compiled
 def move(discs, low, high, features, parameters, control, mine, tally):
     """Advance a slice. False: a disc is not finite, and nothing may be binned by its position."""
+    end_where_fast(discs, low, high, parameters, control, mine)
     swallow(discs, low, high, features.exits, features, parameters, control)
     if has_any(features.gravity, features.acceleration) and control[CONTACT] == IMPACT:
         bad = fall(discs, low, high, features, parameters, tally, mine[FRAME])

@@ -100,6 +100,7 @@ def grown(sim, frames=9):
     sim.run(frames=frames)
 
 
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of a box that is too full in the end
 @pytest.mark.parametrize("words", ["", "giants masses"])
 @pytest.mark.parametrize("method", ["naive", "grid", "parallel"])
 def test_discs_that_were_added_are_resumed(words, method, tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from support.checkpoints import rewrite
-from support.scenes import gas, simulate, zoo
+from support.scenes import gas, simulate, struck, zoo
 
 import mpsim
 
@@ -88,6 +88,54 @@ def test_a_disc_that_is_added_counts_at_once_and_after_a_resume(tmp_path):
     with mpsim.Simulation.resume(path) as sim:
         sim.run(frames=30)
         assert sim.digest() == digest
+
+
+JUMPS = {"dt": 0.05, "contact": "impact", "on_fast": "substep"}
+
+
+@pytest.fixture(scope="module")
+def leaps():
+    """Frames at which the number of sub-steps has changed, and the digest at the end, of the run frame by frame."""
+    with simulate(struck(), method="grid", **JUMPS) as sim:
+        found, before = [], sim.substeps
+        for _ in range(FRAMES):
+            sim.run(frames=1)
+            if sim.substeps != before:
+                found.append((sim.frame, sim.substeps / before))
+            before = sim.substeps
+        return found, sim.digest()
+
+
+def test_a_disc_that_is_struck_divides_the_next_frame_not_the_sixteenth(leaps):
+    found, _ = leaps
+    assert any(frame % 16 != 1 and factor > 1 for frame, factor in found), found
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_frames_divided_at_once_are_the_same_on_any_number_of_workers_and_in_pieces(leaps, workers):
+    with simulate(struck(), method="parallel", workers=workers, **JUMPS) as sim:
+        for frames in (FRAMES,) if workers == 2 else (2, 9, 1, 30, 33):
+            sim.run(frames=frames)
+        assert (sim.frame, sim.digest()) == (FRAMES, leaps[1])
+
+
+def test_frames_divided_at_once_are_the_same_after_a_resume(leaps, tmp_path):
+    frame = next(frame for frame, factor in leaps[0] if frame % 16 != 1 and factor > 1)
+    for stop in (frame - 1, frame, frame + 1):
+        with simulate(struck(), method="grid", **JUMPS) as sim:
+            sim.run(frames=stop)
+            path = sim.save(tmp_path / "run")
+        with mpsim.Simulation.resume(path) as sim:
+            sim.run(frames=FRAMES - stop)
+            assert sim.digest() == leaps[1]
+
+
+def test_without_the_alert_the_bits_are_others(leaps, monkeypatch):
+    """The control: what is compared above depends on where frames are divided."""
+    monkeypatch.setattr("mpsim.engine.watching.ALERT", 1e9)
+    with simulate(struck(), method="grid", **JUMPS) as sim:
+        sim.run(frames=FRAMES)
+        assert sim.digest() != leaps[1]
 
 
 @pytest.mark.long

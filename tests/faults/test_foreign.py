@@ -49,6 +49,7 @@ def test_a_foreign_process_that_attached_to_the_block_and_ends_does_no_harm(endi
     assert not (SHARED_MEMORY / name).exists()
 
 
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of a box that is too full
 def test_a_simulation_whose_name_a_foreign_process_removed_can_still_grow():
     scene, more = lattice(8, 8), lattice(16, 16)
     with simulate(scene, method="parallel", workers=2) as sim:

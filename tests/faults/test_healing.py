@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from support.internals import block_name, peek
 from support.processes import SHARED_MEMORY, is_gone, wait_until
-from support.scenes import crowd, gas, lattice, simulate, zoo
+from support.scenes import crowd, gas, lattice, simulate, struck, zoo
 from support.selection import long_but
 
 import mpsim
@@ -228,6 +228,19 @@ def test_a_death_between_runs_is_healed_when_measures_move_the_workers():
     with simulate(gas(500, 0.5, seed=2), method="grid") as sim:
         sim.run(frames=60)
         assert sim.digest() == digest
+
+
+def test_frames_that_a_fast_disc_has_divided_go_back_too():
+    def experiment(killing):
+        digests = []
+        for workers in (1, 3):
+            settings = {"dt": 0.05, "on_fast": "substep", "contact": "impact"}
+            with healing(struck(), workers=workers, **settings) as sim, killing(sim):
+                sim.run(frames=600)
+                digests.append((sim.substeps, sim.digest()))
+        assert digests[0] == digests[1]
+
+    repeat_until_killed(experiment, lambda: random.uniform(0.02, 0.1), most=4)
 
 
 @pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")

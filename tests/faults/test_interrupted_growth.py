@@ -4,11 +4,12 @@ import pytest
 from support.processes import assert_clean, run_script
 
 SCRIPT = """
-import os, signal, threading, time
+import os, signal, threading, time, warnings
 import numpy as np
 import mpsim
 from support.scenes import lattice, simulate, state_after
 
+warnings.simplefilter("ignore", mpsim.FastWarning)  # of a box that is too full
 more = np.clip(lattice(12, 12).position, 0.6, 8.4)
 
 

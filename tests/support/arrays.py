@@ -29,6 +29,7 @@ def parameters_of(real, width, height, radius=0.5, dt=0.01, columns=1, rows=1) -
     values[[layout.DT, layout.DIAMETER]] = dt, 2 * radius
     values[[layout.X_LOW, layout.X_HIGH, layout.Y_LOW, layout.Y_HIGH]] = radius, width - radius, radius, height - radius
     values[[layout.EXCHANGE, layout.WALL_RESTITUTION, layout.TALLY_SCALE]] = 1, 1, 2.0**20
+    values[layout.FAST] = np.inf
     values[[layout.CELLS_PER_X, layout.CELLS_PER_Y]] = columns / width, rows / height
     return values
 

@@ -9,7 +9,7 @@ import pytest
 from support.scenes import gas, simulate
 
 import mpsim
-from mpsim.engine import watching
+from mpsim.engine import paces, watching
 
 
 def pair(speed=1.0, apart=2.0, side=20.0, **more):
@@ -71,25 +71,25 @@ def test_too_many_meetings_in_a_step_are_told():
 
 def test_a_disc_that_becomes_fast_is_told_once():
     with mpsim.Simulation(pair(0.5, side=60.0), mpsim.Settings(dt=0.01, method="grid")) as sim:
-        sim.run(frames=4090)
-        sim.add((5, 5), (90, 1))
-        with pytest.warns(mpsim.FastWarning, match=r"in frame 4096 disc 2 moves 1.8 times") as told:
-            sim.run(frames=10)
+        sim.run(frames=40)
+        with pytest.warns(mpsim.FastWarning, match=r"in frame 40 disc 2 moves 1.8 times") as told:
+            sim.add((5, 5), (90, 1))
         assert len(told) == 1
         assert told[0].filename == __file__
-        sim.run(frames=5000)  # where warnings are errors
+        sim.add((5, 50), (90, 1))  # where warnings are errors
+        sim.run(frames=5000)
 
 
 def test_error_refuses_before_the_run_and_during_it():
     with pytest.raises(mpsim.TooFastError, match=r"1.2 times its radius .* on_fast='warn' runs it all the same"):
         mpsim.Simulation(pair(6.0), mpsim.Settings(dt=0.1, on_fast="error"))
     with mpsim.Simulation(pair(0.5, side=60.0), mpsim.Settings(dt=0.01, method="grid", on_fast="error")) as sim:
-        sim.run(frames=4090)
-        sim.add((5, 5), (90, 1))
-        with pytest.raises(mpsim.TooFastError, match="in frame 4096 disc 2"):
-            sim.run(frames=10)
-        assert sim.frame == 4096, "the simulation goes on living"
-        assert len(sim.state.position) == 3
+        sim.run(frames=40)
+        with pytest.raises(mpsim.TooFastError, match="in frame 40 disc 2"):
+            sim.add((5, 5), (90, 1))
+        assert sim.frame == 40, "the simulation goes on living"
+        assert len(sim.state.position) == 2, "and nothing was added"
+        sim.run(frames=10)
 
 
 def test_sub_steps_keep_every_frame_below_the_bound():
@@ -103,6 +103,16 @@ def test_sub_steps_keep_every_frame_below_the_bound():
             seen.append(sim.substeps)
     assert seen[0] > seen[-1] >= 1, "it takes fewer steps as the gas cools"
     assert all(a == b for frame, (a, b) in enumerate(pairwise(seen), 1) if frame % 16)
+
+
+def test_the_smallest_disc_counts_for_what_gravity_adds():
+    """In 16 frames it adds 64, and the smallest moves half its radius at most: 64 * 0.1 / 0.05 / 0.5 steps, and those
+    of the disc that is fastest for its size now."""
+    scene = mpsim.Scene(
+        width=9, height=90, position=[[4, 80], [2, 80]], velocity=[[1, 0], [0, 0]], radius=[0.5, 0.05], gravity=(0, -40)
+    )
+    watch = watching.Watch(scene, mpsim.Settings(dt=0.1, on_fast="substep"), exact=False)
+    assert watch.substeps_for(paces.pace_of(scene.velocity, scene.radii, scene), 0) == 257
 
 
 def test_what_would_need_absurdly_many_sub_steps_is_refused():
@@ -161,7 +171,7 @@ def test_the_estimate_of_meetings_is_that_of_a_gas():
     """Of the exact solver's rate, 2.34 per time and disc at packing 0.3 and 21.2 at 0.7, both of this project."""
     for packing, rate in ((0.3, 2.34), (0.7, 21.2)):
         scene = gas(2000, packing)
-        assert watching.pace_of(scene.velocity, scene.radii, scene).meetings == pytest.approx(rate, rel=0.2)
+        assert paces.pace_of(scene.velocity, scene.radii, scene).meetings == pytest.approx(rate, rel=0.2)
 
 
 def test_the_number_of_cells_does_not_grow_with_the_aspect_of_a_box():
