@@ -223,5 +223,5 @@ def test_would_warn_says_what_a_simulation_would():
     )
     assert watching.would_warn(gas(50, 0.3), mpsim.Settings(dt=0.3, method="event")) is None
     assert "from emitters[0]" in (
-        watching.would_warn(row(emitters=mpsim.Emitter((1, 5), (400, 0))), mpsim.Settings()) or ""
+        watching.would_warn(row(emitters=mpsim.Emitter((1, 5), (400, 0), every=1)), mpsim.Settings()) or ""
     )

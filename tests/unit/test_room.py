@@ -146,8 +146,8 @@ def test_an_emitter_in_an_obstacle_is_refused():
         r"the position of emitters\[0\]\[0\] must be one radius from every obstacle; got \(6.0, 5.0\), 0.5 inside obst"
     )
     with pytest.raises(mpsim.InputError, match=text):
-        mpsim.Scene(**BOX, **NOBODY, obstacles=PEG, emitters=mpsim.Emitter((6, 5), (0, 0)))
-    mpsim.Scene(**BOX, **NOBODY, obstacles=PEG, emitters=mpsim.Emitter((6.5, 5), (0, 0)))  # which touches it
+        mpsim.Scene(**BOX, **NOBODY, obstacles=PEG, emitters=mpsim.Emitter((6, 5), (0, 0), every=1))
+    mpsim.Scene(**BOX, **NOBODY, obstacles=PEG, emitters=mpsim.Emitter((6.5, 5), (0, 0), every=1))  # which touches it
 
 
 def test_a_disc_that_is_added_into_an_obstacle_is_refused():
