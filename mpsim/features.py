@@ -164,6 +164,8 @@ class Piston:
         speed: along x or y [length/time]; a right wall with a negative speed compresses.
         stop: coordinate at which it comes to rest [length], in the box, on the way. There must be room for all discs
             then.
+        start: coordinate at which it begins [length], between its wall and stop, which may be both: a piston that has
+            arrived. None: at its wall.
 
     Raises:
         InputError: naming the argument, its rule and the value received.
@@ -175,6 +177,7 @@ class Piston:
     wall: str
     speed: float
     stop: float
+    start: float | None = None
 
     def __post_init__(self) -> None:
         checks.choice("wall of a Piston", self.wall, EDGES)
@@ -186,6 +189,19 @@ class Piston:
             )
         object.__setattr__(self, "speed", speed)
         object.__setattr__(self, "stop", checks.positive("stop of a Piston", self.stop, "[length]"))
+        if self.start is not None:
+            start = checks.non_negative("start of a Piston", self.start, "[length]")
+            if (self.stop - start) * speed < 0:
+                side = "at or above" if speed < 0 else "at or below"
+                raise InputError(
+                    f"start of a Piston must lie {side} its stop, {self.stop:g}, towards which it moves; got {start:g}. "
+                    "Leave it out for a piston that starts at its wall."
+                )
+            object.__setattr__(self, "start", start)
+
+    def __repr__(self) -> str:
+        start = "" if self.start is None else f", start={self.start!r}"
+        return f"Piston(wall={self.wall!r}, speed={self.speed!r}, stop={self.stop!r}{start})"
 
 
 def capsules_of(obstacles: tuple[Obstacle, ...]) -> NDArray[np.float64]:
@@ -299,6 +315,8 @@ def check_piston(
     length = width if piston.wall in ("left", "right") else height
     if not 0 < piston.stop < length:
         raise InputError(f"stop of the piston must lie in the box, in (0, {length:g}); got {piston.stop:g}.")
+    if piston.start is not None and piston.start > length:
+        raise InputError(f"start of the piston must lie in the box, in [0, {length:g}]; got {piston.start:g}.")
     return piston
 
 

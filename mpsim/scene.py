@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from mpsim import arrangement, checks, features, placement, room
 from mpsim.errors import InputError
 from mpsim.features import Emitter, Obstacle, Piston
-from mpsim.state import State
+from mpsim.state import Box, State
 
 LARGEST_COUNT = 100_000_000
 """More discs than this is taken for a mistake (a scene of this size needs some 10 GB)."""
@@ -136,7 +136,7 @@ class Scene:
         >>> Scene.load("piston").walls_at(math.inf)[1].tolist()
         [20.0, 20.0]
         """
-        low, high = np.zeros(2), np.array([self.width, self.height])
+        low, high = np.array(self.box[::2]), np.array(self.box[1::2])
         if self.piston is not None:
             axis, far = divmod(features.EDGES.index(self.piston.wall), 2)
             place = (low, high)[far][axis] + self.piston.speed * time
@@ -248,6 +248,14 @@ class Scene:
     def periodic(self) -> tuple[bool, bool]:
         """Whether x, and whether y, is periodic."""
         return self.boundary[0] == "periodic", self.boundary[1] == "periodic"
+
+    @property
+    def box(self) -> Box:
+        """Where the walls are at the start: x_low, x_high, y_low, y_high [length]. A piston may start inside."""
+        edges = [0.0, self.width, 0.0, self.height]
+        if self.piston is not None and self.piston.start is not None:
+            edges[features.EDGES.index(self.piston.wall)] = self.piston.start
+        return edges[0], edges[1], edges[2], edges[3]
 
     @property
     def radii(self) -> NDArray[np.float64]:

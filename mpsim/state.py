@@ -8,15 +8,23 @@ import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from mpsim import checks
 from mpsim.errors import InputError, OutputError
 from mpsim.kernels import layout
 
 MOST_FRAMES = 4096
 """Frames of one command at most: the length of the array of times in the shared block."""
+
+Box = tuple[float, float, float, float]
+"""Where the walls are: x_low, x_high, y_low, y_high [length]."""
+
+STATE_ARRAYS = ("position", "velocity", "present", "image", "box")
+"""What a state consists of, and the arrays of its file."""
 
 CELLS_PER_DISC = 2
 """In a dilute scene cells grow beyond one diameter, so that there are about this many per disc."""
@@ -104,47 +112,113 @@ def block_arrays(
     return arrays | features
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class State:
-    """Positions and velocities of all discs at one moment: copies, in the order of the scene's discs.
+    """All discs at one moment: copies, in the order of the scene's discs.
+
+    Args:
+        position, velocity: as below.
+        present, image, box: as below, by name; None: all present, no counts, nobody knows.
 
     Attributes:
-        position: shape (N, 2) [length], in the precision of the run.
+        position: shape (N, 2) [length], in the precision of the run; along a periodic axis in [0, its length).
         velocity: shape (N, 2) [length/time].
+        present: shape (N,), bool: False for discs that an absorbing edge has absorbed. They rest where they left, and
+            no observable counts them.
+        image: shape (N, 2), int64: how many periods each disc has moved through each periodic border since the scene
+            began, negative towards lower coordinates, 0 along axes with walls. None where no axis is periodic.
+        box: (x_low, x_high, y_low, y_high) [length]: where the walls are now, as a piston may have moved one of them,
+            and the period of a periodic axis. None where nobody knows: in a state made by hand.
+
+    Raises:
+        InputError: if present or image has another shape, or image comes without box, which has the periods.
 
     >>> import numpy as np
-    >>> State(position=np.array([[1.0, 2.0]]), velocity=np.zeros((1, 2))).position.tolist()
-    [[1.0, 2.0]]
+    >>> state = State(position=np.array([[1.0, 2.0]]), velocity=np.zeros((1, 2)))
+    >>> state.position.tolist(), state.present.tolist()
+    ([[1.0, 2.0]], [True])
     """
 
     position: NDArray[np.floating]
     velocity: NDArray[np.floating]
+    present: NDArray[np.bool_]
+    image: NDArray[np.int64] | None
+    box: Box | None
+
+    def __init__(
+        self,
+        position: NDArray[np.floating],
+        velocity: NDArray[np.floating],
+        *,
+        present: NDArray[np.bool_] | None = None,
+        image: NDArray[np.int64] | None = None,
+        box: Box | None = None,
+    ):
+        count = len(position)
+        here = np.ones(count, np.bool_) if present is None else np.asarray(present, np.bool_)
+        if here.shape != (count,):
+            raise InputError(f"present of a state must have shape ({count},), one per disc; got {here.shape}.")
+        if image is not None:
+            image = _counts(image, count)
+            if box is None:
+                raise InputError("image of a state needs box, which has the periods; got None. Give both, or neither.")
+        edges = None if box is None else checks.finite_array("box of a state", box, (4,), "(4,)").tolist()
+        values = (position, velocity, here, image, None if edges is None else tuple(edges))
+        for name, value in zip(STATE_ARRAYS, values, strict=True):
+            object.__setattr__(self, name, value)
+
+    @property
+    def unwrapped(self) -> NDArray[np.float64]:
+        """Positions without the periodic borders, shape (N, 2), float64 [length]: position + image * period.
+
+        A disc that moves through a border goes on in these coordinates: differences of two states are displacements.
+        Where image is None they are the positions.
+
+        >>> import numpy as np
+        >>> place, image = np.array([[4.0, 2.0]]), np.array([[1, 0]])
+        >>> State(place, np.zeros((1, 2)), image=image, box=(0, 10, 0, 5)).unwrapped.tolist()
+        [[14.0, 2.0]]
+        """
+        places = np.asarray(self.position, np.float64)
+        if self.image is None or self.box is None:
+            return places.copy()
+        x_low, x_high, y_low, y_high = self.box
+        return places + self.image * np.array([x_high - x_low, y_high - y_low])
 
     def digest(self) -> str:
         """Hex digest of the bits of position and velocity; equal digests mean equal bits.
+
+        Counts of periods are digested too, where there are any, and who is present, where somebody has left.
 
         >>> import numpy as np
         >>> State(np.zeros((1, 2)), np.ones((1, 2))).digest() == State(np.zeros((1, 2)), np.ones((1, 2))).digest()
         True
         """
         digest = hashlib.blake2b(digest_size=16)
-        for array in (self.position, self.velocity):
+        arrays: list[NDArray[Any]] = [self.position, self.velocity]
+        arrays += [] if self.image is None else [self.image]
+        arrays += [] if self.present.all() else [self.present]
+        for array in arrays:
             little_endian: DTypeLike = array.dtype.newbyteorder("<")
             digest.update(f"{array.dtype.name} {array.shape} ".encode())
             digest.update(np.ascontiguousarray(array, dtype=little_endian).tobytes())
         return digest.hexdigest()
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write a NumPy .npz with the arrays position and velocity; an existing file is replaced.
+        """Write a NumPy .npz with the arrays position, velocity and present, and image and box where there are any.
+
+        An existing file is replaced.
 
         Raises:
             InputError: if the path does not end in .npz.
             OutputError: if it cannot be written.
         """
         target = _npz(path)
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in STATE_ARRAYS}
+        known = {name: value for name, value in arrays.items() if value is not None}
         try:
             with target.open("wb") as file:
-                np.savez(file, position=self.position, velocity=self.velocity)
+                np.savez(file, **known)
         except OSError as error:
             raise OutputError(
                 f"a state must be in a folder that can be written to; got {str(target)!r} ({error.strerror}). "
@@ -155,6 +229,8 @@ class State:
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "State":
         """Read what `save` wrote, with the same bits. Nothing in the file is executed.
+
+        A file with position and velocity alone, as older versions wrote it, is a state whose discs are all present.
 
         Raises:
             InputError: if it is no file of a state.
@@ -168,7 +244,8 @@ class State:
         source = _npz(path)
         try:
             with np.load(source, allow_pickle=False) as file:
-                state = cls(file["position"], file["velocity"])
+                known: dict[str, Any] = {name: file[name] for name in STATE_ARRAYS if name in file}
+                state = cls(**known)
         except Exception as error:  # what a damaged zip file can raise has no end
             raise InputError(f"a state must be a .npz with position and velocity; {str(source)!r}: {error}.") from None
         shapes, kinds = (
@@ -180,6 +257,17 @@ class State:
                 f"{str(source)!r} holds {sorted(map(str, shapes))} of {sorted(map(str, kinds))}."
             )
         return state
+
+
+def _counts(image: Any, count: int) -> NDArray[np.int64]:
+    """Counts of periods, if they are whole numbers, one pair per disc."""
+    counts = np.asarray(image)
+    if counts.shape != (count, 2) or counts.dtype.kind not in "iu":
+        raise InputError(
+            f"image of a state must hold whole numbers of shape ({count}, 2), one pair per disc; got {counts.dtype} of "
+            f"shape {counts.shape}. Leave it out where nobody has counted."
+        )
+    return counts.astype(np.int64)
 
 
 def _npz(path: str | os.PathLike[str]) -> Path:

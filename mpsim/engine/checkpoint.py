@@ -31,8 +31,8 @@ from mpsim.features import Emitter, FixedDisc, Piston, Polyline
 from mpsim.scene import Scene
 from mpsim.settings import Settings
 
-FORMAT = 1
-"""Version of the format. A file of a newer one is refused, by number."""
+FORMAT = 2
+"""Version of the format. A file of a newer one is refused, by number; one of format 1 lacks the counts of periods."""
 
 HEADER = "mpsim_checkpoint"
 """Name of the first array, the header. So the name stands at the start of the file, and tells its kind."""

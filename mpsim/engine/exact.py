@@ -29,7 +29,7 @@ FEWEST_EVENTS = 1_000
 COUNTED = events.VIRIAL + 2
 """What the kernel counts per frame: impulses on the four walls, the sum of r.dp, and impacts of pairs."""
 
-KEPT = ("disc", "event", "cell_head", "cell_next", "order", "clock", "counter", "tally")
+KEPT = ("disc", "event", "cell_head", "cell_next", "order", "clock", "counter", "tally", "winding")
 """Arrays of the block that a snapshot holds; radii and masses come beside them, the calendar is made anew."""
 
 GUARD = 1e-6
@@ -180,8 +180,9 @@ class ExactSolver:
     def state(self) -> State:
         """Synchronised copies at `time`, in the order of the scene's discs. Taking them changes nothing."""
         position, velocity = np.empty((2, self.count, 2))
-        events.read_out(self._store, self._box, self._law, self._present, position, velocity)
-        return State(position, velocity)
+        image = np.zeros((self.count, 2), np.int64) if any(self._scene.periodic) else None
+        events.read_out(self._store, self._box, self._law, self._present, position, velocity, image)
+        return State(position, velocity, image=image, box=self._scene.box)
 
     def divide(self, substeps: int) -> None:
         """Nothing: there are no steps."""
@@ -196,6 +197,8 @@ class ExactSolver:
         places, speeds = np.concatenate([state.position, new.position]), np.concatenate([state.velocity, new.velocity])
         radii, masses = np.concatenate([self._radii, new.radius]), np.concatenate([self._masses, new.mass])
         block, store, box = self._placed(places, speeds, radii, masses, self._present)
+        if state.image is not None:
+            store.winding[:] = np.pad(state.image, ((0, len(new.position)), (0, 0)))[store.order]
         # Of a frame in hand, the new store has counted nothing yet, and the guard acts once for the whole run.
         self._seen -= *self._store.tally, self._store.counter[events.PAIRS]
         store.counter[events.GUARDS] = self.guarded
@@ -251,7 +254,7 @@ class ExactSolver:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Copies of everything that the next event depends on; the calendar follows from the discs' next events."""
-        found = {name: self._block.arrays[name].copy() for name in KEPT}
+        found = {name: self._block.arrays[name].copy() for name in KEPT if name in self._block.arrays}
         found |= {"radii": self._radii.astype(float), "masses": self._masses.astype(float)}
         return found | {"progress": self._progress.copy(), "seen": self._seen.copy()}
 
@@ -265,7 +268,8 @@ class ExactSolver:
         count = self.count_in(snapshot)
         block, store, box = self._room(count)
         for name in KEPT:
-            block.arrays[name][...] = snapshot[name]
+            if name in snapshot:  # winding is not in scenes with walls, nor in files of older versions
+                block.arrays[name][...] = snapshot[name]
         for name, values in (("radius", snapshot["radii"]), ("mass", snapshot["masses"])):
             if name in block.arrays:
                 block.arrays[name][...] = values[store.order]
@@ -284,7 +288,7 @@ class ExactSolver:
     def _room(self, count: int) -> tuple[SharedBlock, Any, Any]:
         """A new block for so many discs, its arrays as the kernel takes them, and the box."""
         scene = self._scene
-        each = {"tally": True, "radius": has_radii(scene), "mass": has_masses(scene)}
+        each = {"tally": True, "radius": has_radii(scene), "mass": has_masses(scene), "winding": any(scene.periodic)}
         # A scene has room for two discs along a periodic axis, so that there always are cells.
         cells: Any = events.plan_cells(scene.width, scene.height, 2 * scene.largest_radius, count, scene.periodic)
         shapes = events.layout(count, cells, [name for name in each if each[name]])

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from mpsim.features import EDGES, distance_to_capsules
 from mpsim.kernels import layout
 from mpsim.scene import Scene
-from mpsim.state import ArraySpec
+from mpsim.state import ArraySpec, Box
 
 FEW_GIANTS = 8
 """Discs that may be giants in any scene; in large ones, one in GIANTS_PER as well."""
@@ -54,6 +54,7 @@ def feature_specs(scene: Scene, capacity: int, workers: int, precision: str) -> 
     """dtype and shape of every array that only this scene's features need."""
     real = np.dtype(precision)
     shapes: dict[str, tuple[int, ...]] = {}
+    integers: dict[str, tuple[int, ...]] = {}
     if scene.gravity is not None:
         shapes["gravity"] = (2,)
     if scene.acceleration is not None:
@@ -66,11 +67,13 @@ def feature_specs(scene: Scene, capacity: int, workers: int, precision: str) -> 
     for axis, boundary in zip("xy", scene.boundary, strict=True):
         if boundary == "periodic":
             shapes[f"wrap_{axis}"] = (1,)
+            integers["image"] = (2, capacity)
     if scene.absorbing:
         shapes["exits"] = (3, capacity)
     if scene.piston is not None:
         shapes["piston"] = (layout.PISTON,)
     specs = {name: ArraySpec(real, shape) for name, shape in shapes.items()}
+    specs |= {name: ArraySpec(np.dtype(np.int64), shape) for name, shape in integers.items()}
     for name, values in obstacle_arrays(scene).items():
         dtype = real if values.dtype.kind == "f" else values.dtype
         specs[f"obstacles.{name}"] = ArraySpec(np.dtype(dtype), values.shape)
@@ -87,13 +90,24 @@ def fill_features(arrays: dict[str, Any], scene: Scene) -> None:
     for name, values in obstacle_arrays(scene).items():
         arrays[f"obstacles.{name}"][...] = values
     if scene.piston is not None:
-        wall, limits = EDGES.index(scene.piston.wall), wall_limits(scene)
+        wall = EDGES.index(scene.piston.wall)
         inward = -1 if wall in (1, 3) else 1
         margin = 0.0 if has_radii(scene) else scene.largest_radius
         arrays["piston"][layout.PISTON_WALL] = layout.X_LOW + wall
-        arrays["piston"][layout.PISTON_START] = limits[wall]
+        arrays["piston"][layout.PISTON_START] = scene.box[wall] + inward * margin
         arrays["piston"][layout.PISTON_SPEED] = scene.piston.speed
         arrays["piston"][layout.PISTON_STOP] = scene.piston.stop + inward * margin
+
+
+def box_now(scene: Scene, arrays: dict[str, Any]) -> Box:
+    """Where the walls are after the steps done; the kernels' own limit is where the piston will be one step later."""
+    edges = list(scene.box)
+    if scene.piston is not None:
+        wall, stop = EDGES.index(scene.piston.wall), scene.piston.stop
+        step = float(arrays["piston"][layout.PISTON_SPEED] * arrays["parameters"][layout.DT])
+        place = edges[wall] + step * int(arrays["control"][layout.STEPS])
+        edges[wall] = max(place, stop) if step < 0 else min(place, stop)
+    return edges[0], edges[1], edges[2], edges[3]
 
 
 def wall_limits(scene: Scene) -> tuple[float, float, float, float]:

@@ -21,6 +21,9 @@ MOST_STEPS = 2**60
 SLACK = 1e-6
 """Part of the box, or of a cell, by which rounding may have put a centre beyond its limit."""
 
+COUNTS_OF_PERIODS = {"image", "winding"}
+"""Arrays that files of format 1 lack: they count from there on."""
+
 _INTEGER, _REAL = np.dtype(np.int64), np.dtype(np.float64)
 
 
@@ -31,11 +34,16 @@ def check(found: Checkpoint) -> None:
     count = len(arrays["order" if exact else "position"])
     _demand(scene.count <= count <= LARGEST_COUNT, f"it has {count} discs; its scene has {scene.count}")
     shapes = exact_arrays(scene, count) if exact else stepped_arrays(scene, count, np.dtype(found.settings.precision))
-    _demand(arrays.keys() == shapes.keys(), f"it holds arrays {sorted(arrays)}; needed are {sorted(shapes)}")
-    for name, (dtype, shape) in shapes.items():
+    missing = shapes.keys() - arrays.keys()
+    _demand(
+        arrays.keys() <= shapes.keys() and missing <= COUNTS_OF_PERIODS,
+        f"it holds arrays {sorted(arrays)}; needed are {sorted(shapes)}",
+    )
+    for name, array in arrays.items():
+        dtype, shape = shapes[name]
         _demand(
-            arrays[name].dtype == dtype and arrays[name].shape == shape,
-            f"{name} must be {dtype} of shape {shape}; got {arrays[name].dtype} of shape {arrays[name].shape}",
+            array.dtype == dtype and array.shape == shape,
+            f"{name} must be {dtype} of shape {shape}; got {array.dtype} of shape {array.shape}",
         )
     _check_sizes(scene, arrays)
     frames, second = arrays["progress"].tolist()
@@ -62,6 +70,8 @@ def stepped_arrays(scene: Scene, count: int, real: np.dtype[Any]) -> Shapes:
         shapes["acceleration"] = real, (count, 2)
     if scene.absorbing:
         shapes["exits"] = real, (3, count)
+    if any(scene.periodic):
+        shapes["image"] = _INTEGER, (2, count)
     return shapes | {"radii": (_REAL, (count,)), "masses": (_REAL, (count,)), "progress": (_INTEGER, (2,))}
 
 
@@ -69,7 +79,8 @@ def exact_arrays(scene: Scene, count: int) -> Shapes:
     """dtype and shape of every array of a snapshot of the exact solver."""
     cells: Any = events.plan_cells(scene.width, scene.height, 2 * scene.largest_radius, count, scene.periodic)
     names = ("disc", "event", "cell_head", "cell_next", "order", "clock", "counter", "tally")
-    layout = events.layout(count, cells, ["tally"])
+    layout = events.layout(count, cells, ["tally", "winding"])
+    names += ("winding",) if any(scene.periodic) else ()
     shapes: Shapes = {name: (np.dtype(layout[name][0]), layout[name][1]) for name in names}
     shapes |= {"radii": (_REAL, (count,)), "masses": (_REAL, (count,))}
     return shapes | {"progress": (_INTEGER, (2,)), "seen": (_REAL, (events.VIRIAL + 2,))}
@@ -109,6 +120,13 @@ def _check_stepped(scene: Scene, arrays: Arrays) -> None:
         gone, *places = arrays["exits"]
         _demand(((gone == 0) | (gone == 1)).all(), "a disc has left or it has not")
         _check_places(scene, np.stack(places, axis=1))
+    if "image" in arrays:
+        _check_periods(scene, arrays["image"].T)
+
+
+def _check_periods(scene: Scene, image: NDArray[np.int64]) -> None:
+    """Counts of periods, shape (N, 2), are 0 along axes with walls."""
+    _demand((image[:, ~np.array(scene.periodic)] == 0).all(), "no disc can have moved through a wall")
 
 
 def _check_places(scene: Scene, position: NDArray[np.floating]) -> None:
@@ -134,6 +152,8 @@ def _check_exact(scene: Scene, arrays: Arrays, frame_end: float) -> None:
     _demand(np.isfinite(arrays["tally"]).all() and np.isfinite(arrays["seen"]).all(), "counts must be finite")
     _check_clock(arrays, frame_end)
     _check_links(scene, arrays)
+    if "winding" in arrays:
+        _check_periods(scene, arrays["winding"])
 
 
 def _check_clock(arrays: Arrays, frame_end: float) -> None:

@@ -12,7 +12,7 @@ from mpsim.engine.alarm import Alert, caught
 from mpsim.engine.methods import Choice, Columns, no_columns
 from mpsim.engine.paces import Pace, pace_of
 from mpsim.engine.pool import WorkerPool
-from mpsim.engine.provision import feature_specs, fill_features, giant_radius, has_radii, wall_limits
+from mpsim.engine.provision import box_now, feature_specs, fill_features, giant_radius, has_radii, wall_limits
 from mpsim.engine.report import Slice
 from mpsim.engine.running import frames_until
 from mpsim.engine.shared import SharedBlock
@@ -20,7 +20,7 @@ from mpsim.engine.worker import kernel_arguments, load_kernels
 from mpsim.errors import DivergedError, SharedMemoryError
 from mpsim.features import EDGES
 from mpsim.kernels import layout
-from mpsim.kernels.optional import wrap_places
+from mpsim.kernels.images import wrap_places
 from mpsim.kernels.piston import place_piston
 from mpsim.kernels.stepping import run_grid, run_naive
 from mpsim.scene import Scene
@@ -28,6 +28,9 @@ from mpsim.settings import Settings
 from mpsim.state import Grid, State, block_arrays, grid_for
 
 LIMITS = (layout.X_LOW, layout.X_HIGH, layout.Y_LOW, layout.Y_HIGH)
+BY_ID = ("exits", "image")
+"""Arrays of features, by id, that frames change: a snapshot holds them."""
+
 _CONTACTS = {"push": layout.PUSH, "impact": layout.IMPACT}
 _LAWS = {"reflect": layout.REFLECT, "elastic": layout.ELASTIC}
 
@@ -120,7 +123,7 @@ class SteppedSolver:
 
     def pace(self, new: NewDiscs | None = None) -> Pace:
         """How fast the discs are, those that are about to be added included."""
-        velocity, radii, present = self._state_as_it_lies().velocity, self._radii[: self.count], ~self.absorbed
+        velocity, radii, present = self._places_and_speeds()[1], self._radii[: self.count], ~self.absorbed
         if new is not None:
             velocity, radii = np.concatenate([velocity, new.velocity]), np.concatenate([radii, new.radius])
             present = np.append(present, np.ones(len(new.position), bool))
@@ -229,13 +232,16 @@ class SteppedSolver:
 
     def state(self) -> State:
         """Copies in the order of the scene's discs."""
-        state = self._state_as_it_lies()
-        for axis, wrap in enumerate((self._block.arrays.get("wrap_x"), self._block.arrays.get("wrap_y"))):
+        (position, velocity), arrays = self._places_and_speeds(), self._block.arrays
+        image = arrays["image"][:, : self.count].copy() if "image" in arrays else None
+        for axis, wrap in enumerate((arrays.get("wrap_x"), arrays.get("wrap_y"))):
             if wrap is not None:  # a contact may have moved a disc through the border; the next step brings it back
-                wrap_places(state.position[:, axis], wrap)
-        return state
+                wrap_places(position[:, axis], image, axis, wrap)
+        image = None if image is None else image.T
+        return State(position, velocity, present=~self.absorbed, image=image, box=box_now(self._scene, arrays))
 
-    def _state_as_it_lies(self) -> State:
+    def _places_and_speeds(self) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+        """Positions and velocities as they lie in the block, in the order of the scene's discs."""
         discs = self._live_discs()
         order = discs.id[: self.count]
         position = np.empty((self.count, 2), discs.x.dtype)
@@ -243,7 +249,7 @@ class SteppedSolver:
         for column, (place, speed) in enumerate(((discs.x, discs.vx), (discs.y, discs.vy))):
             position[order, column] = place[: self.count]
             velocity[order, column] = speed[: self.count]
-        return State(position, velocity)
+        return position, velocity
 
     @property
     def radii(self) -> NDArray[np.float64]:
@@ -361,14 +367,15 @@ class SteppedSolver:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Copies of everything that the next frame depends on, in the order of the scene's discs."""
-        state, count, arrays = self._state_as_it_lies(), self.count, self._block.arrays
+        (position, velocity), count, arrays = self._places_and_speeds(), self.count, self._block.arrays
         control = arrays["control"]
-        found = {"position": state.position, "velocity": state.velocity}
+        found: dict[str, NDArray[Any]] = {"position": position, "velocity": velocity}
         found |= {"radii": self._radii[:count].copy(), "masses": self._masses[:count].copy()}
         if "acceleration" in arrays:
             found["acceleration"] = arrays["acceleration"][:, :count].T.copy()
-        if "exits" in arrays:
-            found["exits"] = arrays["exits"][:, :count].copy()
+        for name in BY_ID:
+            if name in arrays:
+                found[name] = arrays[name][:, :count].copy()
         found["progress"] = np.array([control[layout.DONE], control[layout.STEPS]])
         return found
 
@@ -392,8 +399,9 @@ class SteppedSolver:
         frames, steps = snapshot["progress"].tolist()
         control[layout.DONE], control[layout.STEPS] = frames, steps
         self.substeps = steps // frames if frames else self._settings.substeps
-        if "exits" in snapshot:
-            self._block.arrays["exits"][:, : self.count] = snapshot["exits"]
+        for name in BY_ID:
+            if name in snapshot:  # in files of older versions there is no image, and it counts from there on
+                self._block.arrays[name][:, : self.count] = snapshot[name]
         self._sorted_grid = None
         self._configure()
 

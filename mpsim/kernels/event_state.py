@@ -82,7 +82,7 @@ def layout(count, cells, features=()):
         "radius": (np.float64, (count,)),
         "mass": (np.float64, (count,)),
         "tally": (np.float64, (5,)),
-        "winding": (np.int32, (count, 2)),
+        "winding": (np.int64, (count, 2)),
     }
     optional = {"radius", "mass", "tally", "winding"}
     return {name: array for name, array in arrays.items() if name not in optional or name in features}
@@ -131,19 +131,22 @@ def place(position, velocity, radius, mass, time, store, box):
     return REACHED, -1
 
 
-def read_out(store, box, law, until, position, velocity):
-    """Write positions and velocities at time `until` into (N, 2) arrays in the order of the particles.
+def read_out(store, box, law, until, position, velocity, image=None):
+    """Write positions, velocities and, where asked for, periods at time `until` into (N, 2) arrays.
 
-    `until` is the time that `events.advance` has reached. The state is not touched.
+    They are in the order of the particles. `until` is the time that `events.advance` has reached. The state is not
+    touched.
     """
     disc = store.disc
     flight = (until - store.clock[BASE]) - disc[:, SINCE]
     radius = box.radius if store.radius is None else store.radius
     for axis, (length, periodic) in enumerate(((box.width, box.periodic_x), (box.height, box.periodic_y))):
         fall = 0.0 if law.gravity is None else law.gravity[axis] * flight
-        place_now = disc[:, X + axis] + flight * (disc[:, VX + axis] + 0.5 * fall)
+        flown = disc[:, X + axis] + flight * (disc[:, VX + axis] + 0.5 * fall)
         # Only rounding can have put a centre beyond a limit.
-        place_now = np.mod(place_now, length) if periodic else np.clip(place_now, radius, length - radius)
+        place_now = np.mod(flown, length) if periodic else np.clip(flown, radius, length - radius)
         place_now[place_now == length] = 0.0 if periodic else length
+        if image is not None and periodic:
+            image[store.order, axis] = store.winding[:, axis] + np.rint((flown - place_now) / length).astype(np.int64)
         position[store.order, axis] = place_now
         velocity[store.order, axis] = disc[:, VX + axis] + fall

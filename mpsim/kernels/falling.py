@@ -14,6 +14,7 @@ import numpy as np
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.exits import is_gone
 from mpsim.kernels.gliding import BLOCK, glide
+from mpsim.kernels.images import count_flight
 from mpsim.kernels.layout import DT, TALLY_SCALE, WALL_RESTITUTION, X_LOW, Y_LOW
 from mpsim.kernels.optional import own_or, pull_on, wall_speed, wrapped
 
@@ -113,6 +114,8 @@ def fall_alone(discs, i, features, parameters, tally, frame):
     y, vy, bottom, top = fall_along(
         discs.y[i], discs.vy[i], pull_y, Y_LOW, margin, features.wrap_y, features.piston, parameters
     )
+    two, dt = discs.x.dtype.type(2), parameters[DT]
+    count_flight(discs, i, x, y, (vx - pull_x * dt / two) * dt, (vy - pull_y * dt / two) * dt, features)
     discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x, y, vx, vy
     count_impulses(left, right, bottom, top, disc, features, parameters, tally, frame)
     return not ((x - x == zero) & (y - y == zero) & (vx - vx == zero) & (vy - vy == zero))

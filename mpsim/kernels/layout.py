@@ -47,6 +47,7 @@ class Features(NamedTuple):
 
     gravity: (gx, gy) [length/time^2]. acceleration: shape (2, capacity), by id [length/time^2].
     mass: shape (capacity,), by id [mass]. wrap_x, wrap_y: length of a periodic axis, shape (1,) [length].
+    image: shape (2, capacity), by id: periods that a disc has moved through each periodic border, int64.
     exits: shape (3, capacity), by id: 1 for discs that an absorbing edge has swallowed, and where [length].
     piston: see PISTON_WALL below. giants: shape (1,): discs of a larger radius are not in the grid [length].
     """
@@ -56,6 +57,7 @@ class Features(NamedTuple):
     mass: Any
     wrap_x: Any
     wrap_y: Any
+    image: Any
     exits: Any
     piston: Any
     giants: Any

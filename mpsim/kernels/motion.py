@@ -8,6 +8,7 @@ from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.exits import is_gone, rest, swallow
 from mpsim.kernels.falling import fall
 from mpsim.kernels.gliding import BLOCK, glide
+from mpsim.kernels.images import count_flight
 from mpsim.kernels.layout import (
     BAD,
     BAD_SLOT,
@@ -99,7 +100,7 @@ def along_axis(p, v, axis_low, margin, wrap, piston, parameters):
 
 
 @compiled
-def drift_anyhow(discs, low, high, wrap_x, wrap_y, piston, parameters):
+def drift_anyhow(discs, low, high, features, parameters):
     """p += v dt with radii, periodic axes or a piston; returns True if a position or velocity is not finite."""
     zero = discs.x.dtype.type(0)
     bad = False
@@ -109,15 +110,16 @@ def drift_anyhow(discs, low, high, wrap_x, wrap_y, piston, parameters):
             continue
         for i in range(first, last):
             margin = own_or(discs.radius, i, zero)
-            x, vx = along_axis(discs.x[i], discs.vx[i], X_LOW, margin, wrap_x, piston, parameters)
-            y, vy = along_axis(discs.y[i], discs.vy[i], Y_LOW, margin, wrap_y, piston, parameters)
+            x, vx = along_axis(discs.x[i], discs.vx[i], X_LOW, margin, features.wrap_x, features.piston, parameters)
+            y, vy = along_axis(discs.y[i], discs.vy[i], Y_LOW, margin, features.wrap_y, features.piston, parameters)
+            count_flight(discs, i, x, y, vx * parameters[DT], vy * parameters[DT], features)
             discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x, y, vx, vy
             bad |= not ((x - x == zero) & (y - y == zero) & (vx - vx == zero) & (vy - vy == zero))
     return bad
 
 
 @inlined
-def drift(discs, low, high, radius, wrap_x, wrap_y, piston, parameters):
+def drift(discs, low, high, radius, wrap_x, wrap_y, piston, features, parameters):
     """p += v dt, walls and borders; returns True if a position or velocity is not finite."""
     # Numba drops the branch of a test of one argument, not of several at once.
     if radius is None:  # noqa: SIM102
@@ -125,7 +127,7 @@ def drift(discs, low, high, radius, wrap_x, wrap_y, piston, parameters):
             if wrap_y is None:  # noqa: SIM102
                 if piston is None:
                     return drift_between_walls(discs, low, high, parameters)
-    return drift_anyhow(discs, low, high, wrap_x, wrap_y, piston, parameters)
+    return drift_anyhow(discs, low, high, features, parameters)
 
 
 @compiled
@@ -174,7 +176,8 @@ def move(discs, low, high, features, parameters, control, mine, tally):
         accelerate(discs, low, high, features.gravity, features.acceleration, parameters)
         if tally is not None:
             tally_walls(discs, low, high, features, parameters, tally, mine[FRAME])
-        bad = drift(discs, low, high, discs.radius, features.wrap_x, features.wrap_y, features.piston, parameters)
+        wrap_x, wrap_y, piston = features.wrap_x, features.wrap_y, features.piston
+        bad = drift(discs, low, high, discs.radius, wrap_x, wrap_y, piston, features, parameters)
     rest(discs, low, high, features.exits)
     if bad:
         mine[BAD_SLOT] = worst_slot(discs, low, high)

@@ -11,6 +11,7 @@ import numpy as np
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.exits import is_gone
 from mpsim.kernels.falling import bounce_back
+from mpsim.kernels.images import count_flight
 from mpsim.kernels.layout import CONTACT, DIAMETER, DT, IMPACT, WALL_RESTITUTION, X_HIGH, X_LOW, Y_HIGH, Y_LOW
 from mpsim.kernels.optional import confined, own_or, pull_on, wrapped
 
@@ -118,7 +119,10 @@ def meet_capsules(discs, low, high, features, parameters, control):
             x = confined(discs.x[i], parameters[X_LOW], parameters[X_HIGH], margin, features.wrap_x)
             y = confined(discs.y[i], parameters[Y_LOW], parameters[Y_HIGH], margin, features.wrap_y)
             # Out of a thick obstacle it may be far beyond the border, where there are no cells.
-            discs.x[i], discs.y[i] = wrapped(x, features.wrap_x), wrapped(y, features.wrap_y)
+            discs.x[i], discs.y[i] = x, y
+            x, y = wrapped(x, features.wrap_x), wrapped(y, features.wrap_y)
+            count_flight(discs, i, x, y, zero, zero, features)
+            discs.x[i], discs.y[i] = x, y
 
 
 @inlined

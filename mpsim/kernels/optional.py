@@ -6,7 +6,7 @@ itself, a constant, or nothing at all.
 
 import numpy as np
 
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import inlined
 from mpsim.kernels.layout import ABSORBING, DIAMETER, DT, PISTON_NOW, PISTON_WALL, X_LOW
 
 
@@ -106,10 +106,3 @@ def absorbs(exits, control, limit):
     if exits is None:
         return False
     return (control[ABSORBING] >> (limit - X_LOW)) & 1 != 0
-
-
-@compiled
-def wrap_places(places, wrap):
-    """`wrapped` for each of many coordinates, in place."""
-    for i in range(places.shape[0]):
-        places[i] = wrapped(places[i], wrap)

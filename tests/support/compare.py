@@ -22,6 +22,9 @@ def assert_same_bits(got: mpsim.State, expected: mpsim.State, note: str) -> None
                 f"{note}: {len(differ)} of {len(left)} discs differ in {field}; the first is disc {first}: "
                 f"{left[first].tolist()} instead of {right[first].tolist()}"
             )
+    for field in ("image", "present"):
+        left, right = getattr(got, field), getattr(expected, field)
+        assert np.array_equal(left, right), f"{note}: {field} is {left}, expected {right}"
 
 
 def assert_parallel_is_grid(scene: mpsim.Scene, frames: int = 40, workers: Any = (1, 2, 3), **settings: Any) -> None:

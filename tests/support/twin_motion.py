@@ -21,6 +21,7 @@ class Motion:
         self.has_radii, self.has_masses = has_radii(scene), has_masses(scene)
         self.radii, self.mass = np.array(scene.radii, float), np.array(scene.masses).astype(real)
         self.gone = np.zeros(scene.count, bool)
+        self.image = np.zeros((scene.count, 2), np.int64)
         self.diameter = real(2 * scene.largest_radius)
         self.dt = real(settings.dt / settings.substeps)
         self.wall_restitution = real(scene.wall_restitution)
@@ -79,6 +80,16 @@ class Motion:
         place = place - length * np.floor(place / length)
         return self.real(0) if place < 0 or place >= length else place
 
+    def wrap_disc(self, i: int, axis: int, place: Any) -> Any:
+        """`wrapped`, counted: by whole periods down to the place, or one fewer where rounding has put it at 0 or up."""
+        length = self.wrap[axis]
+        if length is None:
+            return place
+        periods = int(np.floor(place / length))
+        rest = place - length * np.floor(place / length)
+        self.image[i, axis] += periods + (1 if rest >= length else 0)
+        return self.wrapped(place, axis)
+
     def move(self, i: int) -> None:
         """One step: swallowed by an edge, or moved between walls and off obstacles."""
         if self.scene.absorbing and not self.gone[i] and self.leaves(i):
@@ -111,9 +122,9 @@ class Motion:
             self.v[i, axis] += self.gravity[axis] * self.dt
         if self.scene.acceleration is not None:
             self.v[i, axis] += self.acceleration[i, axis] * self.dt
-        p = self.wrapped(self.p[i, axis], axis) + self.v[i, axis] * self.dt
+        p = self.wrap_disc(i, axis, self.p[i, axis]) + self.v[i, axis] * self.dt
         if self.wrap[axis] is not None:
-            self.p[i, axis] = self.wrapped(p, axis)
+            self.p[i, axis] = self.wrap_disc(i, axis, p)
             return
         limits = self.inside(i, axis)
         beyond = p < limits[0]
@@ -140,10 +151,10 @@ class Motion:
         """Along the parabola; beyond a wall, bounced off where the parabola crossed it."""
         pull = self.pull(i, axis)
         v = self.v[i, axis] + pull * self.dt
-        p = self.wrapped(self.p[i, axis], axis) + (v - pull * self.dt / self.real(2)) * self.dt
+        p = self.wrap_disc(i, axis, self.p[i, axis]) + (v - pull * self.dt / self.real(2)) * self.dt
         if self.wrap[axis] is None:
             p, v = self.off_walls(axis, p, v, pull, self.inside(i, axis))
-        self.p[i, axis], self.v[i, axis] = self.wrapped(p, axis), v
+        self.p[i, axis], self.v[i, axis] = self.wrap_disc(i, axis, p), v
 
     def off_walls(self, axis: int, p: Any, v: Any, pull: Any, limits: tuple[Any, Any]) -> tuple[Any, Any]:
         """Place and velocity of an accelerated disc, bounced off the wall that it is beyond, if any."""
@@ -197,7 +208,7 @@ class Motion:
         met = [self.meet_capsule(i, self.capsules[k]) for k in self.obstacles["index"][near[cell] : near[cell + 1]]]
         if any(met):
             for axis in range(2):
-                self.p[i, axis] = self.wrapped(self.confined(i, axis, self.p[i, axis]), axis)
+                self.p[i, axis] = self.wrap_disc(i, axis, self.confined(i, axis, self.p[i, axis]))
 
     def meet_capsule(self, i: int, capsule: Any) -> bool:
         """Bounce off a segment with a radius, or out of it."""

@@ -50,10 +50,15 @@ class Twin(Motion):
 
     @property
     def state(self) -> mpsim.State:
-        position = self.p.copy()
+        position, kept = self.p.copy(), self.image.copy()
         for i, axis in np.ndindex(position.shape):
-            position[i, axis] = self.wrapped(position[i, axis], axis)
-        return mpsim.State(position, self.v.copy())
+            position[i, axis] = self.wrap_disc(i, axis, position[i, axis])
+        image, self.image = self.image, kept  # looking changes nothing
+        periodic = any(wrap is not None for wrap in self.wrap)
+        box = (0, self.scene.width, 0, self.scene.height)  # a piston's place is told by the discs that it pushes
+        return mpsim.State(
+            position, self.v.copy(), present=~self.gone, image=image if periodic else None, box=box if periodic else None
+        )
 
     def run(self, frames: int) -> None:
         for _ in range(frames):
@@ -74,6 +79,7 @@ class Twin(Motion):
         self.mass = np.append(self.mass, 1.0 if mass is None else mass).astype(self.real)
         self.acceleration = np.append(self.acceleration, np.zeros((1, 2)), axis=0).astype(self.real)
         self.gone = np.append(self.gone, False)
+        self.image = np.append(self.image, np.zeros((1, 2), np.int64), axis=0)
 
     def emit(self) -> None:
         """Discs enter where their places are free."""

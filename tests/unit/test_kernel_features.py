@@ -18,7 +18,7 @@ from mpsim.kernels.exits import absorb
 from mpsim.kernels.falling import fall
 from mpsim.kernels.motion import tally_walls
 from mpsim.kernels.obstacles import meet_capsules
-from mpsim.kernels.optional import wrap_places
+from mpsim.kernels.images import wrap_places
 from mpsim.kernels.piston import place_wall
 from mpsim.kernels.sorting import sort
 
@@ -158,27 +158,36 @@ def test_places_come_back_into_a_periodic_box(real):
     length = np.array([7.3], real)
     below = np.nextafter(length[0], real(0))
     places = np.array([0.0, 2.5, -1e-20, 7.3, below, -1.0, 8.0, 3 * 7.3, 1e6 * 7.3, -1e30, 1e30], real)
-    found = places.copy()
-    wrap_places(found, length)
+    found, image = places.copy(), np.zeros((2, len(places)), np.int64)
+    wrap_places(found, image, 0, length)
     assert ((found >= 0) & (found < length[0])).all(), found
     assert found[:5].tolist() == [0, 2.5, 0, 0, below]
     assert found[5:7] == pytest.approx([6.3, 0.7], rel=1e-6)
-    again = found.copy()
-    wrap_places(again, length)
+    assert image[0, :7].tolist() == [0, 0, 0, 1, 0, -1, 1], "no period for what rounding alone has put at 0"
+    unwrapped = found[:9] + image[0, :9] * float(length[0])
+    assert unwrapped == pytest.approx(places[:9].astype(float), abs=1e-6, rel=1e-6)
+    assert not image[1].any(), "the other axis has its own counts"
+    assert not image[0, 9:].any(), "of a place without a digit in the box no period is counted"
+    again, before = found.copy(), image.copy()
+    wrap_places(again, image, 0, length)
     assert again.tolist() == found.tolist(), "doing it twice must change nothing"
+    assert (image == before).all()
     lost = np.array([np.nan, np.inf, -np.inf], real)
-    wrap_places(lost, length)
+    wrap_places(lost, image[:, :3], 1, length)
     assert np.isnan(lost).all(), "what is not finite must stay so, to be found"
+    assert not image[1].any()
 
 
 @given(st.floats(-1e300, 1e300), st.floats(1e-3, 1e6))
 def test_any_place_comes_back_into_any_periodic_box_for_good(place, length):
-    places, wrap = np.array([place]), np.array([length])
-    wrap_places(places, wrap)
-    first = places[0]
-    wrap_places(places, wrap)
+    places, wrap, image = np.array([place]), np.array([length]), np.zeros((2, 1), np.int64)
+    wrap_places(places, image, 0, wrap)
+    first, counted = places[0], int(image[0, 0])
+    wrap_places(places, image, 0, wrap)
     assert 0 <= first < length
-    assert places[0] == first
+    assert (places[0], image[0, 0]) == (first, counted)
+    if abs(place) < 1e15 * length:
+        assert abs(first + counted * length - place) <= 1e-15 * (abs(place) + length), "unwrapped, it goes on"
 
 
 def exits_after(edges, velocity, gravity=None, contact=layout.PUSH):
@@ -289,7 +298,8 @@ def test_an_obstacle_never_puts_a_disc_beyond_a_periodic_border():
     )
     obstacles = layout.Obstacles(**provision.obstacle_arrays(scene))
     wrap = np.array([20.0])
-    features = BARE._replace(wrap_x=wrap, wrap_y=wrap, obstacles=obstacles)
+    features = BARE._replace(wrap_x=wrap, wrap_y=wrap, image=np.zeros((2, 1), np.int64), obstacles=obstacles)
     discs = discs_of(np.float64, [0.5], [10.0])
     meet_capsules(discs, 0, 1, features, parameters_of(np.float64, 20, 20), control_of(1))
     assert (discs.x[0], discs.y[0]) == (15.5, 10)
+    assert features.image.tolist() == [[-1], [0]]

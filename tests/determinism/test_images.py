@@ -1,0 +1,163 @@
+"""Counts of periods: unwrapped places go on through borders, with the same bits whatever the workers, pieces and ends."""
+
+import itertools
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.checkpoints import rewrite
+from support.compare import assert_same_bits
+from support.scenes import gas, simulate, zoo
+
+import mpsim
+
+METHODS = ("naive", "grid", "parallel", "event")
+
+
+def box_of(position, velocity, boundary="periodic", **more):
+    """Discs of radius 1/2 in a box of 10 x 8."""
+    return mpsim.Scene(
+        width=10, height=8, position=position, velocity=velocity, radius=0.5, boundary=boundary, **more
+    )
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_a_free_disc_goes_on_beyond_the_border(method, precision):
+    """By hand: from (2, 7) at (-3, 5) for a time 10 to (-28, 57): 3 periods of 10 back, 7 of 8 on."""
+    if method == "event" and precision == "float32":
+        pytest.skip("the exact solver has no float32")
+    scene = box_of([[2, 7], [2, 3]], [[-3, 5], [-3, 5]])
+    with simulate(scene, method=method, workers=2, precision=precision, dt=1 / 8) as sim:
+        sim.run(frames=80)
+        state = sim.state
+    assert state.image is not None
+    assert state.image.tolist() == [[-3, 7], [-3, 6]]
+    assert state.image.dtype == np.int64
+    assert state.position == pytest.approx(np.array([[2, 1], [2, 5]]), abs=1e-14)
+    assert state.unwrapped == pytest.approx(np.array([[-28, 57], [-28, 53]]), abs=1e-13)
+    assert state.box == (0, 10, 0, 8)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_only_periodic_axes_count(method):
+    scene = box_of([[2, 7]], [[-3, 5]], ("periodic", "walls"))
+    with simulate(scene, method=method, workers=2, dt=1 / 8) as sim:
+        sim.run(frames=80)
+        assert sim.state.image.tolist() == [[-3, 0]]
+        assert sim.state.unwrapped[0, 1] == sim.state.position[0, 1]
+    with simulate(box_of([[2, 7]], [[-3, 5]], "walls"), method=method, workers=2) as sim:
+        assert sim.state.image is None
+        assert not {"image", "winding"} & set(sim.array_names), "a scene with walls pays for no count"
+        assert sim.state.unwrapped.tolist() == sim.state.position.tolist()
+
+
+free = st.tuples(st.floats(0, 9.999), st.floats(0, 7.999), st.floats(-300, 300), st.floats(-300, 300))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(free, min_size=1, max_size=1), st.sampled_from(["naive", "grid", "event"]), st.booleans(), st.booleans())
+def test_unwrapped_places_are_the_integral_of_the_motion(discs, method, falls, pushes):
+    """A disc alone: r(t) = r + v t + g t^2 / 2, through however many borders in a step."""
+    start = np.array(discs)
+    gravity = np.array([1.5, -40.0]) * falls
+    scene = box_of(start[:, :2], start[:, 2:], gravity=gravity if falls else None)
+    contact = "push" if pushes and not falls and method != "event" else "impact"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mpsim.FastWarning)
+        with simulate(scene, method=method, dt=0.1, contact=contact) as sim:
+            before = sim.state.unwrapped
+            for frames in (1, 6, 3):
+                sim.run(frames=frames)
+            moved = sim.state.unwrapped - before
+    expected = scene.velocity * 1.0 + gravity / 2
+    assert np.abs(moved - expected).max() < 1e-11 * (1 + np.abs(expected).max())
+
+
+def test_a_disc_that_rounding_puts_at_the_border_is_not_off_by_a_period():
+    """Just below 0 a coordinate rounds to the length itself, and becomes 0: of the same period as before."""
+    scene = box_of([[0, 4]], [[-1e-18, 0]])
+    for method in METHODS:
+        with simulate(scene, method=method, workers=1, dt=1.0) as sim:
+            for _ in range(3):
+                sim.run(frames=1)
+                assert abs(sim.state.unwrapped[0, 0]) < 1e-15, f"{method}: {sim.state}"
+
+
+def final_state(scene, pieces=(60,), **how):
+    with simulate(scene, dt=0.05, **how) as sim:
+        for frames in pieces:
+            sim.run(frames=frames)
+        return sim.state
+
+
+CROWDED = {
+    "a gas": lambda: gas(120, 0.5, boundary="periodic"),
+    "gravity and pegs": lambda: zoo("periodic gravity obstacles"),
+    "radii and an edge": lambda: zoo("periodic-y radii absorbing gravity"),
+}
+
+
+@pytest.mark.parametrize(("name", "precision"), [*zip(CROWDED, itertools.repeat("float64"), strict=False), ("a gas", "float32")])
+def test_counts_have_the_same_bits_on_any_number_of_workers_and_in_pieces(name, precision):
+    scene = CROWDED[name]()
+    expected = final_state(scene, method="grid", precision=precision)
+    assert np.abs(expected.image).max() > 0, "nobody has crossed a border, which tests nothing"
+    for workers in (1, 2, 3):
+        found = final_state(scene, (1, 30, 29), method="parallel", workers=workers, precision=precision)
+        assert_same_bits(found, expected, f"{name}, {workers} workers")
+        assert found.digest() == expected.digest()
+
+
+@pytest.mark.parametrize("method", ["naive", "grid", "event"])
+def test_counts_come_back_from_a_file_and_go_on_from_an_old_one(method, tmp_path):
+    scene = gas(60, 0.3, boundary="periodic")
+    with simulate(scene, method=method, dt=0.05) as sim:
+        sim.run(frames=40)
+        path = sim.save(tmp_path / "run")
+        saved = sim.state
+        sim.run(frames=40)
+        expected = sim.state
+    assert np.abs(saved.image).max() > 0
+    with mpsim.Simulation.resume(path) as again:
+        assert_same_bits(again.state, saved, method)
+        again.run(frames=40)
+        assert_same_bits(again.state, expected, method)
+
+    def age(header, arrays):
+        """The file as the version before wrote it."""
+        header["format"] = 1
+        del arrays["solver.winding" if method == "event" else "solver.image"]
+
+    rewrite(path, age)
+    with mpsim.Simulation.resume(path) as again:
+        again.run(frames=40)
+        assert again.state.position.tolist() == expected.position.tolist()
+        assert (again.state.image == expected.image - saved.image).all()
+
+
+@pytest.mark.parametrize("method", ["grid", "event"])
+def test_an_added_disc_starts_to_count_and_changes_no_other_count(method):
+    with simulate(box_of([[2, 7], [2, 3]], [[-3, 5], [-3, 5]]), method=method, dt=1 / 8) as sim:
+        sim.run(frames=80)
+        before = sim.state
+        sim.add((7, 5), (0, 3))
+        assert sim.state.image.tolist() == [*before.image.tolist(), [0, 0]]
+        assert sim.state.unwrapped[:2].tolist() == before.unwrapped.tolist()
+        for _ in range(6):  # which makes the block grow
+            sim.add((9, 1), (0, 0)) if method == "grid" else None
+        assert sim.state.unwrapped[:2].tolist() == before.unwrapped.tolist()
+
+
+def test_a_disc_that_has_left_counts_no_more_borders():
+    """Gravity along a periodic axis goes on pulling at it, and it is put back after each step."""
+    scene = box_of([[1, 0.5]], [[-4, -1]], ("walls", "periodic"), absorbing="left", gravity=(0, -9))
+    for contact in ("push", "impact"):
+        with simulate(scene, method="grid", contact=contact, dt=0.05) as sim:
+            sim.run(frames=20)
+            left = sim.state
+            sim.run(frames=60)
+            assert not left.present[0]
+            assert_same_bits(sim.state, left, contact)
