@@ -6,6 +6,7 @@ import importlib
 import math
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -283,10 +284,13 @@ class Scene:
         return math.pi * float((self.radii**2).sum()) / (self.width * self.height)
 
     def starting_from(self, state: State) -> "Scene":
-        """The same scene with the places and velocities of a state.
+        """The same scene with the places and velocities of a state, to go on from there.
+
+        Discs that an absorbing edge has absorbed are left out, with their radii, masses and accelerations. The piston
+        starts where the state has it. Counts of periods start at 0.
 
         Args:
-            state: of as many discs as the scene has.
+            state: of as many discs as the scene has, absorbed ones included.
 
         Raises:
             InputError: if the number of discs differs, or the state does not fit the box.
@@ -300,11 +304,38 @@ class Scene:
                 f"a state for starting_from must hold the scene's {self.count} discs; got {len(state.position)}. "
                 "Make a new Scene for another number of discs."
             )
-        other = copy.copy(self)
-        other.position = checks.finite_array("position", state.position, (self.count, 2), f"({self.count}, 2)")
-        other.velocity = checks.finite_array("velocity", state.velocity, (self.count, 2), f"({self.count}, 2)")
+        other, shape, meaning = copy.copy(self), (self.count, 2), f"({self.count}, 2)"
+        position = checks.finite_array("position", state.position, shape, meaning)
+        velocity = checks.finite_array("velocity", state.velocity, shape, meaning)
+        if self.piston is not None and state.box is not None:
+            start = state.box[features.EDGES.index(self.piston.wall)]
+            other.piston = features.check_piston(
+                replace(self.piston, start=start), self.boundary, self.width, self.height, self.absorbing
+            )
+        other._keep(state.present)
+        low, high = other.limits(other.radius)
+        inside = np.clip(position[state.present], low, high)
+        # What the walls of a float32 run hold may be a rounding beyond those of the scene.
+        rounding = 8 * float(np.finfo(np.result_type(state.position, np.float32)).eps) * max(self.width, self.height)
+        moved = np.abs(inside - position[state.present])
+        other.position = np.where(moved <= rounding, inside, position[state.present])
+        other.velocity = velocity[state.present]
+        for array in (other.position, other.velocity):
+            array.flags.writeable = False
         other.check_inside("position", other.position, other.radius)
         return other
+
+    def _keep(self, kept: NDArray[np.bool_]) -> None:
+        """Keep the radii, masses and accelerations of some discs, shape (count,), and forget those of the others."""
+        if kept.all():
+            return
+        count = int(kept.sum())
+        if isinstance(self.radius, np.ndarray):
+            self.radius = _one_or_each("radius", self.radius[kept], count, "[length]")
+        if self.mass is not None:
+            self.mass = _masses(self.mass[kept], count)
+        if self.acceleration is not None:
+            self.acceleration = checks.finite_array("acceleration", self.acceleration[kept], (count, 2), "(N, 2)")
 
     def overlaps_at_start(self) -> str:
         """What overlaps in words, for a warning: discs with each other, through periodic borders too, and obstacles.

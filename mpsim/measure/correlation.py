@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from mpsim import checks
 from mpsim.errors import InputError
+from mpsim.features import EDGES
 from mpsim.measure.pairs import close_pairs, lengths_of
 from mpsim.measure.statistics import Measure
 from mpsim.scene import Scene
-from mpsim.state import State
+from mpsim.state import Box, State
 
 CONTACT_RANGE = 0.4
 """The contact value is extrapolated from distances up to this many diameters beyond contact. A shorter range
@@ -56,14 +57,18 @@ def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r
     The contact value is exp(quadratic in r) fitted to the counts, as Poisson numbers, up to CONTACT_RANGE diameters
     beyond contact, taken at one diameter. Pairs closer than a diameter are not counted: see `overlap`.
 
+    The density must be uniform, or g would show where the discs are rather than how they arrange themselves: scenes
+    with gravity, acceleration, emitters or obstacles are refused, states from which discs have left, and states whose
+    piston still moves. Behind a piston that has arrived, the box is where it left the walls (`State.box`).
+
     Args:
         states: of equal discs in the scene's box; independent ones lower the noise.
-        scene: gives box and radius, the same for all discs; without obstacles.
+        scene: gives box and radius, the same for all discs.
         bins: shells of equal width, >= 1; at least 4 must lie within CONTACT_RANGE for a contact value, else NaN.
         r_max: [length], > one diameter, at most half of a periodic axis, and so small that some inner region remains.
 
     Raises:
-        InputError: naming the argument and its rule; if no disc is a reference.
+        InputError: naming the argument and its rule; if no disc is a reference; if density is not uniform.
 
     Source: minus sampling, Ripley, J. R. Stat. Soc. B 39, 172 (1977), sect. 6; Allen & Tildesley, Computer Simulation
     of Liquids (2017), sect. 8.2.
@@ -77,9 +82,11 @@ def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r
     bins = checks.whole("bins", bins, 1, 1_000_000, "Some 100 shells are usual.")
     r_max = checks.positive("r_max", r_max, "[length]")
     radius = _one_radius(scene)
-    diameter, size, periodic = 2 * radius, np.array([scene.width, scene.height]), np.array(scene.periodic)
-    low = np.where(periodic, 0.0, radius + r_max)
-    inner = size - 2 * low
+    _demand_uniform(states, scene)
+    walls = np.array(_box_of(states, scene))
+    diameter, size, periodic = 2 * radius, walls[1::2] - walls[::2], np.array(scene.periodic)
+    margin = np.where(periodic, 0.0, radius + r_max)
+    low, inner = walls[::2] + margin, size - 2 * margin
     most = float(np.where(periodic, size / 2, size / 2 - radius).min())
     if not diameter < r_max <= most or (inner <= 0).any():
         raise InputError(
@@ -122,6 +129,44 @@ def _one_radius(scene: Scene) -> float:
             f"{len(scene.obstacles)}. Leave them out, or measure a scene without them."
         )
     return scene.radius
+
+
+def _demand_uniform(states: Sequence[State], scene: Scene) -> None:
+    """Refuse, by name, what makes the density differ from place to place or from state to state."""
+    reasons = {
+        "gravity": scene.gravity is not None and bool(scene.gravity.any()),
+        "acceleration": scene.acceleration is not None and bool(scene.acceleration.any()),
+        "emitters": bool(scene.emitters),
+    }
+    for what, present in reasons.items():
+        if present:
+            raise InputError(
+                f"pair_correlation needs a uniform density; this scene has {what}, which gathers discs in some places. "
+                "Make a scene of these discs without it, and measure there once it has settled."
+            )
+    gone = sum(int((~state.present).sum()) for state in states)
+    if gone:
+        raise InputError(
+            "pair_correlation needs a uniform density; got states from which discs have left through an absorbing edge "
+            f"({gone} absent in {len(states)} states), which thins them out near it. Make a scene without absorbing "
+            "edges from scene.starting_from(state), and measure there once it has settled."
+        )
+
+
+def _box_of(states: Sequence[State], scene: Scene) -> Box:
+    """Where the walls stand in all states: those of the scene, but for a piston that has arrived."""
+    piston = scene.piston
+    if piston is None:
+        return scene.box
+    places = {None if state.box is None else state.box[EDGES.index(piston.wall)] for state in states}
+    if places != {piston.stop}:
+        raise InputError(
+            f"pair_correlation needs a box at rest; got a piston on its way to {piston.stop:g}, at "
+            f"{', '.join(sorted(str(place) for place in places))}. Take states after it has arrived, from a simulation."
+        )
+    edges = list(scene.box)
+    edges[EDGES.index(piston.wall)] = piston.stop
+    return edges[0], edges[1], edges[2], edges[3]
 
 
 def _contact(

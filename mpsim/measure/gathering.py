@@ -123,10 +123,16 @@ COUNTED: dict[str, Callable[[Counts, Run], Measure]] = {
     "largest_overlap": largest_overlap,
 }
 
+
+def _of_those_present(mean: Callable[[State, Scene], float]) -> Callable[[State, Scene], float]:
+    """A mean over discs that is NaN once all have left: a run goes on, and says that it was not defined all along."""
+    return lambda state, scene: mean(state, scene) if state.present.any() else float("nan")
+
+
 SAMPLED: dict[str, Callable[[State, Scene], float]] = {
     "kinetic_energy": observables.kinetic_energy,
-    "temperature": observables.temperature,
-    "speed_kurtosis": lambda state, scene: observables.speed_kurtosis(state),
+    "temperature": _of_those_present(observables.temperature),
+    "speed_kurtosis": _of_those_present(lambda state, scene: observables.speed_kurtosis(state)),
 }
 
 
@@ -203,10 +209,10 @@ _RULES: tuple[_Rule, ...] = (
         "Run until the piston rests, and measure in a scene that starts from there.",
     ),
     (
-        ("pressure_virial", "collision_rate", "temperature", "speed_kurtosis", *_BALANCED),
+        ("pressure_virial", "collision_rate", *_BALANCED),
         lambda scene: bool(scene.absorbing),
-        "absorbing edges, as discs that have left still count",
-        "Use sim.state without the discs of sim.absorbed.",
+        "absorbing edges, as the number of discs changes",
+        "Run until none leaves any more, and measure in a scene that starts from there, without those edges.",
     ),
     (
         ("pressure_virial", "collision_rate", *_BALANCED),
@@ -343,10 +349,10 @@ class Gathering:
         if "pressure_virial" in self._names or ("pressure" in self._names and all(run.scene.periodic)):
             run = replace(run, kinetic_energy=_energy_without_drift(self._state(), run.scene))
         results = Measures()
-        unknown = {name for name, values in self._samples.items() if not values}
+        unknown = {name for name, values in self._samples.items() if not values or np.isnan(values).any()}
         unknown |= set() if len(counts) else set(COUNTED)
         for name in self._names:
-            if name in unknown:  # after no frames
+            if name in unknown:  # after no frames, or of means over nobody
                 results[name] = Measure(float("nan"), float("nan"), 0)
             elif name in COUNTED:
                 results[name] = COUNTED[name](counts, run)

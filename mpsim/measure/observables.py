@@ -1,8 +1,10 @@
 """What one state shows: energies, momentum, overlaps, speeds; and how far apart two states are.
 
 All is computed in float64, whatever the precision of the state. Masses are those of the scene, 1 where it has none.
-Positions are those in the box; a distance along a periodic axis is that of the nearest images. A state may hold more
-discs than its scene, if some were added since: then it must be clear what they are, so all must be alike.
+Only the discs that are present count: one that an absorbing edge has absorbed has no place, speed or energy any more.
+Positions are those in the box; a distance along a periodic axis is that of the nearest images, a displacement that of
+the motion itself. A state may hold more discs than its scene, if some were added since: then it must be clear what they
+are, so all must be alike.
 """
 
 import math
@@ -85,7 +87,7 @@ def kinetic_energy(state: State, scene: Scene) -> float:
     13.0
     """
     velocity = _velocity(state)
-    return 0.5 * float((_masses("kinetic_energy", scene, velocity) * velocity**2).sum())
+    return 0.5 * float((_masses("kinetic_energy", scene, state) * velocity**2).sum())
 
 
 def potential_energy(state: State, scene: Scene) -> float:
@@ -111,16 +113,12 @@ def potential_energy(state: State, scene: Scene) -> float:
             "potential_energy needs fields that point along axes with walls; got one along a periodic axis, round "
             "which discs fall without end. Give that axis walls, or compare kinetic energies."
         )
-    mass = _masses("potential_energy", scene, position)
+    mass = _masses("potential_energy", scene, state)
     if scene.gravity is not None:
         energy -= float((mass * position @ scene.gravity).sum())
     if scene.acceleration is not None:
-        if len(scene.acceleration) != len(position):
-            raise InputError(
-                f"potential_energy needs one row of the scene's acceleration per disc; got {len(scene.acceleration)} "
-                f"rows and {len(position)} discs. Make a scene that holds all discs and their accelerations."
-            )
-        energy -= float((mass * position * scene.acceleration).sum())
+        own = _each("potential_energy", "acceleration", scene.acceleration, state)
+        energy -= float((mass * position * own).sum())
     return energy
 
 
@@ -143,7 +141,7 @@ def momentum(state: State, scene: Scene) -> NDArray[np.float64]:
     [3.0, 5.0]
     """
     velocity = _velocity(state)
-    return (_masses("momentum", scene, velocity) * velocity).sum(axis=0)
+    return (_masses("momentum", scene, state) * velocity).sum(axis=0)
 
 
 def temperature(state: State, scene: Scene, *, remove_drift: bool = False) -> float:
@@ -166,7 +164,7 @@ def temperature(state: State, scene: Scene, *, remove_drift: bool = False) -> fl
     """
     velocity = _velocity(state)
     _demand_discs("temperature", len(velocity), 2 if remove_drift else 1)
-    mass = _masses("temperature", scene, velocity)
+    mass = _masses("temperature", scene, state)
     if remove_drift:
         drift = (mass * velocity).mean(axis=0) / mass.mean()
         return float((mass * (velocity - drift) ** 2).sum()) / (2 * (len(velocity) - 1))
@@ -181,7 +179,7 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
 
     Args:
         state, scene: the state and its scene.
-        radii: of the discs of the state, shape (N,) [length]; None: those of the scene.
+        radii: of the discs of the state, absorbed ones included, shape (N,) [length]; None: those of the scene.
 
     Raises:
         InputError: if the state is not finite, or holds more or fewer discs than there are radii.
@@ -191,8 +189,8 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
     Overlap(pairs=1, largest=0.25, mean=0.25, worst=(0, 1))
     """
     rounding = ROUNDINGS * float(np.finfo(state.position.dtype).eps) * max(scene.width, scene.height)
-    position = _position(state)
-    radii = _radii("overlap", scene, position) if radii is None else _each("overlap", "radius", radii, position)
+    position, numbers = _position(state), np.flatnonzero(state.present)
+    radii = _radii("overlap", scene, state) if radii is None else _each("overlap", "radius", radii, state)
     diameter = 2 * float(radii.max(initial=0.0))
     pairs, total, largest, worst = 0, 0.0, 0.0, None
     for i, j, distance in close_pairs(position, diameter - rounding, lengths_of(scene)):
@@ -205,7 +203,8 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
             total += float(depth.sum())
             if worst is None or depth[deepest] > largest:
                 largest = float(depth[deepest])
-                worst = (int(min(i[deepest], j[deepest])), int(max(i[deepest], j[deepest])))
+                pair = numbers[[i[deepest], j[deepest]]]
+                worst = (int(pair.min()), int(pair.max()))
     return Overlap(pairs, largest, total / pairs if pairs else 0.0, worst)
 
 
@@ -264,24 +263,50 @@ def speed_distribution(state: State, bins: int | ArrayLike = 50) -> SpeedDistrib
 def mean_squared_displacement(before: State, after: State, scene: Scene | None = None) -> float:
     """Mean over the discs of |r(after) - r(before)|^2 [length^2], >= 0, for the same discs in the same order.
 
+    Displacements are those of the motion, through however many periodic borders: states of a simulation count them
+    (`State.image`). Discs that are absent in one of the states are left out.
+
     Args:
-        before, after: the states.
-        scene: theirs. Along its periodic axes the shorter way round counts, which is the way a disc went as long as no
-            disc has moved by half of that axis. Without a scene positions are taken as they are.
+        before, after: the states, both with counts of periods or both without.
+        scene: theirs. It is needed along periodic axes for states without counts, made by hand or read from an old
+            file: then the shorter way round counts, which is where a disc went as long as none has moved by half of
+            that axis. Without a scene and counts, positions are taken as they are.
 
     Raises:
-        InputError: if the states hold no disc or different numbers of them, or are not finite.
+        InputError: if the states have no disc in common or different numbers of them, or are not finite; if one has
+            counts of periods and the other has not, as then nobody knows how far the discs have gone.
+
+    Source: Einstein (1905): 4 D t after long times in two dimensions, D the diffusion coefficient.
 
     >>> mean_squared_displacement(State(np.zeros((2, 2)), np.zeros((2, 2))), State(np.ones((2, 2)), np.zeros((2, 2))))
     2.0
+    >>> scene = Scene(width=10, height=10, position=[[5, 5]], velocity=[[3, 0]], radius=0.5, boundary="periodic")
+    >>> start = State(scene.position, scene.velocity, image=np.array([[0, 0]]), box=scene.box)
+    >>> end = State(np.array([[7.0, 5.0]]), scene.velocity, image=np.array([[1, 0]]), box=scene.box)
+    >>> mean_squared_displacement(start, end)
+    144.0
     """
-    return float((_displacements("mean_squared_displacement", before, after, scene) ** 2).sum(axis=1).mean())
+    name = "mean_squared_displacement"
+    common = _common(before, after, name)
+    common = common[before.present[common] & after.present[common]]
+    _demand_discs(name, len(common), 1)
+    if (before.image is None) != (after.image is None):
+        raise InputError(
+            f"{name} needs counts of periods (State.image) in both states or in neither; got them in one. Take both "
+            "from a simulation, or give the scene's start as State(..., image=numpy.zeros((N, 2), int), box=scene.box)."
+        )
+    if before.image is None or after.image is None:
+        moved = _difference(before, after, common, scene)
+    else:
+        moved = _places(after.unwrapped)[common] - _places(before.unwrapped)[common]
+    return float((moved**2).sum(axis=1).mean())
 
 
 def trajectory_error(state: State, reference: State, scene: Scene | None = None) -> TrajectoryError:
     """Distance of each disc from its place in a reference state of the same time, say the exact solver's.
 
-    It means something only while the motion is predictable: see `predictability.require_predictable`.
+    It means something only while the motion is predictable: see `predictability.require_predictable`. Discs that are
+    absent in both states are left out; one that is absent in one of them is where it left the box.
 
     Args:
         state, reference: the states.
@@ -293,9 +318,10 @@ def trajectory_error(state: State, reference: State, scene: Scene | None = None)
     >>> trajectory_error(State(np.array([[3.0, 4.0], [0, 0]]), np.zeros((2, 2))), State(*np.zeros((2, 2, 2))))
     TrajectoryError(rms=3.5355339059327378, largest=5.0, disc=0)
     """
-    distance = np.hypot(*_displacements("trajectory_error", state, reference, scene).T)
+    common = _common(state, reference, "trajectory_error")
+    distance = np.hypot(*_difference(state, reference, common, scene).T)
     worst = int(distance.argmax())
-    return TrajectoryError(math.sqrt(float((distance**2).mean())), float(distance[worst]), worst)
+    return TrajectoryError(math.sqrt(float((distance**2).mean())), float(distance[worst]), int(common[worst]))
 
 
 def _edges(bins: int | ArrayLike, largest: float) -> NDArray[np.float64]:
@@ -309,11 +335,18 @@ def _edges(bins: int | ArrayLike, largest: float) -> NDArray[np.float64]:
 
 
 def _position(state: State) -> NDArray[np.float64]:
-    return checks.finite_array("state.position", state.position, (None, 2), "(N, 2)")
+    """Places of the discs that are present."""
+    return _places(state.position)[state.present]
+
+
+def _places(position: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Places of all discs, if they are finite."""
+    return checks.finite_array("state.position", position, (None, 2), "(N, 2)")
 
 
 def _velocity(state: State) -> NDArray[np.float64]:
-    return checks.finite_array("state.velocity", state.velocity, (None, 2), "(N, 2)")
+    """Velocities of the discs that are present."""
+    return checks.finite_array("state.velocity", state.velocity, (len(state.present), 2), "(N, 2)")[state.present]
 
 
 def _moving_squares(name: str, state: State) -> tuple[NDArray[np.float64], float]:
@@ -330,38 +363,48 @@ def _moving_squares(name: str, state: State) -> tuple[NDArray[np.float64], float
     return ((velocity / unit) ** 2).sum(axis=1), unit
 
 
-def _displacements(name: str, state: State, reference: State, scene: Scene | None) -> NDArray[np.float64]:
-    a, b = _position(state), _position(reference)
-    if len(a) != len(b):
+def _common(state: State, reference: State, name: str) -> NDArray[np.int64]:
+    """Numbers of the discs of two states of the same discs, less those that are absent in both."""
+    if len(state.present) != len(reference.present):
         raise InputError(
-            f"{name} needs two states of the same discs; got {len(a)} and {len(b)} discs. "
+            f"{name} needs two states of the same discs; got {len(state.present)} and {len(reference.present)} discs. "
             "Compare states between which no disc was added."
         )
-    _demand_discs(name, len(a), 1)
+    common = np.flatnonzero(state.present | reference.present)
+    _demand_discs(name, len(common), 1)
+    return common
+
+
+def _difference(
+    state: State, reference: State, discs: NDArray[np.int64], scene: Scene | None
+) -> NDArray[np.float64]:
+    """From the places of some discs in one state to those in another, by the shorter way round periodic axes."""
+    a, b = _places(state.position)[discs], _places(reference.position)[discs]
     return a - b if scene is None else to_nearest_image(a - b, lengths_of(scene))
 
 
-def _masses(name: str, scene: Scene, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Masses as a column: of each disc, shape (N, 1), or the one that all have, shape (1, 1)."""
+def _masses(name: str, scene: Scene, state: State) -> NDArray[np.float64]:
+    """Masses of the discs present as a column: of each, shape (N, 1), or the one that all have, shape (1, 1)."""
     if scene.mass is None and all(emitter.mass in (None, 1.0) for emitter in scene.emitters):
         return np.ones((1, 1))
-    return _each(name, "mass", scene.masses, rows)[:, None]
+    return _each(name, "mass", scene.masses, state)[:, None]
 
 
-def _radii(name: str, scene: Scene, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Radius of each disc, shape (N,)."""
+def _radii(name: str, scene: Scene, state: State) -> NDArray[np.float64]:
+    """Radius of each disc that is present, shape (N,)."""
     if isinstance(scene.radius, float) and scene.smallest_radius == scene.largest_radius:
-        return np.full(len(rows), scene.radius)
-    return _each(name, "radius", scene.radii, rows)
+        return np.full(int(state.present.sum()), scene.radius)
+    return _each(name, "radius", scene.radii, state)
 
 
-def _each(name: str, what: str, values: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    if len(values) != len(rows):
+def _each(name: str, what: str, values: NDArray[np.float64], state: State) -> NDArray[np.float64]:
+    """What the scene has one of for each disc, of those that are present."""
+    if len(values) != len(state.present):
         raise InputError(
-            f"{name} needs one {what} of the scene per disc; got {len(values)} and {len(rows)} discs. "
+            f"{name} needs one {what} of the scene per disc; got {len(values)} and {len(state.present)} discs. "
             f"Make a scene that holds all discs, with the {what} of each."
         )
-    return values
+    return values[state.present]
 
 
 def _demand_discs(name: str, count: int, fewest: int) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, MpsimError
@@ -64,8 +65,17 @@ class Pilot:
         for start in self.starts:
             with quietly(), Simulation(scene.starting_from(start), settings) as sim:
                 sim.run(until=self.gap / 2)
-                states.append(sim.state)
+                states.append(_among_all(sim.state, start.present))
         return tuple(states)
+
+
+def _among_all(state: State, present: NDArray[np.bool_]) -> State:
+    """The state of those discs that were present, as a state of all, shape (N,): in it the others are absent."""
+    if present.all():
+        return state
+    position, velocity, here = np.zeros((len(present), 2)), np.zeros((len(present), 2)), present.copy()
+    position[present], velocity[present], here[present] = state.position, state.velocity, state.present
+    return State(position, velocity, present=here, box=state.box)
 
 
 EXACT = "the exact solver"
@@ -168,6 +178,7 @@ def _look(scene: Scene, settings: Settings, crossing: float, patience: float) ->
             collisions, guarded, done = collisions + report.collisions, guarded + report.guarded, block
             block = int(np.clip(COLLISIONS / max(collisions / sim.frame, 1), 1, 5 * crossing / settings.dt))
             states.append(sim.state)
-        speed = float(np.sqrt(np.mean([(state.velocity**2).mean() for state in states])))
+        squares = [(state.velocity[state.present] ** 2).mean() for state in states if state.present.any()]
+        speed = float(np.sqrt(np.mean(squares)))
         share = guarded / max(collisions, 1)
         return Look(speed, collisions / sim.time, tuple(states[:-1]), done * settings.dt, share)

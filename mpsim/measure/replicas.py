@@ -196,7 +196,7 @@ def _averages(scene: Scene, settings: Settings, plan: Plan, progress: Progress) 
 
 def _cumulative(state: State, unit: float) -> list[float]:
     """Fractions of the discs slower than each of SPEED_LEVELS."""
-    speeds = np.sort(np.hypot(*state.velocity.astype(float).T))
+    speeds = np.sort(np.hypot(*state.velocity[state.present].astype(float).T))
     return (np.searchsorted(speeds, SPEED_LEVELS * unit) / max(len(speeds), 1)).tolist()
 
 

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 from numpy.typing import ArrayLike, NDArray
 
+from mpsim.features import EDGES
 from mpsim.scene import Scene
 
 STYLE = Path(__file__).with_name("mpsim.mplstyle")
@@ -126,10 +127,11 @@ def behind_piston(scene: Scene, time: float) -> Rectangle | None:
     if piston is None:
         return None
     length = scene.width if piston.wall in ("left", "right") else scene.height
+    place = scene.box[EDGES.index(piston.wall)] + piston.speed * time
     if piston.wall in ("left", "bottom"):
-        low, high = 0.0, min(piston.speed * time, piston.stop)
+        low, high = 0.0, min(place, piston.stop)
     else:
-        low, high = max(length + piston.speed * time, piston.stop), length
+        low, high = max(place, piston.stop), length
     if piston.wall in ("left", "right"):
         return Rectangle((low, 0), high - low, scene.height, color=BEHIND_COLOUR)
     return Rectangle((0, low), scene.width, high - low, color=BEHIND_COLOUR)

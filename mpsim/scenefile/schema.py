@@ -306,6 +306,11 @@ class PistonTable(Table):
     wall: Annotated[str, _as_in(*_PISTONS), Field(description="left, right, bottom or top")]
     speed: Annotated[float, _as_in(*_PISTONS), Field(description="along x or y, into the box")]
     stop: Annotated[float, _as_in(*_PISTONS), Field(description="coordinate at which it comes to rest")]
+    start: Annotated[
+        float | None,
+        _as_in(*_PISTONS),
+        Field(description="coordinate at which it begins; left out: at its wall"),
+    ] = None
 
     @model_validator(mode="after")
     def _moves_inwards(self) -> "PistonTable":

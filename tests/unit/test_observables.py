@@ -235,7 +235,7 @@ def test_too_few_shells_near_contact_give_no_contact_value():
         (lambda: correlation.pair_correlation(state_of(SCENE), SCENE, 0, 3.0), "bins must be a whole number"),
         (
             lambda: observables.potential_energy(moving(np.zeros((2, 2))), scene_of([[5, 5]], acceleration=[[0, 1]])),
-            "1 rows and 2 discs",
+            "got 1 and 2 discs",
         ),
     ],
 )
