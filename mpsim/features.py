@@ -194,7 +194,7 @@ class Piston:
             if (self.stop - start) * speed < 0:
                 side = "at or above" if speed < 0 else "at or below"
                 raise InputError(
-                    f"start of a Piston must lie {side} its stop, {self.stop:g}, towards which it moves; got {start:g}. "
+                    f"start of a Piston must lie {side} its stop, {self.stop:g}, to which it moves; got {start:g}. "
                     "Leave it out for a piston that starts at its wall."
                 )
             object.__setattr__(self, "start", start)

@@ -375,9 +375,7 @@ def _common(state: State, reference: State, name: str) -> NDArray[np.int64]:
     return common
 
 
-def _difference(
-    state: State, reference: State, discs: NDArray[np.int64], scene: Scene | None
-) -> NDArray[np.float64]:
+def _difference(state: State, reference: State, discs: NDArray[np.int64], scene: Scene | None) -> NDArray[np.float64]:
     """From the places of some discs in one state to those in another, by the shorter way round periodic axes."""
     a, b = _places(state.position)[discs], _places(reference.position)[discs]
     return a - b if scene is None else to_nearest_image(a - b, lengths_of(scene))

@@ -1,4 +1,4 @@
-"""Counts of periods: unwrapped places go on through borders, with the same bits whatever the workers, pieces and ends."""
+"""Counts of periods: unwrapped places go on through borders, with the same bits whatever the workers and pieces."""
 
 import itertools
 import warnings
@@ -18,9 +18,7 @@ METHODS = ("naive", "grid", "parallel", "event")
 
 def box_of(position, velocity, boundary="periodic", **more):
     """Discs of radius 1/2 in a box of 10 x 8."""
-    return mpsim.Scene(
-        width=10, height=8, position=position, velocity=velocity, radius=0.5, boundary=boundary, **more
-    )
+    return mpsim.Scene(width=10, height=8, position=position, velocity=velocity, radius=0.5, boundary=boundary, **more)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -58,7 +56,9 @@ free = st.tuples(st.floats(0, 9.999), st.floats(0, 7.999), st.floats(-300, 300),
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.lists(free, min_size=1, max_size=1), st.sampled_from(["naive", "grid", "event"]), st.booleans(), st.booleans())
+@given(
+    st.lists(free, min_size=1, max_size=1), st.sampled_from(["naive", "grid", "event"]), st.booleans(), st.booleans()
+)
 def test_unwrapped_places_are_the_integral_of_the_motion(discs, method, falls, pushes):
     """A disc alone: r(t) = r + v t + g t^2 / 2, through however many borders in a step."""
     start = np.array(discs)
@@ -100,7 +100,9 @@ CROWDED = {
 }
 
 
-@pytest.mark.parametrize(("name", "precision"), [*zip(CROWDED, itertools.repeat("float64"), strict=False), ("a gas", "float32")])
+@pytest.mark.parametrize(
+    ("name", "precision"), [*zip(CROWDED, itertools.repeat("float64"), strict=False), ("a gas", "float32")]
+)
 def test_counts_have_the_same_bits_on_any_number_of_workers_and_in_pieces(name, precision):
     scene = CROWDED[name]()
     expected = final_state(scene, method="grid", precision=precision)

@@ -57,7 +57,11 @@ class Twin(Motion):
         periodic = any(wrap is not None for wrap in self.wrap)
         box = (0, self.scene.width, 0, self.scene.height)  # a piston's place is told by the discs that it pushes
         return mpsim.State(
-            position, self.v.copy(), present=~self.gone, image=image if periodic else None, box=box if periodic else None
+            position,
+            self.v.copy(),
+            present=~self.gone,
+            image=image if periodic else None,
+            box=box if periodic else None,
         )
 
     def run(self, frames: int) -> None:

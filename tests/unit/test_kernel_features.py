@@ -16,9 +16,9 @@ from mpsim.features import distance_to_capsules
 from mpsim.kernels import falling, layout, motion, obstacles
 from mpsim.kernels.exits import absorb
 from mpsim.kernels.falling import fall
+from mpsim.kernels.images import wrap_places
 from mpsim.kernels.motion import tally_walls
 from mpsim.kernels.obstacles import meet_capsules
-from mpsim.kernels.images import wrap_places
 from mpsim.kernels.piston import place_wall
 from mpsim.kernels.sorting import sort
 

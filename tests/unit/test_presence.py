@@ -1,4 +1,4 @@
-"""Who counts and where: absorbed discs, periodic borders, a piston that has moved. Each row beside what was said before."""
+"""Who counts, and where: absorbed discs, periodic borders, a piston that has moved; and what was said before."""
 
 import dataclasses
 
@@ -90,7 +90,9 @@ def test_observables_count_only_discs_that_are_present(leaking):
         if name in ("temperature", "potential_energy"):
             assert abs(before - found) > 0.005 * abs(found), f"{name} was wrong, or this tests nothing"
         assert np.all(found == expected), name
-    assert observables.temperature(state, scene, remove_drift=True) == observables.temperature(left, rest, remove_drift=True)
+    assert observables.temperature(state, scene, remove_drift=True) == observables.temperature(
+        left, rest, remove_drift=True
+    )
     assert observables.speed_kurtosis(state) == observables.speed_kurtosis(left)
     assert observables.speed_kurtosis(everybody) > 1.2 * observables.speed_kurtosis(left)
     found, expected = observables.speed_distribution(state), observables.speed_distribution(left)
@@ -189,7 +191,10 @@ def test_a_piston_goes_on_from_where_it_was(wall, radius, precision):
     arrived = scene.starting_from(after(scene, 9, precision=precision))
     assert arrived.piston.start == arrived.piston.stop
     assert after(arrived, 1).box[2 * axis + upper] == piston.stop
-    energy = [observables.kinetic_energy(state, scene) for state in (State(arrived.position, arrived.velocity), after(arrived, 3))]
+    energy = [
+        observables.kinetic_energy(state, scene)
+        for state in (State(arrived.position, arrived.velocity), after(arrived, 3))
+    ]
     assert energy[1] == pytest.approx(energy[0], rel=1e-12), "a piston that has arrived does no work"
 
 
@@ -274,7 +279,11 @@ def test_pair_correlation_is_refused_where_density_is_not_uniform():
 def test_a_state_keeps_all_of_it_in_a_file(tmp_path):
     zeros = np.zeros((3, 2))
     whole = State(
-        zeros, zeros + 1, present=np.array([True, False, True]), image=np.array([[0, 1], [-2, 0], [2**40, 0]]), box=(0, 4, 1, 3)
+        zeros,
+        zeros + 1,
+        present=np.array([True, False, True]),
+        image=np.array([[0, 1], [-2, 0], [2**40, 0]]),
+        box=(0, 4, 1, 3),
     )
     again = State.load(whole.save(tmp_path / "a.npz"))
     assert again.digest() == whole.digest()
