@@ -76,7 +76,8 @@ def description(file: SceneFile) -> dict[str, str]:
     if scene.absorbing:
         words["absorbing"] = ", ".join(scene.absorbing)
     if scene.piston is not None:
-        words["piston"] = f"the {scene.piston.wall} wall, speed {scene.piston.speed:g}, to {scene.piston.stop:g}"
+        piston, start = scene.piston, "" if scene.piston.start is None else f"from {scene.piston.start:g} "
+        words["piston"] = f"the {piston.wall} wall, speed {piston.speed:g}, {start}to {piston.stop:g}"
     words["duration"] = "none recommended" if scene.duration is None else f"{scene.duration:g}"
     words["settings"] = settings_text(file.settings)
     words["read from"] = ", ".join(map(str, file.read))

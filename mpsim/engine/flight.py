@@ -65,8 +65,9 @@ def _clear(scene: Scene, radius: float, places: Floats, time: float) -> NDArray[
     low, high = scene.limits(radius)
     low, high = np.where(periodic, -np.inf, low), np.where(periodic, np.inf, high)
     if scene.piston is not None:
-        axis, upper = divmod(EDGES.index(scene.piston.wall), 2)
-        wall = (size[axis] if upper else 0.0) + scene.piston.speed * time
+        edge = EDGES.index(scene.piston.wall)
+        axis, upper = divmod(edge, 2)
+        wall = scene.box[edge] + scene.piston.speed * time
         if upper:
             high[axis] = max(wall, scene.piston.stop) - radius
         else:

@@ -147,6 +147,9 @@ def read_out(store, box, law, until, position, velocity, image=None):
         place_now = np.mod(flown, length) if periodic else np.clip(flown, radius, length - radius)
         place_now[place_now == length] = 0.0 if periodic else length
         if image is not None and periodic:
-            image[store.order, axis] = store.winding[:, axis] + np.rint((flown - place_now) / length).astype(np.int64)
+            # Of a place that is not finite, or has no digit in the box, no period is counted.
+            periods = np.rint((flown - place_now) / length)
+            taken = np.where(np.abs(periods) < 2.0**53, periods, 0.0).astype(np.int64)
+            image[store.order, axis] = store.winding[:, axis] + taken
         position[store.order, axis] = place_now
         velocity[store.order, axis] = disc[:, VX + axis] + fall

@@ -155,6 +155,18 @@ def test_workers_do_not_change_giants_on_borders_and_corners():
         assert assert_is_its_twin(there, 10, f"giant at {corner}", method="grid", dt=0.03).contacts > 50
 
 
+@pytest.mark.parametrize("until", [0.5, 3.0])
+def test_a_piston_that_starts_inside_is_what_the_slow_twin_says(until):
+    """On its way (0.75 in 0.5), and arrived."""
+    scene = zoo("piston lossy")
+    with simulate(scene, method="grid", dt=0.03) as sim:
+        sim.run(until=until)
+        there = scene.starting_from(sim.state)
+    assert there.piston.start == (8 - 1.5 * 0.51 if until == 0.5 else 6.4)
+    for contact in CONTACTS:
+        assert assert_is_its_twin(there, 15, f"start {until}", method="grid", contact=contact, dt=0.03).contacts > 50
+
+
 NARROW = [(2.0, 40.0), (40.0, 2.0), (2.0, 2.0), (3.0, 3.0), (5.0, 2.5)]
 
 

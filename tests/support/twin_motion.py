@@ -184,7 +184,8 @@ class Motion:
             return
         axis, side = divmod(EDGES.index(piston.wall), 2)
         if self.start is None:
-            self.start = self.limits[axis][side]
+            inwards = -self.inset if side else self.inset
+            self.start = self.limits[axis][side] if piston.start is None else self.real(piston.start + inwards)
         stop = self.real(piston.stop + (-self.inset if side else self.inset))
         place = float(self.start) + float(self.real(piston.speed) * self.dt) * (self.steps + 1)
         arrived = place < stop if piston.speed < 0 else place > stop
