@@ -143,12 +143,12 @@ REFUSED = {
     "piston": ({"piston": Piston("left", 1, 3)}, ["pressure", "pressure_virial", "energy_drift"], "piston"),
     "absorbing": (
         {"absorbing": "left"},
-        ["pressure_virial", "collision_rate", "temperature", "speed_kurtosis", "energy_drift", "momentum_drift"],
+        ["pressure_virial", "collision_rate", "energy_drift", "momentum_drift"],
         "absorbing edges",
     ),
     "no wall": (
         {"absorbing": ["left", "right", "bottom", "top"]},
-        ["pressure", "pressure_virial", "collision_rate", "temperature", "speed_kurtosis", "energy_drift",
+        ["pressure", "pressure_virial", "collision_rate", "energy_drift",
          "momentum_drift"],
         "absorbing edges",
     ),

@@ -100,7 +100,7 @@ def test_all_problems_are_told_at_once(problems):
         "piston.wall must be one of 'left', 'right', 'bottom', 'top'; got 'lef'. Did you mean 'left'?",
         "piston.stop must be a finite number > 0 [length]; got -1.",
         "piston.colour must be a key of a scene file; this one is unknown, with the value 'red'. "
-        "Keys there: wall, speed, stop.",
+        "Keys there: wall, speed, stop, start.",
         "widht must be a key of a scene file; this one is unknown, with the value 3. Did you mean 'width'?",
     }
     missing = expected - set(found)
