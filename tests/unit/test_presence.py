@@ -255,7 +255,7 @@ def test_pair_correlation_is_refused_where_density_is_not_uniform():
     plain = gas(200, 0.2)
     parts = {name: getattr(plain, name) for name in ("width", "height", "position", "velocity", "radius")}
     state = State(plain.position, plain.velocity)
-    emitter = mpsim.Emitter(position=(plain.width / 2, plain.width / 2), velocity=(1, 0))
+    emitter = mpsim.Emitter(position=(plain.width / 2, plain.width / 2), velocity=(1, 0), interval=1.0)
     for features, words in (
         ({"gravity": (0, -1)}, "has gravity"),
         ({"acceleration": np.ones((200, 2))}, "has acceleration"),
