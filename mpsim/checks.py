@@ -60,6 +60,25 @@ def fraction(name: str, value: Any) -> float:
     return number
 
 
+def one_or_each(name: str, value: Any, count: int, unit: str) -> float | NDArray[np.float64]:
+    """A positive number for all, or one each, shape (count,); equal ones become one for all."""
+    if np.ndim(value) == 0:
+        return positive(name, value, unit)
+    array = finite_array(name, value, (count,), f"() or ({count},), one per row of position")
+    bad = np.flatnonzero(array <= 0)
+    if len(bad):
+        raise InputError(f"{name} must be > 0 {unit}; {name}[{bad[0]}] is {array[bad[0]]} ({len(bad)} such values).")
+    return float(array[0]) if count and (array == array[0]).all() else array
+
+
+def masses(value: Any, count: int) -> NDArray[np.float64] | None:
+    """One mass per disc, or None where all are 1."""
+    each = np.broadcast_to(one_or_each("mass", value, count, "[mass]"), count)
+    if (each == 1).all():
+        return None
+    return finite_array("mass", each, (count,), f"({count},)")
+
+
 def whole(name: str, value: Any, low: int, high: int, remedy: str) -> int:
     """A whole number in [low, high]."""
     if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not low <= int(value) <= high:

@@ -78,8 +78,8 @@ class Scene:
         checks.whole("the number of discs", count, 0, LARGEST_COUNT, "Simulate fewer discs.")
         rows = f"({count}, 2), one row per row of position"
         self.velocity: NDArray[np.float64] = checks.finite_array("velocity", velocity, (count, 2), rows)
-        self.radius: float | NDArray[np.float64] = _one_or_each("radius", radius, count, "[length]")
-        self.mass: NDArray[np.float64] | None = None if mass is None else _masses(mass, count)
+        self.radius: float | NDArray[np.float64] = checks.one_or_each("radius", radius, count, "[length]")
+        self.mass: NDArray[np.float64] | None = None if mass is None else checks.masses(mass, count)
         self.gravity: NDArray[np.float64] | None = None
         if gravity is not None:
             self.gravity = checks.finite_array("gravity", gravity, (2,), "(2,)")
@@ -331,9 +331,9 @@ class Scene:
             return
         count = int(kept.sum())
         if isinstance(self.radius, np.ndarray):
-            self.radius = _one_or_each("radius", self.radius[kept], count, "[length]")
+            self.radius = checks.one_or_each("radius", self.radius[kept], count, "[length]")
         if self.mass is not None:
-            self.mass = _masses(self.mass[kept], count)
+            self.mass = checks.masses(self.mass[kept], count)
         if self.acceleration is not None:
             self.acceleration = checks.finite_array("acceleration", self.acceleration[kept], (count, 2), "(N, 2)")
 
@@ -427,8 +427,8 @@ class Scene:
         """
         count = checks.whole("count", count, 0, LARGEST_COUNT, "Simulate fewer discs.")
         seed = checks.whole("seed", seed, 0, 2**63 - 1, "Any whole number will do.")
-        radius = _one_or_each("radius", radius, count, "[length]")
-        masses = None if mass is None else _masses(mass, count)
+        radius = checks.one_or_each("radius", radius, count, "[length]")
+        masses = None if mass is None else checks.masses(mass, count)
         temperature = checks.non_negative("temperature", temperature, "[mass length^2/time^2]")
         edges = features.check_boundary(boundary)
         width, height = _box(count, radius, packing, width, height, edges)
@@ -451,25 +451,6 @@ class Scene:
             obstacles=walls,
             **others,
         )
-
-
-def _one_or_each(name: str, value: ArrayLike, count: int, unit: str) -> float | NDArray[np.float64]:
-    """A positive number for all, or one each, shape (count,); equal ones become one for all."""
-    if np.ndim(value) == 0:
-        return checks.positive(name, value, unit)
-    array = checks.finite_array(name, value, (count,), f"() or ({count},), one per row of position")
-    bad = np.flatnonzero(array <= 0)
-    if len(bad):
-        raise InputError(f"{name} must be > 0 {unit}; {name}[{bad[0]}] is {array[bad[0]]} ({len(bad)} such values).")
-    return float(array[0]) if count and (array == array[0]).all() else array
-
-
-def _masses(value: ArrayLike, count: int) -> NDArray[np.float64] | None:
-    """One mass per disc, or None where all are 1."""
-    masses = np.broadcast_to(_one_or_each("mass", value, count, "[mass]"), count)
-    if (masses == 1).all():
-        return None
-    return checks.finite_array("mass", masses, (count,), f"({count},)")
 
 
 def _demand_room(largest: float, width: float, height: float, boundary: tuple[str, str]) -> None:
