@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import math
 import time
 import warnings
 from collections.abc import Iterator
@@ -20,6 +19,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.errors import MpsimError
 from mpsim.interrupts import interrupts_held_back
 from mpsim.measure.gathering import NAMES
+from mpsim.measure.tables import measure_text
 
 FRAMES = 500
 """Frames of a run for which nobody said how many."""
@@ -255,6 +255,5 @@ def summary(part: dict[str, Any], report: Report, sim: Simulation) -> Iterator[s
     if report.workers > 1:
         yield f"{100 * report.waiting:.0f} % of the workers' time was waiting for each other"
     for name, measure in report.measures.items():
-        error = f"+- {measure.error:.2g}" if math.isfinite(measure.error) else "(too few samples for an error)"
-        yield f"{name}: {measure.value:.6g} {error}{over}"
+        yield f"{name}: {measure_text(measure)}{over}"
     yield f"digest {sim.digest()}"

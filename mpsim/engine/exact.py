@@ -26,9 +26,6 @@ SECONDS_AT_ONCE = 0.03
 FEWEST_EVENTS = 1_000
 """Events between two looks at Ctrl-C at least, so that the Python around a call costs next to nothing."""
 
-COUNTED = events.VIRIAL + 2
-"""What the kernel counts per frame: impulses on the four walls, the sum of r.dp, and impacts of pairs."""
-
 KEPT = ("disc", "event", "cell_head", "cell_next", "order", "clock", "counter", "tally", "winding")
 """Arrays of the block that a snapshot holds; radii and masses come beside them, the calendar is made anew."""
 
@@ -69,7 +66,7 @@ class ExactSolver:
         self._at_once = 10 * FEWEST_EVENTS
         self._stopped = 0.0
         self._progress: Any = np.zeros(2, np.int64)
-        self._seen: Any = np.zeros(COUNTED)
+        self._seen: Any = np.zeros(events.COUNTED)
         self._clock: Any = np.zeros(2, np.int64)
         self._store: Any
         self._block, self._store, self._box = self._placed(
@@ -77,7 +74,7 @@ class ExactSolver:
         )
         try:
             # Compiles or loads the kernel, so that no frame time contains it, and no wait for Ctrl-C.
-            self._play(np.zeros(0, np.int64), np.zeros((0, COUNTED)), math.inf)
+            self._play(np.zeros(0, np.int64), np.zeros((0, events.COUNTED)), math.inf)
         except BaseException:
             self.close()
             raise
@@ -96,7 +93,7 @@ class ExactSolver:
         """
         before = int(self._store.counter[events.PAIRS])
         times = np.zeros(frames, np.int64)
-        counts = np.zeros((frames if self._counting else 0, COUNTED))
+        counts = np.zeros((frames if self._counting else 0, events.COUNTED))
         done = self._play(times, counts, stop)
         by_phase = np.zeros((1, done, len(layout.PHASES)), np.int64)
         by_phase[0, :, layout.MOVE] = times[:done]
@@ -144,8 +141,9 @@ class ExactSolver:
         """The kernel's counts in the form of the stepped solver's: impulses instead of r.dp, and no overlaps."""
         tally = np.zeros((len(counts), layout.TALLIES))
         tally[:, layout.WALLS] = counts[:, : events.VIRIAL]
-        tally[:, layout.VIRIAL] = counts[:, events.VIRIAL] / (2 * self._scene.largest_radius or 1.0)
-        tally[:, layout.COLLISION] = counts[:, events.VIRIAL + 1]
+        virials = [layout.VIRIAL, layout.VIRIAL_XX, layout.VIRIAL_XY]
+        tally[:, virials] = counts[:, events.VIRIAL : events.TALLIES] / (2 * self._scene.largest_radius or 1.0)
+        tally[:, layout.COLLISION] = counts[:, events.TALLIES]
         return tally
 
     def record(self, counting: bool) -> None:

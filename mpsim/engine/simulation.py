@@ -193,8 +193,8 @@ class Simulation:
             frames: how many, >= 0.
             until: simulated time at which to stop [time]: the first frame that reaches it is the last; not before now.
             measures: names of what to gather along the way, for report.measures: "pressure", "pressure_virial",
-                "collision_rate", "overlap", "largest_overlap", "kinetic_energy", "temperature", "speed_kurtosis",
-                "energy_drift", "momentum_drift".
+                "pressure_xx", "pressure_yy", "pressure_xy", "collision_rate", "contact_rate", "overlap",
+                "largest_overlap", "kinetic_energy", "temperature", "speed_kurtosis", "energy_drift", "momentum_drift".
                 Gathering never changes the digest; what is not asked for costs nothing. Of a run that begins inside a
                 frame (`event`, after Ctrl-C) the two drifts are NaN.
             progress: called as progress(done, of_frames) about twenty times a second, inside a long frame as well

@@ -83,7 +83,7 @@ def exact_arrays(scene: Scene, count: int) -> Shapes:
     names += ("winding",) if any(scene.periodic) else ()
     shapes: Shapes = {name: (np.dtype(layout[name][0]), layout[name][1]) for name in names}
     shapes |= {"radii": (_REAL, (count,)), "masses": (_REAL, (count,))}
-    return shapes | {"progress": (_INTEGER, (2,)), "seen": (_REAL, (events.VIRIAL + 2,))}
+    return shapes | {"progress": (_INTEGER, (2,)), "seen": (_REAL, (events.COUNTED,))}
 
 
 def _demand(condition: Any, text: str) -> None:

@@ -117,7 +117,7 @@ class SteppedSolver:
         totals = tally.sum(axis=0).astype(np.float64)
         totals[:, layout.DEEPEST] = tally[:, :, layout.DEEPEST].max(axis=0)
         scale = float(self._block.arrays["parameters"][layout.TALLY_SCALE])
-        totals[:, [*range(layout.LEFT, layout.TOP + 1), layout.VIRIAL]] /= scale
+        totals[:, layout.IMPULSES] /= scale
         totals[:, [layout.DEPTH, layout.DEEPEST]] *= 2 * self._scene.largest_radius / layout.DEPTH_SCALE
         return totals
 

@@ -28,6 +28,8 @@ from mpsim.kernels.layout import (
     ROWS,
     TALLY_SCALE,
     VIRIAL,
+    VIRIAL_XX,
+    VIRIAL_XY,
     X_HIGH,
     X_LOW,
     Y_HIGH,
@@ -67,7 +69,7 @@ def apply_law(discs, i, j, nx, ny, features, parameters, law):
 
     `elastic`: discs that approach part with e times their normal velocity, momentum kept (e = 1: energy too).
     `reflect` (the report's): each velocity is mirrored about the contact line, whether they approach or not.
-    Returns the impulse [mass length/time] (for `reflect`, which has two of them, their mean).
+    Returns the impulse [mass length/time] (for `reflect`, which has two of them, their mean) and the unit vector.
     """
     vx, vy = discs.vx, discs.vy
     zero, one, two = vx.dtype.type(0), vx.dtype.type(1), vx.dtype.type(2)
@@ -86,14 +88,14 @@ def apply_law(discs, i, j, nx, ny, features, parameters, law):
     vx[j] += change_j * nx
     vy[j] += change_j * ny
     impulse_i = abs(change_i) * own_or(features.mass, discs.id[i], one)
-    return (impulse_i + abs(change_j) * own_or(features.mass, discs.id[j], one)) / two
+    return (impulse_i + abs(change_j) * own_or(features.mass, discs.id[j], one)) / two, nx, ny
 
 
 @inlined
 def push_contact(discs, i, j, image_x, image_y, features, parameters, law):
     """Contact `push`: the discs move apart until they touch, then the law acts along the normal found here.
 
-    Each moves half the overlap, of unequal ones the lighter more. Returns the impulse.
+    Each moves half the overlap, of unequal ones the lighter more. Returns what the law does.
     """
     one = discs.x.dtype.type(1)
     x, y = apart(discs, i, j, image_x, image_y)
@@ -169,7 +171,7 @@ def time_since_impact(discs, i, j, image_x, image_y, parameters):
 def impact_contact(discs, i, j, image_x, image_y, features, parameters, control, tally, frame):
     """Contact `impact`: back to the instant of contact, the law along the normal found there, and on again.
 
-    Discs that do not approach, or that overlapped before this step, are pushed apart instead. Returns the impulse.
+    Discs that do not approach, or that overlapped before this step, are pushed apart instead. Returns what the law does.
     """
     time = time_since_impact(discs, i, j, image_x, image_y, parameters)
     start_i, start_j = (discs.x[i], discs.y[i]), (discs.x[j], discs.y[j])
@@ -202,12 +204,15 @@ def resolve_contact(discs, i, j, image_x, image_y, features, parameters, control
     if tally is not None:
         tally_depth(discs, i, j, image_x, image_y, parameters, tally, frame)
     if control[CONTACT] == IMPACT:
-        impulse = impact_contact(discs, i, j, image_x, image_y, features, parameters, control, tally, frame)
+        impulse, nx, ny = impact_contact(discs, i, j, image_x, image_y, features, parameters, control, tally, frame)
     else:
-        impulse = push_contact(discs, i, j, image_x, image_y, features, parameters, control[LAW])
+        impulse, nx, ny = push_contact(discs, i, j, image_x, image_y, features, parameters, control[LAW])
     if tally is not None:
         part = touching_distance(discs.radius, i, j, parameters) / parameters[DIAMETER]
-        tally[frame, VIRIAL] += np.int64(impulse * part * np.float64(parameters[TALLY_SCALE]))
+        virial = impulse * part * np.float64(parameters[TALLY_SCALE])
+        tally[frame, VIRIAL] += np.int64(virial)
+        tally[frame, VIRIAL_XX] += np.int64(virial * nx * nx)
+        tally[frame, VIRIAL_XY] += np.int64(virial * nx * ny)
         tally[frame, COLLISION] += impulse > 0
 
 

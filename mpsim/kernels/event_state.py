@@ -27,8 +27,11 @@ NOW, BASE, STEP, LAP = range(4)
 # Entries of `counter` (int64). For the caller: the first six (impacts of pairs, hits of walls, losses suppressed by
 # the guard, events of any kind, cell crossings, predictions renewed).
 PAIRS, WALLS, GUARDS, EVENTS, CROSSINGS, RENEWALS, CURSOR, WAITING, LAP_EVENTS, STALL = range(10)
-# Entries of `tally` (float64): impulse on each wall [mass length/time], sum of r.dp over impacts [mass length^2/time].
-LEFT, RIGHT, BOTTOM, TOP, VIRIAL = range(5)
+# Entries of `tally` (float64): impulse on each wall [mass length/time], sums of r.dp, x dp_x and x dp_y over impacts
+# [mass length^2/time]. What is counted per frame has the pair impacts behind them.
+LEFT, RIGHT, BOTTOM, TOP, VIRIAL, VIRIAL_XX, VIRIAL_XY = range(7)
+TALLIES = 7
+COUNTED = TALLIES + 1
 # Entries of `progress` (int64), which a caller that plays frames keeps beside the store.
 FRAME, SPENT = range(2)
 
@@ -81,7 +84,7 @@ def layout(count, cells, features=()):
         "counter": (np.int64, (10,)),
         "radius": (np.float64, (count,)),
         "mass": (np.float64, (count,)),
-        "tally": (np.float64, (5,)),
+        "tally": (np.float64, (TALLIES,)),
         "winding": (np.int64, (count, 2)),
     }
     optional = {"radius", "mass", "tally", "winding"}

@@ -37,6 +37,7 @@ from mpsim.kernels.event_state import (
     BORDER,
     BOTTOM,
     COLUMN,
+    COUNTED,
     CROSSINGS,
     DEFLECTIONS,
     EVENTS,
@@ -64,8 +65,11 @@ from mpsim.kernels.event_state import (
     STALLED,
     STEP,
     STOPPED,
+    TALLIES,
     TOP,
     VIRIAL,
+    VIRIAL_XX,
+    VIRIAL_XY,
     VX,
     VY,
     WALLS,
@@ -85,6 +89,7 @@ from mpsim.kernels.machine import now
 __all__ = [
     "BACKWARDS",
     "BOTTOM",
+    "COUNTED",
     "CROSSINGS",
     "EVENTS",
     "FRAME",
@@ -99,8 +104,11 @@ __all__ = [
     "RIGHT",
     "STALLED",
     "STOPPED",
+    "TALLIES",
     "TOP",
     "VIRIAL",
+    "VIRIAL_XX",
+    "VIRIAL_XY",
     "WALLS",
     "Box",
     "Law",
@@ -157,7 +165,10 @@ def collide(i, j, now, store, box, law):
         disc[i, LAST] = now
         disc[j, LAST] = now
         store.counter[PAIRS] += 1
-        note(store.tally, VIRIAL, -(1.0 + e) * b * mass_i * mass_j / (mass_i + mass_j))
+        virial = -(1.0 + e) * b * mass_i * mass_j / (mass_i + mass_j)
+        note(store.tally, VIRIAL, virial)
+        note(store.tally, VIRIAL_XX, virial * rx * rx / (rx * rx + ry * ry))
+        note(store.tally, VIRIAL_XY, virial * rx * ry / (rx * rx + ry * ry))
     store.event[i, DEFLECTIONS] += 1
     store.event[j, DEFLECTIONS] += 1
 
@@ -369,9 +380,9 @@ def advance_frames(store, box, law, dt, frames, max_events, stop, progress, seen
     """Play so many frames of length dt [time] more: (frames finished, status, particle).
 
     progress: int64, (2,): frames finished since the start, and the time [ns] spent so far on the one in hand; seen:
-    the totals at the end of the last finished one, (6,). Both are kept here, because Ctrl-C may throw away what a call
-    returns. times: int64 [ns], and counts: (frames, 6), or (0, 6) where they are not wanted: impulse on each wall, sum
-    of r.dp, and pair impacts; written for each finished frame.
+    the totals at the end of the last finished one, (COUNTED,). Both are kept here, because Ctrl-C may throw away what a
+    call returns. times: int64 [ns], and counts: (frames, COUNTED), or (0, COUNTED) where they are not wanted: what
+    `tally` holds, and pair impacts; written for each finished frame.
     PAUSED after about max_events events, perhaps inside a frame: call again with what is left. STOPPED at the time
     `stop` [time], inside a frame: also where only rounding puts it beyond the end of the frame, which ends after it.
     """
@@ -389,8 +400,8 @@ def advance_frames(store, box, law, dt, frames, max_events, stop, progress, seen
         if status != REACHED:
             return frame, status, particle
         times[frame] = progress[SPENT]
-        for k in range(VIRIAL + 2):
-            total = store.tally[k] if k <= VIRIAL else store.counter[PAIRS] * 1.0
+        for k in range(COUNTED):
+            total = store.tally[k] if k < TALLIES else store.counter[PAIRS] * 1.0
             if frame < counts.shape[0]:
                 counts[frame, k] = total - seen[k]
             seen[k] = total

@@ -161,7 +161,10 @@ COLLISION = 5  # pairs whose velocities changed
 DEPTH = 6  # overlap of the pairs met, times DEPTH_SCALE / diameter
 DEEPEST = 7  # the largest of them, likewise
 MET = 8  # pairs met
-TALLIES = 9
+VIRIAL_XX = 9  # the impulse between discs times n_x n_x and n_x n_y, n the unit vector along it, like VIRIAL
+VIRIAL_XY = 10
+TALLIES = 11
+IMPULSES = (LEFT, RIGHT, BOTTOM, TOP, VIRIAL, VIRIAL_XX, VIRIAL_XY)
 WALLS = slice(LEFT, TOP + 1)
 
 DEPTH_SCALE = 2.0**32

@@ -7,16 +7,17 @@ start, and what the kernels have counted in between.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim import checks
 from mpsim.errors import InputError, NotRecordedError
-from mpsim.features import EDGES
 from mpsim.kernels import layout
 from mpsim.measure import observables
+from mpsim.measure.counted import COMPONENTS, COUNTED, Counts, Run
 from mpsim.measure.statistics import Measure, block_average
 from mpsim.scene import Scene
 from mpsim.state import State
@@ -24,104 +25,8 @@ from mpsim.state import State
 SAMPLES = 200
 """States sampled in a run, about: each costs a copy of all positions and velocities."""
 
-BLOCKS = 32
-"""Blocks into which a run is cut for the error of a ratio of two sums."""
-
-
-@dataclass(frozen=True)
-class Run:
-    """What a measure may know besides the counts.
-
-    Attributes:
-        scene: the scene.
-        count: discs in it now.
-        dt: time of a frame [time].
-        kinetic_energy: at the end, without that of a drift along periodic axes, where a measure needs it
-            [mass length^2/time^2].
-    """
-
-    scene: Scene
-    count: int
-    dt: float
-    kinetic_energy: float = 0.0
-
-    @property
-    def walls(self) -> list[int]:
-        """Which edges discs bounce off, indices of EDGES."""
-        wraps = [self.scene.periodic[0]] * 2 + [self.scene.periodic[1]] * 2
-        return [index for index, edge in enumerate(EDGES) if not wraps[index] and edge not in self.scene.absorbing]
-
-    @property
-    def perimeter(self) -> float:
-        """Length of these edges [length]."""
-        if len(self.walls) == len(EDGES):
-            return 2 * (self.scene.width + self.scene.height)
-        lengths = [self.scene.height] * 2 + [self.scene.width] * 2
-        return float(sum(lengths[index] for index in self.walls))
-
-
-Counts = NDArray[np.float64]
-
-
-def pressure(counts: Counts, run: Run) -> Measure:
-    """Impulse on all walls / (time x their length) [mass/time^2]: what a gauge in the wall shows.
-
-    Walls are the edges that are neither periodic nor absorbing. Where both axes are periodic it is `pressure_virial`.
-    """
-    if all(run.scene.periodic):
-        return pressure_virial(counts, run)
-    return block_average(counts[:, layout.WALLS][:, run.walls].sum(axis=1) / (run.dt * run.perimeter))
-
-
-def pressure_virial(counts: Counts, run: Run) -> Measure:
-    """Pressure from the collisions of the discs [mass/time^2], mean over both directions.
-
-    The virial of a box with hard walls, exact for any number of discs of one size (Clausius 1870):
-    (W - s) F_x + (H - s) F_y = 2 E + sum r.dp / time, with s the diameter, r.dp = s |dp| of each collision, and F the
-    mean force on one wall; here F_x = P H and F_y = P W. Along a periodic axis s is left out and F is the force through
-    a section of the box, so that with two of them P = (E + sum r.dp / (2 time)) / area, for discs of any sizes. E is
-    the kinetic energy, in a periodic box without that of its drift: the momentum of the whole box is no pressure, so
-    this P is kT / area below that of a system whose momentum fluctuates (Ray and Zhang, Phys. Rev. E 59, 4781, 1999).
-    Without gravity only.
-    """
-    scene, diameter = run.scene, 2 * run.scene.largest_radius
-    free_x, free_y = (
-        length if wraps else length - diameter
-        for length, wraps in zip((scene.width, scene.height), scene.periodic, strict=True)
-    )
-    area = free_x * scene.height + free_y * scene.width
-    return block_average((2 * run.kinetic_energy + diameter * counts[:, layout.VIRIAL] / run.dt) / area)
-
-
-def collision_rate(counts: Counts, run: Run) -> Measure:
-    """Collisions per disc and time [1/time], a pair counting for both."""
-    return block_average(2 * counts[:, layout.COLLISION] / (run.dt * max(run.count, 1)))
-
-
-def overlap(counts: Counts, run: Run) -> Measure:
-    """Mean depth at which overlapping pairs are met [length]."""
-    met, depth = (
-        np.array([block.sum() for block in np.array_split(counts[:, index], BLOCKS)])
-        for index in (layout.MET, layout.DEPTH)
-    )
-    means = depth[met > 0] / met[met > 0]
-    value = float(depth.sum() / met.sum()) if met.sum() else 0.0
-    error = float(means.std(ddof=1) / np.sqrt(len(means))) if len(means) > 1 else float("nan")
-    return Measure(value, error, int(met.sum()))
-
-
-def largest_overlap(counts: Counts, run: Run) -> Measure:
-    """Largest depth at which a pair was met in the whole run [length]; an extreme, so without an error."""
-    return Measure(float(counts[:, layout.DEEPEST].max(initial=0.0)), float("nan"), len(counts))
-
-
-COUNTED: dict[str, Callable[[Counts, Run], Measure]] = {
-    "pressure": pressure,
-    "pressure_virial": pressure_virial,
-    "collision_rate": collision_rate,
-    "overlap": overlap,
-    "largest_overlap": largest_overlap,
-}
+FLOW_SAMPLES = 1000
+"""Likewise of the flow of momentum, of which a pressure is made: it fluctuates more than what is left of the error."""
 
 
 def _of_those_present(mean: Callable[[State, Scene], float]) -> Callable[[State, Scene], float]:
@@ -176,49 +81,62 @@ def _has_losses(scene: Scene) -> bool:
 _Rule = tuple[tuple[str, ...], Callable[[Scene], bool], str, str]
 
 _BALANCED = ("energy_drift", "momentum_drift")
+_VIRIALS = ("pressure_virial", *COMPONENTS)
 
 _RULES: tuple[_Rule, ...] = (
     (
-        ("pressure_virial",),
+        _VIRIALS,
         lambda scene: scene.gravity is not None or scene.acceleration is not None,
         "gravity and acceleration, which the virial leaves out",
         "Use 'pressure', the impulses on the walls.",
     ),
     (
-        ("pressure_virial", "momentum_drift"),
+        (*_VIRIALS, "momentum_drift"),
         lambda scene: bool(scene.obstacles),
         "obstacles, whose impulses are not counted",
         "Use 'energy_drift' for the health of a run, 'pressure' for the load on the walls.",
     ),
     (
-        ("pressure_virial",),
+        _VIRIALS,
         _has_losses,
         "losses (a restitution below 1), as the virial takes the kinetic energy for constant",
         "Use 'pressure', the impulses on the walls.",
     ),
     (
-        ("pressure_virial",),
+        _VIRIALS,
         lambda scene: scene.smallest_radius < scene.largest_radius and not all(scene.periodic),
         "discs of several sizes between walls, which each keep the centres at a distance of their own",
         "Use 'pressure', the impulses on the walls.",
     ),
     (
-        ("pressure", "pressure_virial", "energy_drift"),
+        ("pressure", *_VIRIALS, "energy_drift"),
         lambda scene: scene.piston is not None,
         "moving walls (a piston), which do work and change the box",
         "Run until the piston rests, and measure in a scene that starts from there.",
     ),
     (
-        ("pressure_virial", "collision_rate", *_BALANCED),
+        (*_VIRIALS, "collision_rate", "contact_rate", *_BALANCED),
         lambda scene: bool(scene.absorbing),
         "absorbing edges, as the number of discs changes",
         "Run until none leaves any more, and measure in a scene that starts from there, without those edges.",
     ),
     (
-        ("pressure_virial", "collision_rate", *_BALANCED),
+        (*_VIRIALS, "collision_rate", "contact_rate", *_BALANCED),
         lambda scene: bool(scene.emitters),
         "emitters, as the number of discs changes",
         "Run until they have ended, and measure in a scene that starts from there.",
+    ),
+    (
+        ("pressure_xy",),
+        lambda scene: not all(scene.periodic),
+        "walls, which are smooth and take up no such momentum",
+        "Use 'pressure_xx' and 'pressure_yy', or a box with boundary='periodic'.",
+    ),
+    (
+        ("collision_rate",),
+        lambda scene: _has_losses(scene) and (scene.gravity is not None or scene.acceleration is not None),
+        "losses under gravity or acceleration, where discs come to rest on each other and are in contact all the time",
+        "Use 'contact_rate', the contacts resolved, of which each step makes anew those of discs at rest.",
     ),
     (
         ("energy_drift",),
@@ -252,7 +170,7 @@ def refusal(name: str, scene: Scene, count: int | None = None) -> str | None:
             hint = "Without walls it is the virial: give the scene walls." if virial else remedy
             return f"measures may hold {name!r} only without {what}; this scene has them. {hint}"
     grown = count not in (None, scene.count) or bool(scene.emitters)
-    weighed = name in ("kinetic_energy", "temperature", "pressure_virial", *_BALANCED) or virial
+    weighed = name in ("kinetic_energy", "temperature", *_VIRIALS, *_BALANCED) or virial
     pulled = name in _BALANCED and scene.acceleration is not None
     if grown and (pulled or (weighed and (scene.mass is not None or any(e.mass for e in scene.emitters)))):
         what = "acceleration" if pulled else "mass"
@@ -311,8 +229,11 @@ class Gathering:
         self._state = state
         self._before = state() if whole and any(name in BALANCES for name in names) else None
         self._counts: list[Counts] = []
-        self._samples: dict[str, list[float]] = {name: [] for name in names if name in SAMPLED}
-        self._every = max(frames // SAMPLES, 1)
+        self._sampled: dict[str, Callable[[State, Scene], Any]] = {n: SAMPLED[n] for n in names if n in SAMPLED}
+        if any(name in COMPONENTS for name in names):
+            self._sampled["flow"] = _flow
+        self._samples: dict[str, list[Any]] = {name: [] for name in self._sampled}
+        self._every = max(frames // (FLOW_SAMPLES if "flow" in self._sampled else SAMPLES), 1)
 
     @property
     def counting(self) -> bool:
@@ -330,7 +251,7 @@ class Gathering:
         if self._samples and done % self._every == 0:
             now = self._state()
             for name, values in self._samples.items():
-                values.append(SAMPLED[name](now, scene))
+                values.append(self._sampled[name](now, scene))
 
     def mark(self) -> tuple[int, dict[str, int]]:
         """How much was gathered so far, for `rewind`."""
@@ -346,24 +267,53 @@ class Gathering:
     def measures(self, run: Run) -> Measures:
         """The measures, when the run is over."""
         counts = np.concatenate(self._counts) if self._counts else np.zeros((0, layout.TALLIES))
-        if "pressure_virial" in self._names or ("pressure" in self._names and all(run.scene.periodic)):
-            run = replace(run, kinetic_energy=_energy_without_drift(self._state(), run.scene))
+        run = self._with_what_is_needed(run)
         results = Measures()
         unknown = {name for name, values in self._samples.items() if not values or np.isnan(values).any()}
         unknown |= set() if len(counts) else set(COUNTED)
         for name in self._names:
             if name in unknown:  # after no frames, or of means over nobody
-                results[name] = Measure(float("nan"), float("nan"), 0)
+                results[name] = Measure(float("nan"), float("nan"), 0, settled=False)
             elif name in COUNTED:
                 results[name] = COUNTED[name](counts, run)
             elif name in SAMPLED:
                 results[name] = block_average(self._samples[name])
             elif self._before is None or not len(counts):
-                results[name] = Measure(float("nan"), float("nan"), 1)
+                results[name] = Measure(float("nan"), float("nan"), 1, settled=False)
             else:
                 value = BALANCES[name](counts, run, self._before, self._state())
-                results[name] = Measure(value, float("nan"), 1)
+                results[name] = Measure(value, float("nan"), 1, settled=False)
         return results
+
+    def _with_what_is_needed(self, run: Run) -> Run:
+        """The run with what the measures asked for take from states."""
+        walls = "pressure" in self._names and not all(run.scene.periodic)
+        if walls or "pressure_virial" in self._names or "pressure" in self._names:
+            state = self._state()
+            if walls:
+                run = replace(run, impulse=_impulse(state, run.scene))
+            if "pressure_virial" in self._names or not walls:
+                run = replace(run, kinetic_energy=_energy_without_drift(state, run.scene))
+        if self._samples.get("flow"):
+            run = replace(run, flow=np.array(self._samples["flow"]), every=self._every)
+        return run
+
+
+def _impulse(state: State, scene: Scene) -> float:
+    """Impulse of a typical hit of a wall: what turns round a root mean square momentum along one axis."""
+    if not len(state.velocity):
+        return 0.0
+    speed = float(np.sqrt((state.velocity.astype(np.float64) ** 2).mean()))
+    return (1 + scene.wall_restitution) * speed * float(scene.masses.mean() if scene.count else 1.0)
+
+
+def _flow(state: State, scene: Scene) -> tuple[float, float, float]:
+    """Sums of m v_x v_x, m v_y v_y, m v_x v_y, less those of the mean flow along periodic axes."""
+    velocity = state.velocity.astype(np.float64)
+    masses = np.ones(len(velocity)) if scene.mass is None else scene.mass
+    drift = masses @ velocity * scene.periodic / max(float(masses.sum()), 1e-300)
+    x, y = (velocity - drift).T
+    return float(masses @ (x * x)), float(masses @ (y * y)), float(masses @ (x * y))
 
 
 def _energy_without_drift(state: State, scene: Scene) -> float:

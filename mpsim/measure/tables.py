@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mpsim.measure.deviations import Deviation
+from mpsim.measure.statistics import FEWEST_BLOCKS, Measure
 
 if TYPE_CHECKING:
     from mpsim.measure.tradeoff import Row, Tradeoff
@@ -63,6 +64,18 @@ def error_text(name: str, error: Deviation) -> str:
     if error.value == error.error == 0:
         return "0"
     return repr(Deviation(scale * error.value, scale * error.error, error.freedom))
+
+
+def measure_text(measure: Measure) -> str:
+    """A measure in words such as "2.24 +- 0.016"; what is not known of its error is said."""
+    value = f"{measure.value:.6g}"
+    if math.isnan(measure.error):
+        few = measure.samples < FEWEST_BLOCKS
+        return f"{value} ({'too few samples for an error' if few else 'error unknown'})"
+    if measure.settled:
+        return f"{value} +- {measure.error:.2g}"
+    bound = "at most" if measure.upper else "at least"
+    return f"{value} (error {bound} {measure.error:.2g}, not settled: run longer)"
 
 
 def terminal_table(table: "Tradeoff", width: int | None = None) -> str:

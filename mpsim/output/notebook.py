@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from mpsim.engine.report import Report
-from mpsim.measure.tables import cost_text, error_text
+from mpsim.measure.tables import cost_text, error_text, measure_text
 from mpsim.measure.tradeoff import label
 from mpsim.measure.tune import Tuned
 from mpsim.output.drawing import MOST_DISCS, STYLE, draw_discs, new_figure
@@ -56,7 +56,7 @@ def report_html(report: Report) -> str:
         seconds = {word: float(report.phase_seconds[name].sum()) for name, word in phases_of(report).items()}
         shares = [f"{word} {100 * part / sum(seconds.values()):.0f} %" for word, part in seconds.items()]
         rows.append(("phases", ", ".join(shares)))
-    rows += [(name, f"{measure.value:.6g} ± {measure.error:.2g}") for name, measure in report.measures.items()]
+    rows += [(name, measure_text(measure).replace("+-", "±")) for name, measure in report.measures.items()]
     return table(rows, "report.plot() draws it")
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from mpsim import Emitter, FixedDisc, InputError, Piston, Scene
 from mpsim.kernels import layout
-from mpsim.measure import correlation, gathering, observables, pairs
+from mpsim.measure import correlation, counted, gathering, observables, pairs
 from mpsim.state import State
 
 MIXTURE = Scene(
@@ -134,42 +134,48 @@ def scene_of(**changes):
     return Scene(**(arguments | changes))
 
 
+VIRIALS = ["pressure_virial", "pressure_xx", "pressure_yy"]
+
 REFUSED = {
-    "gravity": ({"gravity": (0, -1)}, ["pressure_virial"], "gravity and acceleration"),
-    "obstacles": ({"obstacles": FixedDisc((8, 8), 1)}, ["pressure_virial", "momentum_drift"], "obstacles"),
-    "losses": ({"restitution": 0.9}, ["pressure_virial"], "losses"),
-    "sizes": ({"radius": [0.5, 0.4]}, ["pressure_virial"], "several sizes"),
-    "sizes, channel": ({"radius": [0.5, 0.4], "boundary": ("walls", "periodic")}, ["pressure_virial"], "several sizes"),
-    "piston": ({"piston": Piston("left", 1, 3)}, ["pressure", "pressure_virial", "energy_drift"], "piston"),
+    "gravity": ({"gravity": (0, -1)}, [*VIRIALS], "gravity and acceleration"),
+    "obstacles": ({"obstacles": FixedDisc((8, 8), 1)}, [*VIRIALS, "momentum_drift"], "obstacles"),
+    "losses": ({"restitution": 0.9}, [*VIRIALS], "losses"),
+    "losses under gravity": (
+        {"restitution": 0.9, "gravity": (0, -1)}, [*VIRIALS, "collision_rate"], ""),
+    "losses at walls under acceleration": (
+        {"wall_restitution": 0.9, "acceleration": np.ones((2, 2))}, [*VIRIALS, "collision_rate"], ""),
+    "sizes": ({"radius": [0.5, 0.4]}, [*VIRIALS], "several sizes"),
+    "sizes, channel": ({"radius": [0.5, 0.4], "boundary": ("walls", "periodic")}, [*VIRIALS], "several sizes"),
+    "piston": ({"piston": Piston("left", 1, 3)}, ["pressure", *VIRIALS, "energy_drift"], "piston"),
     "absorbing": (
         {"absorbing": "left"},
-        ["pressure_virial", "collision_rate", "energy_drift", "momentum_drift"],
+        [*VIRIALS, "collision_rate", "contact_rate", "energy_drift", "momentum_drift"],
         "absorbing edges",
     ),
     "no wall": (
         {"absorbing": ["left", "right", "bottom", "top"]},
-        ["pressure", "pressure_virial", "collision_rate", "energy_drift",
+        ["pressure", *VIRIALS, "collision_rate", "contact_rate", "energy_drift",
          "momentum_drift"],
         "absorbing edges",
     ),
     "emitters": (
         {"emitters": Emitter((8, 6), (0, 0), every=1)},
-        ["pressure_virial", "collision_rate", "energy_drift", "momentum_drift"],
+        [*VIRIALS, "collision_rate", "contact_rate", "energy_drift", "momentum_drift"],
         "emitters",
     ),
     "emitters of masses": (
         {"mass": 2.0, "emitters": Emitter((8, 6), (0, 0), every=1, mass=1.0)},
-        ["pressure_virial", "collision_rate", "energy_drift", "momentum_drift", "kinetic_energy", "temperature"],
+        [*VIRIALS, "collision_rate", "contact_rate", "energy_drift", "momentum_drift", "kinetic_energy", "temperature"],
         "",
     ),
     "falling round": (
-        {"gravity": (0, -1), "boundary": ("walls", "periodic")}, ["pressure_virial", "energy_drift"], ""),
+        {"gravity": (0, -1), "boundary": ("walls", "periodic")}, [*VIRIALS, "energy_drift"], ""),
     "periodic": ({"boundary": "periodic"}, [], ""),
     "periodic, sizes": ({"boundary": "periodic", "radius": [0.5, 0.4]}, [], ""),
-    "periodic, losses": ({"boundary": "periodic", "restitution": 0.9}, ["pressure", "pressure_virial"], "losses"),
+    "periodic, losses": ({"boundary": "periodic", "restitution": 0.9}, ["pressure", *VIRIALS], "losses"),
     "periodic, obstacles": (
         {"boundary": "periodic", "obstacles": FixedDisc((8, 7), 1)},
-        ["pressure", "pressure_virial", "momentum_drift"],
+        ["pressure", *VIRIALS, "momentum_drift"],
         "obstacles",
     ),
     "channel": ({"boundary": ("periodic", "walls")}, [], ""),
@@ -182,7 +188,8 @@ def test_a_scene_has_the_measures_that_mean_something_in_it_and_no_others(case):
     changes, names, word = REFUSED[case]
     scene = scene_of(**changes)
     reasons = {name: gathering.refusal(name, scene) for name in gathering.NAMES}
-    assert {name for name, reason in reasons.items() if reason} == set(names)
+    smooth = [] if all(scene.periodic) and VIRIALS[0] not in names else ["pressure_xy"]  # walls take up none
+    assert {name for name, reason in reasons.items() if reason} == {*names, *smooth}
     for name in names:
         with pytest.raises(InputError) as raised:
             gathering.checked([name], scene)
@@ -212,13 +219,13 @@ def test_pressure_is_that_on_the_walls_that_there_are():
         ({"boundary": ("walls", "periodic")}, 16 / 16),
         ({"absorbing": "left"}, 15 / 28),
     ):
-        run = gathering.Run(scene_of(**changes), 2, 0.5)
-        assert gathering.pressure(counts, run).value == pytest.approx(expected / 0.5)
+        run = counted.Run(scene_of(**changes), 2, 0.5)
+        assert counted.pressure(counts, run).value == pytest.approx(expected / 0.5)
 
 
 def test_the_virial_of_a_torus_has_no_margins_and_counts_the_largest_diameter():
     counts, scene = counts_of(VIRIAL=3.0), scene_of(boundary="periodic", radius=[0.5, 0.25])
-    run = gathering.Run(scene, 2, 0.5, kinetic_energy=7.0)
-    assert gathering.pressure(counts, run).value == pytest.approx((7 + 3 * 1.0 / (2 * 0.5)) / 80)
-    channel = gathering.Run(scene_of(boundary=("periodic", "walls")), 2, 0.5, kinetic_energy=7.0)
-    assert gathering.pressure_virial(counts, channel).value == pytest.approx((14 + 6) / (10 * 8 + 7 * 10))
+    run = counted.Run(scene, 2, 0.5, kinetic_energy=7.0)
+    assert counted.pressure(counts, run).value == pytest.approx((7 + 3 * 1.0 / (2 * 0.5)) / 80)
+    channel = counted.Run(scene_of(boundary=("periodic", "walls")), 2, 0.5, kinetic_energy=7.0)
+    assert counted.pressure_virial(counts, channel).value == pytest.approx((14 + 6) / (10 * 8 + 7 * 10))

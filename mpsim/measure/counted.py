@@ -1,0 +1,176 @@
+"""Measures that the kernels count: impulses on walls and between discs, collisions, pairs met; from sums of each frame.
+
+A pressure has two parts, what discs carry and what they hand to each other. The first needs velocities along the run,
+which are sampled; the second is counted.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.features import EDGES
+from mpsim.kernels import layout
+from mpsim.measure.statistics import Measure, block_average, ratio_average
+from mpsim.scene import Scene
+
+@dataclass(frozen=True)
+class Run:
+    """What a measure may know besides the counts.
+
+    Attributes:
+        scene: the scene.
+        count: discs in it now.
+        dt: time of a frame [time].
+        kinetic_energy: at the end, without that of a drift along periodic axes, where a measure needs it
+            [mass length^2/time^2].
+        impulse: of a typical hit of a wall, where a measure needs it [mass length/time].
+        flow: sums of m v_x v_x, m v_y v_y and m v_x v_y, without those of a drift along periodic axes, each shape
+            (samples,), where a measure needs them [mass length^2/time^2].
+        every: frames between two of these samples, the first of which ends the first of such frames.
+    """
+
+    scene: Scene
+    count: int
+    dt: float
+    kinetic_energy: float = 0.0
+    impulse: float = 0.0
+    flow: NDArray[np.float64] | None = None
+    every: int = 1
+
+    @property
+    def walls(self) -> list[int]:
+        """Which edges discs bounce off, indices of EDGES."""
+        wraps = [self.scene.periodic[0]] * 2 + [self.scene.periodic[1]] * 2
+        return [index for index, edge in enumerate(EDGES) if not wraps[index] and edge not in self.scene.absorbing]
+
+    @property
+    def perimeter(self) -> float:
+        """Length of these edges [length]."""
+        if len(self.walls) == len(EDGES):
+            return 2 * (self.scene.width + self.scene.height)
+        lengths = [self.scene.height] * 2 + [self.scene.width] * 2
+        return float(sum(lengths[index] for index in self.walls))
+
+
+Counts = NDArray[np.float64]
+
+
+def pressure(counts: Counts, run: Run) -> Measure:
+    """Impulse on all walls / (time x their length) [mass/time^2]: what a gauge in the wall shows.
+
+    Walls are the edges that are neither periodic nor absorbing. Where one axis is periodic, it is the pressure on the
+    other's walls alone: P_yy in a box periodic in x. Where both are, it is `pressure_virial`.
+    """
+    if all(run.scene.periodic):
+        return pressure_virial(counts, run)
+    scale = 1 / (run.dt * run.perimeter)
+    return block_average(counts[:, layout.WALLS][:, run.walls].sum(axis=1) * scale, event=run.impulse * scale or None)
+
+
+def pressure_virial(counts: Counts, run: Run) -> Measure:
+    """Pressure from the collisions of the discs [mass/time^2], mean over both directions.
+
+    The virial of a box with hard walls, exact for any number of discs of one size (Clausius 1870):
+    (W - s) F_x + (H - s) F_y = 2 E + sum r.dp / time, with s the diameter, r.dp = s |dp| of each collision, and F the
+    mean force on one wall; here F_x = P H and F_y = P W. Along a periodic axis s is left out and F is the force through
+    a section of the box, so that with two of them P = (E + sum r.dp / (2 time)) / area, for discs of any sizes. E is
+    the kinetic energy, in a periodic box without that of its drift: the momentum of the whole box is no pressure, so
+    this P is kT / area below that of a system whose momentum fluctuates (Ray and Zhang, Phys. Rev. E 59, 4781, 1999).
+    Where one axis is periodic, the two directions differ (`pressure_xx`, `pressure_yy`), and `pressure` is one of them:
+    this is their mean, weighted with (W - s) H and (H - s) W. Without gravity only.
+    """
+    free_x, free_y = _free(run.scene)
+    area = free_x * run.scene.height + free_y * run.scene.width
+    return block_average((2 * run.kinetic_energy + _diameter(run) * counts[:, layout.VIRIAL] / run.dt) / area)
+
+
+def pressure_xx(counts: Counts, run: Run) -> Measure:
+    """Pressure along x, on a wall or through a section at right angles to x [mass/time^2].
+
+    The virial of one direction, exact for any number of discs of one size: (W - s) H P_xx = sum m v_x v_x +
+    sum x dp_x / time, where x dp_x = s |dp| n_x^2 of each collision; s is left out where x is periodic, and the part of
+    a drift along x. Where x has walls it is the pressure on them. Where only y has, P_xx is less than P_yy, which is
+    physics: no centre comes nearer to a wall than a radius, so that less momentum goes along it. Of 100 discs at
+    packing 0.3 between two walls P_xx is 0.803(2) and P_yy 0.839(2) kT / diameter^2; in a larger box they differ less.
+    Without gravity only.
+    """
+    return _component(counts[:, layout.VIRIAL_XX], 0, _free(run.scene)[0] * run.scene.height, run)
+
+
+def pressure_yy(counts: Counts, run: Run) -> Measure:
+    """Pressure along y, likewise [mass/time^2]: what walls at the bottom and the top of the box show."""
+    virial = counts[:, layout.VIRIAL] - counts[:, layout.VIRIAL_XX]
+    return _component(virial, 1, _free(run.scene)[1] * run.scene.width, run)
+
+
+def pressure_xy(counts: Counts, run: Run) -> Measure:
+    """Momentum along x that goes through a section at right angles to y [mass/time^2], in a box with no walls.
+
+    (sum m v_x v_y + sum x dp_y / time) / area, of mean 0 without shear (Irving and Kirkwood, J. Chem. Phys. 18, 817,
+    1950). Smooth walls take up none of it.
+    """
+    return _component(counts[:, layout.VIRIAL_XY], 2, run.scene.width * run.scene.height, run)
+
+
+def _component(virial: Counts, component: int, area: float, run: Run) -> Measure:
+    """A component of the pressure: the flow as it was sampled, and the impulses of all frames."""
+    flow = np.zeros(0) if run.flow is None else run.flow[:, component]
+    if not len(flow):
+        return Measure(float("nan"), float("nan"), 0, settled=False)
+    given = _diameter(run) * virial / run.dt
+    between = given[: len(flow) * run.every].reshape(len(flow), run.every).mean(axis=1)
+    return replace(block_average((flow + between) / area), value=float(flow.mean() + given.mean()) / area)
+
+
+def _free(scene: Scene) -> tuple[float, float]:
+    """Lengths that centres have to themselves along x and y."""
+    lengths = zip((scene.width, scene.height), scene.periodic, strict=True)
+    free_x, free_y = (length if wraps else length - 2 * scene.largest_radius for length, wraps in lengths)
+    return free_x, free_y
+
+
+def _diameter(run: Run) -> float:
+    return 2 * run.scene.largest_radius
+
+
+def collision_rate(counts: Counts, run: Run) -> Measure:
+    """Collisions per disc and time [1/time], a pair counting for both."""
+    unit = 2 / (run.dt * max(run.count, 1))
+    return block_average(counts[:, layout.COLLISION] * unit, event=unit)
+
+
+def contact_rate(counts: Counts, run: Run) -> Measure:
+    """Contacts in which velocities changed, per disc and time [1/time], a pair counting for both.
+
+    Where no discs rest on each other it is `collision_rate`. Discs that do are in contact all the time, and a stepped
+    method resolves that again in each step: in a heap this is a number of contacts per step, and grows as 1 / dt.
+    """
+    return collision_rate(counts, run)
+
+
+def overlap(counts: Counts, run: Run) -> Measure:
+    """Mean depth at which overlapping pairs are met [length]; 0 with an unknown error where none was met."""
+    return ratio_average(counts[:, layout.DEPTH], counts[:, layout.MET])
+
+
+def largest_overlap(counts: Counts, run: Run) -> Measure:
+    """Largest depth at which a pair was met in the whole run [length]; an extreme, so without an error."""
+    return Measure(float(counts[:, layout.DEEPEST].max(initial=0.0)), float("nan"), len(counts), settled=False)
+
+
+COUNTED: dict[str, Callable[[Counts, Run], Measure]] = {
+    "pressure": pressure,
+    "pressure_virial": pressure_virial,
+    "pressure_xx": pressure_xx,
+    "pressure_yy": pressure_yy,
+    "pressure_xy": pressure_xy,
+    "collision_rate": collision_rate,
+    "contact_rate": contact_rate,
+    "overlap": overlap,
+    "largest_overlap": largest_overlap,
+}
+
+COMPONENTS: tuple[str, ...] = ("pressure_xx", "pressure_yy", "pressure_xy")
+"""Those that need the flow of momentum along the run."""

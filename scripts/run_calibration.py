@@ -1,0 +1,157 @@
+"""Are the standard errors that runs give those that other starts would show? A table of their ratio.
+
+For each kind of run: the scatter of a measure over independent starts, divided by the root mean square of the errors
+that the runs themselves claim. 1: right; 2: half of what it should be. What a run calls "not settled" claims no error:
+it is left out, and its share is shown.
+
+python scripts/run_calibration.py                          about two minutes on two cores: 100 starts of each kind
+python scripts/run_calibration.py --docs docs/accuracy.md  the same, and renew the table of the page
+python scripts/run_calibration.py --full                   400 starts, and runs ten times as long
+"""
+
+import argparse
+import sys
+import time
+import warnings
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from pages import fill_page, made_by
+from rich.console import Console
+from run_bench import machine
+
+import mpsim
+from mpsim.engine.cores import usable_cores
+from mpsim.measure import Measure, reference
+
+COUNT = 64
+PACKINGS = (0.02, 0.3, 0.6)
+BOUNDARIES = {"closed": "walls", "periodic": "periodic"}
+LENGTHS = {"short": 200.0, "long": 2000.0}
+"""Collisions of each disc."""
+
+BEFORE = 50.0
+"""Collisions of each disc before a run counts."""
+
+METHODS = {"event": ("short", "long"), "grid": ("short",)}
+STEP = 0.05
+"""Of `grid`, where a diameter, kT and the mass are 1."""
+
+FRAMES = 2000
+"""Of `event`."""
+
+SLOW = 0.8, 1.25
+"""Between these an error counts as right."""
+
+NAMES = (
+    "pressure",
+    "pressure_virial",
+    "pressure_xx",
+    "pressure_yy",
+    "pressure_xy",
+    "collision_rate",
+    "overlap",
+    "speed_kurtosis",
+)
+
+console = Console()
+
+
+class Cell(NamedTuple):
+    """One kind of run. collisions: of each disc."""
+
+    method: str
+    packing: float
+    boundary: str
+    collisions: float
+
+
+def measured(cell: Cell, seed: int) -> dict[str, Measure]:
+    """The measures of one run from one random start."""
+    scene = mpsim.Scene.random(
+        count=COUNT, packing=cell.packing, radius=0.5, seed=seed, boundary=BOUNDARIES[cell.boundary]
+    )
+    rate = reference.enskog_rate(cell.packing)
+    dt = STEP if cell.method == "grid" else cell.collisions / rate / FRAMES
+    names = [name for name in NAMES if name != "pressure_xy" or cell.boundary == "periodic"]
+    if cell.method == "event":
+        names.remove("overlap")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mpsim.FastWarning)
+        with mpsim.Simulation(scene, mpsim.Settings(method=cell.method, dt=dt)) as sim:
+            sim.run(until=BEFORE / rate)
+            return dict(sim.run(until=(BEFORE + cell.collisions) / rate, measures=names).measures)
+
+
+def ratio(found: Sequence[Measure]) -> tuple[float, float]:
+    """Scatter over claimed error of the runs that are settled, NaN for fewer than 10, and the share of the others."""
+    settled = [measure for measure in found if measure.settled]
+    share = 1 - len(settled) / len(found)
+    if len(settled) < 10:
+        return float("nan"), share
+    scatter = np.std([measure.value for measure in settled], ddof=1)
+    return float(scatter / np.sqrt(np.mean([measure.error**2 for measure in settled]))), share
+
+
+def text_of(found: Sequence[Measure]) -> tuple[str, bool]:
+    """A cell of the table, and whether it is right."""
+    value, share = ratio(found)
+    unsettled = f" ({100 * share:.0f} %)" if share else ""
+    if np.isnan(value):
+        return f"–{unsettled}", True
+    return f"{value:.2f}{unsettled}", SLOW[0] <= value <= SLOW[1]
+
+
+def table(seeds: int, lengths: dict[str, float], pool: ProcessPoolExecutor) -> list[str]:
+    """Markdown rows, and a line that counts those that are right."""
+    lines = [
+        f"| method | packing | box | run | {' | '.join(name.replace('_', ' ') for name in NAMES)} |",
+        f"|{'---|' * (4 + len(NAMES))}",
+    ]
+    right = []
+    for method, of_method in METHODS.items():
+        for packing in PACKINGS:
+            for boundary in BOUNDARIES:
+                for length in [name for name in lengths if name in of_method or name == "longest"]:
+                    started = time.perf_counter()
+                    cell = Cell(method, packing, boundary, lengths[length])
+                    runs = list(pool.map(partial(measured, cell), range(seeds), chunksize=5))
+                    texts = [text_of([run[name] for run in runs]) if name in runs[0] else ("", None) for name in NAMES]
+                    right += [good for _, good in texts if good is not None]
+                    line = f"| {method} | {packing} | {boundary} | {length} | {' | '.join(text for text, _ in texts)} |"
+                    lines.append(line)
+                    console.print(f"{line} {time.perf_counter() - started:.1f} s", highlight=False, markup=False)
+    noise = 100 / np.sqrt(2 * (seeds - 1))
+    lines += [
+        "",
+        f"{COUNT} discs, {seeds} starts of each kind, so that a ratio is known to {noise:.0f} %; a run is short with "
+        f"{lengths['short']:g} collisions of each disc, long with {lengths['long']:g}. In brackets: the share of runs "
+        f"that are not settled, and are left out; –: nearly all. {sum(right)} of {len(right)} lie between {SLOW[0]} and "
+        f"{SLOW[1]}.",
+    ]
+    return lines
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--full", action="store_true")
+    parser.add_argument("--seeds", type=int)
+    parser.add_argument("--docs", type=Path, help="page whose table is renewed")
+    options = parser.parse_args()
+    seeds = options.seeds or (400 if options.full else 100)
+    lengths = LENGTHS | ({"longest": 20_000.0} if options.full else {})
+    with ProcessPoolExecutor(usable_cores()) as pool:
+        lines = table(seeds, lengths, pool)
+    console.print(lines[-1], highlight=False)
+    if options.docs is not None:
+        lines += ["", made_by(machine())]
+        fill_page(options.docs, "run_calibration", {"table": "\n".join(lines)}, {})
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
