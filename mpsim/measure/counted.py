@@ -25,7 +25,7 @@ class Run:
         dt: time of a frame [time].
         kinetic_energy: at the end, without that of a drift along periodic axes, where a measure needs it
             [mass length^2/time^2].
-        impulse: of a typical hit of a wall, where a measure needs it [mass length/time].
+        speed: root mean square of the velocities along one axis, where a measure needs it [length/time].
         flow: sums of m v_x v_x, m v_y v_y and m v_x v_y, without those of a drift along periodic axes, each shape
             (samples,), where a measure needs them [mass length^2/time^2].
         every: frames between two of these samples, the first of which ends the first of such frames.
@@ -35,7 +35,7 @@ class Run:
     count: int
     dt: float
     kinetic_energy: float = 0.0
-    impulse: float = 0.0
+    speed: float = 0.0
     flow: NDArray[np.float64] | None = None
     every: int = 1
 
@@ -65,8 +65,23 @@ def pressure(counts: Counts, run: Run) -> Measure:
     """
     if all(run.scene.periodic):
         return pressure_virial(counts, run)
-    scale = 1 / (run.dt * run.perimeter)
-    return block_average(counts[:, layout.WALLS][:, run.walls].sum(axis=1) * scale, event=run.impulse * scale or None)
+    scene, scale = run.scene, 1 / (run.dt * run.perimeter)
+    mass = float(scene.masses.mean()) if scene.count else 1.0
+    hit = (1 + scene.wall_restitution) * mass * run.speed * scale
+    hits = counts[:, layout.WALLS][:, run.walls].sum(axis=1) * scale
+    return block_average(hits, event=hit or None, alternation=_alternation(float(hits.mean()), mass, run))
+
+
+def _alternation(pressure: float, mass: float, run: Run) -> float:
+    """Frames after which momentum that a wall has turned round comes back to one, through half the box; 0: unknown.
+
+    Discs carry it at their speed v and pass it on over the distance at which they touch, together at v P V / (N k T).
+    """
+    scene = run.scene
+    if scene.gravity is not None or scene.acceleration is not None or not (pressure > 0 and run.speed > 0):
+        return 0.0
+    passed = pressure * scene.width * scene.height / (run.count * mass * run.speed)
+    return max(_free(scene)) / (2 * passed * run.dt)
 
 
 def pressure_virial(counts: Counts, run: Run) -> Measure:

@@ -291,7 +291,7 @@ class Gathering:
         if walls or "pressure_virial" in self._names or "pressure" in self._names:
             state = self._state()
             if walls:
-                run = replace(run, impulse=_impulse(state, run.scene))
+                run = replace(run, speed=_speed(state))
             if "pressure_virial" in self._names or not walls:
                 run = replace(run, kinetic_energy=_energy_without_drift(state, run.scene))
         if self._samples.get("flow"):
@@ -299,12 +299,9 @@ class Gathering:
         return run
 
 
-def _impulse(state: State, scene: Scene) -> float:
-    """Impulse of a typical hit of a wall: what turns round a root mean square momentum along one axis."""
-    if not len(state.velocity):
-        return 0.0
-    speed = float(np.sqrt((state.velocity.astype(np.float64) ** 2).mean()))
-    return (1 + scene.wall_restitution) * speed * float(scene.masses.mean() if scene.count else 1.0)
+def _speed(state: State) -> float:
+    """Root mean square of the velocities along one axis."""
+    return float(np.sqrt((state.velocity.astype(np.float64) ** 2).mean())) if len(state.velocity) else 0.0
 
 
 def _flow(state: State, scene: Scene) -> tuple[float, float, float]:

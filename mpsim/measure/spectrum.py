@@ -6,6 +6,7 @@ only after it has crossed the box) makes no difference here, as it does for bloc
 differs from S(0) only by its square, where averages over blocks of length B differ by 1/B.
 """
 
+import functools
 import math
 from collections.abc import Callable
 from typing import NamedTuple
@@ -19,11 +20,16 @@ LEAST = 16
 MOST = 128
 """And at most: then it is known to 13 %, its root to 7 %."""
 
-BENT = 3.0
-"""Deviance by which a term of fourth order must improve the fit to count: it does so by chance in one case of 12."""
+BENT = 6.0
+"""Deviance by which a curve with one parameter more must fit better to count: it does so by chance in one case of 70."""
 
-AGREED = 2.5
+AGREED = 3.0
 """Standard errors within which fits to fewer ordinates must agree with the one that is taken."""
+
+
+_SLOPES: NDArray[np.float64] = np.concatenate([[0.0], np.geomspace(0.05, 5000.0, 27)])
+_COARSE: NDArray[np.float64] = np.concatenate([[0.0], np.geomspace(0.1, 5000.0, 15)])
+"""Slopes that are tried, of one curve and of quotients of two."""
 
 
 class AtZero(NamedTuple):
@@ -31,7 +37,7 @@ class AtZero(NamedTuple):
 
     Attributes:
         density: S(0) [of the series, squared].
-        slope: change of log S from frequency 0 to the highest ordinate that was used.
+        slope: r of the curve S(0) / (1 + r u^2), or -r of S(0) exp(r u^2), with u = k / ordinates.
         ordinates: how many were used.
     """
 
@@ -39,20 +45,26 @@ class AtZero(NamedTuple):
     slope: float
     ordinates: int
 
+    @property
+    def memory(self) -> float:
+        """Correlation time of the falling curve, as a fraction of the length of the series; 0 where it rises."""
+        return math.sqrt(max(self.slope, 0.0)) / (2 * math.pi * self.ordinates)
+
 
 def at_zero(series: NDArray[np.float64]) -> AtZero:
     """Spectral density of a series at frequency 0.
 
-    Ordinates I_k of the periodogram are independent and exponentially distributed about S(k / n). The curve
-    log S = c0 + c1 k^2 is fitted to the first K of them by its likelihood. K is the largest of 16, 32, 64, 128 to which
-    it fits: a term c2 k^4 does not improve it by more than BENT, and fits to fewer ordinates, of variance 9 / (4 K) in
-    log S(0), agree with it within AGREED.
+    Ordinates I_k of the periodogram are independent and exponentially distributed about S(k / n). To the first K of
+    them a curve is fitted by its likelihood: S(0) / (1 + r k^2), that of an exponential correlation, or S(0) exp(r k^2)
+    where S rises. K is the largest of 16, 32, 64, 128 to which it fits: a quotient (1 + r k^2) / (1 + s k^2) does not
+    fit better by more than BENT, and fits to fewer ordinates, with standard errors of 1.5 / sqrt(K) in log S(0), agree
+    with it within AGREED.
 
     Args:
         series: shape (n,), n >= 3 [any]. Fewer than 2 LEAST + 1 samples have fewer than LEAST ordinates.
 
-    Source: Heidelberger & Welch, Commun. ACM 24, 233 (1981); likelihood in place of least squares: Whittle, J. R. Stat.
-    Soc. B 15, 125 (1953), as in CODA (Plummer, Best, Cowles & Vines, R News 6, 7, 2006).
+    Source: Heidelberger & Welch, Commun. ACM 24, 233 (1981), who fit a polynomial by least squares to the logarithms;
+    the likelihood: Whittle, J. R. Stat. Soc. B 15, 125 (1953), as in CODA (Plummer et al., R News 6, 7, 2006).
 
     >>> found = at_zero(np.random.default_rng(0).normal(0, 2, 500))
     >>> round(found.density, 1), found.ordinates
@@ -60,16 +72,15 @@ def at_zero(series: NDArray[np.float64]) -> AtZero:
     """
     n = len(series)
     periodogram = (np.abs(np.fft.rfft(series - series.mean())) ** 2 / n)[1 : (n - 1) // 2 + 1]
-    found = AtZero(*_fit(periodogram[:LEAST], 1)[0], min(LEAST, len(periodogram)))
-    if found.density == 0:
-        return found
+    if not periodogram[:LEAST].any():
+        return AtZero(0.0, 0.0, min(LEAST, len(periodogram)))
+    found, _ = _fit(periodogram[:LEAST])
     fits = [found]
     while 2 * fits[-1].ordinates <= min(len(periodogram), MOST):
-        used = 2 * fits[-1].ordinates
-        curve, deviance = _fit(periodogram[:used], 1)
-        fits.append(AtZero(*curve, used))
-        if deviance - _fit(periodogram[:used], 2)[1] <= BENT and all(map(_agrees(fits[-1]), fits)):
-            found = fits[-1]
+        fit, bent = _fit(periodogram[: 2 * fits[-1].ordinates])
+        fits.append(fit)
+        if bent <= BENT and all(map(_agrees(fit), fits)):
+            found = fit
     return found
 
 
@@ -78,21 +89,27 @@ def _agrees(fit: AtZero) -> Callable[[AtZero], bool]:
     return lambda other: abs(math.log(fit.density / other.density)) <= AGREED * 1.5 / math.sqrt(other.ordinates)
 
 
-def _fit(ordinates: NDArray[np.float64], degree: int) -> tuple[tuple[float, float], float]:
-    """Value at 0 and slope of a curve log S = polynomial in k^2, and its deviance: Fisher's scoring, damped."""
-    mean = float(ordinates.mean())
-    if mean == 0:
-        return (0.0, 0.0), 0.0
-    scaled = ordinates / mean
-    powers = ((np.arange(1, len(scaled) + 1) / len(scaled))[:, None] ** 2) ** np.arange(degree + 1)
-    inverse = np.linalg.pinv(powers.T @ powers)
-    curve = np.zeros(degree + 1)
-    for _ in range(50):
-        step = inverse @ (powers.T @ (scaled * np.exp(-np.clip(powers @ curve, -40, 40)) - 1))
-        longest = float(np.abs(step).max())
-        curve += step * min(1.0, 2 / max(longest, 1e-12))
-        if longest < 1e-8:
-            break
-    logs = np.clip(powers @ curve, -40, 40)
-    deviance = 2 * float((logs + scaled * np.exp(-logs)).sum())
-    return (mean * float(np.exp(np.clip(curve[0], -40, 40))), float(curve[1])), deviance
+def _fit(ordinates: NDArray[np.float64]) -> tuple[AtZero, float]:
+    """The curve, and by which deviance a quotient fits better."""
+    slopes, one, two = _curves(len(ordinates))
+    densities, deviances = _likelihood(ordinates, one)
+    best = int(deviances.argmin())
+    found = AtZero(float(densities[best]), float(slopes[best]), len(ordinates))
+    return found, float(deviances[best] - _likelihood(ordinates, two)[1].min())
+
+
+@functools.cache
+def _curves(ordinates: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Slopes, and log S / S(0) at each ordinate, shape (slopes, ordinates), of the curves and of the quotients."""
+    squares = (np.arange(1, ordinates + 1) / ordinates) ** 2
+    rises = _SLOPES[(_SLOPES > 0) & (_SLOPES < 30)]
+    slopes = np.concatenate([_SLOPES, -rises])
+    one = np.concatenate([-np.log1p(_SLOPES[:, None] * squares), rises[:, None] * squares])
+    half = np.log1p(_COARSE[:, None] * squares)
+    return slopes, one, (half[:, None] - half[None]).reshape(-1, ordinates)
+
+
+def _likelihood(ordinates: NDArray[np.float64], logs: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
+    """For each curve the density at 0 that makes the ordinates most likely, and then -2 log likelihood."""
+    densities = (ordinates * np.exp(-logs)).mean(axis=1)
+    return densities, 2 * (len(ordinates) * (np.log(densities) + 1) + logs.sum(axis=1))

@@ -14,15 +14,14 @@ FEWEST_BLOCKS = 16
 """No error comes from fewer samples or blocks: with 16 it is itself known to 1/sqrt(30) = 18 %, with fewer it is a
 guess."""
 
-MOST_BLOCKS = 512
+MOST_BLOCKS = 1024
 """Longer series are averaged in pairs until they are shorter than this: what the error is found from varies slowly."""
 
-FALLING = 2.0
-"""Fall of log S over the least number of ordinates beyond which S(0) lies above what the series shows: it is then
-shorter than some 30 correlation times, and the error is too small."""
+MEMORIES = 30.0
+"""Correlation times that a series must be long for its error to be known; so must one be that alternates."""
 
 RISING = 4.0
-"""Rise likewise beyond which S(0) is too small a part of what the series shows to be told from it."""
+"""Rise of log S over the least number of ordinates beyond which S(0) is too small a part of it to be seen."""
 
 FEWEST_EVENTS = 16
 """Events, samples that are not zero, from which on a scatter between them says more than their number."""
@@ -88,7 +87,7 @@ def _parenthesis(value: float, error: float, mark: str) -> str:
     return f"{value:.{decimals}f}({mark}{digits})"
 
 
-def block_average(series: ArrayLike, *, event: float | None = None) -> Measure:
+def block_average(series: ArrayLike, *, event: float | None = None, alternation: float = 0.0) -> Measure:
     """Mean of a correlated series and its standard error, from the spectrum of averages over blocks.
 
     The series is cut into blocks (up to MOST_BLOCKS, or its samples), and the spectral density S of their averages is
@@ -98,10 +97,10 @@ def block_average(series: ArrayLike, *, event: float | None = None) -> Measure:
 
     Not `settled` are series
 
-    - of fewer than 33 samples, or whose S falls steeply from its first ordinate on: they are shorter than some 30
-      correlation times. The error is the largest of `block_errors`, a lower bound.
-    - whose S rises steeply: they alternate, and are too short to see what is left over. The error is the last of
-      `block_errors`, an upper bound.
+    - of fewer than 33 samples, or shorter than MEMORIES correlation times, which the fall of S shows. The error is the
+      largest of `block_errors`, a lower bound.
+    - whose S rises steeply, or which are shorter than MEMORIES times `alternation`: too short to see what is left over.
+      The error is the last of `block_errors`, an upper bound.
     - with fewer than FEWEST_EVENTS samples that are not zero, such as counts of rare events: the error is that of a
       number of events k, (sqrt(k + 3/4) + 1) times one event, an upper bound; NaN where k = 0 and `event` is not known.
 
@@ -113,9 +112,11 @@ def block_average(series: ArrayLike, *, event: float | None = None) -> Measure:
             Fewer than FEWEST_BLOCKS give an error of NaN.
         event: what one event adds to one sample, > 0 [of the series]; None: 1 for whole numbers and truth values,
             else the root mean square of the samples that are not zero.
+        alternation: number of samples after which what was missed, or came early, is known to come back, >= 0.
 
     Raises:
-        InputError: if the series is empty, not finite or not one-dimensional, or `event` is not above 0.
+        InputError: if the series is empty, not finite or not one-dimensional, `event` is not above 0, or `alternation`
+            is below 0.
 
     Source: `mpsim.measure.spectrum` (Heidelberger & Welch, Commun. ACM 24, 233, 1981); few events: Gehrels, Astrophys.
     J. 303, 336 (1986), eq. 7 with S = 1, which is Garwood's limit (Biometrika 28, 437, 1936) within 1.5 %.
@@ -129,6 +130,7 @@ def block_average(series: ArrayLike, *, event: float | None = None) -> Measure:
         event = 1.0
     samples = checks.finite_array("series", series, (None,), "(n,)")
     event = None if event is None else checks.positive("event", event, "[of the series]")
+    alternation = checks.non_negative("alternation", alternation, "[1]")
     n = len(samples)
     _demand("series", n, 1, "sample")
     value = _mean(samples)
@@ -143,11 +145,11 @@ def block_average(series: ArrayLike, *, event: float | None = None) -> Measure:
     while len(blocks) >= MOST_BLOCKS:
         blocks = _pairs(blocks)
     found = spectrum.at_zero(blocks)
-    least = found.ordinates <= spectrum.LEAST
-    if found.ordinates < spectrum.LEAST or (least and found.slope < -FALLING):
-        return Measure(value, float(block_errors(samples).max()), n, settled=False)
-    if least and found.slope > RISING:
+    steep = found.ordinates == spectrum.LEAST and -found.slope > RISING
+    if steep or n < MEMORIES * alternation:
         return Measure(value, float(block_errors(samples)[-1]), n, settled=False, upper=True)
+    if found.ordinates < spectrum.LEAST or found.memory * MEMORIES > 1:
+        return Measure(value, float(block_errors(samples).max()), n, settled=False)
     return Measure(value, math.sqrt(found.density / len(blocks)), n)
 
 

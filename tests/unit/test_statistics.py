@@ -13,6 +13,7 @@ from mpsim.measure.statistics import (
     block_errors,
     fit_order,
     independent_average,
+    ratio_average,
 )
 
 
@@ -38,6 +39,12 @@ def test_a_measure_prints_its_error_in_units_of_the_last_digit(value, error, tex
 
 def test_an_unsettled_error_prints_as_a_lower_bound():
     assert repr(Measure(2.24, 0.16, 10, settled=False)) == "2.24(>16)"
+
+
+def test_an_upper_bound_prints_as_one():
+    assert repr(Measure(0.0, 1.8e-4, 10, settled=False, upper=True)) == "0(<0.00018)"
+    assert repr(Measure(2.24, 0.16, 10, settled=False, upper=True)) == "2.24(<16)"
+    assert repr(Measure(0.0, math.nan, 10, settled=False)) == "0(?)"
 
 
 def test_deviation_counts_standard_errors():
@@ -107,6 +114,99 @@ def test_the_first_levels_by_hand():
     assert errors[2] == 0
 
 
+@pytest.mark.parametrize("kind", [bool, int])
+def test_a_count_of_nothing_is_not_known_to_be_nothing(kind):
+    found = block_average(np.zeros(1000, kind))
+    assert (found.value, found.settled, found.upper) == (0, False, True)
+    assert found.error == pytest.approx(1.841 / 1000, rel=0.02), "Garwood's limit, -ln(0.1587) events"
+    of_size = block_average(np.zeros(1000), event=0.5)
+    assert of_size.error == pytest.approx(found.error / 2)
+    assert block_errors(np.zeros(1000)).max() == 0, "the control: the scatter says nothing"
+
+
+def test_zeros_of_unknown_size_have_an_unknown_error():
+    found = block_average(np.zeros(1000))
+    assert (found.value, found.settled) == (0, False)
+    assert math.isnan(found.error)
+
+
+def test_errors_of_rare_events_hold_what_they_say():
+    """Of 1000 trials with p = 0.001, 0 events come in 37 % of the cases; an upper limit may be exceeded in 16 %."""
+    found = [block_average(np.random.default_rng(seed).random(1000) < 1e-3) for seed in range(500)]
+    assert not any(measure.settled for measure in found)
+    held = np.mean([measure.value + measure.error >= 1e-3 for measure in found])
+    assert held > 0.95
+    assert np.mean([measure.value == 0 for measure in found]) == pytest.approx(0.37, abs=0.06)
+
+
+def test_from_sixteen_events_on_their_scatter_counts():
+    found = [block_average(np.random.default_rng(seed).random(4000) < 0.01) for seed in range(200)]
+    settled = np.array([measure.error for measure in found if measure.settled])
+    assert len(settled) > 180
+    assert np.sqrt((settled**2).mean()) == pytest.approx(math.sqrt(0.01 * 0.99 / 4000), rel=0.06)
+
+
+def test_an_event_must_have_a_size():
+    with pytest.raises(InputError, match=r"event must be a finite number > 0"):
+        block_average([0.0] * 20, event=0.0)
+    with pytest.raises(InputError, match=r"alternation must be"):
+        block_average([0.0] * 20, alternation=-1.0)
+
+
+def alternating(n, time, beneath, seed):
+    """Changes of a smooth quantity that forgets itself after some `time`, with noise beneath; the mean over n."""
+    rng = np.random.default_rng(seed)
+    kernel = np.exp(-0.5 * (np.arange(-4 * time, 4 * time + 1) / time) ** 2)
+    bounded = np.convolve(rng.normal(size=n + 8 * time + 1), kernel / np.sqrt((kernel**2).sum()), "valid")
+    return np.diff(bounded) + beneath * rng.normal(size=n), math.sqrt(2 / n**2 + beneath**2 / n)
+
+
+def test_the_error_of_what_alternates_is_that_of_what_is_left_over():
+    """As impulses on walls: n samples cancel but for what is under way at both ends, and for the noise beneath."""
+    found = [(block_average(series), true) for series, true in (alternating(4000, 10, 0.1, s) for s in range(60))]
+    ratios = np.array([measure.error / true for measure, true in found if measure.settled])
+    assert len(ratios) > 45
+    assert np.sqrt((ratios**2).mean()) == pytest.approx(1, abs=0.25)
+    series, true = alternating(4000, 10, 0.1, 0)
+    assert block_errors(series).max() > 2 * true, "the control: blocks that are too short"
+
+
+def test_what_is_known_to_alternate_more_slowly_has_an_upper_bound():
+    series, true = alternating(400, 15, 0.0, 1)
+    found = block_average(series, alternation=15)
+    assert not found.settled
+    assert found.upper
+    assert found.error > true
+    assert not block_average(series, alternation=400 / 31).upper, "the control"
+
+
+def test_a_series_that_drifts_is_not_settled():
+    found = block_average(np.linspace(0, 1, 2000) + np.random.default_rng(1).normal(0, 0.1, 2000))
+    assert not found.settled
+    assert not found.upper
+
+
+def test_the_error_of_a_ratio_is_the_scatter_of_others():
+    found = []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        events = rng.poisson(2.0, 500)
+        found.append(ratio_average([rng.exponential(3.0, count).sum() for count in events], events))
+    scatter = np.std([measure.value for measure in found], ddof=1)
+    assert np.sqrt(np.mean([measure.error**2 for measure in found])) == pytest.approx(scatter, rel=0.2)
+    assert np.mean([measure.value for measure in found]) == pytest.approx(3, abs=0.02)
+    assert all(measure.samples > 900 and measure.settled for measure in found)
+
+
+def test_a_ratio_over_few_events_is_not_settled_and_over_none_is_unknown():
+    few = np.zeros(400)
+    few[[7, 100, 320]] = 1
+    assert not ratio_average(2 * few + np.arange(400) * few, few).settled
+    nothing = ratio_average(np.zeros(400), np.zeros(400))
+    assert (nothing.value, nothing.samples, nothing.settled) == (0, 0, False)
+    assert math.isnan(nothing.error)
+
+
 def test_small_noise_on_a_large_value_keeps_its_digits():
     series, true, _ = noise(4096, 0, 5)
     found = block_average(1e9 + 1e-3 * series)
@@ -116,7 +216,10 @@ def test_small_noise_on_a_large_value_keeps_its_digits():
 
 def test_a_constant_series_has_no_error():
     found = block_average(np.full(1000, 0.1))
-    assert (found.value, found.error, found.samples) == (0.1, 0.0, 1000)
+    assert (found.value, found.error, found.samples, found.settled) == (0.1, 0.0, 1000, True)
+    rounded = block_average(0.1 + 1e-16 * np.arange(1000).clip(max=500))
+    assert rounded.settled
+    assert 0 < rounded.error < 1e-12
 
 
 @pytest.mark.parametrize("power", [1.0, 2.0])
