@@ -106,7 +106,7 @@ def text_of(found: Sequence[Measure]) -> tuple[str, bool]:
     value, share = ratio(found)
     unsettled = f" ({100 * share:.0f} %)" if share else ""
     if np.isnan(value):
-        return f"–{unsettled}", True
+        return f"none{unsettled}", True
     return f"{value:.2f}{unsettled}", RIGHT[0] <= value <= RIGHT[1]
 
 
@@ -144,7 +144,7 @@ def table(seeds: int, lengths: dict[str, float], pool: ProcessPoolExecutor) -> l
         "",
         f"{COUNT} discs, {seeds} starts of each kind, so that a ratio is known to {noise:.0f} %; a run is short with "
         f"{lengths['short']:g} collisions of each disc, long with {lengths['long']:g}. In brackets: the share of runs "
-        f"that are not settled, and are left out; –: nearly all; *: of {AGAIN * seeds} starts, where "
+        f"that are not settled, and are left out; none: nearly all are; *: of {AGAIN * seeds} starts, where "
         f"{seeds} gave a ratio beyond the bounds. {sum(right)} of {len(right)} lie between {RIGHT[0]} and "
         f"{RIGHT[1]}.",
     ]

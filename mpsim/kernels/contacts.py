@@ -171,7 +171,8 @@ def time_since_impact(discs, i, j, image_x, image_y, parameters):
 def impact_contact(discs, i, j, image_x, image_y, features, parameters, control, tally, frame):
     """Contact `impact`: back to the instant of contact, the law along the normal found there, and on again.
 
-    Discs that do not approach, or that overlapped before this step, are pushed apart instead. Returns what the law does.
+    Discs that do not approach, or that overlapped before this step, are pushed apart instead. Returns what the law
+    does.
     """
     time = time_since_impact(discs, i, j, image_x, image_y, parameters)
     start_i, start_j = (discs.x[i], discs.y[i]), (discs.x[j], discs.y[j])

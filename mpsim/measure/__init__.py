@@ -20,7 +20,14 @@ from mpsim.measure.observables import (
     trajectory_error,
 )
 from mpsim.measure.predictability import Predictability, comparable_until, predictability, require_predictable
-from mpsim.measure.statistics import Measure, block_average, block_errors, fit_order, independent_average
+from mpsim.measure.statistics import (
+    Measure,
+    block_average,
+    block_errors,
+    fit_order,
+    independent_average,
+    ratio_average,
+)
 
 __all__ = [
     "Measure",
@@ -41,6 +48,7 @@ __all__ = [
     "pair_correlation",
     "potential_energy",
     "predictability",
+    "ratio_average",
     "reference",
     "reference_motion",
     "require_predictable",

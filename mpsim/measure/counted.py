@@ -15,6 +15,7 @@ from mpsim.kernels import layout
 from mpsim.measure.statistics import Measure, block_average, ratio_average
 from mpsim.scene import Scene
 
+
 @dataclass(frozen=True)
 class Run:
     """What a measure may know besides the counts.

@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mpsim import checks
 from mpsim.errors import InputError, NotRecordedError

@@ -21,7 +21,7 @@ MOST = 128
 """And at most: then it is known to 13 %, its root to 7 %."""
 
 BENT = 6.0
-"""Deviance by which a curve with one parameter more must fit better to count: it does so by chance in one case of 70."""
+"""Deviance by which a curve with one parameter more must fit better to count: by chance it does in one case of 70."""
 
 AGREED = 3.0
 """Standard errors within which fits to fewer ordinates must agree with the one that is taken."""

@@ -89,8 +89,9 @@ def test_shear_stress_of_a_gas_without_walls_is_none():
 def test_the_impulse_of_one_collision_is_counted_by_component(method):
     """Discs of mass 1 and 3 that meet along n = (0.6, 0.8) at speed 1: |dp| = 2 mu = 1.5."""
     n = np.array([0.6, 0.8])
+    places = np.array([-0.55, 0.55])[:, None] * n + 5
     scene = mpsim.Scene(
-        width=10, height=10, position=np.array([5, 5]) + [-0.55 * n, 0.55 * n], velocity=[0.5 * n, -0.5 * n],
+        width=10, height=10, position=places, velocity=[0.5 * n, -0.5 * n],
         radius=0.5, mass=[1.0, 3.0], boundary="periodic",
     )  # fmt: skip
     with mpsim.Simulation(scene, mpsim.Settings(method=method, dt=0.01)) as sim:

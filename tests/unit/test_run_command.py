@@ -3,6 +3,8 @@
 import contextlib
 import csv
 import json
+import math
+import re
 
 import numpy as np
 import pytest
@@ -17,7 +19,8 @@ from mpsim.commands.run import pictures_of
 from mpsim.commands.runfolder import RunFolder
 from mpsim.engine import shared
 from mpsim.engine.running import frames_until
-from mpsim.measure import benchmark
+from mpsim.measure import Measure, benchmark
+from mpsim.measure.tables import measure_text
 from mpsim.output.recorder import COLUMNS, read_table
 
 SHORT = ("--method", "grid", "--frames", "30", "--every", "4", "--quiet")
@@ -266,6 +269,29 @@ def test_a_measure_of_too_few_samples_says_so(tmp_path):
     done = mpsim_command("run", "gas", "--frames", 3, "--method", "grid", "--measure", "pressure", "--quiet")
     assert "(too few samples for an error)\n" in done.stdout
     assert "nan" not in done.stdout
+
+
+def test_what_is_not_settled_is_shown_as_such(tmp_path):
+    done = mpsim_command("run", "gas", "--frames", 30, "--method", "grid", "--measure", "pressure", "--quiet")
+    line = next(line for line in done.stdout.splitlines() if line.startswith("pressure: "))
+    assert re.fullmatch(r"pressure: \S+ \(error at (least|most) \S+, not settled: run longer\)", line)
+    out = tmp_path / "run"
+    mpsim_command("run", "gas", *SHORT, "--out", out, "--measure", "pressure")
+    assert json.loads((out / "run.json").read_text())["parts"][0]["measures"]["pressure"]["settled"] is False
+
+
+@pytest.mark.parametrize(
+    ("measure", "text"),
+    [
+        (Measure(2.24, 0.016, 500), "2.24 +- 0.016"),
+        (Measure(2.24, 0.016, 500, settled=False), "2.24 (error at least 0.016, not settled: run longer)"),
+        (Measure(0.0, 0.018, 500, settled=False, upper=True), "0 (error at most 0.018, not settled: run longer)"),
+        (Measure(0.3, math.nan, 500, settled=False), "0.3 (error unknown)"),
+        (Measure(0.3, math.nan, 3, settled=False), "0.3 (too few samples for an error)"),
+    ],
+)
+def test_an_error_in_words(measure, text):
+    assert measure_text(measure) == text
 
 
 def test_a_run_that_fails_says_so_in_its_record(tmp_path, monkeypatch):
