@@ -83,7 +83,7 @@ def measured(cell: Cell, seed: int) -> dict[str, Measure]:
     dt = STEPS[cell.packing] if cell.method == "grid" else cell.collisions / rate / FRAMES
     names = [name for name in NAMES if name != "pressure_xy" or cell.boundary == "periodic"]
     if cell.method == "event":
-        names.remove("overlap")
+        names = [name for name in names if name != "overlap"]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", mpsim.FastWarning)
         with mpsim.Simulation(scene, mpsim.Settings(method=cell.method, dt=dt)) as sim:

@@ -74,7 +74,7 @@ def pressure(counts: Counts, run: Run) -> Measure:
 
 
 def _alternation(pressure: float, mass: float, run: Run) -> float:
-    """Frames after which momentum that a wall has turned round comes back to one, through half the box; 0: unknown.
+    """Frames after which momentum that a wall has turned round comes to another, through the box; 0: unknown.
 
     Discs carry it at their speed v and pass it on over the distance at which they touch, together at v P V / (N k T).
     """
@@ -82,7 +82,7 @@ def _alternation(pressure: float, mass: float, run: Run) -> float:
     if scene.gravity is not None or scene.acceleration is not None or not (pressure > 0 and run.speed > 0):
         return 0.0
     passed = pressure * scene.width * scene.height / (run.count * mass * run.speed)
-    return max(_free(scene)) / (2 * passed * run.dt)
+    return max(_free(scene)) / (passed * run.dt)
 
 
 def pressure_virial(counts: Counts, run: Run) -> Measure:

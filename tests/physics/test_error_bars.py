@@ -52,10 +52,18 @@ def test_errors_of_wall_pressure_at_low_packing_are_those_of_other_starts(monkey
 @pytest.mark.parametrize("packing", [0.02, 0.3, 0.6])
 @pytest.mark.parametrize("collisions", [200, 2000])
 def test_errors_are_those_of_other_starts(packing, boundary, collisions, monkeypatch):
-    """150 starts know a scatter to 6 %: the bounds are those of the table of the docs, 0.8 and 1.25, and twice that."""
+    """150 starts know a scatter to 6 %: the bounds are those of the table of the docs, 0.8 and 1.25, and two of these.
+
+    Of short runs in a closed box the wall pressure is not settled from packing 0.3 on, and claims no error.
+    """
     names = ["pressure_virial", "pressure_xx", "pressure_yy", "collision_rate", "speed_kurtosis"]
     found, _ = runs(packing, boundary, collisions, 150, names, monkeypatch)
-    ratios = {name: over_claimed([run[name] for run in found]) for name in ("pressure", *names)}
+    if boundary == "periodic" or packing == 0.02 or collisions == 2000:
+        names.append("pressure")
+    else:
+        assert not any(run["pressure"].settled for run in found)
+        assert all(run["pressure"].upper for run in found)
+    ratios = {name: over_claimed([run[name] for run in found]) for name in names}
     assert all(0.7 < ratio < 1.4 for ratio in ratios.values()), ratios
 
 
