@@ -101,12 +101,12 @@ def ratio(found: Sequence[Measure]) -> tuple[float, float]:
     return float(scatter / np.sqrt(np.mean([measure.error**2 for measure in settled]))), share
 
 
-def text_of(found: Sequence[Measure]) -> tuple[str, bool]:
-    """A cell of the table, and whether it is right."""
+def text_of(found: Sequence[Measure]) -> tuple[str, bool | None]:
+    """A cell of the table, and whether it is right; None where nothing is claimed."""
     value, share = ratio(found)
     unsettled = f" ({100 * share:.0f} %)" if share else ""
     if np.isnan(value):
-        return f"none{unsettled}", True
+        return f"none{unsettled}", None
     return f"{value:.2f}{unsettled}", RIGHT[0] <= value <= RIGHT[1]
 
 
@@ -114,10 +114,11 @@ def row(cell: Cell, seeds: int, pool: ProcessPoolExecutor) -> list[tuple[str, bo
     """Cells of the table for one kind of run; None for what it does not have."""
     runs = list(pool.map(partial(measured, cell), range(seeds), chunksize=5))
     texts = {name: text_of([run[name] for run in runs]) for name in runs[0]}
-    if not all(good for _, good in texts.values()):
+    wrong = [name for name, (_, good) in texts.items() if good is False]
+    if wrong:
         runs += pool.map(partial(measured, cell), range(seeds, AGAIN * seeds), chunksize=5)
         decided = {name: text_of([run[name] for run in runs]) for name in runs[0]}
-        texts |= {name: (f"{decided[name][0]}*", decided[name][1]) for name in texts if not texts[name][1]}
+        texts |= {name: (f"{decided[name][0]}*", decided[name][1]) for name in wrong}
     return [texts.get(name, ("", None)) for name in NAMES]
 
 
