@@ -177,10 +177,10 @@ def impact_contact(discs, i, j, image_x, image_y, features, parameters, control,
     time = time_since_impact(discs, i, j, image_x, image_y, parameters)
     start_i, start_j = (discs.x[i], discs.y[i]), (discs.x[j], discs.y[j])
     if not (time >= 0) & (time <= parameters[DT]):
-        impulse = push_contact(discs, i, j, image_x, image_y, features, parameters, control[LAW])
+        done = push_contact(discs, i, j, image_x, image_y, features, parameters, control[LAW])
         if has_any(features.gravity, features.acceleration):
             pay(discs, i, j, image_x, image_y, start_i, start_j, features, parameters)
-        return impulse
+        return done
     for disc in (i, j):
         discs.x[disc] -= discs.vx[disc] * time
         discs.y[disc] -= discs.vy[disc] * time
@@ -188,7 +188,7 @@ def impact_contact(discs, i, j, image_x, image_y, features, parameters, control,
     # quotient of that one number is rounded the same way each time: with diameter 1, by 1e-7 of energy per collision.
     x, y = apart(discs, i, j, image_x, image_y)
     nx, ny, _ = normalised(np.float64(x), np.float64(y), 1.0)
-    impulse = apply_law(discs, i, j, nx, ny, features, parameters, control[LAW])
+    done = apply_law(discs, i, j, nx, ny, features, parameters, control[LAW])
     for disc in (i, j):
         discs.x[disc] += discs.vx[disc] * time
         discs.y[disc] += discs.vy[disc] * time
@@ -196,7 +196,7 @@ def impact_contact(discs, i, j, image_x, image_y, features, parameters, control,
         pay(discs, i, j, image_x, image_y, start_i, start_j, features, parameters)
     for disc in (i, j):
         keep_inside(discs, disc, features, parameters, control, tally, frame)
-    return impulse
+    return done
 
 
 @inlined

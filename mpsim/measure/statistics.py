@@ -122,7 +122,7 @@ def block_average(series: ArrayLike, *, event: float | None = None, alternation:
     J. 303, 336 (1986), eq. 7 with S = 1, which is Garwood's limit (Biometrika 28, 437, 1936) within 1.5 %.
 
     >>> block_average(np.random.default_rng(1).normal(5, 1, 10_000))
-    4.989(11)
+    4.9891(93)
     >>> block_average(np.zeros(1000, int))
     0(<0.0019)
     """
