@@ -32,7 +32,8 @@ from mpsim.scene import Scene
 from mpsim.settings import Settings
 
 FORMAT = 2
-"""Version of the format. A file of a newer one is refused, by number; one of format 1 lacks the counts of periods."""
+"""Version of the format. A file of a newer one is refused, by number; one of format 1 lacks the counts of periods and
+virials by component."""
 
 HEADER = "mpsim_checkpoint"
 """Name of the first array, the header. So the name stands at the start of the file, and tells its kind."""
@@ -333,7 +334,14 @@ def _unpacked(path: Path) -> tuple[dict[str, Any], Arrays]:
         raise _DamagedError(f"it cannot be read ({type(error).__name__}: {error})") from None
     if found != said:
         raise _DamagedError("its content does not match its digest")
-    return header, arrays
+    return header, _of_format_1(arrays) if format_version < FORMAT else arrays
+
+
+def _of_format_1(arrays: Arrays) -> Arrays:
+    """Arrays as format 2 has them: the exact solver counted no virials by component, and counts them from there on."""
+    names = ("solver.tally", "solver.seen")
+    counts = {name: arrays[name] for name in names if name in arrays and arrays[name].shape in ((5,), (6,))}
+    return arrays | {name: np.insert(array, 5, [0.0, 0.0]) for name, array in counts.items()}
 
 
 def _header_of(archive: ArrayFile) -> dict[str, Any]:
