@@ -9,25 +9,33 @@ from numpy.typing import NDArray
 
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import TrajectoryError
+from mpsim.features import EDGES
 from mpsim.state import State
 
 
 @dataclass(frozen=True)
 class Frame:
-    """The discs at one moment, in the order of their numbers. Discs that had left by then are not in it.
+    """The discs at one moment, in the order of their numbers. Absorbed discs are not in it.
 
     Attributes:
         frame: number of the frame of the simulation.
-        box: width and height [length].
+        box: width and height at that moment [length]: a piston makes it smaller.
+        origin: lower left corner of the box at that moment [length]; (0, 0) unless a left or bottom piston moves.
         periodic: whether x, and whether y, is periodic.
-        position: shape (N, 2) [length], in the precision of the run.
+        position: shape (N, 2) [length], in the precision of the run and the coordinates of the scene.
         source: the file, for error texts.
-        known: what else the file holds of time, velocity, radius and ids; each is also an attribute, which raises
-            TrajectoryError where the file lacks it.
+        known: what else the file holds of time, velocity, radius, mass, image and ids; each is also an attribute,
+            which raises TrajectoryError where the file lacks it.
+
+    >>> corner = Frame(0, (4.0, 2.0), (0.0, 0.0), (True, False), np.array([[1.0, 1.0]]), Path("run.xyz"),
+    ...                {"image": np.array([[-2, 0]])})
+    >>> corner.unwrapped.tolist()
+    [[-7.0, 1.0]]
     """
 
     frame: int
     box: tuple[float, float]
+    origin: tuple[float, float]
     periodic: tuple[bool, bool]
     position: NDArray[np.floating]
     source: Path
@@ -47,6 +55,23 @@ class Frame:
     def radius(self) -> NDArray[np.float64]:
         """Radii, shape (N,) [length]."""
         return self._get("radius")
+
+    @property
+    def mass(self) -> NDArray[np.float64]:
+        """Masses, shape (N,) [mass]."""
+        return self._get("mass")
+
+    @property
+    def image(self) -> NDArray[np.int64]:
+        """Periodic borders that each disc has crossed, shape (N, 2): +1 to the right and up; 0 along walls."""
+        if "image" not in self.known and not any(self.periodic):
+            return np.zeros(self.position.shape, np.int64)
+        return self._get("image")
+
+    @property
+    def unwrapped(self) -> NDArray[np.float64]:
+        """Positions as if there were no periodic borders, shape (N, 2) [length]: position + image * box."""
+        return self.position + self.image * np.array(self.box)
 
     @property
     def ids(self) -> NDArray[np.int64]:
@@ -76,28 +101,44 @@ WRITTEN_AS = {
     "time": "the key Time (extended XYZ) or log/mpsim/time (GSD)",
     "velocity": "the column velo:R:3 (extended XYZ) or particles/velocity (GSD)",
     "radius": "the column radius:R:1 (extended XYZ) or particles/diameter (GSD)",
+    "mass": "the column masses:R:1 (extended XYZ) or particles/mass (GSD)",
+    "image": "the column map_shift:I:3 (extended XYZ) or particles/image (GSD)",
 }
 
 
 def frame_of(sim: Simulation) -> Frame:
     """The discs of a simulation as they are now, between two frames."""
-    state, scene, here = sim.state, sim.scene, ~sim.absorbed
+    state, here = sim.state, ~sim.absorbed
+    x_low, x_high, y_low, y_high = walls_of(sim)
     known = {
         "time": sim.frame * sim.settings.dt,  # sim.time but for the rounding of the exact solver's clock
         "velocity": state.velocity[here],
         "radius": sim.radii[here],
+        "mass": sim.masses[here],
         "ids": np.flatnonzero(here),
     }
-    return Frame(sim.frame, (scene.width, scene.height), scene.periodic, state.position[here], Path(), known)
+    box, origin = (x_high - x_low, y_high - y_low), (x_low, y_low)
+    return Frame(sim.frame, box, origin, sim.scene.periodic, state.position[here], Path(), known)
+
+
+def walls_of(sim: Simulation) -> tuple[float, float, float, float]:
+    """Where the walls of a simulation are now: x of the left and right, y of the lower and upper one [length]."""
+    walls, piston = [0.0, sim.scene.width, 0.0, sim.scene.height], sim.scene.piston
+    if piston is not None:
+        edge = EDGES.index(piston.wall)
+        place = walls[edge] + piston.speed * sim.frame * sim.settings.dt
+        walls[edge] = max(place, piston.stop) if piston.speed < 0 else min(place, piston.stop)
+    return walls[0], walls[1], walls[2], walls[3]
 
 
 def differs(a: Frame, b: Frame) -> str | None:
     """In what two frames differ, or None if they have the same bits."""
-    for name in ("frame", "box", "periodic", "time"):
+    for name in ("frame", "box", "origin", "periodic", "time"):
         if getattr(a, name) != getattr(b, name):
             return f"its {name} is {getattr(a, name)} and not {getattr(b, name)}"
-    for name in ("ids", "position", "velocity", "radius"):
-        if not np.array_equal(getattr(a, name), getattr(b, name)):
+    ours, theirs = ({"position": frame.position, **frame.known} for frame in (a, b))
+    for name in ("ids", "position", "velocity", "radius", "mass", "image"):
+        if not np.array_equal(ours.get(name), theirs.get(name)):
             return f"its {name} of discs is another"
     return None
 

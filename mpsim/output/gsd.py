@@ -1,7 +1,8 @@
 """Trajectories as GSD, the binary format of HOOMD-blue, through the `gsd` library; OVITO and freud read it, too.
 
 The schema centres boxes at the origin and is of single precision, which loses bits. So each frame also holds what mpsim
-had, under log/: the exact places, velocities and radii, the numbers of the discs, box and time.
+had, under log/: the exact positions, velocities, radii and masses, the numbers of the discs, box, origin and time.
+What is per disc is written of frames without discs as well: readers take what a frame lacks from the file's first one.
 """
 
 import importlib
@@ -14,7 +15,8 @@ import numpy as np
 from mpsim.errors import OutputError, TrajectoryError
 from mpsim.output.frames import Frame
 
-_PER_DISC = ("position", "velocity", "radius", "id")
+_PER_DISC = {"position": "position", "velocity": "velocity", "radius": "radius", "mass": "mass", "id": "ids"}
+"""Arrays under log/particles/mpsim/, and the attributes of a Frame that they are."""
 
 
 def library(module: str) -> Any:
@@ -43,20 +45,23 @@ class GsdWriter:
     def write(self, frame: Frame) -> None:
         """Append a frame, and hand it to the operating system."""
         made = self._hoomd.Frame()
-        count, size = len(frame.position), np.asarray(frame.box)
+        size = np.asarray(frame.box)
         made.configuration.step = frame.frame
         made.configuration.dimensions = 2
         made.configuration.box = [*frame.box, 0, 0, 0, 0]
-        made.particles.N = count
+        made.particles.N = len(frame.position)
         made.particles.types = ["disc"]
-        made.particles.position = _three(frame.position.astype(np.float64) - size / 2)
+        made.particles.position = _three(frame.position - (np.asarray(frame.origin) + size / 2))
         made.particles.velocity = _three(frame.velocity)
         made.particles.diameter = (2 * frame.radius).astype(np.float32)
-        ours = (frame.position, frame.velocity, frame.radius, frame.ids.astype(np.int64))
-        made.log = dict[str, Any]()
-        made.log |= {f"particles/mpsim/{name}": array for name, array in zip(_PER_DISC, ours, strict=True) if count}
+        made.particles.mass = frame.mass.astype(np.float32)
+        made.log = {f"particles/mpsim/{name}": getattr(frame, ours) for name, ours in _PER_DISC.items()}
+        if "image" in frame.known:
+            made.particles.image = np.pad(frame.image.astype(np.int32), ((0, 0), (0, 1)))
+            made.log["particles/mpsim/image"] = frame.image
         made.log["mpsim/time"] = np.array([frame.time])
         made.log["mpsim/box"] = size
+        made.log["mpsim/origin"] = np.array(frame.origin)
         made.log["mpsim/periodic"] = np.array(frame.periodic, np.uint8)
         made.log["mpsim/single"] = np.array([frame.position.dtype == np.float32], np.uint8)
         try:
@@ -122,22 +127,32 @@ class GsdReader:
             raise TrajectoryError(
                 f"frame {index} of {str(self._path)!r} must have an upright rectangular box; got {box!r}."
             )
-        known = {"velocity": found.particles.velocity[:, :2], "radius": found.particles.diameter / 2}
-        place = found.particles.position[:, :2] + box[:2] / 2
+        discs = found.particles
+        known = {
+            "velocity": discs.velocity[:, :2],
+            "radius": discs.diameter.astype(np.float64) / 2,
+            "mass": discs.mass.astype(np.float64),
+            "image": discs.image[:, :2].astype(np.int64),
+        }
+        place = discs.position[:, :2] + box[:2] / 2
         both = float(box[0]), float(box[1])
-        return Frame(int(found.configuration.step), both, (True, True), place, self._path, known)
+        return Frame(int(found.configuration.step), both, (0.0, 0.0), (True, True), place, self._path, known)
 
     def _of_mpsim(self, index: int, width: float, height: float) -> Frame:
-        """A frame that mpsim wrote; nothing was written per disc where there was none."""
+        """A frame that mpsim wrote. An earlier version wrote no masses, and of frames without discs no arrays."""
         real = np.float32 if self._chunk(index, "log/mpsim/single")[0] else np.float64
-        none = {"position": np.zeros((0, 2), real), "velocity": np.zeros((0, 2), real), "radius": np.zeros(0)}
-        none["id"] = np.zeros(0, np.int64)
-        found = {name: self._chunk(index, f"log/particles/mpsim/{name}") for name in _PER_DISC}
-        known: dict[str, Any] = {name: none[name] if array is None else array for name, array in found.items()}
-        known["ids"] = known.pop("id")
+        none: dict[str, Any] = {"position": np.zeros((0, 2), real), "velocity": np.zeros((0, 2), real)}
+        none |= {"radius": np.zeros(0), "mass": np.zeros(0), "ids": np.zeros(0, np.int64)}
+        names = {**_PER_DISC, "image": "image"}
+        found = {ours: self._chunk(index, f"log/particles/mpsim/{name}") for name, ours in names.items()}
+        known = {name: array for name, array in found.items() if array is not None}
+        known: dict[str, Any] = known if "position" in known else none
         known["time"] = float(self._chunk(index, "log/mpsim/time")[0])
+        corner = self._chunk(index, "log/mpsim/origin")
+        left, low = (0.0, 0.0) if corner is None else map(float, corner)
         x, y = (bool(wrap) for wrap in self._chunk(index, "log/mpsim/periodic"))
-        return Frame(self.number(index), (width, height), (x, y), known.pop("position"), self._path, known)
+        place = known.pop("position")
+        return Frame(self.number(index), (width, height), (left, low), (x, y), place, self._path, known)
 
     def _chunk(self, index: int, name: str) -> Any:
         """What a frame holds under a name; None if it holds nothing there."""

@@ -13,6 +13,7 @@ from mpsim import checks
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, OutputError
 from mpsim.measure.observables import overlap
+from mpsim.output.ownership import Ownership
 from mpsim.state import State
 
 COLUMNS: tuple[str, ...] = (
@@ -32,15 +33,19 @@ are not counted."""
 class Recorder:
     """An observer that writes a table, row by row, each flushed; rows after the simulation's frame are written anew.
 
+    It belongs to its simulation: another one is refused by an OutputError.
+
     Args:
         path: of the CSV file; what is there of the same run is gone on with.
         every: frames between two rows, >= 1.
-        sim: counts of collisions begin at its frame.
+        sim: the simulation to observe; counts of collisions begin at its frame.
     """
 
     def __init__(self, path: str | os.PathLike[str], every: int, sim: Simulation):
         self.every: int = checks.whole("every", every, 1, 10**12, "1 writes a row for every frame.")
         self._path = Path(path)
+        self._ownership = Ownership("table", self._path, "Make a Recorder for each, with a file of its own.")
+        self._ownership.check(sim)
         self._since = sim.frame
         self._collisions = 0
         kept = [row for row in _rows(self._path) if int(row[0]) <= sim.frame]
@@ -57,6 +62,7 @@ class Recorder:
 
     def look(self, sim: Simulation, collisions: int) -> None:
         """Write a row for the present frame, unless it is there already."""
+        self._ownership.check(sim)
         frames, met = sim.frame - self._since, collisions - self._collisions
         self._since, self._collisions = sim.frame, collisions
         if sim.frame <= self._last:

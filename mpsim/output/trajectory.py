@@ -17,6 +17,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, OutputError, TrajectoryError, TrajectoryWarning
 from mpsim.output.frames import Frame, Reader, Writer, differs, frame_of
 from mpsim.output.gsd import GsdReader, GsdWriter
+from mpsim.output.ownership import Ownership
 from mpsim.output.xyz import XyzReader, XyzWriter
 
 logger: logging.Logger = logging.getLogger("mpsim")
@@ -97,7 +98,7 @@ class Trajectory:
 
     @staticmethod
     def write(path: str | os.PathLike[str], every: int = 1, *, mode: str = "x") -> "TrajectoryWriter":
-        """An observer for `Simulation.run(observe=...)` that writes a trajectory.
+        """An observer for `Simulation.run(observe=...)` that writes a trajectory of one simulation.
 
         Args:
             path: ends in .xyz, .extxyz (extended XYZ) or .gsd (needs the package gsd).
@@ -116,6 +117,8 @@ class Trajectory:
 class TrajectoryWriter:
     """Writes frames of a run to a file; made by `Trajectory.write`, and used in a `with` block.
 
+    It belongs to the first simulation that it observes: another one is refused by an OutputError.
+
     Attributes:
         path: of the file.
         every: frames of the simulation between two frames of the file.
@@ -130,6 +133,8 @@ class TrajectoryWriter:
         self.frames: int = 0
         self.seconds: float = 0.0
         self._last = -1
+        advice = "Open one for each by mpsim.Trajectory.write(...), or go on with this file by mode='a'."
+        self._ownership = Ownership("trajectory", self.path, advice)
         if mode == "x" and self.path.exists():
             raise OutputError(
                 f"the trajectory {str(self.path)!r} is there already, and is not overwritten. Choose another name, or "
@@ -147,6 +152,7 @@ class TrajectoryWriter:
     def look(self, sim: Simulation, collisions: int) -> None:
         """Write the present frame, unless it is there already."""
         started = time.perf_counter()
+        self._ownership.check(sim)
         if self._unchecked:
             self._go_on(sim)
             self._unchecked = False
@@ -177,12 +183,7 @@ class TrajectoryWriter:
             reader.close()
         now = frame_of(sim)
         if last is not None:
-            wrong = differs(last, now) if last.frame == now.frame else None
-            if wrong or last.box != now.box:
-                raise OutputError(
-                    f"the trajectory {str(self.path)!r} can be continued only by the run that wrote it; at frame "
-                    f"{last.frame} {wrong or 'its box is another'}. Choose another file."
-                )
+            self._demand_same_run(last, now, fixed=sim.scene.piston is None)
             if last.frame < now.frame - self.every:
                 warnings.warn(
                     f"the trajectory {str(self.path)!r} goes on at frame {now.frame}, and its last frame was "
@@ -192,6 +193,27 @@ class TrajectoryWriter:
                 )
             self._last = last.frame
         self._writer.keep(kept)
+
+    def _demand_same_run(self, last: Frame, now: Frame, fixed: bool) -> None:
+        """Refuse to go on with a file of another run, or of an earlier version, which wrote no masses.
+
+        Args:
+            last: frame of the file.
+            now: the simulation.
+            fixed: whether the box stays as it is.
+        """
+        name = f"the trajectory {str(self.path)!r}"
+        if "mass" not in last.known:
+            raise OutputError(
+                f"{name} must hold masses to be continued, so that all its frames hold the same; it was written by an "
+                "earlier version of mpsim or another program. It can be read as it is: move it, or choose another file."
+            )
+        wrong = differs(last, now) if last.frame == now.frame else None
+        if wrong or (fixed and last.box != now.box):
+            raise OutputError(
+                f"{name} can be continued only by the run that wrote it; at frame {last.frame} "
+                f"{wrong or 'its box is another'}. Choose another file."
+            )
 
     def _unwritable(self, error: OSError) -> OutputError:
         return OutputError(

@@ -18,15 +18,31 @@ from numpy.typing import NDArray
 from mpsim.errors import TrajectoryError, TrajectoryWarning
 from mpsim.output.frames import Frame
 
-PROPERTIES = "species:S:1:pos:R:3:radius:R:1:velo:R:3:id:I:1"
-"""Columns that mpsim writes, by the names that OVITO knows."""
+PROPERTIES = "species:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1:velo:R:3:momenta:R:3:id:I:1"
+"""Columns that mpsim writes: mass and velo by the names that OVITO knows, masses and momenta by those of ASE."""
 
-_DISC = "X %r %r 0.0 %r %r %r 0.0 %d\n"
+IMAGES = ":map_shift:I:3"
+"""Columns that are written as well where an axis is periodic: borders crossed, by the name that OVITO knows."""
+
+_DISC = "X %r %r 0.0 %r %r %r %r %r 0.0 %r %r 0.0 %d"
 
 _KEY = re.compile(r'([A-Za-z_][\w-]*)\s*=\s*(?:"([^"]*)"|\{([^}]*)\}|(\S+))')
 
-_NAMES = {"pos": "position", "velo": "velocity", "vel": "velocity", "radius": "radius", "id": "ids"}
-"""Columns that are read."""
+_NAMES = {
+    "pos": "position",
+    "velo": "velocity",
+    "vel": "velocity",
+    "radius": "radius",
+    "mass": "mass",
+    "masses": "mass",
+    "map_shift": "image",
+    "id": "ids",
+}
+"""Columns that are read, and the attributes of a Frame that they are."""
+
+_VECTORS = ("position", "velocity", "image")
+
+_WHOLE = ("image", "ids")
 
 _LONGEST_COUNT = 20
 """Characters of the line that holds the number of discs at most: a longer one is no trajectory."""
@@ -109,8 +125,8 @@ class XyzReader:
                 known["time"] = _number(keys[key], where, key)
         wraps = keys.get("pbc", "T T T").split()
         periodic = wraps[0] in ("T", "1", "True"), wraps[1:2] in (["T"], ["1"], ["True"])
-        box = _box(keys["Lattice"], where)
-        return Frame(self._number(keys, index), box, periodic, position, self._path, known)
+        box, origin = _box(keys["Lattice"], where), _origin(keys.get("Origin", "0 0"), where)
+        return Frame(self._number(keys, index), box, origin, periodic, position, self._path, known)
 
     def close(self) -> None:
         """Nothing is held open."""
@@ -122,16 +138,24 @@ class XyzReader:
 
 def text_of(frame: Frame) -> str:
     """A frame as text."""
-    width, height = frame.box
+    (width, height), (left, low) = frame.box, frame.origin
     wraps = " ".join("T" if wrap else "F" for wrap in (*frame.periodic, False))
-    lines = [
-        f'{len(frame.position)}\nLattice="{width!r} 0.0 0.0 0.0 {height!r} 0.0 0.0 0.0 1.0" Properties={PROPERTIES} '
-        f'Time={frame.time!r} pbc="{wraps}" Frame={frame.frame} precision={frame.position.dtype}\n'
-    ]
     # A float32 is written as the float64 of the same value: its own shortest text might be rounded twice when read.
-    columns: list[Any] = [*frame.position.T, frame.radius, *frame.velocity.T, frame.ids]
+    mass, velocity = frame.mass, frame.velocity.astype(np.float64)
+    momenta = (mass[:, None] * velocity).T
+    columns: list[Any] = [*frame.position.T, frame.radius, mass, mass, *velocity.T, *momenta, frame.ids]
+    properties, disc = PROPERTIES, _DISC
+    if "image" in frame.known:
+        properties, disc = properties + IMAGES, disc + " %d %d 0"
+        columns += [*frame.image.T]
+    lines = [
+        f'{len(mass)}\nLattice="{width!r} 0.0 0.0 0.0 {height!r} 0.0 0.0 0.0 1.0" Origin="{left!r} {low!r} 0.0" '
+        f'Properties={properties} Time={frame.time!r} pbc="{wraps}" Frame={frame.frame} '
+        f"precision={frame.position.dtype}\n"
+    ]
+    disc += "\n"
     rows = zip(*(column.tolist() for column in columns), strict=True)
-    return "".join([*lines, *(_DISC % row for row in rows)])
+    return "".join([*lines, *(disc % row for row in rows)])
 
 
 def scan(path: Path) -> tuple[list[int], int]:
@@ -201,14 +225,14 @@ def _columns(lines: list[str], properties: str, where: str) -> dict[str, Any]:
 
 def _read_columns(tokens: list[list[str]], which: slice, name: str, where: str) -> NDArray[Any]:
     """Numbers of shape (N,), or (N, 2) for vectors, of which z is left out."""
-    wide = name in ("pos", "velo", "vel")
-    kind = int if name == "id" else float
+    ours = _NAMES[name]
+    wide, whole = ours in _VECTORS, ours in _WHOLE
     try:
-        values = [kind(value) for row in tokens for value in row[which]]
+        values = [(int if whole else float)(value) for row in tokens for value in row[which]]
     except ValueError as error:
         raise TrajectoryError(f"{where} must hold numbers in its column {name}; got this error: {error}.") from None
     shape = (len(tokens), which.stop - which.start)
-    table = np.array(values, np.int64 if name == "id" else np.float64).reshape(shape)
+    table = np.array(values, np.int64 if whole else np.float64).reshape(shape)
     if shape[1] < (2 if wide else 1):
         raise TrajectoryError(f"{where} must have a column {name} of 2 numbers or 3; got {shape[1]}.")
     return np.ascontiguousarray(table[:, :2]) if wide else table[:, 0]
@@ -221,6 +245,13 @@ def _box(lattice: str, where: str) -> tuple[float, float]:
             f"{where} must have an upright rectangular box, Lattice='width 0 0 0 height 0 0 0 z'; got {lattice!r}."
         )
     return numbers[0], numbers[4]
+
+
+def _origin(corner: str, where: str) -> tuple[float, float]:
+    numbers = [_number(text, where, "Origin") for text in corner.split()]
+    if len(numbers) < 2:
+        raise TrajectoryError(f"{where} must have the corner of its box under Origin, 'x y z'; got {corner!r}.")
+    return numbers[0], numbers[1]
 
 
 def _number(text: str, where: str, key: str) -> float:

@@ -25,6 +25,16 @@ def content(path: Path) -> list:
     """All that a trajectory holds, to be compared."""
     with mpsim.Trajectory(path) as trajectory:
         return [
-            (f.frame, f.time, f.box, f.periodic, f.ids.tolist(), f.radius.tolist(), f.state.digest())
+            (
+                f.frame,
+                f.time,
+                f.box,
+                f.origin,
+                f.periodic,
+                f.ids.tolist(),
+                f.radius.tolist(),
+                f.mass.tolist(),
+                f.state.digest(),
+            )
             for f in trajectory
         ]

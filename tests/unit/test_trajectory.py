@@ -246,7 +246,7 @@ def test_other_frames_can_be_read_where_one_is_damaged(tmp_path):
     """So each frame is read where it lies, and not the file as a whole."""
     written(tmp_path / "a.xyz", gas(5, 0.1), 4, 1)
     lines = (tmp_path / "a.xyz").read_text().splitlines(keepends=True)
-    lines[2 * 7 + 3] = "X damaged 1.0 0.0 0.5 0.0 0.0 0.0 1\n"
+    lines[2 * 7 + 3] = " ".join(["X damaged", *lines[2 * 7 + 3].split()[2:]]) + "\n"
     (tmp_path / "a.xyz").write_text("".join(lines))
     trajectory = mpsim.Trajectory(tmp_path / "a.xyz")
     assert [trajectory[index].frame for index in (0, 1, 3, 4)] == [0, 1, 3, 4]
