@@ -1,6 +1,6 @@
 """One frame of a trajectory, and what the files of trajectories have in common."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -71,7 +71,7 @@ class Frame:
     @property
     def unwrapped(self) -> NDArray[np.float64]:
         """Positions as if there were no periodic borders, shape (N, 2) [length]: position + image * box."""
-        return self.position + self.image * np.array(self.box)
+        return self.position.astype(np.float64) + self.image * np.array(self.box)
 
     @property
     def ids(self) -> NDArray[np.int64]:
@@ -131,6 +131,13 @@ def walls_of(sim: Simulation) -> tuple[float, float, float, float]:
     return walls[0], walls[1], walls[2], walls[3]
 
 
+def among(frame: Frame, ids: NDArray[np.int64]) -> Frame:
+    """The discs of a frame that are among some numbers."""
+    these = np.isin(frame.ids, ids)
+    known = {name: value[these] if isinstance(value, np.ndarray) else value for name, value in frame.known.items()}
+    return replace(frame, position=frame.position[these], known=known)
+
+
 def differs(a: Frame, b: Frame) -> str | None:
     """In what two frames differ, or None if they have the same bits."""
     for name in ("frame", "box", "origin", "periodic", "time"):
@@ -138,7 +145,8 @@ def differs(a: Frame, b: Frame) -> str | None:
             return f"its {name} is {getattr(a, name)} and not {getattr(b, name)}"
     ours, theirs = ({"position": frame.position, **frame.known} for frame in (a, b))
     for name in ("ids", "position", "velocity", "radius", "mass", "image"):
-        if not np.array_equal(ours.get(name), theirs.get(name)):
+        both = (name in ours) + (name in theirs)
+        if both == 1 or (both and not np.array_equal(ours[name], theirs[name])):
             return f"its {name} of discs is another"
     return None
 

@@ -142,11 +142,10 @@ class GsdReader:
         """A frame that mpsim wrote. An earlier version wrote no masses, and of frames without discs no arrays."""
         real = np.float32 if self._chunk(index, "log/mpsim/single")[0] else np.float64
         none: dict[str, Any] = {"position": np.zeros((0, 2), real), "velocity": np.zeros((0, 2), real)}
-        none |= {"radius": np.zeros(0), "mass": np.zeros(0), "ids": np.zeros(0, np.int64)}
+        none |= {"radius": np.zeros(0), "ids": np.zeros(0, np.int64)}
         names = {**_PER_DISC, "image": "image"}
         found = {ours: self._chunk(index, f"log/particles/mpsim/{name}") for name, ours in names.items()}
-        known = {name: array for name, array in found.items() if array is not None}
-        known: dict[str, Any] = known if "position" in known else none
+        known: dict[str, Any] = {name: array for name, array in found.items() if array is not None} or none
         known["time"] = float(self._chunk(index, "log/mpsim/time")[0])
         corner = self._chunk(index, "log/mpsim/origin")
         left, low = (0.0, 0.0) if corner is None else map(float, corner)

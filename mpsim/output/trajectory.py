@@ -15,7 +15,7 @@ from typing import Any, overload
 from mpsim import checks
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, OutputError, TrajectoryError, TrajectoryWarning
-from mpsim.output.frames import Frame, Reader, Writer, differs, frame_of
+from mpsim.output.frames import Frame, Reader, Writer, among, differs, frame_of
 from mpsim.output.gsd import GsdReader, GsdWriter
 from mpsim.output.ownership import Ownership
 from mpsim.output.xyz import XyzReader, XyzWriter
@@ -208,7 +208,8 @@ class TrajectoryWriter:
                 f"{name} must hold masses to be continued, so that all its frames hold the same; it was written by an "
                 "earlier version of mpsim or another program. It can be read as it is: move it, or choose another file."
             )
-        wrong = differs(last, now) if last.frame == now.frame else None
+        # The frame may have been written before discs were added at it; they are in the next one.
+        wrong = differs(last, among(now, last.ids)) if last.frame == now.frame else None
         if wrong or (fixed and last.box != now.box):
             raise OutputError(
                 f"{name} can be continued only by the run that wrote it; at frame {last.frame} "

@@ -1,0 +1,394 @@
+"""What files hold, quantity by quantity: read back by mpsim, gsd, freud and ASE, and compared with the simulation."""
+
+import dataclasses
+import gc
+import warnings
+from pathlib import Path
+from types import SimpleNamespace
+
+import ase.io
+import freud
+import gsd.hoomd
+import numpy as np
+import pytest
+from support.scenes import ZOO, gas, simulate, zoo
+from support.trajectories import written
+
+import mpsim
+from mpsim.output.frames import differs, frame_of
+from mpsim.output.gsd import GsdWriter
+from mpsim.output.recorder import Recorder
+from mpsim.output.xyz import XyzWriter
+
+DT = 0.02
+ENDINGS = ["xyz", "gsd"]
+
+
+class Album:
+    """An observer that keeps all that a simulation says of itself, of the discs that are there."""
+
+    def __init__(self, every):
+        self.every = every
+        self.pages = {}
+
+    def look(self, sim, collisions):
+        if sim.frame in self.pages:  # at the end of one run and the start of the next, perhaps with discs added
+            return
+        here, state = ~sim.absorbed, sim.state
+        self.pages[sim.frame] = SimpleNamespace(
+            frame=sim.frame,
+            time=sim.time,
+            position=state.position[here],
+            velocity=state.velocity[here],
+            radius=sim.radii[here],
+            mass=sim.masses[here],
+            ids=np.flatnonzero(here),
+            origin=tuple(walls(sim.scene, sim.frame)[::2]),
+            box=tuple(np.diff(walls(sim.scene, sim.frame))[::2]),
+            periodic=sim.scene.periodic,
+        )
+
+
+def walls(scene, frame):
+    """Coordinates of the left, right, lower and upper wall."""
+    found = [0.0, scene.width, 0.0, scene.height]
+    if scene.piston is not None:
+        edge = ("left", "right", "bottom", "top").index(scene.piston.wall)
+        bound = np.minimum if scene.piston.speed > 0 else np.maximum
+        found[edge] = bound(found[edge] + scene.piston.speed * DT * frame, scene.piston.stop)
+    return found
+
+
+def several(count, seed=0):
+    """Radii and masses that are no default, and no power of two."""
+    rng = np.random.default_rng(seed)
+    return {"radius": rng.choice([0.2, 0.35, 0.5], count), "mass": rng.choice([0.3, 5.0, 7.7], count)}
+
+
+def gas_of_several(boundary="walls", piston=None, count=12):
+    rng = np.random.default_rng(3)
+    place = np.stack(np.meshgrid(np.arange(4) * 1.4 + 4.1, np.arange(3) * 1.3 + 3.3), axis=-1).reshape(-1, 2)[:count]
+    features = {"boundary": boundary, "piston": piston, **several(count)}
+    return mpsim.Scene(width=13.0, height=9.5, position=place, velocity=3 * rng.normal(size=(count, 2)), **features)
+
+
+def grown():
+    """Discs of several sizes and masses enter, and leave: at first more, then fewer, at last none of the first ones."""
+    emitter = mpsim.Emitter((1.0, 3.0), (9.0, 0.5), every=3, limit=25, radius=0.21, mass=0.7)
+    return mpsim.Scene(
+        width=9, height=6, position=[[4, 3], [7, 4.5]], velocity=[[4, 0.5], [3, -1]], radius=[0.5, 0.3],
+        mass=[5.0, 3.3], absorbing=["right"], emitters=[emitter],
+    )  # fmt: skip
+
+
+SCENES = {
+    "periodic": lambda: gas_of_several("periodic"),
+    "right piston": lambda: gas_of_several(piston=mpsim.Piston("right", -4.0, 11.0)),
+    "left piston": lambda: gas_of_several(piston=mpsim.Piston("left", 3.3, 2.2)),
+    "grown": grown,
+    "everything": lambda: zoo(ZOO["everything"], count=10),
+}
+
+
+@pytest.fixture(scope="module", params=SCENES)
+def run(request, tmp_path_factory):
+    """Files of one run in both formats, and what the simulation said of itself at their frames."""
+    folder, album, scene = tmp_path_factory.mktemp("run"), Album(7), SCENES[request.param]()
+    with warnings.catch_warnings(), simulate(scene, method="grid", dt=DT) as sim:
+        warnings.simplefilter("ignore", mpsim.EmitterWarning)
+        warnings.simplefilter("ignore", mpsim.FastWarning)
+        with (
+            mpsim.Trajectory.write(folder / "run.xyz", 7) as text,
+            mpsim.Trajectory.write(folder / "run.gsd", 7) as binary,
+        ):
+            sim.run(frames=35, observe=[text, binary, album])
+            if request.param == "grown":
+                sim.add([[2, 1], [2, 5]], [[0, 1], [1, 0]], radius=[0.45, 0.11], mass=[2.2, 0.9])
+            sim.run(frames=49, observe=[text, binary, album])
+    return SimpleNamespace(folder=folder, pages=list(album.pages.values()), name=request.param)
+
+
+def test_the_scenes_are_what_they_are_for(run):
+    """Negative control: default masses, one radius, a box at rest or a constant number of discs would show nothing."""
+    assert len(run.pages) == 13
+    for page in run.pages:
+        assert len(set(page.mass)) > 1 or run.name == "grown"
+        assert not (page.mass == 1).all()
+    assert (len({page.box for page in run.pages}) > 3) == ("piston" in run.name or run.name == "everything")
+    assert (len({len(page.ids) for page in run.pages}) > 2) == (run.name in ("grown", "everything"))
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_mpsim_reads_every_quantity_to_the_bit(run, ending):
+    with mpsim.Trajectory(run.folder / f"run.{ending}") as trajectory:
+        assert len(trajectory) == len(run.pages)
+        for frame, page in zip(trajectory, run.pages, strict=True):
+            for name in ("position", "velocity", "radius", "mass", "ids"):
+                ours, theirs = getattr(frame, name), getattr(page, name)
+                assert ours.dtype == theirs.dtype
+                assert np.array_equal(ours, theirs), name
+            assert (frame.frame, frame.time, frame.periodic) == (page.frame, page.time, page.periodic)
+            assert frame.box == pytest.approx(page.box, rel=1e-12)
+            assert frame.origin == pytest.approx(page.origin, rel=1e-12)
+
+
+def test_ase_reads_every_quantity(run):
+    frames = ase.io.read(run.folder / "run.xyz", index=":")
+    for atoms, page in zip(frames, run.pages, strict=True):
+        assert len(atoms) == len(page.ids)
+        assert np.array_equal(atoms.positions[:, :2], page.position)
+        assert np.array_equal(atoms.get_masses(), page.mass)
+        assert atoms.get_velocities()[:, :2] == pytest.approx(page.velocity, rel=1e-15)
+        energy = 0.5 * (page.mass[:, None] * page.velocity**2).sum()
+        assert atoms.get_kinetic_energy() == pytest.approx(energy, rel=1e-14)
+        assert np.array_equal(atoms.arrays["radius"], page.radius)
+        assert np.array_equal(atoms.arrays["id"], page.ids)
+        assert atoms.cell.lengths() == pytest.approx([*page.box, 1.0])
+        assert atoms.info["Origin"] == pytest.approx([*page.origin, 0.0])
+        assert atoms.pbc.tolist() == [*page.periodic, False]
+        assert (atoms.info["Time"], atoms.info["Frame"]) == (page.time, page.frame)
+
+
+def test_the_gsd_library_reads_every_quantity(run):
+    with gsd.hoomd.open(str(run.folder / "run.gsd")) as frames:
+        for theirs, page in zip(frames, run.pages, strict=True):
+            discs, centre = theirs.particles, np.array(page.origin) + np.array(page.box) / 2
+            assert (theirs.configuration.step, theirs.configuration.dimensions) == (page.frame, 2)
+            assert theirs.configuration.box == pytest.approx([*page.box, 0, 0, 0, 0], rel=1e-6)
+            assert len(page.ids) == discs.N
+            assert discs.position == pytest.approx(np.pad(page.position - centre, ((0, 0), (0, 1))), abs=2e-6)
+            assert discs.velocity == pytest.approx(np.pad(page.velocity, ((0, 0), (0, 1))), rel=1e-6)
+            assert discs.mass == pytest.approx(page.mass, rel=1e-6)
+            assert discs.diameter == pytest.approx(2 * page.radius, rel=1e-6)
+            log = {name.removeprefix("particles/mpsim/"): array for name, array in theirs.log.items()}
+            for name in ("position", "velocity", "radius", "mass"):
+                assert np.array_equal(log[name], getattr(page, name)), name
+            assert np.array_equal(log["id"], page.ids)
+            assert log["mpsim/time"] == [page.time]
+            assert log["mpsim/box"] == pytest.approx(page.box)
+            assert log["mpsim/origin"] == pytest.approx(page.origin)
+            assert log["mpsim/periodic"].tolist() == list(page.periodic)
+
+
+def test_freud_finds_the_discs_in_a_box_of_two_dimensions(run):
+    with gsd.hoomd.open(str(run.folder / "run.gsd")) as frames:
+        for theirs, page in zip(frames, run.pages, strict=True):
+            box = freud.box.Box.from_box(theirs.configuration.box)
+            assert box.is2D
+            assert (box.Lx, box.Ly) == pytest.approx(page.box)
+            # Of walled boxes freud thinks as of periodic ones; no disc is beyond their walls, so none is wrapped.
+            inside = ((page.position >= page.origin) & (page.position <= np.add(page.origin, page.box))).all(axis=1)
+            assert box.wrap(theirs.particles.position)[inside] == pytest.approx(
+                theirs.particles.position[inside], abs=2e-6
+            )
+            system = freud.locality.AABBQuery.from_system(theirs)
+            assert len(system.points) == len(page.ids)
+
+
+def test_frames_without_discs_between_others_hold_none(tmp_path):
+    """The only disc enters after the first frame and leaves before the last: readers fall back to the first frame."""
+    emitter = mpsim.Emitter((1.0, 2.0), (5.0, 0.0), every=1, limit=1)
+    none = np.zeros((0, 2))
+    scene = mpsim.Scene(
+        width=4, height=4, position=none, velocity=none, radius=0.5, absorbing=["right"], emitters=[emitter]
+    )
+    counts = [0, 1, 1, 0, 0]
+    for ending in ENDINGS:
+        written(tmp_path / f"a.{ending}", scene, frames=48, every=12)
+        assert [len(frame.mass) for frame in mpsim.Trajectory(tmp_path / f"a.{ending}")] == counts
+    with gsd.hoomd.open(str(tmp_path / "a.gsd")) as frames:
+        for frame, count in zip(frames, counts, strict=True):
+            assert frame.particles.position.shape == (count, 3)
+            assert frame.log["particles/mpsim/position"].shape == (count, 2)
+            assert frame.log["particles/mpsim/id"].shape == (count,)
+    assert [len(atoms) for atoms in ase.io.read(tmp_path / "a.xyz", index=":")] == counts
+
+
+# --- images
+
+
+def crossed(sim):
+    """The frame of a simulation with some borders crossed."""
+    now = frame_of(sim)
+    image = np.arange(2 * len(now.position)).reshape(-1, 2) % 7 - 3
+    return dataclasses.replace(now, known={**now.known, "image": image})
+
+
+@pytest.mark.parametrize(("ending", "kind"), [("xyz", XyzWriter), ("gsd", GsdWriter)])
+def test_images_are_read_back_and_unwrap_the_positions(tmp_path, ending, kind):
+    path = tmp_path / f"a.{ending}"
+    with simulate(gas_of_several("periodic"), method="naive") as sim:
+        frame = crossed(sim)
+    writer = kind(path, "x")
+    writer.write(frame)
+    writer.close()
+    (found,) = mpsim.Trajectory(path)
+    assert differs(found, frame) is None
+    assert found.image.dtype == np.int64
+    assert found.unwrapped.tolist() == (frame.position + frame.image * [13.0, 9.5]).tolist()
+    changed = {**found.known, "image": found.image + np.eye(len(found.image), 2, dtype=np.int64)}
+    assert differs(dataclasses.replace(found, known=changed), frame) == "its image of discs is another"
+    if ending == "gsd":
+        with gsd.hoomd.open(str(path)) as file:
+            theirs = file[0]
+            box = freud.box.Box.from_box(theirs.configuration.box)
+            away = box.unwrap(theirs.particles.position, theirs.particles.image)[:, :2] + np.array(frame.box) / 2
+        assert away == pytest.approx(frame.unwrapped, abs=1e-5)
+        assert away != pytest.approx(frame.position, abs=1)
+    else:
+        atoms = ase.io.read(path)
+        assert np.array_equal(atoms.arrays["map_shift"], np.pad(frame.image, ((0, 0), (0, 1))))
+
+
+def test_behind_walls_no_image_is_needed(tmp_path):
+    written(tmp_path / "a.xyz", gas(4, 0.1))
+    frame = mpsim.Trajectory(tmp_path / "a.xyz")[-1]
+    assert "map_shift" not in (tmp_path / "a.xyz").read_text()
+    assert (frame.image.tolist(), frame.unwrapped.tolist()) == ([[0, 0]] * 4, frame.position.tolist())
+
+
+def test_an_origin_that_is_none_is_refused(tmp_path):
+    for corner, error in (("1", "must have the corner of its box under Origin"), ("1 x 0", "numbers under Origin")):
+        (tmp_path / "a.xyz").write_text(f'1\nLattice="5 0 0 0 5 0 0 0 1" Origin="{corner}"\nX 1 2 3\n')
+        with pytest.raises(mpsim.TrajectoryError, match=error):
+            mpsim.Trajectory(tmp_path / "a.xyz")[0]
+
+
+# --- freud measures what mpsim measures
+
+
+def test_freud_finds_the_pair_correlation_that_mpsim_finds(tmp_path):
+    scene, states = gas(1000, 0.3, seed=2, boundary="periodic"), []
+    keep = SimpleNamespace(every=50, look=lambda sim, collisions: states.append(sim.state))
+    with simulate(scene, method="grid", dt=DT) as sim, mpsim.Trajectory.write(tmp_path / "a.gsd", 50) as out:
+        sim.run(frames=400, observe=[out, keep])
+    ours = mpsim.measure.pair_correlation(states, scene, bins=30, r_max=4.0)
+    theirs, wrong = (freud.density.RDF(bins=30, r_max=4.0, r_min=1.0) for _ in range(2))
+    with gsd.hoomd.open(str(tmp_path / "a.gsd")) as frames:
+        for frame in frames:
+            theirs.compute(frame, reset=False)
+            wider = [*(1.02 * frame.configuration.box[:2]), 0, 0, 0, 0]
+            wrong.compute((wider, frame.particles.position), reset=False)
+    error = np.maximum(ours.error, 0.002)  # single precision moves some pairs from one shell to the next
+    assert np.abs(theirs.rdf - ours.g).max() < 0.01
+    assert (np.abs(theirs.rdf - ours.g) < error).all()
+    assert (np.abs(wrong.rdf - ours.g) > error).any(), "a box that is 2 % too wide must be seen"
+
+
+# --- one writer, one simulation
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_a_trajectory_takes_frames_of_one_simulation_only(tmp_path, ending):
+    path = tmp_path / f"a.{ending}"
+    with (
+        simulate(gas(5, 0.1), method="naive") as one,
+        simulate(gas(6, 0.1), method="naive") as two,
+        mpsim.Trajectory.write(path) as out,
+    ):
+        one.run(frames=3, observe=out)
+        with pytest.raises(
+            mpsim.OutputError,
+            match=r"the trajectory '.*' belongs to one simulation, <Simulation: 5 discs by naive, frame 3, time .*>; "
+            r"got another, <Simulation: 6 discs by naive, frame 0, time 0>. Open one for each by mpsim.Trajectory",
+        ):
+            two.run(frames=9, observe=out)
+        one.run(frames=2, observe=out)  # whose trajectory is as it was
+    assert [(frame.frame, len(frame.ids)) for frame in mpsim.Trajectory(path)] == [(each, 5) for each in range(6)]
+
+
+def test_a_simulation_that_is_gone_still_owns_its_trajectory(tmp_path):
+    with mpsim.Trajectory.write(tmp_path / "a.xyz") as out:
+        with simulate(gas(5, 0.1), method="naive") as sim:
+            sim.run(frames=3, observe=out)
+        del sim
+        gc.collect()
+        with (
+            simulate(gas(5, 0.1), method="naive") as other,
+            pytest.raises(
+                mpsim.OutputError, match="belongs to one simulation, which is gone by now; got another, <Sim"
+            ),
+        ):
+            other.run(frames=9, observe=out)
+    assert len(mpsim.Trajectory(tmp_path / "a.xyz")) == 4
+
+
+def test_a_table_takes_rows_of_its_own_simulation_only(tmp_path):
+    with simulate(gas(5, 0.1), method="naive") as one, simulate(gas(6, 0.1), method="naive") as two:
+        with Recorder(tmp_path / "a.csv", 1, one) as table:
+            one.run(frames=3, observe=table)
+            before = (tmp_path / "a.csv").read_text()
+            with pytest.raises(
+                mpsim.OutputError, match=r"the table '.*a.csv' belongs to one simulation, <Simulation: 5"
+            ):
+                two.run(frames=9, observe=table)
+        assert (tmp_path / "a.csv").read_text() == before
+
+
+# --- files of before
+
+
+def old_text(path: Path) -> None:
+    """A frame as mpsim wrote it before masses."""
+    path.write_text(
+        '1\nLattice="8.0 0.0 0.0 0.0 6.0 0.0 0.0 0.0 1.0" Properties=species:S:1:pos:R:3:radius:R:1:velo:R:3:id:I:1 '
+        'Time=0.0 pbc="F F F" Frame=0 precision=float64\nX 1.5 2.0 0.0 0.5 3.0 4.0 0.0 0\n'
+    )
+
+
+def old_gsd(path: Path) -> None:
+    """As `old_text`, and the first frame that had no disc."""
+    frames = []
+    for step, count in ((0, 0), (0, 1)):
+        made = gsd.hoomd.Frame()
+        made.configuration.step, made.particles.N = step, count
+        place, velocity, radius, ids = np.array([[1.5, 2.0]]), np.array([[3.0, 4.0]]), np.array([0.5]), np.array([0])
+        arrays = {"position": place, "velocity": velocity, "radius": radius, "id": ids} if count else {}
+        made.log = {f"particles/mpsim/{name}": array for name, array in arrays.items()}
+        made.log |= {"mpsim/time": np.zeros(1), "mpsim/box": np.array([8.0, 6.0])}
+        made.log |= {"mpsim/periodic": np.zeros(2, np.uint8), "mpsim/single": np.zeros(1, np.uint8)}
+        frames.append(made)
+    with gsd.hoomd.open(str(path), "w") as file:
+        file.extend(frames)
+
+
+@pytest.mark.parametrize(("ending", "make"), [("xyz", old_text), ("gsd", old_gsd)])
+def test_a_file_without_masses_is_read_and_not_continued(tmp_path, ending, make):
+    path = tmp_path / f"old.{ending}"
+    make(path)
+    frame = mpsim.Trajectory(path)[-1]
+    assert (frame.position.tolist(), frame.velocity.tolist(), frame.radius.tolist()) == ([[1.5, 2]], [[3, 4]], [0.5])
+    assert (frame.box, frame.origin, frame.time, frame.ids.tolist()) == ((8, 6), (0, 0), 0, [0])
+    assert mpsim.Trajectory(path)[0].position.shape == (int(ending == "xyz"), 2)
+    with pytest.raises(mpsim.TrajectoryError, match=r"mass must be in a trajectory to be read from it; .* masses:R:1"):
+        frame.mass  # noqa: B018
+    before = path.read_bytes()
+    scene = mpsim.Scene(width=8, height=6, position=[[1.5, 2]], velocity=[[3, 4]], radius=0.5)
+    with pytest.raises(mpsim.OutputError, match=r"must hold masses to be continued, .* by an earlier version of mpsim"):
+        written(path, scene, mode="a")
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_after_discs_were_added_a_trajectory_is_continued_by_its_own_run(tmp_path, ending):
+    """The last frame of the file was written before they were added; they are in the next one."""
+    path = tmp_path / f"a.{ending}"
+    with simulate(gas(5, 0.1), method="naive", dt=DT) as sim:
+        with mpsim.Trajectory.write(path, 5) as out:
+            sim.run(frames=10, observe=out)
+        sim.add([1.5, 1.5], [0, 0])
+        with mpsim.Trajectory.write(path, 5, mode="a") as out:
+            sim.run(frames=5, observe=out)
+    assert [(frame.frame, len(frame.ids)) for frame in mpsim.Trajectory(path)] == [(0, 5), (5, 5), (10, 5), (15, 6)]
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_behind_a_piston_a_trajectory_is_continued_by_its_own_run(tmp_path, ending):
+    """The box of the last frame of the file and that of the simulation differ, and rightly so."""
+    path, scene = tmp_path / f"a.{ending}", SCENES["left piston"]()
+    with simulate(scene, method="grid", dt=DT) as sim:
+        with mpsim.Trajectory.write(path, 5) as out:
+            sim.run(frames=17, observe=out)
+        with mpsim.Trajectory.write(path, 5, mode="a") as out:
+            sim.run(frames=8, observe=out)
+    assert [frame.frame for frame in mpsim.Trajectory(path)] == [0, 5, 10, 15, 20, 25]
