@@ -133,7 +133,7 @@ class TrajectoryWriter:
         self.frames: int = 0
         self.seconds: float = 0.0
         self._last = -1
-        advice = "Open one for each by mpsim.Trajectory.write(...), or go on with this file by mode='a'."
+        advice = "Open one for each by mpsim.Trajectory.write(...); for the same run, resumed, with mode='a'."
         self._ownership = Ownership("trajectory", self.path, advice)
         if mode == "x" and self.path.exists():
             raise OutputError(
