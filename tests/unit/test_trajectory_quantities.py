@@ -94,7 +94,8 @@ SCENES = {
 def run(request, tmp_path_factory):
     """Files of one run in both formats, and what the simulation said of itself at their frames."""
     folder, album, scene = tmp_path_factory.mktemp("run"), Album(7), SCENES[request.param]()
-    with warnings.catch_warnings(), simulate(scene, method="grid", dt=DT) as sim:
+    method = "grid" if request.param == "everything" else "naive"
+    with warnings.catch_warnings(), simulate(scene, method=method, dt=DT) as sim:
         warnings.simplefilter("ignore", mpsim.EmitterWarning)
         warnings.simplefilter("ignore", mpsim.FastWarning)
         with (
@@ -386,7 +387,7 @@ def test_after_discs_were_added_a_trajectory_is_continued_by_its_own_run(tmp_pat
 def test_behind_a_piston_a_trajectory_is_continued_by_its_own_run(tmp_path, ending):
     """The box of the last frame of the file and that of the simulation differ, and rightly so."""
     path, scene = tmp_path / f"a.{ending}", SCENES["left piston"]()
-    with simulate(scene, method="grid", dt=DT) as sim:
+    with simulate(scene, method="naive", dt=DT) as sim:
         with mpsim.Trajectory.write(path, 5) as out:
             sim.run(frames=17, observe=out)
         with mpsim.Trajectory.write(path, 5, mode="a") as out:
