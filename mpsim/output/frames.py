@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import TrajectoryError
-from mpsim.features import EDGES
 from mpsim.state import State
 
 
@@ -80,8 +79,10 @@ class Frame:
 
     @property
     def state(self) -> State:
-        """Positions and velocities as a State, which knows its digest."""
-        return State(self.position, self.velocity)
+        """Positions, velocities, image counts and walls as a State, which knows its digest."""
+        (width, height), (left, low) = self.box, self.origin
+        walls = (left, left + width, low, low + height)
+        return State(self.position, self.velocity, image=self.known.get("image"), box=walls)
 
     def _get(self, name: str) -> Any:
         if name not in self.known:
@@ -108,8 +109,10 @@ WRITTEN_AS = {
 
 def frame_of(sim: Simulation) -> Frame:
     """The discs of a simulation as they are now, between two frames."""
-    state, here = sim.state, ~sim.absorbed
-    x_low, x_high, y_low, y_high = walls_of(sim)
+    state = sim.state
+    here, walls = state.present, state.box
+    assert walls is not None  # that of a simulation has them
+    x_low, x_high, y_low, y_high = walls
     known = {
         "time": sim.frame * sim.settings.dt,  # sim.time but for the rounding of the exact solver's clock
         "velocity": state.velocity[here],
@@ -117,18 +120,10 @@ def frame_of(sim: Simulation) -> Frame:
         "mass": sim.masses[here],
         "ids": np.flatnonzero(here),
     }
+    if state.image is not None:
+        known["image"] = state.image[here]
     box, origin = (x_high - x_low, y_high - y_low), (x_low, y_low)
     return Frame(sim.frame, box, origin, sim.scene.periodic, state.position[here], Path(), known)
-
-
-def walls_of(sim: Simulation) -> tuple[float, float, float, float]:
-    """Where the walls of a simulation are now: x of the left and right, y of the lower and upper one [length]."""
-    walls, piston = [0.0, sim.scene.width, 0.0, sim.scene.height], sim.scene.piston
-    if piston is not None:
-        edge = EDGES.index(piston.wall)
-        place = walls[edge] + piston.speed * sim.frame * sim.settings.dt
-        walls[edge] = max(place, piston.stop) if piston.speed < 0 else min(place, piston.stop)
-    return walls[0], walls[1], walls[2], walls[3]
 
 
 def among(frame: Frame, ids: NDArray[np.int64]) -> Frame:

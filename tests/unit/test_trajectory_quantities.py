@@ -34,7 +34,7 @@ class Album:
     def look(self, sim, collisions):
         if sim.frame in self.pages:  # at the end of one run and the start of the next, perhaps with discs added
             return
-        here, state = ~sim.absorbed, sim.state
+        here, state = sim.state.present, sim.state
         self.pages[sim.frame] = SimpleNamespace(
             frame=sim.frame,
             time=sim.time,
@@ -43,8 +43,11 @@ class Album:
             radius=sim.radii[here],
             mass=sim.masses[here],
             ids=np.flatnonzero(here),
-            origin=tuple(walls(sim.scene, sim.frame)[::2]),
-            box=tuple(np.diff(walls(sim.scene, sim.frame))[::2]),
+            origin=state.box[::2],
+            box=(state.box[1] - state.box[0], state.box[3] - state.box[2]),
+            image=np.zeros((here.sum(), 2), np.int64) if state.image is None else state.image[here],
+            unwrapped=state.unwrapped[here],
+            walls=walls(sim.scene, sim.frame),
             periodic=sim.scene.periodic,
         )
 
@@ -115,6 +118,9 @@ def test_the_scenes_are_what_they_are_for(run):
     for page in run.pages:
         assert len(set(page.mass)) > 1 or run.name == "grown"
         assert not (page.mass == 1).all()
+        assert page.box == pytest.approx(np.diff(page.walls)[::2])
+        assert page.origin == pytest.approx(page.walls[::2])
+        assert (run.name == "periodic" and page.frame > 50) <= page.image.any()
     assert (len({page.box for page in run.pages}) > 3) == ("piston" in run.name or run.name == "everything")
     assert (len({len(page.ids) for page in run.pages}) > 2) == (run.name in ("grown", "everything"))
 
@@ -124,13 +130,13 @@ def test_mpsim_reads_every_quantity_to_the_bit(run, ending):
     with mpsim.Trajectory(run.folder / f"run.{ending}") as trajectory:
         assert len(trajectory) == len(run.pages)
         for frame, page in zip(trajectory, run.pages, strict=True):
-            for name in ("position", "velocity", "radius", "mass", "ids"):
+            for name in ("position", "velocity", "radius", "mass", "ids", "image", "unwrapped"):
                 ours, theirs = getattr(frame, name), getattr(page, name)
                 assert ours.dtype == theirs.dtype
                 assert np.array_equal(ours, theirs), name
             assert (frame.frame, frame.time, frame.periodic) == (page.frame, page.time, page.periodic)
-            assert frame.box == pytest.approx(page.box, rel=1e-12)
-            assert frame.origin == pytest.approx(page.origin, rel=1e-12)
+            assert (frame.box, frame.origin) == (page.box, page.origin)
+            assert np.array_equal(frame.state.unwrapped, page.unwrapped)
 
 
 def test_ase_reads_every_quantity(run):
@@ -144,6 +150,7 @@ def test_ase_reads_every_quantity(run):
         assert atoms.get_kinetic_energy() == pytest.approx(energy, rel=1e-14)
         assert np.array_equal(atoms.arrays["radius"], page.radius)
         assert np.array_equal(atoms.arrays["id"], page.ids)
+        assert np.array_equal(atoms.arrays.get("map_shift", np.zeros((len(atoms), 3)))[:, :2], page.image)
         assert atoms.cell.lengths() == pytest.approx([*page.box, 1.0])
         assert atoms.info["Origin"] == pytest.approx([*page.origin, 0.0])
         assert atoms.pbc.tolist() == [*page.periodic, False]
@@ -160,6 +167,7 @@ def test_the_gsd_library_reads_every_quantity(run):
             assert discs.position == pytest.approx(np.pad(page.position - centre, ((0, 0), (0, 1))), abs=2e-6)
             assert discs.velocity == pytest.approx(np.pad(page.velocity, ((0, 0), (0, 1))), rel=1e-6)
             assert discs.mass == pytest.approx(page.mass, rel=1e-6)
+            assert np.array_equal(discs.image[:, :2], page.image)
             assert discs.diameter == pytest.approx(2 * page.radius, rel=1e-6)
             log = {name.removeprefix("particles/mpsim/"): array for name, array in theirs.log.items()}
             for name in ("position", "velocity", "radius", "mass"):
@@ -182,6 +190,8 @@ def test_freud_finds_the_discs_in_a_box_of_two_dimensions(run):
             assert box.wrap(theirs.particles.position)[inside] == pytest.approx(
                 theirs.particles.position[inside], abs=2e-6
             )
+            away = box.unwrap(theirs.particles.position, theirs.particles.image)[:, :2]
+            assert away + np.add(page.origin, np.divide(page.box, 2)) == pytest.approx(page.unwrapped, abs=2e-5)
             system = freud.locality.AABBQuery.from_system(theirs)
             assert len(system.points) == len(page.ids)
 
