@@ -92,6 +92,10 @@ class BudgetError(MpsimError, ValueError):
     """No settings meet the errors that `tune` was asked for."""
 
 
+class NotMeasurableError(MpsimError, ValueError):
+    """An error that `tune` was asked to bound means nothing on this scene; the text says why, and what to ask for."""
+
+
 class OutputError(MpsimError, OSError):
     """A file cannot be written as asked; nothing was written."""
 

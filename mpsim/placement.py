@@ -155,6 +155,36 @@ def random_crowd(
     return np.column_stack([crowd.x, crowd.y])
 
 
+def displaced(
+    position: NDArray[np.float64],
+    radius: NDArray[np.float64],
+    size: tuple[float, float],
+    periodic: tuple[bool, bool],
+    capsules: NDArray[np.float64],
+    moves: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Centres after a move of each disc along x and one along y, shape (N, 2).
+
+    A move that leads to an overlap or out of the box is left out.
+
+    Args:
+        position: shape (N, 2) [length].
+        radius: shape (N,) [length].
+        size: width and height of the box [length].
+        periodic: along x and along y.
+        capsules: obstacles, shape (K, 5): ax, ay, bx, by, radius [length].
+        moves: displacements, shape (N, 2) [length].
+    """
+    if not len(position):
+        return position
+    x, y = (np.array(column, dtype=np.float64) for column in position.T)
+    crowd = _crowd(x, y, radius, size, periodic, capsules)
+    crowding.link(crowd)
+    for axis in (0, 1):
+        crowding.shuffle(crowd, moves * (np.arange(2) == axis), 1 + GAP)
+    return np.column_stack([crowd.x, crowd.y])
+
+
 def _add_all(crowd: crowding.Crowd, rng: np.random.Generator) -> bool:
     """Random sequential addition, the largest first; False if the box was full before the end."""
     order = np.argsort(-crowd.radius, kind="stable")

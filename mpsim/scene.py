@@ -1,11 +1,12 @@
 """Scene: what is simulated."""
 
 import copy
+import functools
 import hashlib
 import importlib
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -50,6 +51,8 @@ class Scene:
     >>> scene.count, round(scene.packing, 3)
     (2, 0.131)
     """
+
+    _others: Callable[[int], "Scene"] | None = None
 
     def __init__(
         self,
@@ -222,7 +225,7 @@ class Scene:
         True
         """
         digest = hashlib.blake2b(digest_size=16)
-        for name, value in sorted(vars(self).items()):
+        for name, value in sorted(self.__getstate__().items()):
             if name == "duration":
                 continue
             digest.update(f"{name} ".encode())
@@ -232,6 +235,43 @@ class Scene:
             else:
                 digest.update(f"{value!r} ".encode())  # in which floats lose no bit
         return digest.hexdigest()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All that the scene holds; how it was made stays behind."""
+        return {name: value for name, value in vars(self).items() if name != "_others"}
+
+    def drawn_by(self, make: Callable[[int], "Scene"]) -> "Scene":
+        """Tell how other starts of the same kind are made, from a seed; returns this scene."""
+        self._others = make
+        return self
+
+    @property
+    def has_others(self) -> bool:
+        """Whether `another` can make other starts of the same kind."""
+        return self._others is not None
+
+    def another(self, seed: int) -> "Scene":
+        """Another start of the same kind: drawn at random as this one was, with other random numbers.
+
+        Args:
+            seed: which one, >= 0; the same seed gives the same start.
+
+        Raises:
+            InputError: if the scene was not drawn at random, by `Scene.random` or by a scene file with random places or
+                velocities: what else would be of its kind is not known.
+
+        >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+        >>> other = scene.another(3)
+        >>> bool((other.position == scene.position).any()), other.packing == scene.packing
+        (False, True)
+        """
+        seed = checks.whole("seed", seed, 0, 2**63 - 1, "Any whole number will do.")
+        if self._others is None:
+            raise InputError(
+                "another start needs a scene that was drawn at random, by Scene.random or by a scene file with random "
+                f"places or velocities; got {self!r}, whose discs were given. Make other starts yourself."
+            )
+        return self._others(seed)
 
     @property
     def largest_radius(self) -> float:
@@ -440,7 +480,7 @@ class Scene:
             periodic = edges[0] == "periodic", edges[1] == "periodic"
             radii = np.broadcast_to(radius, count)
             position = placement.random_crowd(radii, width, height, rng, periodic, features.capsules_of(walls))
-        return cls(
+        made = cls(
             width=width,
             height=height,
             position=position,
@@ -451,6 +491,22 @@ class Scene:
             obstacles=walls,
             **others,
         )
+        same: dict[str, Any] = {"width": width, "height": height, "boundary": edges, "obstacles": walls, **others}
+        return made.drawn_by(functools.partial(_random_other, seed, count, radius, mass, temperature, same))
+
+
+def _random_other(
+    first: int,
+    count: int,
+    radius: float | NDArray[np.float64],
+    mass: ArrayLike | None,
+    temperature: float,
+    others: dict[str, Any],
+    seed: int,
+) -> Scene:
+    """A scene as `Scene.random` has drawn it with the seed `first`, drawn with another one."""
+    drawn = int.from_bytes(hashlib.blake2b(f"{first} {seed}".encode(), digest_size=7).digest(), "big")
+    return Scene.random(count=count, radius=radius, mass=mass, temperature=temperature, seed=drawn, **others)
 
 
 def _demand_room(largest: float, width: float, height: float, boundary: tuple[str, str]) -> None:

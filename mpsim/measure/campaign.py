@@ -1,9 +1,8 @@
 """Runs of many candidates on one scene: accuracy runs through an executor, timings alone, all kept in a file."""
 
-import json
-import os
+import dataclasses
+import math
 import threading
-import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from pathlib import Path
@@ -13,12 +12,15 @@ import numpy as np
 
 from mpsim import checks
 from mpsim.engine.cores import usable_cores
-from mpsim.errors import InputError
+from mpsim.errors import InputError, NotMeasurableError
 from mpsim.measure import cost
 from mpsim.measure.cost import Cost
-from mpsim.measure.deviations import ABSOLUTE, Deviation, deviations, short_deviations
+from mpsim.measure.deviations import RELATIVE, Deviation, deviations, short_deviations, unmeasurable
+from mpsim.measure.kept import Kept
 from mpsim.measure.pilot import Pilot, pilot
-from mpsim.measure.replicas import LONG, SHORT, VARIATION, Plan, key_of, long_run, physics_of, quietly, short_runs
+from mpsim.measure.replicas import LONG, PIECES, SHORT, Plan, key_of, long_run, physics_of, quietly, short_runs
+from mpsim.measure.starts import VARIATION, Starts, StartsGiven
+from mpsim.measure.windows import spans_of
 from mpsim.scene import Scene
 from mpsim.settings import Settings
 from mpsim.state import State
@@ -32,14 +34,11 @@ PARTINGS = 10
 slowly, and runs that are shorter have it in common."""
 
 REFERENCE = 2
-"""The reference has so many times the replicas of a candidate, so that its noise adds little."""
+"""The exact reference has so many times the replicas of a candidate, so that its noise adds little; a stepped one, which
+costs more than all candidates together, as many."""
 
-FORMAT = 2
-"""Of the file that keeps what is finished: runs that are cut or counted in another way are not to be mixed."""
-
-SAVE_EVERY = 1.0
-"""Seconds between two writes of the file that keeps what is finished."""
-
+AGAIN = 2
+"""Step of the runs that show how far a stepped reference may be off itself, in steps of the reference."""
 
 class CandidateFailed(Exception):  # noqa: N818 - an outcome, not an error
     """A candidate could not be run to the end; the text says why."""
@@ -50,9 +49,11 @@ class Campaign:
 
     Args:
         scene: what is run.
-        until: length of a long run [time]; None: see PAIRS.
+        until: length of a long run [time]; None: that of the scene, or else see PAIRS.
         measures: names of errors that are wanted.
         replicas: long runs per candidate.
+        starts: see `Starts`.
+        seconds: that all may take, about [s]: a stepped reference is as fine as there is time for.
         executor: for accuracy runs; None: threads.
         path: of the file, or None.
         progress: called as progress(done, of, what).
@@ -65,6 +66,8 @@ class Campaign:
         measures: Sequence[str],
         *,
         replicas: int,
+        starts: StartsGiven = None,
+        seconds: float = 150.0,
         executor: Executor | None = None,
         path: str | Path | None = None,
         progress: Callable[[int, int, str], None] | None = None,
@@ -78,17 +81,22 @@ class Campaign:
                 f"executor must be a concurrent.futures.Executor; got {type(executor).__name__}. Use "
                 "ProcessPoolExecutor(), Dask's client.get_executor(), mpi4py's MPIPoolExecutor(), or leave it out."
             )
-        self._kept = Kept(path, scene.digest())
-        self.pilot: Pilot = pilot(scene, self._kept.reference)
+        _demand_times(scene)
+        self.starts: Starts = Starts(scene, starts)
+        self._kept = Kept(path, f"{scene.digest()} {self.starts.name}")
+        until = scene.duration if until is None else until
+        self._progress = progress or (lambda done, of, what: None)
+        self._progress(0, 1, "preliminary run")
+        self.pilot: Pilot = pilot(scene, until, self._kept.reference, seconds)
+        self.chosen: bool = until is None
         until = _length(self.pilot, scene, replicas) if until is None else until
-        speed, memory = self.pilot.speed * np.sqrt(2), _memory(self.pilot, scene, until)
+        speed, memory = self.pilot.speed * np.sqrt(2), _memory(self.pilot, until) if self.starts.same else 0.0
         self.plan: Plan = Plan(until, speed, self.pilot.short, self.pilot.growth, memory)
         self.measures: tuple[str, ...] = tuple(measures)
         self.replicas = replicas
         self._scene = scene
         self._executor = executor
         self._threads: ThreadPoolExecutor | None = None
-        self._progress = progress or (lambda done, of, what: None)
         self._stop = threading.Event()
         self._further: tuple[State, ...] | None = None
         self._kept.open(f"{self.plan}", self.pilot.reference_name)
@@ -115,17 +123,40 @@ class Campaign:
         """
         replicas = replicas or self.replicas
         numbers = range(first, first + replicas)
-        wanted = [(self.pilot.reference, k) for k in range(REFERENCE * first, REFERENCE * (first + replicas))]
+        reference = range(first, first + self._references(replicas))
+        wanted = [(self.pilot.reference, number) for number in reference]
+        if not self.pilot.exact and not first:
+            candidates = [self._coarser_reference, *candidates]
         unique = {key_of(each): each for each in map(self._physics, candidates)}
         wanted += [(each, number) for each in unique.values() for number in numbers]
         tasks: dict[str, tuple[Any, ...]] = {}
         for settings, number in wanted if self._asks_for(LONG) else ():
-            tasks[f"long {key_of(settings)} {number}"] = (long_run, self._scene, settings, self.plan, number)
+            key = f"long {key_of(settings)} {number}"
+            if key not in self._kept:
+                tasks[key] = (long_run, self.starts[number], settings, self.plan)
         for key, settings in unique.items() if self._asks_for(SHORT) else ():
             for number, start in self._starts(first):
                 arguments = short_runs, self._scene, settings, self.plan, start, self.pilot.reference
                 tasks[f"short {key} {number}"] = arguments
         self._run({key: task for key, task in tasks.items() if key not in self._kept})
+
+    def _references(self, replicas: int) -> int:
+        """Runs of the reference beside so many of a candidate."""
+        return replicas * (REFERENCE if self.pilot.exact else 1)
+
+    @property
+    def _coarser_reference(self) -> Settings:
+        """What a stepped reference is compared with to see how far it may be off."""
+        return dataclasses.replace(self.pilot.reference, dt=AGAIN * self.pilot.reference.dt)
+
+    def seconds_for(self, settings: Settings, replicas: int, verify: bool = False) -> float:
+        """Seconds that the accuracy runs of a candidate will take, about; verify: with as many of the reference."""
+        reference = self.pilot.seconds * self.plan.until
+        one = reference
+        if settings.method != "event" and not self.pilot.exact:
+            one *= self.pilot.reference.dt / settings.dt * settings.passes / self.pilot.reference.passes
+        runs = replicas * one + (self._references(replicas) * reference if verify else 0.0)
+        return runs / usable_cores()
 
     def time(self, candidates: Sequence[Settings]) -> None:
         """Measure the cost of candidates, one after the other, with nothing else running."""
@@ -133,7 +164,7 @@ class Campaign:
             self._progress(done, len(candidates), "timing")
             key = f"cost {key_of(settings)}"
             if key not in self._kept:
-                self._kept.put(key, cost.measure(self._scene, settings, self.plan.until))
+                self._kept.put(key, cost.measure(self._scene, settings, self.plan.until, whole=bool(self._scene.emitters)))
         self._progress(len(candidates), len(candidates), "timing")
 
     def cost(self, settings: Settings) -> Cost:
@@ -153,23 +184,66 @@ class Campaign:
             CandidateFailed: if a run did not come to its end.
         """
         replicas = replicas or self.replicas
-        key = key_of(self._physics(settings))
         errors: dict[str, Deviation] = {}
         if self._asks_for(LONG):
-            found = [self._kept[f"long {key} {number}"] for number in range(first, first + replicas)]
-            _demand_success(found)
-            reference = key_of(self.pilot.reference)
-            numbers = range(REFERENCE * first, REFERENCE * (first + replicas))
-            theirs = [self._kept[f"long {reference} {number}"] for number in numbers]
-            _demand_success(theirs, "the reference failed, ")
-            errors = deviations(found, theirs, [name for name in self.measures if name in LONG])
-            if key == reference:  # its difference from itself is nothing, not noise
-                errors |= {name: Deviation(0.0, 0.0) for name in errors if name not in ABSOLUTE}
+            names = [name for name in self.measures if name in LONG]
+            errors = self._long_errors(settings, replicas, first, names)
+            if not self.pilot.exact:
+                own = self._long_errors(self._coarser_reference, self.replicas, 0, names)
+                errors = {name: _widened(each, own[name]) for name, each in errors.items()}
         if self._asks_for(SHORT):
+            key = key_of(self._physics(settings))
             short = [self._kept[f"short {key} {number}"] for number, _ in self._starts(first)]
             _demand_success(short)
             errors |= short_deviations(short, self.measures)
+        if self._is_reference(settings):  # its difference from itself is nothing, not noise
+            errors = dict.fromkeys(errors, Deviation(0.0, 0.0))
         return {name: errors[name] for name in self.measures}
+
+    def _long_errors(self, settings: Settings, replicas: int, first: int, names: list[str]) -> dict[str, Deviation]:
+        key = key_of(self._physics(settings))
+        found = [self._kept[f"long {key} {number}"] for number in range(first, first + replicas)]
+        _demand_success(found)
+        return deviations(found, self._reference_runs(replicas, first), names, self._least)
+
+    def _reference_runs(self, replicas: int, first: int) -> list[dict[str, Any]]:
+        key = key_of(self.pilot.reference)
+        numbers = range(first, first + self._references(replicas))
+        runs = [self._kept[f"long {key} {number}"] for number in numbers]
+        _demand_success(runs, "the reference failed, ")
+        return runs
+
+    @property
+    def _least(self) -> int:
+        """First piece of a run that may be stationary: where runs of one start have become independent."""
+        return math.ceil(PIECES * self.plan.memory / self.plan.until)
+
+    def _is_reference(self, settings: Settings) -> bool:
+        return key_of(self._physics(settings)) == key_of(self.pilot.reference)
+
+    def demand_measurable(self) -> None:
+        """Refuse measures of which the reference alone shows that no error of them means anything.
+
+        Raises:
+            NotMeasurableError: naming the measure, why, and what to ask for.
+        """
+        for name in self.measures:
+            reason = self._why_not(name)
+            if reason:
+                raise NotMeasurableError(f"{name} is not measurable here: {reason}")
+
+    def _why_not(self, name: str) -> str:
+        """Why the reference does not measure something, or ""."""
+        if name not in RELATIVE:
+            return ""
+        reference = np.array([run[name] for run in self._reference_runs(self.replicas, 0)], dtype=float)
+        reason = unmeasurable(name, reference)
+        if not reason and self.chosen and not spans_of(reference, self._least).stationary:
+            reason = (
+                f"the scene still changes with time in runs of {self.plan.until:.3g}, and says no duration. Say how "
+                "long a run shall be: until=..., or Scene(duration=...)."
+            )
+        return reason
 
     def _asks_for(self, kind: Sequence[str]) -> bool:
         return any(name in kind for name in self.measures)
@@ -210,52 +284,6 @@ class Campaign:
                     self._kept.put(key, future.result())
 
 
-class Kept:
-    """Results by key, in memory and, if there is a path, in a JSON file that is never half written."""
-
-    def __init__(self, path: str | Path | None, scene: str):
-        self._path = None if path is None else _checked(path)
-        self._results: dict[str, Any] = {}
-        self._title = {"format": FORMAT, "scene": scene}
-        self._plan: str | None = None
-        self.reference: str | None = None
-        self._open = False
-        self._saved = time.monotonic()
-        if self._path is not None and self._path.exists():
-            self._plan, self.reference, self._results = _loaded(self._path, self._title)
-
-    def open(self, plan: str, reference: str) -> None:
-        """Begin to keep results of a plan and a reference, which must be those of the file, if there is one."""
-        if self._plan not in (None, plan):
-            raise _other(self._path)
-        self._plan, self.reference, self._open = plan, reference, True
-
-    def __contains__(self, key: str) -> bool:
-        return key in self._results
-
-    def __getitem__(self, key: str) -> Any:
-        return self._results[key]
-
-    def put(self, key: str, value: Any) -> None:
-        """Keep a result; the file follows within SAVE_EVERY seconds, or at the end."""
-        self._results[key] = value
-        if time.monotonic() - self._saved > SAVE_EVERY:
-            self.save()
-
-    def save(self) -> None:
-        """Write the file, beside it first, so that a kill leaves the old one or the new one."""
-        self._saved = time.monotonic()
-        if self._path is not None and self._open:
-            beside = self._path.with_name(f"{self._path.name}.{os.getpid()}.tmp")
-            results = {key: value for key, value in self._results.items() if "machine" not in value}
-            kept = {"title": self._title, "plan": self._plan, "reference": self.reference, "results": results}
-            try:
-                beside.write_text(json.dumps(kept))
-                beside.replace(self._path)
-            finally:
-                beside.unlink(missing_ok=True)
-
-
 def _length(first: Pilot, scene: Scene, replicas: int) -> float:
     """Length of a long run that gives PAIRS collisions in all replicas together, and lets them part [time]."""
     crossing = 2 * scene.smallest_radius / first.speed
@@ -267,49 +295,31 @@ def _length(first: Pilot, scene: Scene, replicas: int) -> float:
 
 def _parted(first: Pilot) -> float:
     """When replicas have parted [time]."""
-    return float(np.log(1 / VARIATION)) / first.growth
+    return math.log(1 / VARIATION) / first.growth
 
 
-def _memory(first: Pilot, scene: Scene, until: float) -> float:
-    """When replicas of a gas have parted [time]; 0 where what happens before is what a run is about.
-
-    That is where energy is lost, where the run is so short that little would be left, and where nobody knows.
-    """
-    lossless = scene.restitution == scene.wall_restitution == 1
+def _memory(first: Pilot, until: float) -> float:
+    """When runs of one start have parted [time]; 0 where the runs are so short that little would be left."""
     parted = _parted(first)
-    return parted if lossless and first.reference.method == "event" and parted < until / 2 else 0.0
+    return parted if parted < until / 2 else 0.0
+
+
+def _widened(found: Deviation, own: Deviation) -> Deviation:
+    """An error against a stepped reference, which may itself be off by as much as a step twice as long changes it."""
+    return dataclasses.replace(found, systematic=abs(own.value)) if own.measurable and found.measurable else found
+
+
+def _demand_times(scene: Scene) -> None:
+    """Refuse emitters that count frames: each dt would be another scene."""
+    for index, emitter in enumerate(scene.emitters):
+        if emitter.every is not None:
+            raise InputError(
+                f"a trade needs emitters that count time; emitters[{index}] counts frames (every={emitter.every}), so "
+                "that each dt is another scene. Use Emitter(interval=...)."
+            )
 
 
 def _demand_success(found: Sequence[dict[str, Any]], whose: str = "") -> None:
     failures = [each["failure"] for each in found if "failure" in each]
     if failures:
         raise CandidateFailed(whose + failures[0])
-
-
-def _checked(path: str | Path) -> Path:
-    """A path that can be written, as is seen before hours are spent, not after."""
-    folder = Path(path).absolute().parent
-    if not folder.is_dir() or not os.access(folder, os.W_OK) or Path(path).is_dir():
-        raise InputError(f"path must be a file in a folder that can be written to; got {str(path)!r}. Make the folder.")
-    return Path(path)
-
-
-def _loaded(path: Path, title: dict[str, Any]) -> tuple[str, str, dict[str, Any]]:
-    try:
-        kept = json.loads(path.read_text())
-        found, plan, reference, results = kept["title"], kept["plan"], kept["reference"], dict(kept["results"])
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise InputError(
-            f"path must be a file of an earlier trade, or none yet; {path} cannot be read as one ({error}). "
-            "Remove it, or give another path."
-        ) from None
-    if found != title:
-        raise _other(path)
-    return plan, reference, results
-
-
-def _other(path: Path | None) -> InputError:
-    return InputError(
-        f"path must be a file of the same scene and the same lengths of runs; {path} is of others. "
-        "Remove it, or give another path."
-    )

@@ -27,6 +27,9 @@ CHUNK_SECONDS = 0.002
 """Length of a timed piece, about: most are shorter than a turn of the scheduler, so that on a busy machine enough of
 them are not interrupted."""
 
+WHOLE = 16
+"""Pieces of a run that is timed whole, after which its discs are counted."""
+
 PATIENCE = 1.0
 """Seconds after which pieces count although they were interrupted, if fewer than half of CHUNKS were not."""
 
@@ -49,7 +52,7 @@ class Cost:
     workers: int
 
 
-def measure(scene: Scene, settings: Settings, until: float) -> dict[str, Any]:
+def measure(scene: Scene, settings: Settings, until: float, whole: bool = False) -> dict[str, Any]:
     """Cost of a run of the scene, as the fields of `Cost`; {"failure": reason} if it cannot go on.
 
     Nothing else should run on the machine meanwhile.
@@ -58,11 +61,14 @@ def measure(scene: Scene, settings: Settings, until: float) -> dict[str, Any]:
         scene: what is run, from its start.
         settings: how. The frames of `event` are chosen here, as its dt costs nothing but looks at the clock.
         until: longest time of the scene to look at [time]; where that is over, it starts again.
+        whole: time whole runs to `until`, of a scene whose cost changes along them.
     """
     if settings.method == "event":
         settings = replace(settings, dt=until / 1000)
     try:
         with quietly():
+            if whole:
+                return _whole(scene, settings, until)
             return _measured(scene, settings, max(int(until / settings.dt), 1))
     except (MpsimError, ArithmeticError, MemoryError) as error:
         return failure(error)
@@ -97,6 +103,27 @@ def _measured(scene: Scene, settings: Settings, most_frames: int) -> dict[str, A
                     "workers": report.workers,
                 }
     low, median, high = np.percentile(calm if len(calm) > CHUNKS // 2 else costs, [25, 50, 75]).tolist()
+    return {"median": median, "low": low, "high": high, **what_ran}
+
+
+def _whole(scene: Scene, settings: Settings, until: float) -> dict[str, Any]:
+    """Cost of whole runs, by the discs that were there on average."""
+    costs: list[float] = []
+    what_ran: dict[str, Any] = {}
+    end = time.monotonic() + PATIENCE
+    while not costs or (len(costs) < RESTARTS and time.monotonic() < end):
+        with Simulation(scene, settings) as sim:
+            seconds, discs, started = 0.0, 0.0, sim.time
+            for piece in range(1, WHOLE + 1):
+                before = sim.time
+                report = sim.run(until=until * piece / WHOLE)
+                seconds += float(report.frame_seconds.sum())
+                discs += sim.count * (sim.time - before)
+            mean = max(discs / max(sim.time - started, settings.dt), 1.0)
+            costs.append(seconds / ((sim.time - started) * mean) * 1e9)
+            memory = report.block_bytes / max(sim.count, 1)
+            what_ran = {"memory": memory, "method": report.method, "workers": report.workers}
+    low, median, high = np.percentile(costs, [0, 50, 100]).tolist()
     return {"median": median, "low": low, "high": high, **what_ran}
 
 

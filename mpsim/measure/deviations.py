@@ -2,13 +2,15 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.measure import windows
 from mpsim.measure.statistics import Measure
+from mpsim.measure.windows import Spans
 
 RESOLVED = 3.0
 """Standard errors by which a difference must exceed zero to count as seen: a table holds hundreds of them, of which
@@ -17,8 +19,11 @@ two would let one in twenty through by chance."""
 CERTAIN = 2.0
 """Standard errors that are added to an error when it is held against a budget."""
 
+FEW = 8
+"""Runs below which it is worth saying how few they are: their standard errors count far more than a normal one's."""
+
 RELATIVE = ("pressure", "collision_rate")
-"""Measures whose error is a part of the reference's value."""
+"""Measures whose error is a fraction of the reference's value."""
 
 ABSOLUTE = ("overlap", "largest_overlap", "momentum_drift")
 """Measures that are plain values, 0 in an exact run by definition; the others are differences from the reference."""
@@ -29,35 +34,66 @@ class Deviation:
     """An error with its own standard error, both in the unit of the measure (see `tradeoff`).
 
     Attributes:
-        value: the error.
+        value: the error; of a scene that changes with time the mean over windows along its duration; NaN where it is
+            not measurable.
         error: its standard error.
         freedom: degrees of freedom of the standard error, which few runs know badly: so many standard errors of a
             t-distribution count as RESOLVED, or CERTAIN, of a normal one.
+        systematic: how far the reference itself may be off, where that is not the exact solver.
+        span: from where to where it was taken, as fractions of the duration.
+        largest: the largest error of a window, of a scene that changes with time; None where it is stationary.
+        reason: why it is not measurable, and what is; "" where it is.
 
     >>> Deviation(-0.0192, 0.0006), Deviation(0.0004, 0.0006)
     (-0.01920(60), not resolved: 0.00040(60))
     >>> Deviation(0.04, 0.01).resolved, Deviation(0.04, 0.01, freedom=7).resolved
     (True, False)
+    >>> Deviation.unknown("nothing moves").measurable
+    False
     """
 
     value: float
     error: float
     freedom: float = math.inf
+    systematic: float = 0.0
+    span: tuple[float, float] = (0.0, 1.0)
+    largest: "Deviation | None" = None
+    reason: str = ""
+
+    @classmethod
+    def unknown(cls, reason: str) -> "Deviation":
+        """An error that is not measurable."""
+        return cls(math.nan, math.nan, reason=reason)
+
+    @property
+    def measurable(self) -> bool:
+        """Whether the number means anything."""
+        return not self.reason
+
+    @property
+    def exact(self) -> bool:
+        """Whether it is 0 by definition, as that of the reference itself is."""
+        return self.value == self.error == 0 and self.measurable
 
     @property
     def resolved(self) -> bool:
         """Whether the difference is seen at all above the noise of both runs."""
-        return abs(self.value) > _quantile(RESOLVED, self.freedom) * self.error
+        return abs(self.value) > _quantile(RESOLVED, self.freedom) * self.error + self.systematic
 
     @property
     def noise(self) -> float:
-        """What the standard error leaves open: CERTAIN of them, more where few runs know it badly."""
-        return _quantile(CERTAIN, self.freedom) * self.error
+        """What the runs leave open: CERTAIN standard errors, more where few runs know them badly, and `systematic`."""
+        return _quantile(CERTAIN, self.freedom) * self.error + self.systematic
 
     @property
     def bound(self) -> float:
-        """Size that the error has at most, noise included: what a budget is compared with."""
+        """Size that the error has at most, noise included: what a budget is compared with. NaN if not measurable."""
         return abs(self.value) + self.noise
+
+    def inside(self, budget: float) -> bool:
+        """Whether the error stays inside a budget, noise included, and no window is seen to be outside."""
+        windows_too = self.largest is None or abs(self.largest.value) - self.largest.noise <= budget
+        return self.measurable and self.bound <= budget and windows_too
 
     @property
     def shown(self) -> float:
@@ -70,8 +106,18 @@ class Deviation:
         return abs(self.value) if self.resolved else self.noise
 
     def __repr__(self) -> str:
+        if not self.measurable:
+            return f"not measurable: {self.reason}"
+        if self.exact:
+            return "0 (the reference itself)"
         text = repr(Measure(self.value, self.error, 1))
-        return text if self.resolved or not self.bound else f"not resolved: {text}"
+        if self.largest is not None:
+            text += f", largest in a window {Measure(self.largest.value, self.largest.error, 1)!r}"
+        if self.resolved:
+            return text
+        few = self.freedom + 1 < FEW
+        needed = _quantile(RESOLVED, self.freedom)
+        return f"not resolved{f' (of so few runs {needed:.2g} standard errors would be)' if few else ''}: {text}"
 
 
 def _quantile(normal: float, freedom: float) -> float:
@@ -83,15 +129,20 @@ def _quantile(normal: float, freedom: float) -> float:
 
 
 def deviations(
-    found: Sequence[dict[str, Any]], reference: Sequence[dict[str, Any]], measures: Sequence[str]
+    found: Sequence[dict[str, Any]],
+    reference: Sequence[dict[str, Any]],
+    measures: Sequence[str],
+    least: int = 0,
 ) -> dict[str, Deviation]:
     """Errors of long runs for the named measures of replicas.LONG.
 
     Args:
-        found, reference: what `replicas.long_run` gave, two of each at least.
+        found, reference: what `replicas.long_run` gave, two of each at least; those of the same index have the same
+            start.
         measures: names.
+        least: first piece that may belong to a stationary part: before, runs from one start are still alike.
     """
-    results = {}
+    results: dict[str, Deviation] = {}
     for name in measures:
         ours, theirs = (np.array([run[name] for run in runs], dtype=float) for runs in (found, reference))
         if name == "largest_overlap":
@@ -102,9 +153,94 @@ def deviations(
             results[name] = _mean(ours)
         elif name == "speed_distribution":
             results[name] = _distance(ours, theirs)
+        elif name in RELATIVE:
+            results[name] = _relative(name, ours, theirs, _shift(found, reference), least)
         else:
-            results[name] = _difference(ours, theirs, name in RELATIVE)
-    return results
+            results[name] = _difference(ours.mean(axis=1), theirs.mean(axis=1))
+    return {name: _meaningful(name, each) for name, each in results.items()}
+
+
+def _meaningful(name: str, found: Deviation) -> Deviation:
+    """The error, unless it is a zero without any spread, or no number."""
+    if found.exact or (found.measurable and not math.isfinite(found.value)):
+        size = "0" if found.exact else f"{found.value}"
+        return Deviation.unknown(f"{name} is {size} in all runs. Ask for longer runs (until=...), or another measure.")
+    return found
+
+
+def unmeasurable(name: str, reference: NDArray[np.float64]) -> str:
+    """Why an error of one of RELATIVE would mean nothing, and what to ask for instead; "" if it means something.
+
+    Args:
+        name: of the measure.
+        reference: the measure in each piece of each run of the reference, shape (runs, pieces).
+    """
+    if not reference.any():
+        return (
+            f"{name} is 0 in all {len(reference)} runs of the reference, so that nothing is a fraction of it. Ask for "
+            "longer runs (until=...), in which something happens, or for another measure."
+        )
+    if windows.alike(reference):
+        return (
+            f"{name} is the same in all {len(reference)} runs of the reference, so that their spread says nothing. Ask "
+            "for other starts (starts=...), for longer runs (until=...), or for 'trajectory', which compares two runs."
+        )
+    return ""
+
+
+def _shift(found: Sequence[dict[str, Any]], reference: Sequence[dict[str, Any]]) -> NDArray[np.float64] | None:
+    """How much later the pieces of ours are, in pieces: each ends with a whole frame, so up to one frame late.
+
+    None for steps so long that there are fewer pieces.
+    """
+    ours, theirs = (np.array(runs[0]["centre"]) for runs in (found, reference))
+    return (ours - theirs) * len(theirs) if len(ours) == len(theirs) else None
+
+
+def _relative(
+    name: str, ours: NDArray[np.float64], theirs: NDArray[np.float64], shift: NDArray[np.float64] | None, least: int
+) -> Deviation:
+    """Error as a fraction of the reference: of the stationary part, or the mean over windows and the largest.
+
+    shift: see `_shift`. Where the reference changes with time it is taken at our times, along a line from piece to
+    piece.
+    """
+    reason = unmeasurable(name, theirs)
+    if reason:
+        return Deviation.unknown(reason)
+    if shift is None:
+        ours, theirs, least = ours.mean(axis=1, keepdims=True), theirs.mean(axis=1, keepdims=True), 0
+    spans = windows.spans_of(theirs, least)
+    if not spans.stationary and shift is not None:
+        theirs = theirs + np.gradient(theirs.mean(axis=0)) * shift
+    ours, theirs = spans.mean(ours), spans.mean(theirs)
+    unit = theirs.mean(axis=0)
+    if not unit.all():
+        return Deviation.unknown(f"{name} is 0 in a window of the reference. Ask for longer runs (until=...).")
+    ratio = ours.mean(axis=0) / unit
+    mine, reference = ours / unit, theirs * (ratio / unit)  # which scatter as the ratio does
+    found = _difference(mine.mean(axis=1), reference.mean(axis=1))
+    found = replace(found, value=float(ratio.mean()) - 1, span=spans.ends)
+    return found if spans.stationary else replace(found, largest=_largest(mine, reference, spans))
+
+
+def _largest(mine: NDArray[np.float64], reference: NDArray[np.float64], spans: Spans) -> Deviation | None:
+    """The largest error of a window, shape (runs, windows): half of the runs choose it for the other half, see below.
+
+    The largest of many noisy errors would not be 0 without any difference.
+    """
+    if len(mine) < 4:
+        return None
+    halves = [mine[side::2].mean(axis=0) - reference[side::2].mean(axis=0) for side in (0, 1)]
+    chosen = [int(np.abs(half).argmax()) for half in halves]
+    value = halves[1][chosen[0]] * math.copysign(1.0, halves[0][chosen[0]])
+    value += halves[0][chosen[1]] * math.copysign(1.0, halves[1][chosen[1]])
+    each = [_difference(mine[:, k], reference[:, k]) for k in chosen]
+    sign = math.copysign(1.0, halves[0][chosen[0]])
+    error = CROSSED * math.sqrt(sum(one.error**2 for one in each) / 2)
+    first, end = spans.pieces[chosen[0]]
+    span = first / spans.number, end / spans.number
+    return Deviation(sign * float(value) / 2, error, each[0].freedom, span=span)
 
 
 def short_deviations(found: Sequence[dict[str, Any]], measures: Sequence[str]) -> dict[str, Deviation]:
@@ -118,7 +254,7 @@ def short_deviations(found: Sequence[dict[str, Any]], measures: Sequence[str]) -
         total = exact.sum()
         missed = (exact - met) * len(found) / total if total else np.zeros(len(found))
         results["missed_collisions"] = _mean(missed[:, None])
-    return results
+    return {name: _meaningful(name, each) for name, each in results.items()}
 
 
 def _mean(values: NDArray[np.float64]) -> Deviation:
@@ -141,7 +277,7 @@ def _ratio(depths: NDArray[np.float64], met: NDArray[np.float64]) -> Deviation:
     """Mean depth of all pairs that were met: pieces count by their pairs, and those without any do not count."""
     total = met.sum()
     if not total:
-        return Deviation(0.0, 0.0)
+        return Deviation.unknown("no pair was met in any run. Ask for longer runs (until=...), or another measure.")
     value = float((depths * met).sum() / total)
     residues = ((depths - value) * met).sum(axis=1)
     return Deviation(value, float(residues.std(ddof=1) * math.sqrt(len(met)) / total), len(met) - 1)
@@ -165,24 +301,33 @@ def _distance(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> Deviati
         for half, other, level in zip(halves, halves[::-1], levels, strict=True)
     )
     parts = np.array([np.sqrt((_error(values)[levels] ** 2).mean()) for values in (ours, theirs)])
-    return Deviation(value / 2, CROSSED * float(np.hypot(*parts)), _freedom(parts, ours, theirs))
+    return Deviation(value / 2, CROSSED * float(np.hypot(*parts)), _freedom(parts, [len(ours), len(theirs)]))
 
 
-def _difference(ours: NDArray[np.float64], theirs: NDArray[np.float64], relative: bool) -> Deviation:
-    """Difference of two means, perhaps as a part of the second one."""
-    difference = float(ours.mean() - theirs.mean())
-    parts = np.array([_error(values) for values in (ours, theirs)])
-    unit = abs(float(theirs.mean())) if relative else 1.0
-    if unit == 0:
-        return Deviation(0.0, 0.0) if difference == 0 else Deviation(math.inf, math.nan)
-    return Deviation(difference / unit, float(np.hypot(*parts)) / unit, _freedom(parts, ours, theirs))
+def _difference(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> Deviation:
+    """Difference of the means of runs, of which those of the same index have the same start.
+
+    With n runs of ours and m >= n of theirs it is the mean of x - (n/m) y over the n pairs, less (m - n)/m times the
+    mean of the y that are left: two independent parts. What a start gives to both runs of a pair cancels.
+    """
+    count, more = len(ours), len(theirs)
+    value = float(ours.mean() - theirs.mean())
+    if count > more:
+        raise ValueError("the reference needs as many runs")
+    pairs = ours - theirs[:count] * (count / more)
+    parts = np.array([float(pairs.std(ddof=1)) / math.sqrt(count)])
+    sizes = [count]
+    if more > count:
+        parts = np.append(parts, float(theirs.std(ddof=1)) * math.sqrt(more - count) / more)
+        sizes.append(more)
+    if not parts.any() and value == 0:
+        return Deviation.unknown("all runs are those of the reference, to the bit. Ask for another measure or step.")
+    return Deviation(value, float(np.hypot.reduce(parts)), _freedom(parts, sizes))
 
 
-def _freedom(parts: NDArray[np.float64], *samples: NDArray[np.float64]) -> float:
-    """Degrees of freedom of a difference of two means (Welch, Biometrika 34, 28, 1947)."""
+def _freedom(parts: NDArray[np.float64], sizes: Sequence[int]) -> float:
+    """Degrees of freedom of a sum of independent parts with these standard errors (Welch, Biometrika 34, 28, 1947)."""
     if not parts.any():
         return math.inf
     shares = (parts / parts.max()) ** 2
-    return float(
-        shares.sum() ** 2 / sum(share**2 / (len(each) - 1) for share, each in zip(shares, samples, strict=True))
-    )
+    return float(shares.sum() ** 2 / sum(share**2 / (size - 1) for share, size in zip(shares, sizes, strict=True)))

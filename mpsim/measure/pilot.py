@@ -1,4 +1,4 @@
-"""A first look at a scene: what runs it exactly, how fast discs are, how often they collide, how soon chaos wins."""
+"""The preliminary run of a trade: what can be the reference, how fast discs are, how often they collide, what it costs."""
 
 import math
 import time
@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.engine.cores import usable_cores
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, MpsimError
 from mpsim.measure.comparison import parting, typical_speed
@@ -20,13 +21,25 @@ STARTS = 8
 """States along the run from which short runs start."""
 
 COLLISIONS = 20_000
-"""Collisions between two of these states, about: they then have little to do with each other."""
+"""Collisions between two of these states, about, where no duration is known: they then have little in common."""
 
-PATIENCE = 20.0
+PATIENCE = 10.0
 """Seconds after which the exact solver is too slow for a scene."""
 
+LONGEST_LOOK = 60.0
+"""Seconds after which a stepped preliminary run is too slow, too."""
+
 FINEST = 0.002
-"""Step of the run that stands in for the exact solver, in units of diameter / speed."""
+"""Step of the run that stands in for the exact solver, in units of diameter / speed, where there is time for it."""
+
+COARSEST = 0.02
+"""The longest such step: with a longer one little would be learnt about the steps that people use."""
+
+LOOK = 0.05
+"""Step of a stepped preliminary run, likewise."""
+
+RUNS = 20
+"""Runs of the reference that a trade takes, about: each may last so small a fraction of the time there is."""
 
 LYAPUNOV_TIMES = 2.0
 """Length of a short run in Lyapunov times: long enough to see an error, short against the time that erases all."""
@@ -34,7 +47,7 @@ LYAPUNOV_TIMES = 2.0
 
 @dataclass(frozen=True)
 class Pilot:
-    """What the first look has found.
+    """What the preliminary run has found.
 
     Attributes:
         reference: settings of the reference, `event` where it can do the scene.
@@ -46,6 +59,7 @@ class Pilot:
         starts: states along the run.
         gap: time between the last two of them [time].
         look: settings of the run.
+        seconds: that the reference takes for a unit of time on one core [s/time].
     """
 
     reference: Settings
@@ -57,6 +71,12 @@ class Pilot:
     starts: tuple[State, ...]
     gap: float
     look: Settings
+    seconds: float = 0.0
+
+    @property
+    def exact(self) -> bool:
+        """Whether the reference is the exact solver."""
+        return self.reference.method == "event"
 
     def further_starts(self, scene: Scene) -> tuple[State, ...]:
         """As many other states: those half-way from each start to the next."""
@@ -84,51 +104,90 @@ EXACT = "the exact solver"
 
 @dataclass(frozen=True)
 class Look:
-    """What one run has shown: as in `Pilot`, and in how many of its collisions the exact solver's guard acted."""
+    """What one run has shown: as in `Pilot`; in how many of its collisions the exact solver's guard acted; seconds."""
 
     speed: float
     collisions: float
     starts: tuple[State, ...]
     gap: float
     guarded: float
+    seconds: float
 
 
-def pilot(scene: Scene, earlier: str | None = None) -> Pilot:
-    """Take a first look.
+def pilot(scene: Scene, until: float | None = None, earlier: str | None = None, seconds: float = 150.0) -> Pilot:
+    """Make the preliminary run.
 
     Args:
-        scene: at what.
-        earlier: reference_name of an earlier look, which this one repeats, however fast the machine is now.
+        scene: of which.
+        until: time to which runs will go, where it is known [time].
+        earlier: reference_name of an earlier one, which this one repeats, however fast the machine is now.
+        seconds: that the whole trade may take, about [s].
 
     Raises:
-        InputError: if nothing moves in the scene, or it is too large for a look.
+        InputError: if nothing can move in the scene, or it is too large for a trade.
     """
-    speed = typical_speed(scene)
-    if speed == 0 or scene.count == 0:
+    speed = _speed_to_come(scene)
+    if speed == 0:
         raise InputError(
             f"a trade needs a scene in which something moves; got {scene!r}, all at rest. "
-            "Give it discs with velocities, or gravity."
+            "Give it discs with velocities, gravity, emitters or a piston."
         )
     crossing = 2 * scene.smallest_radius / speed
     exact = earlier is None or earlier.startswith(EXACT)
+    patience = PATIENCE if earlier is None else math.inf
     settings, reason = Settings(method="event", dt=crossing / 4), ""
     try:
         if not exact:
             raise _TooSlow
-        patience = PATIENCE if earlier is None else math.inf
-        look = _look(scene, settings, crossing, patience)
+        look = _look(scene, settings, crossing, until, patience)
         growth = _growth(scene, crossing, patience)
     except (MpsimError, _TooSlow) as error:
         exact, reason, growth = False, str(error), 1 / crossing
-        settings = Settings(dt=crossing / 20, passes=2)
-        look = _stepped_look(scene, settings, crossing)
-    reference = settings if exact else replace(settings, dt=FINEST * crossing)
+        settings = Settings(dt=LOOK * crossing, passes=2, on_fast="substep")
+        look = _stepped_look(scene, settings, crossing, until)
+    own = 2 * scene.smallest_radius / look.speed if look.speed else crossing  # at the speeds that there really are
+    reference, cost = settings, look.seconds
+    if not exact:
+        reference, cost = _finest(settings, look.seconds, own, until or 0.0, seconds)
     name = EXACT if exact else f"two passes at dt={reference.dt:.3g}, the finest affordable run, as {EXACT} "
     if look.guarded:
         name += f" (whose guard kept the energy in {look.guarded:.1%} of the collisions)"
     name = earlier or (name if exact else f"{name}cannot: {reason}")
-    short = min(LYAPUNOV_TIMES / growth, 5 * crossing)
-    return Pilot(reference, name, look.speed, look.collisions, growth, short, look.starts, look.gap, settings)
+    short = min(LYAPUNOV_TIMES / growth, 5 * own)
+    speed = look.speed or speed
+    return Pilot(reference, name, speed, look.collisions, growth, short, look.starts, look.gap, settings, cost)
+
+
+def _speed_to_come(scene: Scene) -> float:
+    """Typical speed, that of the discs which emitters add and that of a piston included [length/time]."""
+    speeds = [typical_speed(scene), *(float(np.hypot(*np.array(each.velocity))) for each in scene.emitters)]
+    if scene.emitters and scene.gravity is not None:
+        speeds.append(math.sqrt(2 * float(np.hypot(*scene.gravity)) * 2 * scene.largest_radius))
+    if scene.piston is not None and scene.count:
+        speeds.append(abs(scene.piston.speed))
+    return max(speeds)
+
+
+def _finest(look: Settings, seconds: float, crossing: float, until: float, limit: float) -> tuple[Settings, float]:
+    """The stepped reference: FINEST, or as fine as there is time for, and its seconds per unit of time.
+
+    Raises:
+        InputError: if there is not even time for COARSEST.
+    """
+    dt = FINEST * crossing
+    affordable = limit * usable_cores() / RUNS
+    cost = seconds * look.dt / dt
+    if cost * until > affordable:
+        dt *= cost * until / affordable
+        cost = seconds * look.dt / dt
+    if dt > COARSEST * crossing:
+        needed = seconds * look.dt / (COARSEST * crossing) * until * RUNS / usable_cores()
+        raise InputError(
+            f"a trade of this scene needs some {needed:.0f} s, as one run of its reference to {until:g} is so long; "
+            f"it may take {limit:g} s. Give it more time (seconds=...), a shorter run (until=...), or a smaller scene of "
+            "the same kind."
+        )
+    return replace(look, dt=float(f"{dt:.3g}")), cost
 
 
 def _growth(scene: Scene, crossing: float, patience: float) -> float:
@@ -147,38 +206,43 @@ def _impatient(patience: float) -> Callable[[int, int], None]:
 
     def look(done: int, frames: int) -> None:
         if time.monotonic() > end:
-            raise _TooSlow(f"do its first look in {patience:g} s")
+            raise _TooSlow(f"make its preliminary run in {patience:g} s")
 
     return look
 
 
 class _TooSlow(Exception):  # noqa: N818 - not an error
-    """A look takes too long."""
+    """A preliminary run takes too long."""
 
 
-def _stepped_look(scene: Scene, settings: Settings, crossing: float) -> Look:
+def _stepped_look(scene: Scene, settings: Settings, crossing: float, until: float | None) -> Look:
     try:
-        return _look(scene, settings, crossing, PATIENCE)
+        return _look(scene, settings, crossing, until, LONGEST_LOOK)
     except _TooSlow:
         raise InputError(
-            f"a trade needs a scene whose first look takes less than {PATIENCE:g} s; that of {scene!r} takes longer. "
-            "Take a smaller scene of the same kind: errors hardly depend on the number of discs."
+            f"a trade needs a scene whose preliminary run takes less than {LONGEST_LOOK:g} s; that of {scene!r} takes "
+            "longer. Take a smaller scene of the same kind: errors hardly depend on the number of discs."
         ) from None
 
 
-def _look(scene: Scene, settings: Settings, crossing: float, patience: float) -> Look:
-    """A run of the scene, STARTS blocks long."""
-    collisions, guarded = 0, 0
+def _look(scene: Scene, settings: Settings, crossing: float, until: float | None, patience: float) -> Look:
+    """A run of the scene, STARTS blocks long: to `until`, or of about COLLISIONS each."""
+    collisions, guarded, seconds = 0, 0, 0.0
     with quietly(), Simulation(scene, settings) as sim:
         states = [sim.state]
         look = _impatient(patience)  # from here on, as what came before may have compiled
         block = done = 1
-        for _ in range(STARTS):
+        for number in range(1, STARTS + 1):
+            if until is not None:
+                block = max(int(until * number / STARTS / settings.dt) - sim.frame, 1)
             report = sim.run(frames=block, progress=look)
             collisions, guarded, done = collisions + report.collisions, guarded + report.guarded, block
-            block = int(np.clip(COLLISIONS / max(collisions / sim.frame, 1), 1, 5 * crossing / settings.dt))
+            seconds += float(report.frame_seconds.sum())
+            if until is None:
+                block = int(np.clip(COLLISIONS / max(collisions / sim.frame, 1), 1, 5 * crossing / settings.dt))
             states.append(sim.state)
-        squares = [(state.velocity[state.present] ** 2).mean() for state in states if state.present.any()]
-        speed = float(np.sqrt(np.mean(squares)))
+        moving = [(state.velocity[state.present] ** 2).mean() for state in states if state.present.any()]
         share = guarded / max(collisions, 1)
-        return Look(speed, collisions / sim.time, tuple(states[:-1]), done * settings.dt, share)
+        speed = float(np.sqrt(np.mean(moving))) if moving else 0.0
+        gap = done * settings.dt
+        return Look(speed, collisions / sim.time, tuple(states[:-1]), gap, share, seconds / sim.time)

@@ -1,15 +1,12 @@
 """One accuracy run of one candidate: a pure function of scene, settings and plan, so that any executor can run it.
 
-The physics of a scene is an average over starts that differ by less than anybody could measure: replica 0 starts as the
-scene says, the others with velocities changed by a millionth. Where collisions make the motion chaotic such runs soon
-are independent samples; where they do not, all are the same run, and so is the mean. What a gas does before they have
-parted is one sample however many replicas there are, whose chance no scatter shows: it does not count (`Plan.memory`).
+The physics of a scene is an average over starts (`starts.Starts`). Where they are one start but for a tiny variation,
+collisions soon make independent samples of them. What a gas does before that is one sample however many runs there are,
+whose chance no scatter shows: it does not count as part of a stationary state (`Plan.memory`).
 """
 
 import dataclasses
-import hashlib
 import json
-import math
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator
@@ -22,8 +19,10 @@ import numpy as np
 from mpsim.engine import methods
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import (
+    EmitterWarning,
     FastWarning,
     GuardWarning,
+    InputError,
     MpsimError,
     OverlapWarning,
     ResolutionWarning,
@@ -36,9 +35,6 @@ from mpsim.measure.comparison import short_run
 from mpsim.scene import Scene
 from mpsim.settings import Settings
 from mpsim.state import State
-
-VARIATION = 1e-6
-"""Part by which each velocity component of a replica differs from the scene's."""
 
 PIECES = 16
 """Parts of a long run over which averages are taken one by one, and after which the speeds are looked at."""
@@ -63,13 +59,24 @@ def available(scene: Scene) -> tuple[str, ...]:
     """Those of MEASURES that mean something in a scene: no pressure where there are neither walls nor a virial, say."""
     if not isinstance(scene, Scene):  # which the campaign checks
         return MEASURES
-    return tuple(name for name in MEASURES if name not in gathering.NAMES or gathering.refusal(name, scene) is None)
+    return tuple(name for name in MEASURES if refusal(name, scene) is None)
+
+
+def refusal(name: str, scene: Scene) -> str | None:
+    """Why one of MEASURES would be wrong in a scene, or None."""
+    if name in SHORT and (scene.emitters or scene.absorbing):
+        return (
+            f"{name!r} compares runs from states along a run, and needs all discs in each; emitters and absorbing "
+            "edges change them. Ask for 'overlap', or for an average such as 'pressure'."
+        )
+    return gathering.refusal(name, scene) if name in gathering.NAMES else None
 
 
 def demand_available(names: Iterable[str], scene: Scene) -> None:
     """Raise InputError for one of MEASURES that the scene cannot have, with the reason."""
     if isinstance(scene, Scene):  # which the campaign checks
-        gathering.checked([name for name in names if name in gathering.NAMES], scene)
+        for reason in filter(None, (refusal(name, scene) for name in names)):
+            raise InputError(reason)
 
 
 @dataclass(frozen=True)
@@ -81,7 +88,7 @@ class Plan:
         speed: unit of SPEED_LEVELS, a typical speed of the reference [length/time].
         short: length of a short run [time]; 0 where trajectories cannot be compared.
         rate: Lyapunov exponent of the scene [1/time].
-        memory: time at which long runs begin to count, as replicas have parted by then [time]; 0: all of them counts.
+        memory: time from which on runs of one start are independent [time]: a stationary part begins no earlier.
     """
 
     until: float
@@ -108,21 +115,6 @@ def key_of(settings: Settings) -> str:
     return json.dumps(values, sort_keys=True)
 
 
-def seed_of(settings: Settings, number: int) -> int:
-    """Seed of a replica: a function of the candidate alone, so that its row can be reproduced without the others."""
-    return int.from_bytes(hashlib.sha256(f"{key_of(settings)} {number}".encode()).digest()[:6], "big")
-
-
-def varied(scene: Scene, seed: int) -> Scene:
-    """The scene with velocities changed by a millionth, and the same kinetic energy."""
-    velocity = scene.velocity * (1 + VARIATION * np.random.default_rng(seed).normal(size=scene.velocity.shape))
-    masses = 1.0 if scene.mass is None else scene.mass[:, None]
-    energy = float((masses * velocity**2).sum())
-    if energy > 0:
-        velocity *= np.sqrt(float((masses * scene.velocity**2).sum()) / energy)
-    return scene.starting_from(State(scene.position, velocity))
-
-
 class Stopped(Exception):  # noqa: N818 - not an error
     """Nobody waits for this run any more."""
 
@@ -130,16 +122,14 @@ class Stopped(Exception):  # noqa: N818 - not an error
 Progress = Callable[[int, int], None] | None
 
 
-def long_run(
-    scene: Scene, settings: Settings, plan: Plan, number: int, stop: threading.Event | None = None
-) -> dict[str, Any]:
+def long_run(start: Scene, settings: Settings, plan: Plan, stop: threading.Event | None = None) -> dict[str, Any]:
     """Averages over PIECES of one run to plan.until: a list for each measure of LONG, of lists for the speeds.
 
-    A run that cannot go on gives {"failure": reason}; one whose `stop` is set, an exception.
+    With "centre", the middle of each piece as a fraction of plan.until, "met", the pairs met, and "seconds" of running.
+    A run that cannot be continued gives {"failure": reason}; one whose `stop` is set, an exception.
     """
     try:
         with quietly():
-            start = varied(scene, seed_of(settings, number)) if number else scene
             return _averages(start, settings, plan, _until_stopped(stop))
     except (MpsimError, ArithmeticError, MemoryError) as error:
         return failure(error)
@@ -158,7 +148,7 @@ def quietly() -> Iterator[None]:
         yield
         return
     with warnings.catch_warnings():
-        for kind in (OverlapWarning, GuardWarning, FastWarning, ResolutionWarning):
+        for kind in (EmitterWarning, OverlapWarning, GuardWarning, FastWarning, ResolutionWarning):
             warnings.simplefilter("ignore", kind)
         yield
 
@@ -178,17 +168,18 @@ def _averages(scene: Scene, settings: Settings, plan: Plan, progress: Progress) 
         settings = dataclasses.replace(settings, dt=plan.until / PIECES)
     counted = [name for name in available(scene) if name in LONG and name != "speed_distribution"]
     pieces = min(PIECES, max(int(plan.until / settings.dt), 1))
-    forgotten = min(math.ceil(pieces * plan.memory / plan.until), pieces - 1)
-    series: dict[str, list[Any]] = {name: [] for name in (*counted, "speed_distribution", "met")}
+    series: dict[str, Any] = {name: [] for name in (*counted, "speed_distribution", "met", "centre")}
+    series["seconds"] = 0.0
     with Simulation(scene, settings) as sim:
-        if forgotten:
-            sim.run(until=plan.until * forgotten / pieces, progress=progress)
-        for piece in range(forgotten + 1, pieces + 1):
+        for piece in range(1, pieces + 1):
+            before = sim.time
             report = sim.run(until=plan.until * piece / pieces, measures=counted, progress=progress)
             for name in counted:
                 series[name].append(report.measures[name].value)
             series["met"].append(report.measures["overlap"].samples)
             series["speed_distribution"].append(_cumulative(sim.state, plan.speed))
+            series["centre"].append((before + sim.time) / 2 / plan.until)
+            series["seconds"] += float(report.frame_seconds.sum())
     for name in ("overlap", "largest_overlap"):
         series[name] = [depth / (2 * scene.smallest_radius) for depth in series[name]]
     return series

@@ -1,5 +1,6 @@
 """From the tables of a checked scene file to the Scene."""
 
+import functools
 import math
 from typing import Any
 
@@ -27,8 +28,12 @@ class ProblemsError(Exception):
         self.problems = problems
 
 
-def build(table: SceneTable) -> Scene:
+def build(table: SceneTable, variation: int | None = None) -> Scene:
     """The scene that the tables describe.
+
+    Args:
+        table: of the file.
+        variation: None: as the seeds of the file say; a number: drawn with other random numbers.
 
     Raises:
         ProblemsError: with all that is wrong.
@@ -44,7 +49,7 @@ def build(table: SceneTable) -> Scene:
         if sides is None and discs.places is not None:
             continue  # nobody knows yet where
         try:
-            groups.append(_group(discs, (width, height), taken, periodic))
+            groups.append(_group(discs, (width, height), taken, periodic, variation))
         except InputError as error:
             problems.append((f"discs[{index}]", str(error)))
     if problems:
@@ -58,7 +63,10 @@ def build(table: SceneTable) -> Scene:
     }
     plain = {name: getattr(table, name) for name in ("gravity", "restitution", "wall_restitution", "duration")}
     try:
-        return Scene(**box, **_joined(groups), **parts, **plain)
+        scene = Scene(**box, **_joined(groups), **parts, **plain)
+        if any(discs.places == "random" or discs.temperature for discs in table.discs):
+            scene.drawn_by(functools.partial(build, table))
+        return scene
     except InputError as error:
         found = _all_problems(box, groups, parts, [index for index, _ in obstacles])
         raise ProblemsError(found or [("", str(error))]) from None
@@ -103,9 +111,11 @@ def _obstacles(table: SceneTable, problems: list[Problem]) -> list[tuple[int, Ob
     return made
 
 
-def _group(discs: Discs, box: tuple[float, float], taken: Taken, periodic: tuple[bool, bool]) -> Arguments:
+def _group(
+    discs: Discs, box: tuple[float, float], taken: Taken, periodic: tuple[bool, bool], variation: int | None
+) -> Arguments:
     """One group of discs as arguments of Scene; it is noted in `taken`."""
-    rng = np.random.default_rng(discs.seed)
+    rng = np.random.default_rng(discs.seed if variation is None else [discs.seed, variation])
     if discs.places == "random":
         assert discs.count is not None
         _demand_one_each(discs, discs.count)

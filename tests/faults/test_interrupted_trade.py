@@ -91,7 +91,7 @@ if __name__ == "__main__":
 
 def test_a_kill_leaves_a_file_to_go_on_from(tmp_path, made):
     path = tmp_path / "kept.json"
-    text = "from mpsim.measure import campaign\ncampaign.SAVE_EVERY = 0.0\n" + SCRIPT.format(until=5, path=path)
+    text = "from mpsim.measure import kept\nkept.SAVE_EVERY = 0.0\n" + SCRIPT.format(until=5, path=path)
     # Warnings are not errors here: CPython's resource tracker inherits the flag, and with it gives up all blocks after
     # the first whose thread was killed between announcing and making it.
     with Script(text, flags=()) as script:

@@ -1,0 +1,90 @@
+"""What a trade has found so far: results by key, in memory and in a file."""
+
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+from mpsim.errors import InputError
+
+FORMAT = 3
+"""Of the file that keeps what is finished: runs that are cut or counted in another way are not to be mixed."""
+
+SAVE_EVERY = 1.0
+"""Seconds between two writes of the file that keeps what is finished."""
+
+
+class Kept:
+    """Results by key, in memory and, if there is a path, in a JSON file that is never half written."""
+
+    def __init__(self, path: str | Path | None, scene: str):
+        self._path = None if path is None else _checked(path)
+        self._results: dict[str, Any] = {}
+        self._title = {"format": FORMAT, "scene": scene}
+        self._plan: str | None = None
+        self.reference: str | None = None
+        self._open = False
+        self._saved = time.monotonic()
+        if self._path is not None and self._path.exists():
+            self._plan, self.reference, self._results = _loaded(self._path, self._title)
+
+    def open(self, plan: str, reference: str) -> None:
+        """Begin to keep results of a plan and a reference, which must be those of the file, if there is one."""
+        if self._plan not in (None, plan):
+            raise _other(self._path)
+        self._plan, self.reference, self._open = plan, reference, True
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._results
+
+    def __getitem__(self, key: str) -> Any:
+        return self._results[key]
+
+    def put(self, key: str, value: Any) -> None:
+        """Keep a result; the file follows within SAVE_EVERY seconds, or at the end."""
+        self._results[key] = value
+        if time.monotonic() - self._saved > SAVE_EVERY:
+            self.save()
+
+    def save(self) -> None:
+        """Write the file, beside it first, so that a kill leaves the old one or the new one."""
+        self._saved = time.monotonic()
+        if self._path is not None and self._open:
+            beside = self._path.with_name(f"{self._path.name}.{os.getpid()}.tmp")
+            results = {key: value for key, value in self._results.items() if "machine" not in value}
+            kept = {"title": self._title, "plan": self._plan, "reference": self.reference, "results": results}
+            try:
+                beside.write_text(json.dumps(kept))
+                beside.replace(self._path)
+            finally:
+                beside.unlink(missing_ok=True)
+
+
+def _checked(path: str | Path) -> Path:
+    """A path that can be written, as is seen before hours are spent, not after."""
+    folder = Path(path).absolute().parent
+    if not folder.is_dir() or not os.access(folder, os.W_OK) or Path(path).is_dir():
+        raise InputError(f"path must be a file in a folder that can be written to; got {str(path)!r}. Make the folder.")
+    return Path(path)
+
+
+def _loaded(path: Path, title: dict[str, Any]) -> tuple[str, str, dict[str, Any]]:
+    try:
+        kept = json.loads(path.read_text())
+        found, plan, reference, results = kept["title"], kept["plan"], kept["reference"], dict(kept["results"])
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise InputError(
+            f"path must be a file of an earlier trade, or none yet; {path} cannot be read as one ({error}). "
+            "Remove it, or give another path."
+        ) from None
+    if found != title:
+        raise _other(path)
+    return plan, reference, results
+
+
+def _other(path: Path | None) -> InputError:
+    return InputError(
+        f"path must be a file of the same scene and the same lengths of runs; {path} is of others. "
+        "Remove it, or give another path."
+    )

@@ -1,0 +1,117 @@
+"""Errors of scenes that change with time: windows along the duration, and the stationary part, where there is one."""
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Runs = NDArray[np.float64]
+"""A measure in each piece of each run, shape (runs, pieces)."""
+
+WINDOWS = 8
+"""Windows along the duration in which a changing scene is compared."""
+
+TREND = 3.0
+"""Standard errors that a trend, or the first piece, may show by chance in a series that is called stationary. Each is
+looked for in some ten series of a scene, so that two would be too few."""
+
+LATEST = 0.5
+"""Fraction of the duration after which a stationary part is no longer what the scene is about."""
+
+FEWEST = 4
+"""Pieces of a stationary part, at least: fewer cannot show a trend."""
+
+SEEN = 2.0
+"""Standard errors by which the reference must exceed zero in a window for anything to be a fraction of it."""
+
+SAME = 1e-12
+"""Relative scatter of runs below which they are one run: that of rounding."""
+
+
+def steady_from(series: Runs, least: int = 0) -> int | None:
+    """First piece of the longest stationary end of a series, or None if there is none that begins before LATEST.
+
+    Stationary: over the runs, which are independent, neither the slope, nor the first piece against the others, nor the
+    first half against the second differs from nothing by more than TREND of its standard errors.
+
+    Args:
+        series: shape (runs, pieces).
+        least: first piece that may be taken.
+
+    >>> noise = np.random.default_rng(1).normal(size=(16, 16))
+    >>> steady_from(10 + noise), steady_from(10 + noise + np.arange(16)), steady_from(noise + 50 * (np.arange(16) < 3))
+    (0, None, 3)
+    """
+    pieces = series.shape[1]
+    for first in range(least, min(int(LATEST * pieces), pieces - FEWEST) + 1):
+        if not any(abs(each) > TREND for each in _contrasts(series[:, first:])):
+            return first
+    return None
+
+
+def _contrasts(series: Runs) -> list[float]:
+    """Slope, first piece, and first half of a series against nothing, in standard errors (of a normal one)."""
+    pieces = series.shape[1]
+    slope = np.arange(pieces) - (pieces - 1) / 2
+    first = np.where(np.arange(pieces) == 0, 1.0, -1 / (pieces - 1))
+    half = np.where(np.arange(pieces) < pieces // 2, 1 / (pieces // 2), -1 / (pieces - pieces // 2))
+    found: list[float] = []
+    for weights in (slope, first, half):
+        each = series @ weights
+        error = float(each.std(ddof=1)) / math.sqrt(len(each))
+        mean = float(each.mean())
+        rounding = SAME * float(np.abs(series).max(initial=0.0)) * float(np.abs(weights).sum())
+        found.append(0.0 if abs(mean) <= rounding else mean / error if error else math.inf)
+    return found
+
+
+@dataclass(frozen=True)
+class Spans:
+    """Where along the duration errors are taken.
+
+    Attributes:
+        pieces: (first, end) of each span, in pieces.
+        number: of pieces of the duration.
+        stationary: whether it is one span in which nothing changes with time.
+    """
+
+    pieces: tuple[tuple[int, int], ...]
+    number: int
+    stationary: bool
+
+    def mean(self, series: Runs) -> Runs:
+        """Means over each span, shape (runs, spans)."""
+        return np.stack([series[:, first:end].mean(axis=1) for first, end in self.pieces], axis=1)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """From where to where, as fractions of the duration."""
+        return self.pieces[0][0] / self.number, self.pieces[-1][1] / self.number
+
+
+def spans_of(reference: Runs, least: int = 0) -> Spans:
+    """The stationary end of the reference, or else windows along all of its duration in which there is something.
+
+    Args:
+        reference: shape (runs, pieces), of which some are not 0.
+        least: first piece of a stationary end.
+    """
+    pieces = reference.shape[1]
+    steady = steady_from(reference, least)
+    if steady is not None:
+        return Spans(((steady, pieces),), pieces, stationary=True)
+    edges = np.unique(np.linspace(0, pieces, min(WINDOWS, pieces) + 1).astype(int)).tolist()
+    windows = Spans(tuple(itertools.pairwise(edges)), pieces, stationary=False)
+    means = windows.mean(reference)
+    error = means.std(axis=0, ddof=1) / math.sqrt(len(means))
+    seen = np.abs(means.mean(axis=0)) > SEEN * error
+    chosen = tuple(span for span, there in zip(windows.pieces, seen, strict=True) if there)
+    return Spans(chosen or windows.pieces, pieces, stationary=False)
+
+
+def alike(series: Runs) -> bool:
+    """Whether all runs are one run, to rounding."""
+    means = series.mean(axis=1)
+    return bool(np.ptp(means) <= SAME * float(np.abs(means).max(initial=0.0)))
