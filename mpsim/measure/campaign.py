@@ -12,7 +12,8 @@ import numpy as np
 
 from mpsim import checks
 from mpsim.engine.cores import usable_cores
-from mpsim.errors import InputError, NotMeasurableError
+from mpsim.engine.simulation import Simulation
+from mpsim.errors import InputError, NotMeasurableError, TooFastError
 from mpsim.measure import cost
 from mpsim.measure.cost import Cost
 from mpsim.measure.deviations import RELATIVE, Deviation, deviations, short_deviations, unmeasurable
@@ -34,11 +35,12 @@ PARTINGS = 10
 slowly, and runs that are shorter have it in common."""
 
 REFERENCE = 2
-"""The exact reference has so many times the replicas of a candidate, so that its noise adds little; a stepped one, which
-costs more than all candidates together, as many."""
+"""The exact reference has so many times the replicas of a candidate, so that its noise adds little; a stepped one,
+which costs more than all candidates together, as many."""
 
 AGAIN = 2
 """Step of the runs that show how far a stepped reference may be off itself, in steps of the reference."""
+
 
 class CandidateFailed(Exception):  # noqa: N818 - an outcome, not an error
     """A candidate could not be run to the end; the text says why."""
@@ -113,6 +115,20 @@ class Campaign:
         finally:
             self._kept.save()
 
+    def announce(self, text: str) -> None:
+        """Tell whoever watches what comes."""
+        self._progress(0, 1, text)
+
+    def warning_of(self, settings: Settings) -> str:
+        """What a run of the scene with these settings warns of, or ""."""
+        careful = dataclasses.replace(settings, on_fast="error", workers=1)
+        try:
+            with quietly(), Simulation(self._scene, careful) as sim:
+                sim.run(until=self.plan.until)
+        except TooFastError as error:
+            return str(error)
+        return ""
+
     def assess(self, candidates: Iterable[Settings], replicas: int | None = None, first: int = 0) -> None:
         """Do the accuracy runs of candidates, and of the reference, that are not there yet.
 
@@ -151,10 +167,9 @@ class Campaign:
 
     def seconds_for(self, settings: Settings, replicas: int, verify: bool = False) -> float:
         """Seconds that the accuracy runs of a candidate will take, about; verify: with as many of the reference."""
-        reference = self.pilot.seconds * self.plan.until
-        one = reference
-        if settings.method != "event" and not self.pilot.exact:
-            one *= self.pilot.reference.dt / settings.dt * settings.passes / self.pilot.reference.passes
+        one = reference = self.pilot.seconds * self.plan.until
+        if settings.method != "event":
+            one = self.plan.until / settings.dt * settings.passes * self.pilot.step_seconds
         runs = replicas * one + (self._references(replicas) * reference if verify else 0.0)
         return runs / usable_cores()
 
@@ -164,7 +179,8 @@ class Campaign:
             self._progress(done, len(candidates), "timing")
             key = f"cost {key_of(settings)}"
             if key not in self._kept:
-                self._kept.put(key, cost.measure(self._scene, settings, self.plan.until, whole=bool(self._scene.emitters)))
+                whole = bool(self._scene.emitters)
+                self._kept.put(key, cost.measure(self._scene, settings, self.plan.until, whole))
         self._progress(len(candidates), len(candidates), "timing")
 
     def cost(self, settings: Settings) -> Cost:

@@ -1,4 +1,4 @@
-"""The preliminary run of a trade: what can be the reference, how fast discs are, how often they collide, what it costs."""
+"""The preliminary run of a trade: what can be the reference, how fast discs are and how often they collide."""
 
 import math
 import time
@@ -41,6 +41,9 @@ LOOK = 0.05
 RUNS = 20
 """Runs of the reference that a trade takes, about: each may last so small a fraction of the time there is."""
 
+FRAMES = 100
+"""Frames that are timed to tell what a step takes."""
+
 LYAPUNOV_TIMES = 2.0
 """Length of a short run in Lyapunov times: long enough to see an error, short against the time that erases all."""
 
@@ -60,6 +63,7 @@ class Pilot:
         gap: time between the last two of them [time].
         look: settings of the run.
         seconds: that the reference takes for a unit of time on one core [s/time].
+        step_seconds: that one step with one pass takes, likewise [s].
     """
 
     reference: Settings
@@ -72,6 +76,7 @@ class Pilot:
     gap: float
     look: Settings
     seconds: float = 0.0
+    step_seconds: float = 0.0
 
     @property
     def exact(self) -> bool:
@@ -147,7 +152,10 @@ def pilot(scene: Scene, until: float | None = None, earlier: str | None = None, 
         look = _stepped_look(scene, settings, crossing, until)
     own = 2 * scene.smallest_radius / look.speed if look.speed else crossing  # at the speeds that there really are
     reference, cost = settings, look.seconds
-    if not exact:
+    if exact:
+        step_seconds = _step_seconds(scene, LOOK * crossing)
+    else:
+        step_seconds = look.seconds * settings.dt / settings.passes
         reference, cost = _finest(settings, look.seconds, own, until or 0.0, seconds)
     name = EXACT if exact else f"two passes at dt={reference.dt:.3g}, the finest affordable run, as {EXACT} "
     if look.guarded:
@@ -155,7 +163,9 @@ def pilot(scene: Scene, until: float | None = None, earlier: str | None = None, 
     name = earlier or (name if exact else f"{name}cannot: {reason}")
     short = min(LYAPUNOV_TIMES / growth, 5 * own)
     speed = look.speed or speed
-    return Pilot(reference, name, speed, look.collisions, growth, short, look.starts, look.gap, settings, cost)
+    return Pilot(
+        reference, name, speed, look.collisions, growth, short, look.starts, look.gap, settings, cost, step_seconds
+    )
 
 
 def _speed_to_come(scene: Scene) -> float:
@@ -184,10 +194,16 @@ def _finest(look: Settings, seconds: float, crossing: float, until: float, limit
         needed = seconds * look.dt / (COARSEST * crossing) * until * RUNS / usable_cores()
         raise InputError(
             f"a trade of this scene needs some {needed:.0f} s, as one run of its reference to {until:g} is so long; "
-            f"it may take {limit:g} s. Give it more time (seconds=...), a shorter run (until=...), or a smaller scene of "
-            "the same kind."
+            f"it may take {limit:g} s. Give it more time (seconds=...), a shorter run (until=...), or a smaller scene "
+            "of the same kind."
         )
     return replace(look, dt=float(f"{dt:.3g}")), cost
+
+
+def _step_seconds(scene: Scene, dt: float) -> float:
+    """Seconds of one step with one pass, about, on one core."""
+    with quietly(), Simulation(scene, Settings(dt=dt, workers=1)) as sim:
+        return float(np.median(sim.run(frames=FRAMES).frame_seconds))
 
 
 def _growth(scene: Scene, crossing: float, patience: float) -> float:

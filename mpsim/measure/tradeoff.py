@@ -20,6 +20,7 @@ from mpsim.measure.cost import Cost
 from mpsim.measure.deviations import Deviation
 from mpsim.measure.ladder import ladder
 from mpsim.measure.replicas import MEASURES, available, demand_available, quietly
+from mpsim.measure.starts import StartsGiven
 from mpsim.scene import Scene
 from mpsim.settings import Settings
 
@@ -59,6 +60,8 @@ class Row:
         for name, deviation in self.errors.items():
             values[name], values[f"{name}_error"] = deviation.value, deviation.error
             values[f"{name}_resolved"] = deviation.resolved
+            if deviation.reason:
+                values[f"{name}_reason"] = deviation.reason
         values["failure"] = self.failure
         return values
 
@@ -74,6 +77,7 @@ class Tradeoff:
         short: length of a short run [time].
         measures: names of the errors.
         rows: one per candidate, in the order in which they were given.
+        starts: of what starts the errors are, in words.
     """
 
     scene: str
@@ -82,6 +86,7 @@ class Tradeoff:
     short: float
     measures: tuple[str, ...]
     rows: tuple[Row, ...]
+    starts: str = ""
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -121,7 +126,7 @@ class Tradeoff:
 
         What is not finite is null: JSON has no word for it.
         """
-        values = {name: getattr(self, name) for name in ("scene", "reference", "until", "short", "measures")}
+        values = {name: getattr(self, name) for name in ("scene", "reference", "starts", "until", "short", "measures")}
         rows = [row.record() for row in self.rows]
         values["rows"] = [{name: _finite(value) for name, value in row.items()} for row in rows]
         return _written(json.dumps(values, indent=1, allow_nan=False) + "\n", path)
@@ -156,17 +161,19 @@ def tradeoff(
     until: float | None = None,
     measures: Iterable[str] | None = None,
     *,
+    starts: StartsGiven = None,
     executor: Executor | None = None,
-    replicas: int = 8,
+    replicas: int = 16,
     path: str | Path | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> Tradeoff:
     """Cost and errors of each candidate on a scene.
 
-    Errors are those of the physics: averages over `replicas` runs of length `until`, which start as the scene says but
-    for a millionth of each velocity, against twice as many of the exact solver (or, where that cannot do the scene, of
-    the finest affordable stepped run, and the table says so).
-    A difference below three standard errors (more, where few replicas know them badly) is "not resolved".
+    Errors are those of the physics: averages over `replicas` runs of length `until` from independent starts, against
+    twice as many of the exact solver (or, where that cannot do the scene, as many of the finest affordable stepped run,
+    and the table says so). A difference below three standard errors (more, where few replicas know them badly) is "not
+    resolved". On a scene that changes with time an error is the mean over windows along its duration. What means
+    nothing on the scene is "not measurable", with the reason.
 
     pressure, collision_rate
         relative difference of the averages [1]
@@ -188,8 +195,12 @@ def tradeoff(
     Args:
         scene: what is simulated.
         candidates: settings to compare; None: a ladder of contacts, steps, passes, laws, precisions, methods.
-        until: length of one run [time], > 0; None: so that collisions fix the pressure to about a thousandth.
+        until: length of one run [time], > 0; None: the scene's duration; where it has none, so that collisions fix the
+            pressure to about a thousandth.
         measures: names of errors; None: all that the scene can have.
+        starts: "kind": other starts of the same kind (see `Scene.another`), so that errors hold for the kind; "same":
+            this start, each disc displaced by up to a thousandth of a diameter; a function from a number to a Scene, or
+            a list of Scenes; None: "kind" where the scene was drawn at random, else "same".
         executor: any concurrent.futures.Executor for the accuracy runs, which are independent; None: threads, as many
             as there are cores. The costs are always measured here.
         replicas: runs per candidate, >= 2.
@@ -207,14 +218,16 @@ def tradeoff(
     (True, True)
     """
     names = _measures(measures, scene)
-    checks.whole("replicas", replicas, 2, 100_000, "8 will do for most scenes.")
-    run = Campaign(scene, until, names, replicas=replicas, executor=executor, path=path, progress=progress)
+    checks.whole("replicas", replicas, 2, 100_000, "16 will do for most scenes.")
+    how: dict[str, Any] = {"executor": executor, "path": path, "progress": progress, "starts": starts}
+    run = Campaign(scene, until, names, replicas=replicas, **how)
     settings = ladder(scene, run.pilot.speed) if candidates is None else _checked(scene, candidates)
     with run:
         run.assess(settings)
         run.time(settings)
     rows = tuple(row_of(run, each) for each in settings)
-    return Tradeoff(repr(scene), run.pilot.reference_name, run.plan.until, run.plan.short, names, rows)
+    lengths = run.plan.until, run.plan.short
+    return Tradeoff(repr(scene), run.pilot.reference_name, *lengths, names, rows, run.starts.name)
 
 
 def row_of(run: Campaign, settings: Settings) -> Row:

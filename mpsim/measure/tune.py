@@ -6,9 +6,12 @@
 import dataclasses
 import importlib
 import math
+import time
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +22,7 @@ from mpsim.measure.cost import Cost
 from mpsim.measure.deviations import Deviation
 from mpsim.measure.ladder import families, step
 from mpsim.measure.replicas import MEASURES, demand_available
+from mpsim.measure.starts import StartsGiven
 from mpsim.measure.tradeoff import Row, label, listed, row_of
 from mpsim.scene import Scene
 from mpsim.settings import Settings
@@ -38,8 +42,20 @@ LOOKS = 8
 MOST_REPLICAS = 64
 """Replicas at most, where the noise leaves it open whether a budget is met."""
 
+FEWEST_REPLICAS = 6
+"""... and at least, where runs are long: with fewer their standard error is known too badly to decide anything."""
+
+SEARCH = 0.6
+"""Fraction of the time there is in which candidates are looked at; the rest is for verification and timing."""
+
 AIM = 0.9
 """Part of the budget at which the next step is aimed."""
+
+LEAST_RATIO = 4.0
+"""Steps of candidates, at least, over that of a stepped reference."""
+
+TRIALS, TYPICAL, TIMING = 12, 0.03, 1.5
+"""Candidates that a search looks at, their typical step (diameter / speed), and seconds to time one: for the forecast."""
 
 VERIFICATIONS = 4
 """Settings that may fail their verification before the search gives up."""
@@ -70,6 +86,9 @@ class Tuned:
         errors: their errors, from runs that had no part in choosing them.
         budgets: as they were asked for.
         reference: what the errors are measured against, in words.
+        starts: of what starts the errors are, in words.
+        until: length of the runs [time].
+        warning: what mpsim warns of when these settings are used on the scene, or "".
         tried: every candidate of the search with its verdict, cheapest first.
         tighter: cost of half of every budget, estimated from the fitted order, over the cost of this one [1].
     """
@@ -81,6 +100,19 @@ class Tuned:
     reference: str
     tried: tuple[Trial, ...]
     tighter: float
+    starts: str = ""
+    until: float = math.nan
+    warning: str = ""
+
+    @property
+    def exact(self) -> bool:
+        """Whether these settings are the reference itself, so that their errors are 0 by definition."""
+        return all(error.exact for error in self.errors.values())
+
+    @property
+    def verified(self) -> bool:
+        """Whether runs that had no part in choosing, and could have shown otherwise, found every error in its budget."""
+        return not self.exact and all(error.inside(self.budgets[name]) for name, error in self.errors.items())
 
     def _repr_html_(self) -> str:
         return importlib.import_module("mpsim.output.notebook").tuned_html(self)  # which lies above
@@ -88,7 +120,9 @@ class Tuned:
     def __str__(self) -> str:
         lines = [f"{label(self.settings)}: {self.cost.median:.3g} ns per disc and unit of time ({self.cost.method})"]
         for name, budget in self.budgets.items():
-            lines.append(f"  {name}: {self.errors[name]!r}, budget {budget:g} (verified by a run of its own)")
+            error = self.errors[name]
+            claim = "exact" if error.exact else "verified by runs of its own"
+            lines.append(f"  {name}: {error!r}, budget {budget:g} ({claim}{_where(error, self.until)})")
         cheaper = [each for each in self.tried if not each.inside and each.row.cost is not None]
         cheaper = [each for each in cheaper if each.row.cost and each.row.cost.median < self.cost.median]
         lines += ["cheaper, and why not:"] if cheaper else ["nothing cheaper was found"]
@@ -97,7 +131,10 @@ class Tuned:
             lines.append(f"  {each.row.label}, {each.row.cost.median:.3g} ns: {each.verdict}")
         lines += [f"  {each.row.label} failed: {each.row.failure}" for each in self.tried if each.row.cost is None]
         lines.append(f"half of every budget would cost about {self.tighter:.2g} times as much")
-        lines.append(f"errors against {self.reference}")
+        lines.append(f"errors against {self.reference}; averages over {self.starts}, runs of {self.until:.3g}")
+        lines += (
+            [f"with these settings mpsim warns: {self.warning} The errors above include it."] if self.warning else []
+        )
         return "\n".join(lines)
 
 
@@ -107,26 +144,35 @@ def tune(
     until: float | None = None,
     candidates: Iterable[Settings] | None = None,
     *,
+    starts: StartsGiven = None,
     executor: Executor | None = None,
-    replicas: int = 8,
+    replicas: int = 16,
+    seconds: float = 150.0,
+    path: str | Path | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> Tuned:
     """The cheapest settings whose errors on a scene stay inside every budget.
 
     For each family of settings the longest step inside the budgets is searched along the order that was measured so
-    far; the cheapest family wins, and runs of its own verify it. An error counts with two of its standard errors.
+    far; the cheapest family wins, and runs of its own, from starts of their own, verify it. An error counts with two of
+    its standard errors. On a scene that changes with time the error is the mean over windows along its duration, and no
+    single window may be seen to be outside.
 
     Args:
         scene: what is simulated.
         max_error: measure -> largest |error|, > 0, in the unit of the measure (see `tradeoff`): {"pressure": 0.01} is
             one per cent, {"overlap": 0.05} a twentieth of a diameter.
-        until: length of one run [time]; None: so that collisions fix the pressure to about a thousandth.
+        until: length of one run [time]; None: the scene's duration; where it has none, so that collisions fix the
+            pressure to about a thousandth, if the scene does not change with time.
         candidates: families to choose from, whose dt is searched; None: impact with one and two passes, push, and the
             exact solver.
-        executor, replicas, progress: as for `tradeoff`; replicas are doubled where noise leaves an answer open.
+        starts, executor, replicas, path, progress: as for `tradeoff`; replicas are doubled where noise leaves an answer
+            open, and fewer where runs are long. `progress` is called first with how long it will take.
+        seconds: that it may take, about [s]: a longer search reaches smaller errors where runs are long.
 
     Raises:
         BudgetError: if no candidate meets all budgets, with the least error that was reached.
+        NotMeasurableError: if the scene shows no such error: nothing happens, or all runs are one run.
         InputError: naming the argument and its rule.
 
     >>> scene = Scene.random(count=30, packing=0.2, radius=0.5, seed=1)
@@ -137,9 +183,12 @@ def tune(
     budgets = _budgets(max_error)
     demand_available(budgets, scene)
     choices = _families(candidates)
-    replicas = checks.whole("replicas", replicas, 2, MOST_REPLICAS, "8 will do for most scenes.")
-    with Campaign(scene, until, tuple(budgets), replicas=replicas, executor=executor, progress=progress) as run:
-        search = Search(run, scene, budgets)
+    replicas = checks.whole("replicas", replicas, 2, MOST_REPLICAS, "16 will do for most scenes.")
+    seconds = checks.positive("seconds", seconds, "[s]")
+    how: dict[str, Any] = {"executor": executor, "path": path, "progress": progress, "starts": starts}
+    with Campaign(scene, until, tuple(budgets), replicas=replicas, seconds=seconds, **how) as run:
+        search = Search(run, scene, budgets, seconds)
+        search.look_at_the_reference()
         for family in choices:
             search.longest_step(family)
         return search.answer()
@@ -148,13 +197,36 @@ def tune(
 class Search:
     """The trials of one call of `tune`."""
 
-    def __init__(self, run: Campaign, scene: Scene, budgets: dict[str, float]):
+    def __init__(self, run: Campaign, scene: Scene, budgets: dict[str, float], seconds: float):
         self._run = run
         self._scene = scene
         self._budgets = budgets
+        self._seconds = seconds
+        self._started = time.monotonic()
+        self._verifying = MOST_REPLICAS // 2
         self._trials: dict[Settings, Trial] = {}
         self._orders: dict[str, float] = {}
         self._numbers: dict[Settings, int] = {}
+
+    def look_at_the_reference(self) -> None:
+        """Choose how many runs there is time for, say how long it will take, and refuse what they cannot measure.
+
+        Raises:
+            NotMeasurableError: for a measure whose error would mean nothing.
+        """
+        run, fine = self._run, self._run.pilot.reference
+        one = run.seconds_for(fine, 1, verify=True) if not run.pilot.exact else 3 * run.seconds_for(fine, 1)
+        affordable = int(SEARCH / 2 * self._seconds / one) if one else MOST_REPLICAS
+        run.replicas = max(min(run.replicas, affordable), min(run.replicas, FEWEST_REPLICAS))
+        self._verifying = max(min(self._verifying, affordable), run.replicas)
+        typical = Settings(dt=TYPICAL * 2 * self._scene.smallest_radius / run.pilot.speed)
+        looks = TRIALS * (run.seconds_for(typical, run.replicas) + TIMING)
+        verification = run.seconds_for(typical, self._verifying, verify=True)
+        references = run.seconds_for(fine, run.replicas, verify=True) - run.seconds_for(fine, run.replicas)
+        needed = references + min(looks, SEARCH * self._seconds) + verification
+        run.announce(f"about {needed:.0f} s: {run.replicas} runs of each candidate, to {run.plan.until:.3g}")
+        run.assess([], run.replicas)
+        run.demand_measurable()
 
     def longest_step(self, family: Settings) -> None:
         """Look for the longest step of a family inside all budgets."""
@@ -163,17 +235,22 @@ class Search:
             return
         speed = self._run.pilot.speed
         dt, shortest, longest = (step(self._scene, speed, h) for h in (FIRST, SHORTEST, LONGEST))
+        if not self._run.pilot.exact:  # of which no error can be told that is not far above its own
+            shortest = max(shortest, LEAST_RATIO * self._run.pilot.reference.dt)
         inside, outside = 0.0, math.inf
         found: list[tuple[float, float]] = []  # step and largest error over budget
         for _ in range(LOOKS):
-            trial = self._try(dataclasses.replace(family, dt=dt))
+            settings = dataclasses.replace(family, dt=dt)
+            if not self._is_time_for(settings):
+                break
+            trial = self._try(settings)
             if trial.inside:
                 inside = max(inside, dt)
             else:
                 outside = min(outside, dt)
                 if self._too_dear(trial):
                     break
-            ratio = _ratio(trial.row, self._budgets)
+            ratio = _worst(trial.row, self._budgets)
             if math.isfinite(ratio) and ratio > 0:
                 found.append((dt, ratio))
             if outside < inside * CLOSE or inside >= longest or outside <= shortest:
@@ -197,16 +274,16 @@ class Search:
                 break
             best = min(inside, key=_cost)
             settings = best.row.settings
-            number = max(self._numbers[settings], MOST_REPLICAS // 2)
+            number = min(max(self._numbers[settings], self._verifying), MOST_REPLICAS)
             self._run.assess([settings], number, first=MOST_REPLICAS)
             errors = self._run.errors(settings, number, first=MOST_REPLICAS)
-            broken = [name for name, budget in self._budgets.items() if not errors[name].bound <= budget]
+            broken = [name for name, budget in self._budgets.items() if not errors[name].inside(budget)]
             if not broken or self._is_exact(settings):
                 return self._tuned(best, errors)
             verdict = f"inside at first, but {broken[0]} {errors[broken[0]]!r} when verified"
             self._trials[settings] = Trial(dataclasses.replace(best.row, errors=errors), verdict, False)
-            if settings.method != "event":
-                self._step_back(settings, max(errors[name].bound / self._budgets[name] for name in broken))
+            if settings.method != "event" and self._is_time_for(settings, last=True):
+                self._step_back(settings, max(_ratio(errors[name], self._budgets[name]) for name in broken))
         raise BudgetError(self._refusal())
 
     def _step_back(self, settings: Settings, ratio: float) -> None:
@@ -234,16 +311,21 @@ class Search:
                 return self._trials[settings]
             if number * 2 > MOST_REPLICAS or self._is_exact(settings) or not self._open(errors):
                 break
+            if not self._is_time_for(settings, 2 * number):
+                break
             number *= 2
         self._numbers[settings] = number
         self._run.time([settings])
         row = dataclasses.replace(row_of(self._run, settings), errors=errors)
-        broken = [name for name, budget in self._budgets.items() if not errors[name].bound <= budget]
-        if self._is_exact(settings):  # what its row shows is the noise alone
-            broken = []
+        broken = [name for name, budget in self._budgets.items() if not errors[name].inside(budget)]
         verdict = _words(broken[0], errors, self._budgets) if broken else "inside all budgets"
         self._trials[settings] = Trial(row, verdict, not broken)
         return self._trials[settings]
+
+    def _is_time_for(self, settings: Settings, replicas: int = 0, last: bool = False) -> bool:
+        """Whether there is time for the runs of another candidate, or for its verification as the last one."""
+        needed = self._run.seconds_for(settings, replicas or self._run.replicas, verify=last or bool(replicas))
+        return time.monotonic() - self._started + needed < self._seconds * (1.0 if last else SEARCH)
 
     def _is_exact(self, settings: Settings) -> bool:
         """Whether this is the reference itself."""
@@ -251,7 +333,7 @@ class Search:
 
     def _open(self, errors: dict[str, Deviation]) -> bool:
         """Whether more replicas could bring inside what is outside now."""
-        outside = [(errors[name], budget) for name, budget in self._budgets.items() if errors[name].bound > budget]
+        outside = [(errors[name], budget) for name, budget in self._budgets.items() if not errors[name].inside(budget)]
         return bool(outside) and all(abs(each.value) - each.noise < budget for each, budget in outside)
 
     def _too_dear(self, trial: Trial) -> bool:
@@ -280,23 +362,25 @@ class Search:
             exact = [_cost(each) for each in self._trials.values() if each.inside and each.row.label == "event"]
             tighter = min(tighter, *(cost / best.row.cost.median for cost in exact)) if exact else tighter
         tried = tuple(sorted(self._trials.values(), key=_cost))
-        name = self._run.pilot.reference_name
-        return Tuned(settings, best.row.cost, errors, self._budgets, name, tried, tighter)
+        run = self._run
+        said: dict[str, Any] = {"starts": run.starts.name, "until": run.plan.until, "warning": run.warning_of(settings)}
+        reference = run.pilot.reference_name
+        return Tuned(settings, best.row.cost, errors, self._budgets, reference, tried, tighter, **said)
 
     def _refusal(self) -> str:
         """Why nothing meets the budgets, with the least error that was reached."""
         wanted = ", ".join(f"{name} {budget:g}" for name, budget in self._budgets.items())
-        rows = [trial.row for trial in self._trials.values() if _ratio(trial.row, self._budgets) > 1]
-        rows = [row for row in rows if row.errors]
+        rows = [trial.row for trial in self._trials.values() if trial.row.errors and not trial.inside]
+        rows = [row for row in rows if math.isfinite(_worst(row, self._budgets))]
         if not rows:
             reasons = "; ".join(f"{trial.row.label}: {trial.verdict}" for trial in self._trials.values())
             return f"no candidate could run this scene for max_error {wanted}: {reasons}. Choose other candidates."
-        best = min(rows, key=lambda row: _ratio(row, self._budgets))
+        best = min(rows, key=lambda row: _worst(row, self._budgets))
         reached = ", ".join(f"{name} {best.errors[name].bound:.3g}" for name in self._budgets)
         return (
             f"max_error must be within reach: no candidate stays inside {wanted}. The best of {len(rows)} tried, "
-            f"{best.label}, reaches {reached} (two standard errors included). Allow these errors, run longer "
-            "(until=...) where the noise is what is left, or let candidates hold Settings(method='event')."
+            f"{best.label}, reaches {reached} (two standard errors included). Allow these errors; where the noise is "
+            "what is left, run longer (until=..., seconds=...); or let candidates hold Settings(method='event')."
         )
 
 
@@ -329,13 +413,26 @@ def _cost(trial: Trial) -> float:
     return trial.row.cost.median if trial.row.cost else math.inf
 
 
-def _ratio(row: Row, budgets: dict[str, float]) -> float:
-    """Largest error over its budget."""
-    return (
-        max((row.errors[name].bound / budget for name, budget in budgets.items()), default=math.inf)
-        if (row.errors)
-        else math.inf
-    )
+def _ratio(error: Deviation, budget: float) -> float:
+    """Size of an error over its budget; infinite where it is not measurable."""
+    if not error.measurable:
+        return math.inf
+    largest = 0.0 if error.largest is None else abs(error.largest.value) - error.largest.noise
+    return max(error.bound, largest) / budget
+
+
+def _worst(row: Row, budgets: dict[str, float]) -> float:
+    """Largest error of a row over its budget."""
+    return max((_ratio(row.errors[name], budget) for name, budget in budgets.items() if row.errors), default=math.inf)
+
+
+def _where(error: Deviation, until: float) -> str:
+    """Where along the duration an error was taken, in words."""
+    if error.exact:
+        return ""
+    first, end = (fraction * until for fraction in error.span)
+    kind = "where nothing changes with time" if error.largest is None else "mean over windows"
+    return f"; {kind}, {first:.3g} to {end:.3g}" if error.largest is not None or error.span != (0.0, 1.0) else ""
 
 
 def _order(found: list[tuple[float, float]]) -> float:
@@ -348,4 +445,6 @@ def _order(found: list[tuple[float, float]]) -> float:
 
 
 def _words(name: str, errors: dict[str, Deviation], budgets: dict[str, float]) -> str:
+    if not errors[name].measurable:
+        return f"{name} {errors[name]!r}"
     return f"{name} {errors[name]!r} is outside {budgets[name]:g}, two standard errors included"
