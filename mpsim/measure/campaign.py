@@ -3,7 +3,7 @@
 import dataclasses
 import math
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
@@ -237,16 +237,29 @@ class Campaign:
     def _is_reference(self, settings: Settings) -> bool:
         return key_of(self._physics(settings)) == key_of(self.pilot.reference)
 
-    def demand_measurable(self) -> None:
+    def demand_measurable(self, budgets: Mapping[str, float]) -> None:
         """Refuse measures of which the reference alone shows that no error of them means anything.
 
         Raises:
             NotMeasurableError: naming the measure, why, and what to ask for.
         """
-        for name in self.measures:
-            reason = self._why_not(name)
+        for name, budget in budgets.items():
+            reason = self._why_not(name) or self._too_rough(name, budget)
             if reason:
                 raise NotMeasurableError(f"{name} is not measurable here: {reason}")
+
+    def _too_rough(self, name: str, budget: float) -> str:
+        """Why a stepped reference cannot tell an error as small as a budget, or ""."""
+        if self.pilot.exact or name not in LONG:
+            return ""
+        own = self._long_errors(self._coarser_reference, self.replicas, 0, [name])[name]
+        if not own.measurable or abs(own.value) - own.noise < budget:
+            return ""
+        return (
+            f"the exact solver cannot do this scene, and the finest affordable run (dt={self.pilot.reference.dt:.3g}) is "
+            f"itself uncertain by {abs(own.value):.2g}: so much does {name} change when its step is doubled. Allow a "
+            "larger error, more time (seconds=...), or ask for another measure."
+        )
 
     def _why_not(self, name: str) -> str:
         """Why the reference does not measure something, or ""."""

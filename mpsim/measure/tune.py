@@ -45,8 +45,9 @@ MOST_REPLICAS = 64
 FEWEST_REPLICAS = 6
 """... and at least, where runs are long: with fewer their standard error is known too badly to decide anything."""
 
-SEARCH = 0.6
-"""Fraction of the time there is in which candidates are looked at; the rest is for verification and timing."""
+SEARCH, LEAST_SEARCH = 0.6, 0.25
+"""Fraction of the time there is in which candidates are looked at, the rest being for verification and timing; and the
+fraction that is left for them where the reference has taken longer than was forecast."""
 
 AIM = 0.9
 """Part of the budget at which the next step is aimed."""
@@ -55,7 +56,7 @@ LEAST_RATIO = 4.0
 """Steps of candidates, at least, over that of a stepped reference."""
 
 TRIALS, TYPICAL, TIMING = 12, 0.03, 1.5
-"""Candidates that a search looks at, their typical step (diameter / speed), and seconds to time one: for the forecast."""
+"""Candidates that a search looks at, their typical step (diameter / speed), seconds to time one: for a forecast."""
 
 VERIFICATIONS = 4
 """Settings that may fail their verification before the search gives up."""
@@ -202,7 +203,7 @@ class Search:
         self._scene = scene
         self._budgets = budgets
         self._seconds = seconds
-        self._started = time.monotonic()
+        self._end = time.monotonic() + SEARCH * seconds
         self._verifying = MOST_REPLICAS // 2
         self._trials: dict[Settings, Trial] = {}
         self._orders: dict[str, float] = {}
@@ -226,7 +227,8 @@ class Search:
         needed = references + min(looks, SEARCH * self._seconds) + verification
         run.announce(f"about {needed:.0f} s: {run.replicas} runs of each candidate, to {run.plan.until:.3g}")
         run.assess([], run.replicas)
-        run.demand_measurable()
+        run.demand_measurable(self._budgets)
+        self._end = max(self._end, time.monotonic() + LEAST_SEARCH * self._seconds)
 
     def longest_step(self, family: Settings) -> None:
         """Look for the longest step of a family inside all budgets."""
@@ -325,7 +327,7 @@ class Search:
     def _is_time_for(self, settings: Settings, replicas: int = 0, last: bool = False) -> bool:
         """Whether there is time for the runs of another candidate, or for its verification as the last one."""
         needed = self._run.seconds_for(settings, replicas or self._run.replicas, verify=last or bool(replicas))
-        return time.monotonic() - self._started + needed < self._seconds * (1.0 if last else SEARCH)
+        return time.monotonic() + needed < self._end + (1 - SEARCH) * self._seconds * last
 
     def _is_exact(self, settings: Settings) -> bool:
         """Whether this is the reference itself."""
