@@ -218,8 +218,8 @@ def _relative(
     if not unit.all():
         return Deviation.unknown(f"{name} is 0 in a window of the reference. Ask for longer runs (until=...).")
     ratio = ours.mean(axis=0) / unit
-    mine, reference = ours / unit, theirs * (ratio / unit)  # which scatter as the ratio does
-    found = _difference(mine.mean(axis=1), reference.mean(axis=1))
+    mine, reference = ours / unit, theirs / unit
+    found = _difference(mine.mean(axis=1), (reference * ratio).mean(axis=1))  # which scatter as the ratio does
     found = replace(found, value=float(ratio.mean()) - 1, span=spans.ends)
     return found if spans.stationary else replace(found, largest=_largest(mine, reference, spans))
 

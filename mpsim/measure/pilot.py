@@ -145,14 +145,14 @@ def pilot(scene: Scene, until: float | None = None, earlier: str | None = None, 
         if not exact:
             raise _TooSlow
         look = _look(scene, settings, crossing, until, patience)
-        growth = _growth(scene, crossing, patience)
     except (MpsimError, _TooSlow) as error:
-        exact, reason, growth = False, str(error), 1 / crossing
-        settings = Settings(dt=LOOK * crossing, passes=2, on_fast="substep")
+        exact, reason = False, str(error)
+        settings = Settings(dt=LOOK * crossing, passes=2, on_fast="substep", workers=1)
         look = _stepped_look(scene, settings, crossing, until)
     own = 2 * scene.smallest_radius / look.speed if look.speed else crossing  # at the speeds that there really are
-    reference, cost = settings, look.seconds
+    reference, cost, growth = settings, look.seconds, 1 / own
     if exact:
+        growth = _growth(scene, crossing, patience)
         step_seconds = _step_seconds(scene, LOOK * crossing)
     else:
         step_seconds = look.seconds * settings.dt / settings.passes
@@ -212,16 +212,16 @@ def _growth(scene: Scene, crossing: float, patience: float) -> float:
     try:
         with quietly():
             return max(parting(scene, progress=_impatient(patience)).rate.value, least)
-    except InputError:
+    except (MpsimError, _TooSlow):
         return least
 
 
 def _impatient(patience: float) -> Callable[[int, int], None]:
-    """What ends a run that takes longer than so many seconds."""
-    end = time.monotonic() + patience
+    """What ends a run that takes more than so many seconds of this thread, which others on the machine do not change."""
+    end = time.thread_time() + patience
 
     def look(done: int, frames: int) -> None:
-        if time.monotonic() > end:
+        if time.thread_time() > end:
             raise _TooSlow(f"make its preliminary run in {patience:g} s")
 
     return look
@@ -251,9 +251,10 @@ def _look(scene: Scene, settings: Settings, crossing: float, until: float | None
         for number in range(1, STARTS + 1):
             if until is not None:
                 block = max(int(until * number / STARTS / settings.dt) - sim.frame, 1)
+            started = time.thread_time()
             report = sim.run(frames=block, progress=look)
+            seconds += time.thread_time() - started
             collisions, guarded, done = collisions + report.collisions, guarded + report.guarded, block
-            seconds += float(report.frame_seconds.sum())
             if until is None:
                 block = int(np.clip(COLLISIONS / max(collisions / sim.frame, 1), 1, 5 * crossing / settings.dt))
             states.append(sim.state)

@@ -26,8 +26,8 @@ FEWEST = 4
 SEEN = 2.0
 """Standard errors by which the reference must exceed zero in a window for anything to be a fraction of it."""
 
-SAME = 1e-12
-"""Relative scatter of runs below which they are one run: that of rounding."""
+SAME = 1e-9
+"""Relative scatter of runs below which they are one run: what is smaller is rounding, which has had time to grow."""
 
 
 def steady_from(series: Runs, least: int = 0) -> int | None:
