@@ -256,9 +256,9 @@ class Campaign:
         if not own.measurable or abs(own.value) - own.noise < budget:
             return ""
         return (
-            f"the exact solver cannot do this scene, and the finest affordable run (dt={self.pilot.reference.dt:.3g}) "
-            f"is itself uncertain by {abs(own.value):.2g}: so much does {name} change when its step is doubled. Allow a "
-            "larger error, more time (seconds=...), or ask for another measure."
+            "the exact solver cannot do this scene, and the finest affordable run "
+            f"(dt={self.pilot.reference.dt:.3g}) is itself uncertain by {abs(own.value):.2g}: so much does {name} "
+            "change when its step is doubled. Allow a larger error, more time (seconds=...), or ask for another measure."
         )
 
     def _why_not(self, name: str) -> str:

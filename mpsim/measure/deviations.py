@@ -78,12 +78,12 @@ class Deviation:
     @property
     def resolved(self) -> bool:
         """Whether the difference is seen at all above the noise of both runs."""
-        return abs(self.value) > _quantile(RESOLVED, self.freedom) * self.error + self.systematic
+        return abs(self.value) > windows.quantile(RESOLVED, self.freedom) * self.error + self.systematic
 
     @property
     def noise(self) -> float:
         """What the runs leave open: CERTAIN standard errors, more where few runs know them badly, and `systematic`."""
-        return _quantile(CERTAIN, self.freedom) * self.error + self.systematic
+        return windows.quantile(CERTAIN, self.freedom) * self.error + self.systematic
 
     @property
     def bound(self) -> float:
@@ -116,16 +116,8 @@ class Deviation:
         if self.resolved:
             return text
         few = self.freedom + 1 < FEW
-        needed = _quantile(RESOLVED, self.freedom)
+        needed = windows.quantile(RESOLVED, self.freedom)
         return f"not resolved{f' (of so few runs {needed:.2g} standard errors would be)' if few else ''}: {text}"
-
-
-def _quantile(normal: float, freedom: float) -> float:
-    """Quantile of a t-distribution where that of a normal one is `normal` (Wallace 1959; too large, if anything)."""
-    if math.isinf(freedom):
-        return normal
-    normal *= (8 * freedom + 3) / (8 * freedom + 1)
-    return math.sqrt(freedom * math.expm1(normal**2 / freedom))
 
 
 def deviations(
@@ -161,11 +153,13 @@ def deviations(
 
 
 def _meaningful(name: str, found: Deviation) -> Deviation:
-    """The error, unless it is a zero without any spread, or no number."""
-    if found.exact or (found.measurable and not math.isfinite(found.value)):
-        size = "0" if found.exact else f"{found.value}"
-        return Deviation.unknown(f"{name} is {size} in all runs. Ask for longer runs (until=...), or another measure.")
-    return found
+    """The error, unless it has no spread beyond rounding, or is no number."""
+    if not found.measurable or found.error > windows.SAME * abs(found.value):
+        return found
+    return Deviation.unknown(
+        f"the error of {name} is {found.value:.6g} in all runs, so that their spread says nothing. Ask for other "
+        "starts (starts=...), longer runs (until=...), or another measure."
+    )
 
 
 def unmeasurable(name: str, reference: NDArray[np.float64]) -> str:
@@ -211,12 +205,10 @@ def _relative(
     if shift is None:
         ours, theirs, least = ours.mean(axis=1, keepdims=True), theirs.mean(axis=1, keepdims=True), 0
     spans = windows.spans_of(theirs, least)
-    if not spans.stationary and shift is not None:
+    if not spans.stationary and shift is not None and len(shift) > 1:
         theirs = theirs + np.gradient(theirs.mean(axis=0)) * shift
     ours, theirs = spans.mean(ours), spans.mean(theirs)
     unit = theirs.mean(axis=0)
-    if not unit.all():
-        return Deviation.unknown(f"{name} is 0 in a window of the reference. Ask for longer runs (until=...).")
     ratio = ours.mean(axis=0) / unit
     mine, reference = ours / unit, theirs / unit
     found = _difference(mine.mean(axis=1), (reference * ratio).mean(axis=1))  # which scatter as the ratio does

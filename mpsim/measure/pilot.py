@@ -168,6 +168,13 @@ def pilot(scene: Scene, until: float | None = None, earlier: str | None = None, 
     )
 
 
+def _is_gas(scene: Scene) -> bool:
+    """Whether nothing drives the scene and nothing is lost, so that a part of a run tells what the rest will be like."""
+    driven = scene.gravity is not None or scene.acceleration is not None or scene.piston is not None
+    lossless = scene.restitution == scene.wall_restitution == 1
+    return lossless and not driven and not scene.emitters and not scene.absorbing
+
+
 def _speed_to_come(scene: Scene) -> float:
     """Typical speed, that of the discs which emitters add and that of a piston included [length/time]."""
     speeds = [typical_speed(scene), *(float(np.hypot(*np.array(each.velocity))) for each in scene.emitters)]
@@ -242,21 +249,22 @@ def _stepped_look(scene: Scene, settings: Settings, crossing: float, until: floa
 
 
 def _look(scene: Scene, settings: Settings, crossing: float, until: float | None, patience: float) -> Look:
-    """A run of the scene, STARTS blocks long: to `until`, or of about COLLISIONS each."""
+    """A run of the scene, STARTS blocks long: to `until`, or, of a gas and where no time is known, of COLLISIONS each."""
     collisions, guarded, seconds = 0, 0, 0.0
     with quietly(), Simulation(scene, settings) as sim:
         states = [sim.state]
         look = _impatient(patience)  # from here on, as what came before may have compiled
-        block = done = 1
+        block = done = likely = 1
         for number in range(1, STARTS + 1):
             if until is not None:
                 block = max(int(until * number / STARTS / settings.dt) - sim.frame, 1)
+                block = min(block, likely) if _is_gas(scene) else block
             started = time.thread_time()
             report = sim.run(frames=block, progress=look)
             seconds += time.thread_time() - started
             collisions, guarded, done = collisions + report.collisions, guarded + report.guarded, block
-            if until is None:
-                block = int(np.clip(COLLISIONS / max(collisions / sim.frame, 1), 1, 5 * crossing / settings.dt))
+            likely = int(np.clip(COLLISIONS / max(collisions / sim.frame, 1), 1, 5 * crossing / settings.dt))
+            block = likely if until is None else block
             states.append(sim.state)
         moving = [(state.velocity[state.present] ** 2).mean() for state in states if state.present.any()]
         share = guarded / max(collisions, 1)

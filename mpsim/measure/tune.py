@@ -372,8 +372,8 @@ class Search:
     def _refusal(self) -> str:
         """Why nothing meets the budgets, with the least error that was reached."""
         wanted = ", ".join(f"{name} {budget:g}" for name, budget in self._budgets.items())
-        rows = [trial.row for trial in self._trials.values() if trial.row.errors and not trial.inside]
-        rows = [row for row in rows if math.isfinite(_worst(row, self._budgets))]
+        rows = [trial.row for trial in self._trials.values() if trial.row.errors]
+        rows = [row for row in rows if 1 < _worst(row, self._budgets) < math.inf]
         if not rows:
             reasons = "; ".join(f"{trial.row.label}: {trial.verdict}" for trial in self._trials.values())
             return f"no candidate could run this scene for max_error {wanted}: {reasons}. Choose other candidates."

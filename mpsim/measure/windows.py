@@ -31,10 +31,10 @@ SAME = 1e-9
 
 
 def steady_from(series: Runs, least: int = 0) -> int | None:
-    """First piece of the longest stationary end of a series, or None if there is none that begins before LATEST.
+    """First piece of the longest stationary end of a series that is not 0, or None if none begins before LATEST.
 
     Stationary: over the runs, which are independent, neither the slope, nor the first piece against the others, nor the
-    first half against the second differs from nothing by more than TREND of its standard errors.
+    first half against the second differs from nothing by more than TREND of its standard errors (few runs: more).
 
     Args:
         series: shape (runs, pieces).
@@ -46,7 +46,8 @@ def steady_from(series: Runs, least: int = 0) -> int | None:
     """
     pieces = series.shape[1]
     for first in range(least, min(int(LATEST * pieces), pieces - FEWEST) + 1):
-        if not any(abs(each) > TREND for each in _contrasts(series[:, first:])):
+        rest = series[:, first:]
+        if rest.any() and not any(abs(each) > quantile(TREND, len(series) - 1) for each in _contrasts(rest)):
             return first
     return None
 
@@ -92,7 +93,9 @@ class Spans:
 
 
 def spans_of(reference: Runs, least: int = 0) -> Spans:
-    """The stationary end of the reference, or else windows along all of its duration in which there is something.
+    """The stationary end of the reference, or else windows along its duration in which there is something.
+
+    Where there is too little in every window for it to be seen, all of the duration is one.
 
     Args:
         reference: shape (runs, pieces), of which some are not 0.
@@ -108,10 +111,18 @@ def spans_of(reference: Runs, least: int = 0) -> Spans:
     error = means.std(axis=0, ddof=1) / math.sqrt(len(means))
     seen = np.abs(means.mean(axis=0)) > SEEN * error
     chosen = tuple(span for span, there in zip(windows.pieces, seen, strict=True) if there)
-    return Spans(chosen or windows.pieces, pieces, stationary=False)
+    return Spans(chosen or ((0, pieces),), pieces, stationary=False)
 
 
 def alike(series: Runs) -> bool:
     """Whether all runs are one run, to rounding."""
     means = series.mean(axis=1)
     return bool(np.ptp(means) <= SAME * float(np.abs(means).max(initial=0.0)))
+
+
+def quantile(normal: float, freedom: float) -> float:
+    """Quantile of a t-distribution where that of a normal one is `normal` (Wallace 1959; too large, if anything)."""
+    if math.isinf(freedom):
+        return normal
+    normal *= (8 * freedom + 3) / (8 * freedom + 1)
+    return math.sqrt(freedom * math.expm1(normal**2 / freedom))

@@ -12,7 +12,7 @@ from mpsim import Settings
 from mpsim.measure.campaign import Campaign
 from mpsim.measure.cost import CHUNKS, RESTARTS, measure
 from mpsim.measure.deviations import Deviation, deviations, short_deviations
-from mpsim.measure.replicas import LONG, long_run, quietly, seed_of
+from mpsim.measure.replicas import LONG, long_run, quietly
 
 PAIRED = ["pressure", "collision_rate", "speed_distribution"]
 """Measures whose noise is that of many collisions. The energy drift of the exact solver is a handful of roundings,
@@ -21,17 +21,35 @@ far from normal, and has no part in this."""
 
 def runs(**series):
     """What runs give, from arrays whose axis 0 is the runs."""
-    length = len(next(iter(series.values())))
-    return [{name: np.asarray(values[index]).tolist() for name, values in series.items()} for index in range(length)]
+    length, pieces = np.shape(next(iter(series.values())))[:2]
+    centre = ((np.arange(pieces) + 0.5) / pieces).tolist()
+    return [
+        {name: np.asarray(values[index]).tolist() for name, values in series.items()} | {"centre": centre}
+        for index in range(length)
+    ]
 
 
 def test_a_relative_difference_and_its_error_by_hand():
-    """Means of runs 1, 2, 3 and 4, 4, 4, 8: 2 of variance 1, 5 of variance 4. Error hypot(1/sqrt 3, 2/2)/5."""
-    ours, theirs = runs(pressure=[[1, 1], [1, 3], [3, 3]]), runs(pressure=[[4], [4], [4], [8]])
+    """Pairs 1, 2, 3 of ours and 4, 4, 4 of theirs, and 8 alone: x - 3 y / 4 has variance 1 of 3, y variance 4.
+
+    2 / 5 - 1 = -3/5. Error: sqrt(var(x - (2/5)(3/4) y) / 3 + (2/5)^2 4 / 16) / 5, theirs scaled by the ratio 2/5.
+    """
+    ours, theirs = runs(pressure=[[1], [2], [3]]), runs(pressure=[[4], [4], [4], [8]])
     found = deviations(ours, theirs, ["pressure"])["pressure"]
     assert found.value == pytest.approx(-3 / 5)
-    assert found.error == pytest.approx(math.sqrt(1 / 3 + 1) / 5)
-    assert found.freedom == pytest.approx((1 / 3 + 1) ** 2 / ((1 / 3) ** 2 / 2 + 1 / 3))  # Welch
+    parts = 1 / 3, 0.4**2 * 4 / 16
+    assert found.error == pytest.approx(math.sqrt(sum(parts)) / 5)
+    assert found.freedom == pytest.approx(sum(parts) ** 2 / (parts[0] ** 2 / 2 + parts[1] ** 2 / 3))  # Welch
+
+
+def test_what_a_start_gives_to_both_runs_of_a_pair_cancels():
+    """Starts that differ by a hundred times the noise: the error is that of the noise. Without pairs it is theirs."""
+    rng = np.random.default_rng(1)
+    start, noise = 10 + rng.normal(size=(16, 1)), 0.01 * rng.normal(size=(2, 16, 8))
+    found = deviations(runs(pressure=start + noise[0]), runs(pressure=start + noise[1]), ["pressure"])["pressure"]
+    assert found.error < 0.002
+    shuffled = deviations(runs(pressure=start[::-1] + noise[0]), runs(pressure=start + noise[1]), ["pressure"])
+    assert shuffled["pressure"].error > 5 * found.error, "the control"
 
 
 def test_pieces_of_one_run_are_no_independent_samples():
@@ -40,7 +58,7 @@ def test_pieces_of_one_run_are_no_independent_samples():
     sound = runs(energy_drift=[[9.0, -7.0] * 8, [-7.0, 9.0] * 8, [9.0, -7.0] * 8])
     nothing = runs(energy_drift=[[0.0] * 16] * 4)
     assert deviations(slow, nothing, ["energy_drift"])["energy_drift"].error == pytest.approx(1 / math.sqrt(3))
-    assert deviations(sound, nothing, ["energy_drift"])["energy_drift"].error == 0
+    assert "so that their spread says nothing" in deviations(sound, nothing, ["energy_drift"])["energy_drift"].reason
 
 
 def test_mean_overlaps_count_pairs_and_not_pieces():
@@ -48,7 +66,7 @@ def test_mean_overlaps_count_pairs_and_not_pieces():
     found = runs(overlap=[[0.1, 0.0], [0.0, 0.4]], met=[[10, 0], [0, 2]])
     assert deviations(found, found, ["overlap"])["overlap"].value == pytest.approx(0.15)
     never = runs(overlap=[[0.0], [0.0]], met=[[0], [0]])
-    assert deviations(never, never, ["overlap"])["overlap"] == Deviation(0, 0)
+    assert "no pair was met in any run" in deviations(never, never, ["overlap"])["overlap"].reason
 
 
 def test_the_largest_overlap_is_the_largest_of_all_runs_and_its_error_their_scatter():
@@ -57,11 +75,28 @@ def test_the_largest_overlap_is_the_largest_of_all_runs_and_its_error_their_scat
     assert (largest.value, largest.error) == (pytest.approx(0.4), pytest.approx(0.1))
 
 
-def test_a_difference_from_nothing_is_infinite_and_never_resolved():
-    ours, theirs = runs(collision_rate=[[1.0], [2.0]]), runs(collision_rate=[[0.0], [0.0]])
-    found = deviations(ours, theirs, ["collision_rate"])["collision_rate"]
-    assert (found.value, found.resolved) == (math.inf, False)
-    assert deviations(theirs, theirs, ["collision_rate"])["collision_rate"] == Deviation(0, 0)
+@pytest.mark.parametrize(
+    ("name", "reference", "words"),
+    [
+        ("collision_rate", [[0.0] * 16] * 8, "is 0 in all 8 runs of the reference"),
+        ("pressure", [[1.0, 2.0] * 8] * 8, "is the same in all 8 runs of the reference"),
+        ("pressure", [[1.0, 2.0 + 1e-12 * run] * 8 for run in range(8)], "is the same in all 8 runs"),  # rounding
+        ("momentum_drift", [[0.0] * 16] * 8, "the error of momentum_drift is 0 in all runs"),
+        ("energy_drift", [[0.0] * 16] * 8, "all runs are those of the reference"),
+    ],
+)
+def test_what_has_no_size_or_no_spread_in_the_reference_is_no_number(name, reference, words):
+    rng = np.random.default_rng(1)
+    zero = name.endswith("drift")
+    found = deviations(
+        runs(**{name: reference if zero else 1 + rng.normal(size=(8, 16))}), runs(**{name: reference}), [name]
+    )
+    assert words in found[name].reason
+    assert not found[name].measurable
+    assert not found[name].inside(1e9), "no budget is met by it"
+    assert repr(found[name]).startswith("not measurable: ")
+    moving = 1 + 0.1 * rng.normal(size=(8, 16))
+    assert deviations(runs(**{name: moving}), runs(**{name: moving[::-1]}), [name])[name].measurable, "the control"
 
 
 def test_missed_collisions_are_a_part_of_those_that_should_have_been():
@@ -69,7 +104,7 @@ def test_missed_collisions_are_a_part_of_those_that_should_have_been():
     assert found["missed_collisions"].value == pytest.approx(0.3)
     assert found["missed_collisions"].error == pytest.approx(0.1)
     none = short_deviations([{"collisions": [0, 0]}] * 2, ["missed_collisions"])["missed_collisions"]
-    assert (none.value, none.error) == (0, 0)
+    assert not none.measurable
 
 
 def test_errors_of_few_runs_are_known_badly():
@@ -135,12 +170,12 @@ def test_a_real_difference_of_distributions_has_its_size_and_is_resolved():
 
 
 def coverage(scene, until, tables):
-    """value / noise of each measure, of many tables of the exact solver against itself."""
+    """value / noise of each measure, of many tables of the exact solver against itself, at other starts."""
     run = Campaign(scene, until, tuple(LONG), replicas=8)
     with quietly(), ThreadPoolExecutor(2) as threads:
         made = list(
             threads.map(
-                lambda number: long_run(scene, run.pilot.reference, run.plan, number), range(1, 24 * tables + 1)
+                lambda number: long_run(run.starts[number], run.pilot.reference, run.plan), range(1, 24 * tables + 1)
             )
         )
     found = {name: [] for name in PAIRED}
@@ -180,12 +215,6 @@ def test_results_scatter_by_their_stated_errors():
 )
 def test_results_scatter_by_their_stated_errors_in_every_gas(scene, until):
     assert_honest(coverage(scene, until, 60))
-
-
-def test_seeds_come_from_the_candidate_alone():
-    one, other = Settings(dt=0.1, method="grid"), Settings(dt=0.1, method="naive")
-    assert seed_of(one, 1) == seed_of(Settings(dt=0.1, method="grid"), 1)
-    assert len({seed_of(each, number) for each in (one, other) for number in range(50)}) == 100
 
 
 def test_short_runs_are_timed_without_starting_workers_a_thousand_times(monkeypatch):

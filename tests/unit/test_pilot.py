@@ -27,12 +27,12 @@ class Clock:
 
         self.simulation = Slow
 
-    def monotonic(self) -> float:
+    def thread_time(self) -> float:
         return self.now
 
 
 def reference(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.setattr(pilot, "time", SimpleNamespace(monotonic=clock.monotonic))
+    monkeypatch.setattr(pilot, "time", SimpleNamespace(thread_time=clock.thread_time))
     monkeypatch.setattr(pilot, "Simulation", clock.simulation)
     return pilot.pilot(gas(20, 0.2, seed=1)).reference_name
 
@@ -43,5 +43,5 @@ def test_a_start_that_compiles_for_minutes_does_not_make_the_exact_solver_too_sl
 
 def test_an_exact_solver_that_runs_for_minutes_is_too_slow(monkeypatch):
     """Negative control. Of a stepped look that takes as long, the error says so."""
-    with pytest.raises(mpsim.InputError, match="a trade needs a scene whose first look takes less than 20 s"):
+    with pytest.raises(mpsim.InputError, match="a trade needs a scene whose preliminary run takes less than 60 s"):
         reference(Clock(running=10 * pilot.PATIENCE), monkeypatch)

@@ -33,11 +33,27 @@ class Fake:
     laws = LAWS
     noise, verified, exact_cost, event = 1e-9, 1.0, 1000.0, True
     fails: frozenset[str] = frozenset()
+    seconds, unmeasurable, warning = 0.0, "", ""
+    now = 0.0
 
-    def __init__(self, scene, until, measures, *, replicas, executor=None, progress=None):
+    def __init__(self, scene, until, measures, *, replicas, seconds, **_):
         reference = EVENT if self.event else Settings(dt=1e-4)
-        self.pilot = SimpleNamespace(speed=1.0, reference=reference, reference_name="a law")
+        self.pilot = SimpleNamespace(speed=1.0, reference=reference, reference_name="a law", exact=self.event)
+        self.starts, self.plan = SimpleNamespace(name="starts of a law"), SimpleNamespace(until=10.0)
         self.replicas, self.measures, self.assessed, self.timed = replicas, measures, [], []
+
+    def seconds_for(self, settings, replicas, verify=False):
+        return self.seconds * replicas
+
+    def announce(self, text):
+        self.announced = text
+
+    def demand_measurable(self, budgets):
+        if self.unmeasurable:
+            raise mpsim.NotMeasurableError(self.unmeasurable)
+
+    def warning_of(self, settings):
+        return self.warning
 
     def __enter__(self):
         return self
@@ -46,6 +62,7 @@ class Fake:
         pass
 
     def assess(self, candidates, replicas=None, first=0):
+        Fake.now += self.seconds * (replicas or self.replicas) * len(candidates)
         self.assessed += [(each, first) for each in candidates]
 
     def time(self, candidates):
@@ -55,9 +72,9 @@ class Fake:
         assert (settings, first) in self.assessed, "errors are asked of runs that were made"
         if settings.contact in self.fails or (settings.method == "event" and not self.event):
             raise CandidateFailed(f"{settings.contact} failed")
-        noise = self.noise / math.sqrt((replicas or self.replicas) / 8)
+        noise = self.noise / math.sqrt((replicas or self.replicas) / 16)
         if settings.method == "event":
-            return dict.fromkeys(self.measures, Deviation(0.0, noise))
+            return dict.fromkeys(self.measures, Deviation(0.0, 0.0))
         factor, order, _ = self.laws[settings.contact, settings.passes]
         error = factor * settings.dt**order * (self.verified if first else 1.0)
         return dict.fromkeys(self.measures, Deviation(error, noise))
@@ -75,11 +92,12 @@ class Fake:
 def faked(max_error, **laws):
     """`tune` on a fake campaign with these laws."""
     candidates = laws.pop("candidates", None)
-    before, chooser.Campaign = chooser.Campaign, type("Faked", (Fake,), laws)
-    try:
+    clock = SimpleNamespace(monotonic=lambda: Fake.now)
+    Fake.now = 0.0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(chooser, "Campaign", type("Faked", (Fake,), laws))
+        patch.setattr(chooser, "time", clock)
         return tune(SCENE, max_error, candidates=candidates)
-    finally:
-        chooser.Campaign = before
 
 
 def best_of(budget, laws, exact_cost=1000.0):
@@ -152,8 +170,33 @@ def test_each_cheaper_candidate_is_named_with_why_it_failed():
     for each in cheaper:
         assert "outside 0.01, two standard errors included" in each.verdict
         assert f"{each.row.label}, {each.row.cost.median:.3g} ns: {each.verdict}" in text
-    assert "budget 0.01 (verified by a run of its own)" in text
-    assert text.endswith("errors against a law")
+    assert "budget 0.01 (verified by runs of its own)" in text
+    assert text.endswith("errors against a law; averages over starts of a law, runs of 10")
+    assert (found.verified, found.exact) == (True, False)
+
+
+def test_the_exact_solver_is_called_exact_and_not_verified():
+    found = faked({"overlap": 0.01}, exact_cost=0.5)
+    assert (found.verified, found.exact) == (False, True)
+    assert "overlap: 0 (the reference itself), budget 0.01 (exact)" in str(found)
+    assert "verified" not in str(found)
+
+
+def test_what_mpsim_will_warn_of_is_said():
+    assert "mpsim warns: too fast." in str(faked({"overlap": 0.01}, warning="too fast."))
+    assert "warns" not in str(faked({"overlap": 0.01})), "the control"
+
+
+def test_what_the_reference_cannot_measure_is_refused_before_anything_is_tried():
+    with pytest.raises(mpsim.NotMeasurableError, match="nothing happens"):
+        faked({"overlap": 0.01}, unmeasurable="nothing happens")
+
+
+def test_a_search_ends_with_its_time_and_still_verifies():
+    """Each run is said to take eight seconds: there is time for six runs of one candidate, and none for those of another."""
+    found = faked({"overlap": 0.5}, seconds=8.0, candidates=[PUSH])
+    assert found.verified
+    assert len(found.tried) < len(faked({"overlap": 0.5}, candidates=[PUSH]).tried), "the control"
 
 
 def test_a_candidate_that_cannot_run_is_named_too():
@@ -204,7 +247,7 @@ def test_a_budget_out_of_reach_is_refused_with_the_least_that_is_not():
     text = str(refusal.value)
     assert "no candidate stays inside overlap 1e-09" in text
     assert "auto impact dt=0.0005, reaches overlap 2.5e-06" in text  # 10 x 0.0005^2, and noise
-    assert "Allow these errors, run longer" in text
+    assert "Allow these errors; where the noise is what is left, run longer" in text
 
 
 def test_where_nothing_can_run_the_reasons_are_named():
@@ -243,9 +286,9 @@ def test_a_real_answer_is_inside_its_budgets_and_was_verified_by_runs_that_did_n
     runs = []
     long_run, short_runs = campaign.long_run, campaign.short_runs
 
-    def long_watched(scene, settings, plan, number, *stop):
-        runs.append(("long", settings, number))
-        return long_run(scene, settings, plan, number, *stop)
+    def long_watched(start, settings, plan, *stop):
+        runs.append(("long", settings, start.digest()))
+        return long_run(start, settings, plan, *stop)
 
     def short_watched(scene, settings, plan, start, *rest):
         runs.append(("short", settings, start.digest()))
@@ -255,6 +298,8 @@ def test_a_real_answer_is_inside_its_budgets_and_was_verified_by_runs_that_did_n
     monkeypatch.setattr(campaign, "short_runs", short_watched)
     budgets = {"overlap": 0.05, "trajectory": 0.2}
     found = tune(SCENE, budgets, until=5, replicas=2, candidates=[PUSH])
+    numbers = {SCENE.digest(): 0} | {SCENE.another(number).digest(): number for number in range(1, 128)}
+    runs = [(kind, settings, numbers[which] if kind == "long" else which) for kind, settings, which in runs]
     assert all(found.errors[name].value <= budget for name, budget in budgets.items())
     assert len(runs) == len(set(runs)), "no run is made twice"
     mine = [(kind, which) for kind, settings, which in runs if settings.dt == found.settings.dt]
