@@ -258,7 +258,8 @@ class Campaign:
         return (
             "the exact solver cannot do this scene, and the finest affordable run "
             f"(dt={self.pilot.reference.dt:.3g}) is itself uncertain by {abs(own.value):.2g}: so much does {name} "
-            "change when its step is doubled. Allow a larger error, more time (seconds=...), or ask for another measure."
+            "change when its step is doubled. Allow a larger error or more time (seconds=...), or ask for another "
+            "measure."
         )
 
     def _why_not(self, name: str) -> str:

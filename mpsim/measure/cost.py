@@ -113,16 +113,15 @@ def _whole(scene: Scene, settings: Settings, until: float) -> dict[str, Any]:
     end = time.monotonic() + PATIENCE
     while not costs or (len(costs) < RESTARTS and time.monotonic() < end):
         with Simulation(scene, settings) as sim:
-            seconds, discs, started = 0.0, 0.0, sim.time
+            seconds, discs = 0.0, 0.0
             for piece in range(1, WHOLE + 1):
                 before = sim.time
                 report = sim.run(until=until * piece / WHOLE)
                 seconds += float(report.frame_seconds.sum())
                 discs += sim.count * (sim.time - before)
-            mean = max(discs / max(sim.time - started, settings.dt), 1.0)
-            costs.append(seconds / ((sim.time - started) * mean) * 1e9)
-            memory = report.block_bytes / max(sim.count, 1)
-            what_ran = {"memory": memory, "method": report.method, "workers": report.workers}
+                memory = report.block_bytes / max(sim.count, 1)
+                what_ran = {"memory": memory, "method": report.method, "workers": report.workers}
+            costs.append(seconds / max(discs, sim.time) * 1e9)
     low, median, high = np.percentile(costs, [0, 50, 100]).tolist()
     return {"median": median, "low": low, "high": high, **what_ran}
 

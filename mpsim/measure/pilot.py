@@ -169,7 +169,7 @@ def pilot(scene: Scene, until: float | None = None, earlier: str | None = None, 
 
 
 def _is_gas(scene: Scene) -> bool:
-    """Whether nothing drives the scene and nothing is lost, so that a part of a run tells what the rest will be like."""
+    """Whether nothing drives the scene and nothing is lost, so that a short run tells what a long one will be like."""
     driven = scene.gravity is not None or scene.acceleration is not None or scene.piston is not None
     lossless = scene.restitution == scene.wall_restitution == 1
     return lossless and not driven and not scene.emitters and not scene.absorbing
@@ -224,7 +224,7 @@ def _growth(scene: Scene, crossing: float, patience: float) -> float:
 
 
 def _impatient(patience: float) -> Callable[[int, int], None]:
-    """What ends a run that takes more than so many seconds of this thread, which others on the machine do not change."""
+    """What ends a run that takes more than so many seconds of this thread, whatever else the machine does."""
     end = time.thread_time() + patience
 
     def look(done: int, frames: int) -> None:
@@ -249,7 +249,7 @@ def _stepped_look(scene: Scene, settings: Settings, crossing: float, until: floa
 
 
 def _look(scene: Scene, settings: Settings, crossing: float, until: float | None, patience: float) -> Look:
-    """A run of the scene, STARTS blocks long: to `until`, or, of a gas and where no time is known, of COLLISIONS each."""
+    """A run of the scene, STARTS blocks long: to `until`, or, of a gas or without one, of COLLISIONS each."""
     collisions, guarded, seconds = 0, 0, 0.0
     with quietly(), Simulation(scene, settings) as sim:
         states = [sim.state]

@@ -112,7 +112,7 @@ class Tuned:
 
     @property
     def verified(self) -> bool:
-        """Whether runs that had no part in choosing, and could have shown otherwise, found every error in its budget."""
+        """Whether runs that had no part in choosing, and could have shown otherwise, found each error in its budget."""
         return not self.exact and all(error.inside(self.budgets[name]) for name, error in self.errors.items())
 
     def _repr_html_(self) -> str:

@@ -84,7 +84,7 @@ def test_momentum_is_kept_to_rounding_but_by_reflect(table):
 
 
 def test_a_pressure_is_the_difference_of_averages_that_can_be_run_again(quick):
-    """By hand: number 0 is the scene as it is, the others are `another`, run to `until`; so are those of the reference."""
+    """By hand: start 0 is the scene as it is, the others are `another`, run to `until`; so are the reference's."""
     scene = gas(10, 0.3)
     (row,) = tradeoff(scene, [PUSH], until=60, measures=["pressure"], replicas=2).rows
     values = []

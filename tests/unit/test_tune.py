@@ -193,7 +193,7 @@ def test_what_the_reference_cannot_measure_is_refused_before_anything_is_tried()
 
 
 def test_a_search_ends_with_its_time_and_still_verifies():
-    """Each run is said to take eight seconds: there is time for six runs of one candidate, and none for those of another."""
+    """Each run is said to take eight seconds: there is time for six runs of one candidate, and for no others."""
     found = faked({"overlap": 0.5}, seconds=8.0, candidates=[PUSH])
     assert found.verified
     assert len(found.tried) < len(faked({"overlap": 0.5}, candidates=[PUSH]).tried), "the control"

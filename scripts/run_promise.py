@@ -1,0 +1,168 @@
+"""Is what `mpsim.tune` calls verified inside its budget? Named and generated scenes, three budgets each, checked anew.
+
+python scripts/run_promise.py                 all scenes: about an hour on two cores
+python scripts/run_promise.py medium hopper   some scenes
+python scripts/run_promise.py --fresh         forget what earlier calls have kept
+python scripts/run_promise.py --docs docs/accuracy.md    and renew the table of that page
+
+Each verified answer is held against an ensemble of its own: starts that had no part in search or verification. It should
+be inside its budget plus two standard errors of that check. Results are kept under results/promise/, scene by scene; an
+interrupted call continues where it stopped.
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from pages import fill_page, made_by
+from promise_scenes import CASES, Case
+from run_bench import machine
+
+import mpsim
+from mpsim import scenefile
+from mpsim.measure.campaign import Campaign
+from mpsim.measure.replicas import available
+from mpsim.measure.starts import StartsGiven
+
+BUDGETS = {"pressure": (0.1, 0.03, 0.01), "collision_rate": (0.1, 0.03, 0.01), "overlap": (0.1, 0.05, 0.02)}
+FIRST = 100_000
+"""Number of the first start of a check: none of a search or a verification is so large."""
+
+SECONDS = {"named": 110.0, "generated": 40.0}
+"""For one answer, about [s]."""
+
+CHECKING = 0.4
+"""Fraction of that time that a check may take."""
+
+MOST = 64
+"""Runs of a check at most."""
+
+
+def cases() -> dict[str, tuple[mpsim.Scene, StartsGiven, str, float]]:
+    """Scene, starts, measure and seconds by name."""
+    found: dict[str, tuple[mpsim.Scene, StartsGiven, str, float]] = {}
+    for name in scenefile.names():
+        scene = mpsim.Scene.load(name)
+        measure = next(each for each in BUDGETS if each in available(scene))
+        found[name] = scene, None, measure, SECONDS["named"]
+    for case in CASES:
+        assert isinstance(case, Case)
+        found[case.name] = case.make(0), case.make, case.measure, SECONDS["generated"]
+    return found
+
+
+def answer(
+    scene: mpsim.Scene, starts: StartsGiven, measure: str, budget: float, seconds: float, kept: Path
+) -> dict[str, Any]:
+    """One answer of `tune`, and what a fresh ensemble says of it."""
+    started = time.monotonic()
+    row: dict[str, Any] = {"measure": measure, "budget": budget}
+    try:
+        found = mpsim.tune(scene, {measure: budget}, starts=starts, seconds=seconds, path=kept)
+    except mpsim.MpsimError as error:
+        return row | {"verdict": type(error).__name__, "words": str(error), "seconds": time.monotonic() - started}
+    row |= {"seconds": time.monotonic() - started, "words": str(found)}
+    row |= {"settings": next(each.row.label for each in found.tried if each.row.settings == found.settings)}
+    row |= {"verdict": "verified" if found.verified else "exact" if found.exact else "unverified"}
+    error = found.errors[measure]
+    row |= {"error": error.value, "standard_error": error.error, "spread": error.error > 0}
+    return row | (check(scene, starts, found, measure, budget, seconds) if found.verified else {})
+
+
+def check(
+    scene: mpsim.Scene, starts: StartsGiven, found: mpsim.Tuned, measure: str, budget: float, seconds: float
+) -> dict[str, Any]:
+    """The error of settings over starts that had no part in choosing or verifying them."""
+    with Campaign(scene, found.until, (measure,), replicas=MOST, starts=starts, seconds=seconds) as run:
+        one = run.seconds_for(found.settings, 1, verify=True)
+        run.replicas = max(min(MOST, int(CHECKING * seconds / max(one, 1e-9))), 8)
+        run.assess([], run.replicas)
+        run.assess([found.settings], run.replicas, first=FIRST)
+        error = run.errors(found.settings, run.replicas, first=FIRST)[measure]
+    inside = abs(error.value) <= budget + 2 * error.error
+    return {"checked": error.value, "checked_error": error.error, "runs": run.replicas, "inside": bool(inside)}
+
+
+def table(results: dict[str, dict[str, Any]]) -> str:
+    """All answers as a table in Markdown, and what they come to."""
+    lines = ["| scene | error of | 10 % | 3 % | 1 % |", "|---|---|---|---|---|"]
+    for name, rows in results.items():
+        cells = [cell(row) for row in rows["rows"]]
+        lines.append(f"| {name} | {rows['rows'][0]['measure'].replace('_', ' ')} | {' | '.join(cells)} |")
+    every = [row for rows in results.values() for row in rows["rows"]]
+    verified = [row for row in every if row["verdict"] == "verified"]
+    inside, spread = (sum(row[key] for row in verified) for key in ("inside", "spread"))
+    exact = sum(row["verdict"] == "exact" for row in every)
+    slowest = max((row["seconds"] for row in every), default=0.0)
+    lines += [
+        "",
+        f"{len(every)} answers on {len(results)} scenes: {len(verified)} verified, {exact} exact, "
+        f"{len(every) - len(verified) - exact} refused with a reason. Of the verified ones {inside} "
+        f"({inside / max(len(verified), 1):.0%}) were inside their budget plus two standard errors when checked by "
+        f"fresh ensembles; {len(verified) - spread} had no spread. The slowest answer took {slowest:.0f} s.",
+    ]
+    return "\n".join(lines)
+
+
+def cell(row: dict[str, Any]) -> str:
+    """One answer in a few words."""
+    if row["verdict"] == "verified":
+        mark = "" if row["inside"] else " **outside**"
+        return f"{row['settings']}: {100 * row['checked']:.2g} ± {100 * row['checked_error']:.1g} %{mark}"
+    if row["verdict"] == "exact":
+        return "event (exact)"
+    reason = row["words"].split(": ", 1)[-1]
+    for words, short in REASONS.items():
+        if words in reason or words in row["words"]:
+            return f"refused: {short}"
+    return f"refused: {reason[:60]}"
+
+
+REASONS = {
+    "is the same in all": "all runs are one run",
+    "is 0 in all": "nothing happens",
+    "uncertain by": "reference too rough",
+    "no candidate stays inside": "out of reach",
+    "no candidate could run": "no candidate runs",
+    "still changes": "no duration",
+    "needs some": "too little time",
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="*", help="names; default: all")
+    parser.add_argument("--fresh", action="store_true", help="forget what earlier calls have kept")
+    parser.add_argument("--out", type=Path, default=Path("results/promise"))
+    parser.add_argument("--docs", type=Path, help="page whose table is renewed")
+    given = parser.parse_args()
+    every = cases()
+    unknown = sorted(set(given.scenes) - set(every))
+    if unknown:
+        parser.error(f"no such scene: {', '.join(unknown)}. Choose from {', '.join(every)}.")
+    given.out.mkdir(parents=True, exist_ok=True)
+    results: dict[str, dict[str, Any]] = {}
+    for name, (scene, starts, measure, seconds) in every.items():
+        file = given.out / f"{name.replace(' ', '_').replace(',', '')}.json"
+        if file.exists() and not given.fresh:
+            results[name] = json.loads(file.read_text())
+            continue
+        if given.scenes and name not in given.scenes:
+            continue
+        kept = file.with_suffix(".kept")
+        kept.unlink(missing_ok=True)
+        rows = [answer(scene, starts, measure, budget, seconds, kept) for budget in BUDGETS[measure]]
+        results[name] = {"rows": rows, "digest": scene.digest()}
+        file.write_text(json.dumps(results[name], indent=1))
+        kept.unlink(missing_ok=True)
+        print(name, *(f"  {cell(row)}  [{row['seconds']:.0f} s]" for row in rows), sep="\n", flush=True)
+    text = table(results)
+    print(text)
+    if given.docs is not None:
+        fill_page(given.docs, "run_promise", {"table": f"{text}\n\n{made_by(machine())}"}, {})
+
+
+if __name__ == "__main__":
+    main()
