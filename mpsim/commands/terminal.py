@@ -144,9 +144,16 @@ def _bar() -> Iterator[Progress]:
         pace = _Pace()
 
         def show(done: int, of: int, what: str) -> None:
+            if is_announcement(done, of):
+                display.console.print(what, markup=False)
             display.update(task, completed=done, total=of, description=what, rate=pace.rate(done, of)[0])
 
         yield show
+
+
+def is_announcement(done: int, of: int) -> bool:
+    """Whether a call of progress tells what comes, rather than what is done."""
+    return (done, of) == (0, 1)
 
 
 class _Pace:
@@ -175,6 +182,9 @@ class _Lines:
         self._pace = _Pace()
 
     def __call__(self, done: int, of: int, what: str) -> None:
+        if is_announcement(done, of):
+            click.echo(what, err=True)
+            return
         rate, left = self._pace.rate(done, of)
         if time.monotonic() - self._last >= SPARSE:
             self._last = time.monotonic()

@@ -14,15 +14,21 @@ from mpsim.errors import OutputError
 from mpsim.measure import tradeoff as trades
 from mpsim.measure import tune as tuning
 from mpsim.measure.replicas import MEASURES
+from mpsim.measure.starts import KINDS
 from mpsim.measure.tables import UNITS
 
 _WORDS = {"1/time": "per unit of time", "diam.": "in diameters"}
 
 until_option = click.option(
-    "--until", type=terminal.Positive("time"), help="Length of one run, in the scene's time; else it is chosen."
+    "--until", type=terminal.Positive("time"), help="Length of one run; else the scene's duration, or chosen."
 )
 replicas_option = click.option(
-    "--replicas", type=click.IntRange(2, 100_000), default=8, show_default=True, help="Runs per candidate."
+    "--replicas", type=click.IntRange(2, 100_000), default=16, show_default=True, help="Runs per candidate."
+)
+starts_option = click.option(
+    "--starts",
+    type=click.Choice(KINDS),
+    help="kind: other starts of the same kind; same: this one, discs displaced by a thousandth of a diameter.",
 )
 
 
@@ -48,9 +54,22 @@ Examples:
 @_budget_options
 @until_option
 @replicas_option
+@starts_option
+@click.option(
+    "--seconds", type=terminal.Positive("time"), default=150.0, show_default=True, help="Time it may take, about [s]."
+)
 @terminal.json_option
 @terminal.quiet_option
-def tune(scene: str, until: float | None, replicas: int, as_json: bool, quiet: bool, **budgets: float | None) -> None:
+def tune(
+    scene: str,
+    until: float | None,
+    replicas: int,
+    starts: str | None,
+    seconds: float,
+    as_json: bool,
+    quiet: bool,
+    **budgets: float | None,
+) -> None:
     """Find the cheapest settings whose errors on SCENE stay inside every budget.
 
     Give one budget or more; what has none is free.
@@ -61,7 +80,8 @@ def tune(scene: str, until: float | None, replicas: int, as_json: bool, quiet: b
         raise click.UsageError(f"Give at least one budget: {options}.")
     chosen = scenefile.load(scene).scene
     with terminal.progress(quiet) as progress:
-        tuned = tuning.tune(chosen, asked, until=until, replicas=replicas, progress=progress)
+        how: dict[str, Any] = {"replicas": replicas, "starts": starts, "seconds": seconds, "progress": progress}
+        tuned = tuning.tune(chosen, asked, until=until, **how)
     if as_json:
         click.echo(terminal.json_text(_record(tuned)))
         return
@@ -76,7 +96,12 @@ def _record(tuned: tuning.Tuned) -> dict[str, Any]:
         "cost": dataclasses.asdict(tuned.cost),
         "errors": {name: dataclasses.asdict(error) for name, error in tuned.errors.items()},
         "budgets": tuned.budgets,
+        "verified": tuned.verified,
+        "exact": tuned.exact,
         "reference": tuned.reference,
+        "starts": tuned.starts,
+        "until": tuned.until,
+        "warning": tuned.warning,
         "tighter": tuned.tighter,
         "tried": [{**trial.row.record(), "verdict": trial.verdict, "inside": trial.inside} for trial in tuned.tried],
     }
@@ -97,6 +122,7 @@ Examples:
 )
 @until_option
 @replicas_option
+@starts_option
 @click.option("--csv", "as_csv", is_flag=True, help="Print CSV.")
 @terminal.json_option
 @click.option(
@@ -114,6 +140,7 @@ def tradeoff(
     measures: tuple[str, ...],
     until: float | None,
     replicas: int,
+    starts: str | None,
     as_csv: bool,
     as_json: bool,
     out: Path | None,
@@ -129,7 +156,8 @@ def tradeoff(
         _demand_writable(out)  # before the long work, not after
     chosen = scenefile.load(scene).scene
     with terminal.progress(quiet) as progress:
-        table = trades.tradeoff(chosen, None, until, measures or None, replicas=replicas, path=keep, progress=progress)
+        how: dict[str, Any] = {"replicas": replicas, "starts": starts, "path": keep, "progress": progress}
+        table = trades.tradeoff(chosen, None, until, measures or None, **how)
     in_json = as_json or (not as_csv and out is not None and out.suffix == ".json")
     if out is not None:
         out.write_text(table.to_json() if in_json else table.to_csv())

@@ -176,7 +176,8 @@ class Campaign:
     def time(self, candidates: Sequence[Settings]) -> None:
         """Measure the cost of candidates, one after the other, with nothing else running."""
         for done, settings in enumerate(candidates):
-            self._progress(done, len(candidates), "timing")
+            if len(candidates) > 1:
+                self._progress(done, len(candidates), "timing")
             key = f"cost {key_of(settings)}"
             if key not in self._kept:
                 whole = bool(self._scene.emitters)

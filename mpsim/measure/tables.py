@@ -55,14 +55,16 @@ def cost_text(median: float, spread: float) -> str:
 
 
 def error_text(name: str, error: Deviation) -> str:
-    """An error such as "-1.92(6)"; "< 0.12" where it is not resolved."""
+    """An error such as "-1.92(6)"; "< 0.12" where it is not resolved, "n/m" where it is not measurable."""
     scale = 1.0 if name in UNITS else 100.0
+    if not error.measurable:
+        return "n/m"
     if not error.resolved and 0 < error.bound < math.inf:
         return f"< {scale * error.bound:.2g}"
-    if error.error < EXACT * abs(error.value):
-        return repr(Deviation(float(f"{scale * error.value:.6g}"), 0.0))
-    if error.value == error.error == 0:
+    if error.exact:
         return "0"
+    if error.error < EXACT * abs(error.value):
+        return f"{scale * error.value:.6g}(0)"
     return repr(Deviation(scale * error.value, scale * error.error, error.freedom))
 
 
@@ -101,7 +103,15 @@ def terminal_table(table: "Tradeoff", width: int | None = None) -> str:
     for row in table.rows:
         if row.cost is None:
             lines += textwrap.wrap(f"{row.label} failed: {row.failure}", max(width, 20))
+    for text in reasons(table):
+        lines += textwrap.wrap(text, max(width, 20))
     return "\n".join(lines)
+
+
+def reasons(table: "Tradeoff") -> list[str]:
+    """Why some errors are not measurable, one line for each reason."""
+    found = {(name, error.reason): None for row in table.rows for name, error in row.errors.items() if error.reason}
+    return [f"n/m, {name.replace('_', ' ')}: {reason}" for name, reason in found]
 
 
 def html_table(table: "Tradeoff") -> str:
@@ -113,7 +123,7 @@ def html_table(table: "Tradeoff") -> str:
         span = f' colspan="{len(heads) - 1}"' if row.cost is None else ""
         lines.append(f"<tr><td>{texts[0]}</td>" + "".join(f"<td{span}>{text}</td>" for text in texts[1:]) + "</tr>")
     head = "".join(f"<th>{html.escape(text)}</th>" for text in heads)
-    caption = html.escape(title(table))
+    caption = html.escape(". ".join([title(table), *reasons(table)]))
     return f"<table><caption>{caption}</caption><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
 
 
@@ -124,14 +134,15 @@ def markdown_table(table: "Tradeoff") -> str:
     for row in table.rows:
         texts = [" ".join(cell.split()).replace("|", "\\|") for cell in cells(row, table.measures)]
         lines.append(f"| {' | '.join(texts + [''] * (len(heads) - len(texts)))} |")
-    return "\n".join([*lines, "", title(table)])
+    return "\n".join([*lines, "", title(table), *reasons(table)])
 
 
 def title(table: "Tradeoff") -> str:
     """Which scene, against what, how long."""
     return (
-        f"{table.scene}; errors against {table.reference}; runs of {table.until:.3g}, short ones of {table.short:.3g}; "
-        "<: not resolved, the noise is larger"
+        f"{table.scene}; errors against {table.reference}; "
+        f"{f'averages over {table.starts}; ' if table.starts else ''}runs of {table.until:.3g}, short ones of "
+        f"{table.short:.3g}; <: not resolved, the noise is larger; n/m: not measurable"
     )
 
 
