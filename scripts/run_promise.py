@@ -6,8 +6,8 @@ python scripts/run_promise.py --fresh         forget what earlier calls have kep
 python scripts/run_promise.py --docs docs/accuracy.md    and renew the table of that page
 
 Each verified answer is held against an ensemble of its own: starts that had no part in search or verification. It
-should be inside its budget plus two standard errors of that check. Results are kept under results/promise/, scene by scene; an
-interrupted call continues where it stopped.
+should be inside its budget plus two standard errors of that check. Results are kept under results/promise/, scene by
+scene; an interrupted call continues where it stopped.
 """
 
 import argparse

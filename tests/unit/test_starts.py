@@ -1,0 +1,141 @@
+"""The ensemble of a scene: other starts of its kind, or the same start but for a tiny variation."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from support.scenes import gas
+
+import mpsim
+from mpsim import Emitter, InputError, Scene, scenefile
+from mpsim.measure.starts import VARIATION, Starts, varied
+
+CRADLE = Scene.load("cradle")
+
+
+def touching() -> Scene:
+    """Three discs in a row that touch each other and both walls: none can be displaced along the row."""
+    return Scene(width=3, height=4, position=[[0.5, 2], [1.5, 2], [2.5, 2]], velocity=np.zeros((3, 2)), radius=0.5)
+
+
+# Scene.another
+
+
+@pytest.mark.parametrize("name", ["gas", "dense", "mixture", "brownian", "sediment"])
+def test_another_start_is_of_the_same_kind(name):
+    scene = Scene.load(name)
+    other = scene.another(1)
+    assert not (other.position == scene.position).all()
+    assert other.digest() == scene.another(1).digest() != scene.another(2).digest()
+    for what in ("count", "width", "height", "packing", "boundary", "restitution", "duration", "largest_radius"):
+        assert getattr(other, what) == getattr(scene, what), what
+    assert np.array_equal(other.masses, scene.masses)
+    energy = [float((each.masses[:, None] * each.velocity**2).sum()) for each in (scene, other)]
+    assert energy[1] == pytest.approx(energy[0], rel=1e-9)
+    assert other.overlaps_at_start() == ""
+    assert other.another(5).digest() != other.digest(), "another start has others, too"
+
+
+def test_a_mixture_keeps_what_its_file_says_of_each_kind():
+    scene = Scene.load("mixture")
+    assert not scene.another(3).velocity[:100].any(), "the heavy ones start at rest"
+
+
+@pytest.mark.parametrize(
+    "scene", [CRADLE, Scene.load("hopper"), gas(5, 0.1).starting_from(mpsim.State(*np.ones((2, 5, 2))))]
+)
+def test_a_scene_that_was_given_has_no_others(scene):
+    assert not scene.has_others
+    with pytest.raises(InputError, match=r"drawn at random, by Scene.random or by a scene file.*Make other starts"):
+        scene.another(1)
+
+
+def test_seeds_are_checked():
+    with pytest.raises(InputError, match="seed must be a whole number"):
+        gas(5, 0.1).another(-1)
+
+
+def test_how_a_scene_was_made_is_no_part_of_it():
+    scene = gas(5, 0.1)
+    plain = Scene(
+        width=scene.width, height=scene.height, position=scene.position, velocity=scene.velocity, radius=scene.radius
+    )
+    assert plain.digest() == scene.digest()
+    assert not copy.copy(scene).has_others
+    assert pickle.loads(pickle.dumps(scene)).digest() == scene.digest()
+
+
+# The same start, varied
+
+
+@pytest.mark.parametrize("name", scenefile.names())
+def test_the_variation_is_tiny_and_leads_to_no_overlap(name):
+    scene = Scene.load(name)
+    other = varied(scene, 1)
+    assert other.overlaps_at_start() == scene.overlaps_at_start() == ""
+    assert np.abs(other.position - scene.position).max(initial=0) <= VARIATION * 2 * scene.smallest_radius
+    energy = [float((each.masses[:, None] * each.velocity**2).sum()) for each in (scene, other)]
+    assert energy[1] == pytest.approx(energy[0], rel=1e-12)
+    moved = (other.position != scene.position).any() or other.emitters != scene.emitters
+    assert moved, "discs at rest and scenes without any are varied, too"
+    assert varied(scene, 1).digest() == other.digest() != varied(scene, 2).digest()
+
+
+def test_a_disc_without_room_along_one_axis_is_displaced_along_the_other():
+    other = varied(touching(), 3)
+    assert (other.position[:, 0] == touching().position[:, 0]).all()
+    assert (other.position[:, 1] != 2).any()
+
+
+def test_what_an_emitter_adds_is_varied_and_stays_in_the_box():
+    spout = Emitter((0.5, 0.5), (1.0, 2.0), interval=0.5)
+    scene = Scene(width=4, height=4, position=[], velocity=[], radius=0.5, emitters=spout)
+    places = np.array([varied(scene, seed).emitters[0].position for seed in range(20)])
+    assert (places >= 0.5).all()
+    assert len(np.unique(places[:, 0])) > 5
+    assert np.abs(places - 0.5).max() <= VARIATION
+    assert varied(scene, 1).emitters[0].velocity != spout.velocity
+
+
+# Starts
+
+
+def test_a_random_scene_has_starts_of_its_kind_and_a_given_one_its_own():
+    scene = gas(10, 0.2)
+    kind, same = Starts(scene), Starts(CRADLE)
+    assert (kind.name, kind.same) == ("other starts of the same kind", False)
+    assert (same.name, same.same) == ("this start, each disc displaced by up to 0.001 of a diameter", True)
+    assert kind[0] is scene
+    assert same[0] is CRADLE
+    assert kind[3].digest() == scene.another(3).digest()
+    assert same[3].digest() == varied(CRADLE, 3).digest()
+    assert Starts(scene, "same")[3].digest() == varied(scene, 3).digest()
+
+
+def test_a_function_or_a_list_gives_starts():
+    scenes = [gas(4, 0.1, seed) for seed in range(3)]
+    assert Starts(scenes[0], scenes)[2] is scenes[2]
+    assert Starts(scenes[0], scenes.__getitem__)[1] is scenes[1]
+    with pytest.raises(InputError, match="a Scene for every run; 3 were given, and number 3 is needed"):
+        Starts(scenes[0], scenes)[3]
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ("kinds", "starts must be 'kind', 'same', a function or a list of Scenes; got 'kinds'"),
+        (5, "starts must be .*; got 5"),
+        ([], r"starts must be .*; got \[\]"),
+        ([1, 2], r"starts must be .*; got \[1, 2\]"),
+        ("kind", "another start needs a scene that was drawn at random"),
+    ],
+)
+def test_bad_starts_are_refused_by_name(given, text):
+    with pytest.raises(InputError, match=text):
+        Starts(CRADLE, given)
+
+
+def test_a_function_that_gives_no_scene_is_refused():
+    with pytest.raises(InputError, match="starts must give Scenes; for 2 it gave int"):
+        Starts(CRADLE, lambda number: number)[2]

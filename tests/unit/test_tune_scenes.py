@@ -1,0 +1,80 @@
+"""Scenes that are no gas in equilibrium: an answer that means something, or a reason, never a zero that is verified."""
+
+import pytest
+
+import mpsim
+from mpsim import Emitter, Scene, Settings, tune
+from mpsim.errors import NotMeasurableError
+
+GRAINS = {"radius": 0.5, "restitution": 0.5, "wall_restitution": 0.5, "gravity": (0, -1)}
+
+
+def falling(count=6) -> Scene:
+    """Grains at rest high above the floor, with room between them."""
+    return Scene(
+        width=9, height=20, position=[[1 + 1.4 * k, 15] for k in range(count)], velocity=[[0, 0]] * count, **GRAINS
+    )
+
+
+def test_a_time_in_which_nothing_is_hit_is_no_pressure():
+    """As before: all runs give 0, and so does the reference."""
+    with pytest.raises(
+        NotMeasurableError, match=r"pressure is 0 in all 32 runs of the reference.*longer runs \(until="
+    ):
+        tune(falling(), {"pressure": 0.01}, until=1.0)
+
+
+def test_grains_at_rest_are_varied_and_a_scene_that_is_one_run_is_no_spread():
+    """A single grain that falls straight: its place may vary, what it gives to the floor does not."""
+    lone = falling(1)
+    with pytest.raises(NotMeasurableError, match="is the same in all 32 runs of the reference"):
+        tune(lone, {"pressure": 0.01}, until=7.0)
+
+
+def test_a_scene_that_changes_and_has_no_duration_asks_for_one():
+    with pytest.raises(NotMeasurableError, match=r"still changes with time .*until=..., or Scene\(duration=...\)"):
+        tune(
+            Scene.random(count=40, packing=0.2, radius=0.5, restitution=0.8),
+            {"collision_rate": 0.1},
+            candidates=[Settings(method="event")],
+        )
+
+
+def test_the_duration_of_the_scene_is_how_long_runs_are():
+    scene = Scene.random(count=20, packing=0.3, radius=0.5, duration=7.0)
+    found = tune(scene, {"overlap": 0.1}, candidates=[Settings(method="grid")], replicas=4)
+    assert found.until == 7
+    assert "averages over other starts of the same kind, runs of 7" in str(found)
+    assert tune(scene, {"overlap": 0.1}, until=5.0, candidates=[Settings(method="grid")], replicas=4).until == 5
+
+
+def test_a_cooling_gas_is_compared_in_windows():
+    scene = Scene.random(count=40, packing=0.3, radius=0.5, restitution=0.85, duration=20.0)
+    found = tune(scene, {"collision_rate": 0.2}, candidates=[Settings(method="grid")])
+    error = found.errors["collision_rate"]
+    assert error.largest is not None
+    assert found.verified
+    assert error.error > 0
+    assert "mean over windows, 0 to 20" in str(found)
+
+
+def test_emitters_that_count_frames_are_refused_and_those_that_count_time_are_not():
+    place = {"width": 12, "height": 12, "position": [], "velocity": [], "radius": 0.5}
+    frames = Scene(**place, emitters=Emitter((2, 2), (3, 2), every=5))
+    with pytest.raises(mpsim.InputError, match=r"emitters\[0\] counts frames \(every=5\).*Use Emitter\(interval="):
+        tune(frames, {"pressure": 0.1}, until=5)
+    scene = Scene(**place, emitters=Emitter((2, 2), (3, 2), interval=0.8, limit=30), duration=20.0)
+    found = tune(scene, {"pressure": 0.2}, candidates=[Settings(method="grid")])
+    assert found.verified
+    assert found.errors["pressure"].error > 0
+
+
+def test_what_tune_chose_says_whether_it_will_warn():
+    """Long steps meet the budget all the same: the answer says what mpsim will warn of, and it does."""
+    scene = Scene.random(count=40, packing=0.1, radius=0.5, duration=30.0, seed=1)
+    found = tune(scene, {"overlap": 0.45}, candidates=[Settings(method="grid", contact="push")])
+    assert "mpsim warns: in frame 0 disc" in str(found)
+    with pytest.warns(mpsim.FastWarning), mpsim.Simulation(scene, found.settings) as sim:
+        sim.run(until=1)
+    short = tune(scene, {"overlap": 0.01}, candidates=[Settings(method="grid", contact="push")])
+    assert (short.warning, "mpsim warns" in str(short)) == ("", False), "the control"
