@@ -139,7 +139,7 @@ def pilot(scene: Scene, until: float | None = None, earlier: str | None = None, 
         )
     crossing = 2 * scene.smallest_radius / speed
     exact = earlier is None or earlier.startswith(EXACT)
-    patience = PATIENCE if earlier is None else math.inf
+    patience = min(PATIENCE, _affordable(seconds)) if earlier is None else math.inf
     settings, reason = Settings(method="event", dt=crossing / 4), ""
     try:
         if not exact:
@@ -192,7 +192,7 @@ def _finest(look: Settings, seconds: float, crossing: float, until: float, limit
         InputError: if there is not even time for COARSEST.
     """
     dt = FINEST * crossing
-    affordable = limit * usable_cores() / RUNS
+    affordable = _affordable(limit)
     cost = seconds * look.dt / dt
     if cost * until > affordable:
         dt *= cost * until / affordable
@@ -205,6 +205,11 @@ def _finest(look: Settings, seconds: float, crossing: float, until: float, limit
             "of the same kind."
         )
     return replace(look, dt=float(f"{dt:.3g}")), cost
+
+
+def _affordable(limit: float) -> float:
+    """Seconds that one run of the reference may take."""
+    return limit * usable_cores() / RUNS
 
 
 def _step_seconds(scene: Scene, dt: float) -> float:
