@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim import placement
+from mpsim import checks, placement
 from mpsim.errors import InputError
 
 LATTICES = ("square", "hexagonal")
@@ -220,3 +220,48 @@ def _widest(kind: str, width: float, height: float, count: int) -> float:
 
 def _words(region: Region) -> str:
     return f"[{region[0]:g}, {region[2]:g}] x [{region[1]:g}, {region[3]:g}]"
+
+
+def demand_room(largest: float, width: float, height: float, boundary: tuple[str, str]) -> None:
+    """The box must hold its largest disc; along a periodic axis, two of them."""
+    for length, word in zip((width, height), boundary, strict=True):
+        diameters = 2 if word == "periodic" else 1
+        if 2 * largest * diameters > length:
+            rule = "a quarter of a periodic axis" if diameters == 2 else "half the box"
+            raise InputError(
+                f"radius must be at most {rule}, {length / (2 * diameters):g} here; got {largest!r}. "
+                "Use smaller discs or a larger box."
+            )
+
+
+def box_for(
+    count: int,
+    radius: float | NDArray[np.float64],
+    packing: float | None,
+    width: float | None,
+    height: float | None,
+    boundary: tuple[str, str],
+) -> tuple[float, float]:
+    """Width and height from either a packing fraction (square box) or the two lengths themselves."""
+    if (packing is None) == (width is None and height is None) or (width is None) != (height is None):
+        raise InputError(
+            "the box must be given either by packing or by width and height; "
+            f"got packing={packing!r}, width={width!r}, height={height!r}."
+        )
+    if isinstance(radius, np.ndarray):
+        area, largest = math.pi * float((radius**2).sum()), float(radius.max(initial=0.0)) or 1.0
+    else:
+        area, largest = count * math.pi * radius**2, radius
+    if width is not None and height is not None:
+        width, height = checks.positive("width", width, "[length]"), checks.positive("height", height, "[length]")
+        packing = area / (width * height)
+        demand_room(largest, width, height, boundary)
+    else:
+        packing = checks.positive("packing", packing, "(a fraction of the area)")
+        width = height = side_for(packing, area, largest, boundary)
+    if packing > placement.LARGEST_PACKING:
+        raise InputError(
+            f"packing must be at most {placement.LARGEST_PACKING} for random places; got {packing:.3g}. "
+            "Use fewer or smaller discs, a larger box, or give the positions yourself."
+        )
+    return width, height

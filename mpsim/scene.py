@@ -108,7 +108,7 @@ class Scene:
         """The box must hold its largest disc; along a periodic axis, two of them."""
         radii = np.append(np.ravel(self.radius), [e.radius for e in self.emitters if e.radius is not None])
         largest = float(radii.max(initial=0.0))
-        _demand_room(largest, self.width, self.height, self.boundary)
+        arrangement.demand_room(largest, self.width, self.height, self.boundary)
         if self.piston is not None:
             length = self.width if self.piston.wall in ("left", "right") else self.height
             left = self.piston.stop if self.piston.wall in ("right", "top") else length - self.piston.stop
@@ -240,15 +240,15 @@ class Scene:
         """All that the scene holds; how it was made stays behind."""
         return {name: value for name, value in vars(self).items() if name != "_others"}
 
-    def drawn_by(self, make: Callable[[int], "Scene"]) -> "Scene":
-        """Tell how other starts of the same kind are made, from a seed; returns this scene."""
-        self._others = make
-        return self
-
     @property
     def has_others(self) -> bool:
         """Whether `another` can make other starts of the same kind."""
         return self._others is not None
+
+    def drawn_by(self, make: Callable[[int], "Scene"]) -> "Scene":
+        """Tell how other starts of the same kind are made, from a seed; returns this scene."""
+        self._others = make
+        return self
 
     def another(self, seed: int) -> "Scene":
         """Another start of the same kind: drawn at random as this one was, with other random numbers.
@@ -257,12 +257,10 @@ class Scene:
             seed: which one, >= 0; the same seed gives the same start.
 
         Raises:
-            InputError: if the scene was not drawn at random, by `Scene.random` or by a scene file with random places or
-                velocities: what else would be of its kind is not known.
+            InputError: if it was not drawn at random, by `Scene.random` or a scene file with random places or velocities.
 
         >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
-        >>> other = scene.another(3)
-        >>> bool((other.position == scene.position).any()), other.packing == scene.packing
+        >>> bool((scene.another(3).position == scene.position).any()), scene.another(3).packing == scene.packing
         (False, True)
         """
         seed = checks.whole("seed", seed, 0, 2**63 - 1, "Any whole number will do.")
@@ -471,7 +469,7 @@ class Scene:
         masses = None if mass is None else checks.masses(mass, count)
         temperature = checks.non_negative("temperature", temperature, "[mass length^2/time^2]")
         edges = features.check_boundary(boundary)
-        width, height = _box(count, radius, packing, width, height, edges)
+        width, height = arrangement.box_for(count, radius, packing, width, height, edges)
         walls = features.check_obstacles(obstacles, width, height)
         rng = np.random.default_rng(seed)
         if isinstance(radius, float) and edges == ("walls", "walls") and not walls:
@@ -491,64 +489,12 @@ class Scene:
             obstacles=walls,
             **others,
         )
-        same: dict[str, Any] = {"width": width, "height": height, "boundary": edges, "obstacles": walls, **others}
-        return made.drawn_by(functools.partial(_random_other, seed, count, radius, mass, temperature, same))
+        kind: dict[str, Any] = {"count": count, "radius": radius, "mass": mass, "temperature": temperature}
+        kind |= {"width": width, "height": height, "boundary": edges, "obstacles": walls, **others}
+        return made.drawn_by(functools.partial(_drawn_again, kind, seed))
 
 
-def _random_other(
-    first: int,
-    count: int,
-    radius: float | NDArray[np.float64],
-    mass: ArrayLike | None,
-    temperature: float,
-    others: dict[str, Any],
-    seed: int,
-) -> Scene:
+def _drawn_again(arguments: dict[str, Any], first: int, seed: int) -> Scene:
     """A scene as `Scene.random` has drawn it with the seed `first`, drawn with another one."""
-    drawn = int.from_bytes(hashlib.blake2b(f"{first} {seed}".encode(), digest_size=7).digest(), "big")
-    return Scene.random(count=count, radius=radius, mass=mass, temperature=temperature, seed=drawn, **others)
-
-
-def _demand_room(largest: float, width: float, height: float, boundary: tuple[str, str]) -> None:
-    """The box must hold its largest disc; along a periodic axis, two of them."""
-    for length, word in zip((width, height), boundary, strict=True):
-        diameters = 2 if word == "periodic" else 1
-        if 2 * largest * diameters > length:
-            rule = "a quarter of a periodic axis" if diameters == 2 else "half the box"
-            raise InputError(
-                f"radius must be at most {rule}, {length / (2 * diameters):g} here; got {largest!r}. "
-                "Use smaller discs or a larger box."
-            )
-
-
-def _box(
-    count: int,
-    radius: float | NDArray[np.float64],
-    packing: float | None,
-    width: float | None,
-    height: float | None,
-    boundary: tuple[str, str],
-) -> tuple[float, float]:
-    """Width and height from either a packing fraction (square box) or the two lengths themselves."""
-    if (packing is None) == (width is None and height is None) or (width is None) != (height is None):
-        raise InputError(
-            "the box must be given either by packing or by width and height; "
-            f"got packing={packing!r}, width={width!r}, height={height!r}."
-        )
-    if isinstance(radius, np.ndarray):
-        area, largest = math.pi * float((radius**2).sum()), float(radius.max(initial=0.0)) or 1.0
-    else:
-        area, largest = count * math.pi * radius**2, radius
-    if width is not None and height is not None:
-        width, height = checks.positive("width", width, "[length]"), checks.positive("height", height, "[length]")
-        packing = area / (width * height)
-        _demand_room(largest, width, height, boundary)
-    else:
-        packing = checks.positive("packing", packing, "(a fraction of the area)")
-        width = height = arrangement.side_for(packing, area, largest, boundary)
-    if packing > placement.LARGEST_PACKING:
-        raise InputError(
-            f"packing must be at most {placement.LARGEST_PACKING} for random places; got {packing:.3g}. "
-            "Use fewer or smaller discs, a larger box, or give the positions yourself."
-        )
-    return width, height
+    other = hashlib.blake2b(f"{first} {seed}".encode(), digest_size=7).digest()
+    return Scene.random(**arguments, seed=int.from_bytes(other, "big"))

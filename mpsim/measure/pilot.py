@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mpsim.engine.cores import usable_cores
 from mpsim.engine.simulation import Simulation
@@ -90,17 +89,8 @@ class Pilot:
         for start in self.starts:
             with quietly(), Simulation(scene.starting_from(start), settings) as sim:
                 sim.run(until=self.gap / 2)
-                states.append(_among_all(sim.state, start.present))
+                states.append(sim.state)
         return tuple(states)
-
-
-def _among_all(state: State, present: NDArray[np.bool_]) -> State:
-    """The state of those discs that were present, as a state of all, shape (N,): in it the others are absent."""
-    if present.all():
-        return state
-    position, velocity, here = np.zeros((len(present), 2)), np.zeros((len(present), 2)), present.copy()
-    position[present], velocity[present], here[present] = state.position, state.velocity, state.present
-    return State(position, velocity, present=here, box=state.box)
 
 
 EXACT = "the exact solver"

@@ -26,7 +26,7 @@ def test_a_time_in_which_nothing_is_hit_is_no_pressure():
 
 def test_a_scene_whose_runs_are_all_one_run_has_no_spread_to_verify_with():
     """In Newton's cradle the same number of pushes is handed to the walls wherever the discs start exactly."""
-    with pytest.raises(NotMeasurableError, match="is the same in all 32 runs of the reference.*other starts"):
+    with pytest.raises(NotMeasurableError, match=r"is the same in all 32 runs of the reference.*other starts"):
         tune(Scene.load("cradle"), {"pressure": 0.01})
 
 
