@@ -225,10 +225,9 @@ class Scene:
         True
         """
         digest = hashlib.blake2b(digest_size=16)
-        for name, value in sorted(self.__getstate__().items()):
-            if name == "duration":
-                continue
+        for name in sorted(self.__getstate__().keys() - {"duration"}):
             digest.update(f"{name} ".encode())
+            value = getattr(self, name)
             if isinstance(value, np.ndarray):
                 array = np.ascontiguousarray(value, "<f8")
                 digest.update(f"{array.shape} ".encode() + array.tobytes())
@@ -257,7 +256,7 @@ class Scene:
             seed: which one, >= 0; the same seed gives the same start.
 
         Raises:
-            InputError: if it was not drawn at random, by `Scene.random` or a scene file with random places or velocities.
+            InputError: if it was not drawn at random, by `Scene.random` or a file with random places or velocities.
 
         >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
         >>> bool((scene.another(3).position == scene.position).any()), scene.another(3).packing == scene.packing

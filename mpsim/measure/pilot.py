@@ -1,6 +1,7 @@
 """The preliminary run of a trade: what can be the reference, how fast discs are and how often they collide."""
 
 import math
+import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -146,7 +147,8 @@ def pilot(scene: Scene, until: float | None = None, earlier: str | None = None, 
         step_seconds = _step_seconds(scene, LOOK * crossing)
     else:
         step_seconds = look.seconds * settings.dt / settings.passes
-        reference, cost = _finest(settings, look.seconds, own, until or 0.0, seconds)
+        dt = _finest(settings, look.seconds, own, until or 0.0, seconds) if earlier is None else _dt_of(earlier)
+        reference, cost = replace(settings, dt=dt), look.seconds * settings.dt / dt
     name = EXACT if exact else f"two passes at dt={reference.dt:.3g}, the finest affordable run, as {EXACT} "
     if look.guarded:
         name += f" (whose guard kept the energy in {look.guarded:.1%} of the collisions)"
@@ -175,18 +177,13 @@ def _speed_to_come(scene: Scene) -> float:
     return max(speeds)
 
 
-def _finest(look: Settings, seconds: float, crossing: float, until: float, limit: float) -> tuple[Settings, float]:
-    """The stepped reference: FINEST, or as fine as there is time for, and its seconds per unit of time.
+def _finest(look: Settings, seconds: float, crossing: float, until: float, limit: float) -> float:
+    """Step of the stepped reference: FINEST, or as fine as there is time for.
 
     Raises:
         InputError: if there is not even time for COARSEST.
     """
-    dt = FINEST * crossing
-    affordable = _affordable(limit)
-    cost = seconds * look.dt / dt
-    if cost * until > affordable:
-        dt *= cost * until / affordable
-        cost = seconds * look.dt / dt
+    dt = max(FINEST * crossing, seconds * look.dt * until / _affordable(limit))
     if dt > COARSEST * crossing:
         needed = seconds * look.dt / (COARSEST * crossing) * until * RUNS / usable_cores()
         raise InputError(
@@ -194,7 +191,14 @@ def _finest(look: Settings, seconds: float, crossing: float, until: float, limit
             f"it may take {limit:g} s. Give it more time (seconds=...), a shorter run (until=...), or a smaller scene "
             "of the same kind."
         )
-    return replace(look, dt=float(f"{dt:.3g}")), cost
+    return float(f"{dt:.3g}")
+
+
+def _dt_of(name: str) -> float:
+    """The step that the name of a stepped reference tells."""
+    found = re.search(r"dt=([^,]+),", name)
+    assert found is not None  # as such a name is made here
+    return float(found[1])
 
 
 def _affordable(limit: float) -> float:
