@@ -26,7 +26,7 @@ COLLISIONS = 20_000
 PATIENCE = 10.0
 """Seconds after which the exact solver is too slow for a scene."""
 
-LONGEST_LOOK = 60.0
+LONGEST_LOOK = 20.0
 """Seconds after which a stepped preliminary run is too slow, too."""
 
 FINEST = 0.002

@@ -43,5 +43,5 @@ def test_a_start_that_compiles_for_minutes_does_not_make_the_exact_solver_too_sl
 
 def test_an_exact_solver_that_runs_for_minutes_is_too_slow(monkeypatch):
     """Negative control. Of a stepped look that takes as long, the error says so."""
-    with pytest.raises(mpsim.InputError, match="a trade needs a scene whose preliminary run takes less than 60 s"):
+    with pytest.raises(mpsim.InputError, match="a trade needs a scene whose preliminary run takes less than 20 s"):
         reference(Clock(running=10 * pilot.PATIENCE), monkeypatch)
