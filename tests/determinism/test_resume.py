@@ -246,6 +246,7 @@ def forget_the_next_borders(arrays, run):
     arrays["disc"][:, 6] += 1e-3
 
 
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of discs that enter again where others are
 @pytest.mark.parametrize(
     ("words", "forget"),
     [
