@@ -47,7 +47,8 @@ def launched(scene: Scene, emitter: Emitter, radius: float, elapsed: float, time
     if not clear.all():
         blocked = int(np.argmin(clear))
         flown, beyond = float(times[blocked] - times[0]), float(times[blocked])
-        while flown < (middle := 0.5 * (flown + beyond)) < beyond:
+        rounding = elapsed * float(np.finfo(float).eps)  # below it a flight that ends at its start would halve on to 0
+        while beyond - flown > rounding and flown < (middle := 0.5 * (flown + beyond)) < beyond:
             if _clear(scene, radius, places(np.array([middle])), time)[0]:
                 flown = middle
             else:
