@@ -170,3 +170,22 @@ def _with_images(scene: Scene) -> NDArray[np.float64]:
             near = (ends.max(axis=1) > -margin) & (ends.min(axis=1) < length + margin)
             capsules = capsules[near]
     return capsules
+
+
+def typical_momentum(scene: Scene, dt: float) -> float:
+    """What impulses are counted in: a momentum like those that discs have or come to have [mass length/time], > 0.
+
+    The largest of the mean at the start, that of a fall through the box, and those of discs that emitters or the piston
+    set in motion. Where nothing can move by itself: of a disc that moves its radius in a step of dt [time].
+    """
+    mass = float(scene.masses.mean()) if scene.count else 1.0
+    fields = [np.atleast_2d(field) for field in (scene.gravity, scene.acceleration) if field is not None]
+    pull = sum(float(np.hypot(*field.T).max(initial=0.0)) for field in fields)
+    fall = math.sqrt(pull * max(scene.width, scene.height))
+    speeds = [fall] if scene.piston is None else [fall, abs(scene.piston.speed)]
+    momenta = [math.sqrt(float(((scene.velocity * scene.masses[:, None]) ** 2).mean())) if scene.count else 0.0]
+    for emitter in scene.emitters:
+        own = 1.0 if emitter.mass is None else emitter.mass
+        momenta += [own * float(np.hypot(*np.array(emitter.velocity))), own * max(speeds)]
+    momenta += [mass * speed for speed in speeds if scene.count]
+    return max(momenta) or mass * (scene.largest_radius or 1.0) / dt

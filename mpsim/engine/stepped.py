@@ -12,7 +12,15 @@ from mpsim.engine.alarm import Alert, caught
 from mpsim.engine.methods import Choice, Columns, no_columns
 from mpsim.engine.paces import Pace, pace_of
 from mpsim.engine.pool import WorkerPool
-from mpsim.engine.provision import box_now, feature_specs, fill_features, giant_radius, has_radii, wall_limits
+from mpsim.engine.provision import (
+    box_now,
+    feature_specs,
+    fill_features,
+    giant_radius,
+    has_radii,
+    typical_momentum,
+    wall_limits,
+)
 from mpsim.engine.report import Slice
 from mpsim.engine.running import frames_until
 from mpsim.engine.shared import SharedBlock
@@ -321,10 +329,10 @@ class SteppedSolver:
     @property
     def _tally_scale(self) -> float:
         """A power of two that makes a typical momentum some 2^32: fine steps, and 2^31 discs' worth of room above."""
-        momenta = self._scene.velocity * self._scene.masses[:, None]
-        typical = float(np.sqrt((momenta**2).mean())) if len(momenta) else 0.0
-        # Far from 1 the exponent of a float32 would end; sums are then coarser or the room above is less.
-        return 2.0 ** float(np.clip(32 - np.frexp(typical)[1], -100, 100)) if typical > 0 else 2.0**32
+        typical = typical_momentum(self._scene, self._settings.dt)
+        # Where the exponent of the run's floats would end, sums are coarser or the room above is less.
+        most = np.finfo(self._settings.precision).maxexp - 28
+        return 2.0 ** float(np.clip(32 - np.frexp(typical)[1], -most, most))
 
     def _new_block(self, capacity: int) -> SharedBlock:
         precision = self._settings.precision
