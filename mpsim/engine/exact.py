@@ -56,7 +56,7 @@ class ExactSolver:
         self.choice: Choice = choice
         self._scene = scene
         self._settings = settings
-        self._law = _law_of(scene)
+        self._law = _law_of(scene, settings.dt)
         self._radii, self._masses = scene.radii, scene.masses
         self.torn = False
         self.alarmed = False
@@ -373,7 +373,7 @@ def _refuse_extremes(scene: Scene, dt: float) -> None:
         )
 
 
-def _law_of(scene: Scene) -> events.Law:
+def _law_of(scene: Scene, dt: float) -> events.Law:
     """Gravity, restitution and the guard as the kernel takes them; what the scene lacks is None."""
     gravity = None if scene.gravity is None else tuple(scene.gravity.tolist())
     restitution = scene.restitution if scene.restitution < 1 else None
@@ -381,5 +381,7 @@ def _law_of(scene: Scene) -> events.Law:
     pull = 0.0 if gravity is None else float(np.hypot(*gravity))
     squares = float((scene.velocity**2).sum(axis=1).mean()) if scene.count else 0.0
     smallest = scene.smallest_radius
-    speed = math.sqrt(squares + pull * smallest)
-    return events.Law(gravity, restitution, wall_restitution, GUARD * smallest / speed if speed > 0 else GUARD)
+    speeds = [math.sqrt(squares + pull * smallest), *(math.hypot(*np.array(each.velocity)) for each in scene.emitters)]
+    speed = max(speeds)
+    # Where nothing moves by itself, a part of the time of a frame: what is added later sets the pace.
+    return events.Law(gravity, restitution, wall_restitution, GUARD * (smallest / speed if speed > 0 else dt))
