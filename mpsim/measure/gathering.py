@@ -33,10 +33,15 @@ def _of_those_present(mean: Callable[[State, Scene], float]) -> Callable[[State,
     return lambda state, scene: mean(state, scene) if state.present.any() else float("nan")
 
 
+def _of_those_moving(mean: Callable[[State, Scene], float]) -> Callable[[State, Scene], float]:
+    """Likewise NaN once all that are present have come to rest."""
+    return lambda state, scene: mean(state, scene) if state.velocity[state.present].any() else float("nan")
+
+
 SAMPLED: dict[str, Callable[[State, Scene], float]] = {
     "kinetic_energy": observables.kinetic_energy,
     "temperature": _of_those_present(observables.temperature),
-    "speed_kurtosis": _of_those_present(lambda state, scene: observables.speed_kurtosis(state)),
+    "speed_kurtosis": _of_those_moving(lambda state, scene: observables.speed_kurtosis(state)),
 }
 
 
@@ -77,6 +82,11 @@ def _has_losses(scene: Scene) -> bool:
     return scene.restitution < 1 or (scene.wall_restitution < 1 and not all(scene.periodic))
 
 
+def _fills(scene: Scene, axis: int) -> bool:
+    """Whether the largest disc stands between both walls of an axis."""
+    return not scene.periodic[axis] and (scene.width, scene.height)[axis] <= 2 * scene.largest_radius
+
+
 _Rule = tuple[tuple[str, ...], Callable[[Scene], bool], str, str]
 
 _BALANCED = ("energy_drift", "momentum_drift")
@@ -106,6 +116,24 @@ _RULES: tuple[_Rule, ...] = (
         lambda scene: scene.smallest_radius < scene.largest_radius and not all(scene.periodic),
         "discs of several sizes between walls, which each keep the centres at a distance of their own",
         "Use 'pressure', the impulses on the walls.",
+    ),
+    (
+        ("pressure_virial",),
+        lambda scene: _fills(scene, 0) and _fills(scene, 1),
+        "discs as wide and high as the box, which have no room to move",
+        "Use 'pressure', the impulses on the walls.",
+    ),
+    (
+        ("pressure_xx",),
+        lambda scene: _fills(scene, 0),
+        "discs as wide as the box, which have no room to move along x",
+        "Use 'pressure_yy', along which they have.",
+    ),
+    (
+        ("pressure_yy",),
+        lambda scene: _fills(scene, 1),
+        "discs as high as the box, which have no room to move along y",
+        "Use 'pressure_xx', along which they have.",
     ),
     (
         ("pressure", *_VIRIALS, "energy_drift"),
