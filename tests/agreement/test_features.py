@@ -49,7 +49,8 @@ def check_anything(first, last):
 
 def check_all_as_they_are():
     """What runs as plain Python: all features alone, and random ones."""
-    warnings.simplefilter("ignore", mpsim.EmitterWarning)
+    for kind in (mpsim.EmitterWarning, mpsim.FastWarning):
+        warnings.simplefilter("ignore", kind)
     for name, method, precision, contact in itertools.product(ZOO, ("naive", "grid"), PRECISIONS, CONTACTS):
         check_twin(name, method, precision, contact)
     print(check_anything(0, 150))

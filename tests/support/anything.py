@@ -25,7 +25,8 @@ def anything(seed: int) -> tuple[mpsim.Scene, dict[str, Any]]:
     features |= _forces(rng, chance, count)
     if chance():
         features["obstacles"] = _obstacles(rng, size, largest)
-    features |= _edges(rng, chance, periodic, size, largest)
+    dt = float(rng.choice([0.01, 0.1, 0.3, 5.0]))
+    features |= _edges(rng, chance, periodic, size, largest, dt)
     margin = np.multiply.outer(np.broadcast_to(radius, count), [not wrap for wrap in periodic])
     parts = rng.integers(0, 17, (count, 2)) / 16 if chance() else rng.random((count, 2))
     position = margin + parts * (size - 2 * margin)
@@ -42,7 +43,7 @@ def anything(seed: int) -> tuple[mpsim.Scene, dict[str, Any]]:
         "precision": rng.choice(["float64", "float32"]).item(),
         "contact": rng.choice(["impact", "push"]).item(),
         "law": rng.choice(["elastic", "elastic", "reflect"]).item(),
-        "dt": rng.choice([0.01, 0.1, 0.3, 5.0]).item(),
+        "dt": dt,
         "substeps": int(rng.integers(1, 3)),
         "passes": int(rng.integers(1, 3)),
     }
@@ -75,7 +76,7 @@ def _obstacles(rng: Any, size: Any, largest: float) -> list[Any]:
     return found
 
 
-def _edges(rng: Any, chance: Any, periodic: list[bool], size: Any, largest: float) -> dict[str, Any]:
+def _edges(rng: Any, chance: Any, periodic: list[bool], size: Any, largest: float, dt: float) -> dict[str, Any]:
     """Absorbing edges and a piston where there are walls, and an emitter."""
     features: dict[str, Any] = {}
     walls = [edge for k, edge in enumerate(("left", "right", "bottom", "top")) if not periodic[k // 2]]
@@ -93,5 +94,6 @@ def _edges(rng: Any, chance: Any, periodic: list[bool], size: Any, largest: floa
     if chance(0.3) and "piston" not in features:  # which might pass it: the twin knows nothing of that
         middle = tuple(length / 2 for length in size)
         kind = {"radius": largest / 2, "mass": 2.0}
-        features["emitters"] = mpsim.Emitter(middle, tuple(rng.normal(size=2)), every=2, limit=3, **kind)
+        clock = {"every": 2} if chance(0.5) else {"interval": dt * float(rng.choice([0.4, 1.0, 2.5]))}
+        features["emitters"] = mpsim.Emitter(middle, tuple(rng.normal(size=2)), limit=3, **clock, **kind)
     return features

@@ -1,7 +1,7 @@
 """Slow obvious twins of the stepped methods: NumPy scalars of the run's precision, one operation at a time.
 
 They share nothing with the kernels but what defines the order of contacts: the size of the grid, which discs are giants
-and which obstacles are near a place.
+and which obstacles are near a place. Where a disc enters, and how fast, comes from mpsim too.
 """
 
 from typing import Any
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 import mpsim
+from mpsim.engine.flight import launched
 from mpsim.engine.provision import giant_radius
 from mpsim.state import grid_for
 from support.compare import assert_same_bits
@@ -96,8 +97,8 @@ class Twin(Motion):
                 self.due[index] = self.frame + emitter.every
 
     def emit_in_time(self) -> None:
-        """Discs that were due in the last frame enter, oldest first, with a free flight from then to now."""
-        now, gravity = self.frame * self.settings.dt, np.zeros(2) if self.scene.gravity is None else self.scene.gravity
+        """Discs that were due in the last frame enter, oldest first, with a flight from then to now."""
+        now = self.frame * self.settings.dt
         while True:
             due = [
                 (self.due[index] * (emitter.interval / 8), index, emitter)
@@ -107,12 +108,11 @@ class Twin(Motion):
             time, index, emitter = min(due, default=(np.inf, 0, None), key=lambda each: each[:2])
             if time > now * (1 + 1e-12):
                 return
-            s = max(now - time, 0.0)
-            place = np.array(emitter.position) + s * (np.array(emitter.velocity) + 0.5 * s * gravity)
             radius = self.scene.largest_radius if emitter.radius is None else emitter.radius
+            place, velocity = launched(self.scene, emitter, radius, max(now - time, 0.0), now)
             free = self.is_free(place, radius)
             if free:
-                self.add(place, np.array(emitter.velocity) + s * gravity, radius, emitter.mass)
+                self.add(place, velocity, radius, emitter.mass)
                 self.left[index] -= 1
             self.due[index] += 8 if free else 1
 

@@ -1,0 +1,221 @@
+"""Each function of mpsim.measure, and each measure of a run, against a few lines of NumPy that share nothing with it.
+
+States are made, not simulated, with any features that a measure knows: sizes, masses, fields, periodic axes, float32,
+discs that have left. One execution: a state, or a run, put to every function. Executions: 85 by default, 6,300 with
+--long.
+"""
+
+import warnings
+from itertools import combinations
+
+import numpy as np
+import pytest
+from support.gases import any_gas, typical_time
+from support.processes import assert_clean, run_script
+from support.scenes import simulate
+
+import mpsim
+from mpsim import measure
+
+
+def drawn(seed):
+    """A scene and two states of it, the second with every disc elsewhere; and who is present."""
+    rng = np.random.default_rng([seed, 8])
+    count = int(rng.choice([1, 2, 7, 40]))
+    size = rng.uniform(4, 12, 2)
+    boundary = [str(rng.choice(["walls", "periodic"])) for _ in "xy"]
+    radius = rng.choice([0.2, 0.5, 0.9], count) if rng.random() < 0.5 else 0.4
+    features = {"mass": rng.uniform(0.1, 9, count)} if rng.random() < 0.5 else {}
+    fields = np.array([word == "walls" for word in boundary])
+    if rng.random() < 0.5:
+        features["gravity"] = rng.normal(size=2) * fields
+    if rng.random() < 0.5:
+        features["acceleration"] = rng.normal(size=(count, 2)) * fields
+    precision = str(rng.choice(["float32", "float64"]))
+    margin = np.multiply.outer(np.broadcast_to(radius, count), fields)
+    places = [margin + rng.random((count, 2)) * (size - 2 * margin) for _ in range(2)]
+    velocity = rng.normal(size=(2, count, 2)) * 10.0 ** rng.integers(-3, 4)
+    scene = mpsim.Scene(
+        width=size[0], height=size[1], position=places[0], velocity=velocity[0], radius=radius, boundary=boundary,
+        **features,
+    )  # fmt: skip
+    here = rng.random(count) < 0.7 if rng.random() < 0.5 else np.ones(count, bool)
+    here[0] = True
+    wraps = not fields.all()
+    images = [rng.integers(-3, 4, (count, 2)) * ~fields for _ in range(2)]
+    states = [
+        mpsim.State(
+            p.astype(precision), v.astype(precision), present=here, box=scene.box, image=image if wraps else None
+        )
+        for p, v, image in zip(places, velocity, images, strict=True)
+    ]
+    return scene, states, here
+
+
+def nearest(scene, difference):
+    """The shortest of a difference and its images, by trying all of them."""
+    shifts = [
+        [0, -length, length] if wraps else [0] for length, wraps in zip(scene.box[1::2], scene.periodic, strict=True)
+    ]
+    tried = np.array([np.add(difference, (x, y)) for x in shifts[0] for y in shifts[1]])
+    return tried[(tried**2).sum(axis=-1).argmin(axis=0), np.arange(len(difference))]
+
+
+def check_sums(seed):
+    """Energies, momentum, temperature and speeds."""
+    scene, (state, _), here = drawn(seed)
+    v, p, m = state.velocity[here].astype(float), state.position[here].astype(float), scene.masses[here]
+    squares = v[:, 0] ** 2 + v[:, 1] ** 2
+    same(measure.kinetic_energy(state, scene), (m * squares).sum() / 2)
+    same(measure.momentum(state, scene), [m @ v[:, 0], m @ v[:, 1]], scale=m @ np.sqrt(squares))
+    same(measure.temperature(state, scene), (m * squares).mean() / 2)
+    if len(m) > 1:
+        drift = np.array([m @ v[:, 0], m @ v[:, 1]]) / m.sum()
+        heat = (m * ((v - drift) ** 2).sum(axis=1)).sum() / 2 / (len(m) - 1)
+        same(measure.temperature(state, scene, remove_drift=True), heat, scale=(m * squares).sum())
+    g = np.zeros((len(m), 2)) if scene.gravity is None else np.tile(scene.gravity, (len(m), 1))
+    g = g if scene.acceleration is None else g + scene.acceleration[here]
+    same(
+        measure.potential_energy(state, scene), -(m * (g * p).sum(axis=1)).sum(), scale=np.abs(m[:, None] * g * p).sum()
+    )
+    same(measure.speed_kurtosis(state), np.mean(squares**2) / np.mean(squares) ** 2)
+
+
+def check_speeds(seed):
+    """The distribution of speeds: counts, and the largest distance of the two cumulative curves."""
+    _, (state, _), here = drawn(seed)
+    v = np.sort(np.linalg.norm(state.velocity[here].astype(float), axis=1))
+    found = measure.speed_distribution(state, bins=7)
+    above = [(v >= edge).sum() for edge in found.edges[:-1]]  # none is above the last edge but by rounding
+    inside = -np.diff([*above, 0])
+    width = found.edges[1] - found.edges[0]
+    same(found.density, inside / len(v) / width)
+    below = lambda speed: 1 - np.exp(-(speed**2) / np.mean(v**2))  # noqa: E731
+    same(found.maxwell, (below(found.edges[1:]) - below(found.edges[:-1])) / width, rel=1e-9)
+    steps = [abs(below(speed) - rank / len(v)) for k, speed in enumerate(v) for rank in (k, k + 1)]
+    same(found.distance, max(steps), rel=1e-9)
+
+
+def check_pairs(seed):
+    """Overlaps, and the pair correlation, over all pairs one by one."""
+    scene, (state, _), here = drawn(seed)
+    p, discs = state.position.astype(float), np.flatnonzero(here)
+    pairs = list(combinations(discs.tolist(), 2))
+    i, j = np.array(pairs, int).reshape(-1, 2).T
+    distance = np.hypot(*nearest(scene, p[i] - p[j]).T)
+    depth = scene.radii[i] + scene.radii[j] - distance
+    rounding = 8 * np.finfo(state.position.dtype).eps * max(scene.width, scene.height)
+    if (np.abs(depth - rounding) > 1e-12).all():
+        deep = depth[depth > rounding]
+        found = measure.overlap(state, scene)
+        assert found.pairs == len(deep), f"{found.pairs} pairs instead of {len(deep)}"
+        same([found.largest, found.mean], [deep.max(initial=0), deep.mean() if len(deep) else 0])
+        assert found.worst == (pairs[int(depth.argmax())] if len(deep) else None)
+    if np.ndim(scene.radius) or not here.all() or scene.gravity is not None or scene.acceleration is not None:
+        return
+    reach = 1.9  # 0.4 + 1.9 is more than the nearest half wall
+    low = np.array([0 if wraps else scene.radius + reach for wraps in scene.periodic])
+    inner = np.array([scene.width, scene.height]) - 2 * low
+    centre = ((p >= low) & (p <= low + inner)).all(axis=1)
+    if (inner <= 0).any() or not centre.any():
+        return
+    edges = np.linspace(2 * scene.radius, reach, 6)
+    counts = sum(np.histogram(distance[centre[ends]], edges)[0] for ends in (i, j))
+    expected = centre.sum() ** 2 / inner.prod() * np.pi * (edges[1:] ** 2 - edges[:-1] ** 2)
+    same(measure.pair_correlation(state, scene, bins=5, r_max=reach).g, counts / expected)
+
+
+def check_displacements(seed):
+    """How far discs have moved, and how far two states are apart."""
+    scene, (before, after), here = drawn(seed)
+    size = np.array([scene.width, scene.height])
+    at = [s.position.astype(float) + (0 if s.image is None else s.image * size) for s in (before, after)]
+    same(measure.mean_squared_displacement(before, after, scene), np.mean(((at[1] - at[0])[here] ** 2).sum(axis=1)))
+    off = nearest(scene, after.position.astype(float) - before.position.astype(float))
+    off = np.where(here, np.hypot(*off.T), 0)
+    found = measure.trajectory_error(after, before, scene)
+    same([found.rms, found.largest], [np.sqrt((off[here] ** 2).mean()), off.max()])
+    assert found.disc == off.argmax()
+
+
+def check_run(seed):
+    """Pressure, collision rate and sampled measures of `event`, from the changes of velocity between short frames."""
+    scene = any_gas(seed, gravity=False)
+    frames, dt = 400, typical_time(scene) / 100
+    names = ["collision_rate", "kinetic_energy", "temperature", "speed_kurtosis"]
+    names += [] if all(scene.periodic) else ["pressure"]
+    states, settings = [], {"method": "event", "dt": dt}
+    with simulate(scene, **settings) as sim:
+        states.append(sim.state)
+        for _ in range(frames):
+            sim.run(frames=1)
+            states.append(sim.state)
+    with simulate(scene, **settings) as sim:
+        found = sim.run(frames=frames, measures=names).measures
+    kicks = np.diff([scene.masses[:, None] * state.velocity for state in states], axis=0)
+    changed = (kicks != 0).any(axis=2)
+    few = changed.sum(axis=1) <= 2
+    balanced = np.abs(kicks.sum(axis=1)).max(axis=1) < 1e-9 * np.abs(kicks).max()
+    if not few.all() or (changed.sum(axis=1) == 2)[~balanced].any():
+        return 0  # more than one event in a frame: it cannot be told what happened
+    pairs = int((changed.sum(axis=1) == 2).sum())
+    same(found["collision_rate"].value, 2 * pairs / scene.count / (frames * dt))
+    if not all(scene.periodic):
+        edge = 2 * (scene.height * (not scene.periodic[0]) + scene.width * (not scene.periodic[1]))
+        impulse = np.abs(kicks[~balanced]).sum()
+        same(found["pressure"].value, impulse / (frames * dt * edge), rel=1e-9)
+    for name in ("kinetic_energy", "temperature"):
+        same(found[name].value, np.mean([getattr(measure, name)(state, scene) for state in states[2::2]]))
+    return 1
+
+
+def same(got, expected, rel=1e-12, scale=None):
+    """Fail unless numbers agree to rounding, of the expected ones or of a scale."""
+    expected = np.asarray(expected)
+    slack = rel * np.maximum(np.abs(expected), np.abs(expected) if scale is None else scale)
+    assert (np.abs(np.asarray(got) - expected) <= slack).all(), f"{got!r} instead of {expected!r}"
+
+
+CHECKS = {check.__name__: check for check in (check_sums, check_speeds, check_pairs, check_displacements)}
+
+
+@pytest.mark.parametrize("seeds", [range(15), pytest.param(range(15, 1515), marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", CHECKS)
+def test_functions_of_a_state(name, seeds):
+    for seed in seeds:
+        try:
+            CHECKS[name](seed)
+        except Exception as error:
+            raise AssertionError(f"{name}, state {seed}: {error}") from error
+
+
+def seen_runs(seeds):
+    """How many runs had one event in a frame at most."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mpsim.GuardWarning)
+        return sum(check_run(seed) for seed in seeds)
+
+
+RUNS = """
+from adversary.test_measures import seen_runs
+print(seen_runs(range({first}, {last})))
+"""
+
+
+@pytest.mark.parametrize(("first", "last"), [(0, 25), pytest.param(100, 400, marks=pytest.mark.long)])
+def test_measures_of_runs(first, last):
+    outcome = run_script(RUNS.format(first=first, last=last), env={"NUMBA_DISABLE_JIT": "1"}, bound=170)
+    assert_clean(outcome)
+    assert int(outcome.out) > (last - first) / 5, "too few runs had one event in a frame at most"
+
+
+def test_a_factor_and_a_forgotten_disc_are_seen(monkeypatch):
+    """The control."""
+    right = measure.kinetic_energy
+    monkeypatch.setattr(measure, "kinetic_energy", lambda state, scene: right(state, scene) * (1 + 1e-11))
+    with pytest.raises(AssertionError, match="instead of"):
+        check_sums(3)
+    found = measure.overlap
+    monkeypatch.setattr(measure, "overlap", lambda state, scene: found(state, scene, scene.radii * 1.001))
+    with pytest.raises(AssertionError, match="instead of"):
+        sum(check_pairs(seed) or 0 for seed in range(15))

@@ -1,0 +1,146 @@
+"""Any scene in other units: lengths, times and masses times powers of two give the same bits, scaled.
+
+So nowhere may an absolute number stand for a length, a time or a mass. Most scenes run as plain Python, in a process of
+their own, where no combination of features has to be compiled. One execution: a scene in two systems of units.
+Executions: 110 by default, 6,800 with --long.
+"""
+
+import dataclasses
+import warnings
+
+import numpy as np
+import pytest
+from support.anything import anything
+from support.compare import assert_same_bits
+from support.gases import any_gas, typical_time
+from support.processes import assert_clean, run_script
+from support.scenes import simulate
+from support.transforms import Units, features_of, is_weighed
+
+import mpsim
+from mpsim.measure import gathering
+
+FRAMES = 10
+
+MOST_POWER = {"float32": 6, "float64": 60}
+"""Of two, up to which units are changed: squares of squares must fit."""
+
+
+def without_vanishing(scene):
+    """Speeds whose squares would leave the range of float32 in some units are none."""
+    velocity = np.where(np.abs(scene.velocity) < 1e-20, 0.0, scene.velocity)
+    return mpsim.Scene(**features_of(scene) | {"velocity": velocity})
+
+
+def outcome(scene, frames, **settings):
+    """State, contacts and measures of a run."""
+    names = [name for name in gathering.NAMES if gathering.refusal(name, scene) is None]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        with simulate(scene, **settings) as sim:
+            report = sim.run(frames=frames, measures=names)
+            return sim.state, report.collisions, dict(report.measures), sim.absorbed.tolist()
+
+
+def check(scene, frames, units, note, **settings):
+    """Fail unless both systems of units give the same bits. Returns contacts."""
+    if not is_weighed(scene) or not scene.count:  # discs without masses, which have mass 1 in any units
+        units = dataclasses.replace(units, mass=1.0)
+    state, contacts, measures, absorbed = outcome(scene, frames, **settings)
+    settings["dt"] *= units.time
+    other = outcome(units.scene(scene), frames, **settings)
+    note = f"{note}, {units}, {scene!r}, {settings}"
+    real = state.position.dtype.type
+    expected = {"position": state.position * real(units.length), "velocity": state.velocity * real(units.speed)}
+    if getattr(state, "box", None) is not None:
+        expected["box"] = tuple(edge * units.length for edge in state.box)
+    others = {field.name: getattr(state, field.name) for field in dataclasses.fields(state)}
+    assert_same_bits(other[0], mpsim.State(**others | expected), note)
+    assert other[1] == contacts, f"{note}: {other[1]} contacts instead of {contacts}"
+    assert other[3] == absorbed, f"{note}: others are absorbed"
+    for name, measure in measures.items():
+        for part in ("value", "error"):
+            got, want = getattr(other[2][name], part), getattr(measure, part) * units.measure(name)
+            assert got == want or np.isnan([got, want]).all(), f"{note}: {part} of {name} is {got!r}, expected {want!r}"
+    return contacts
+
+
+def check_stepped(seed):
+    """Any scene by naive or grid."""
+    scene, settings = anything(seed)
+    units = Units.drawn(np.random.default_rng([seed, 1]), MOST_POWER[settings["precision"]])
+    return check(without_vanishing(scene), FRAMES, units, f"scene {seed}", **settings)
+
+
+def check_exact(seed):
+    """Any gas by event."""
+    scene = any_gas(seed)
+    units = Units.drawn(np.random.default_rng([seed, 2]), MOST_POWER["float64"])
+    return check(scene, FRAMES, units, f"gas {seed}", method="event", dt=typical_time(scene) / 4)
+
+
+def check_placed(seed):
+    """A random start is the same in other units."""
+    rng = np.random.default_rng([seed, 3])
+    units, packing = Units.drawn(rng, 60), rng.choice([0.05, 0.3, 0.5, 0.7])
+    boundary = [str(rng.choice(["walls", "periodic"])) for _ in "xy"]
+    radius = rng.choice([0.5, 0.3, 0.2], 20) if rng.random() < 0.5 else 0.5
+    start, scaled = (
+        mpsim.Scene.random(
+            count=20, packing=packing, radius=np.multiply(radius, length), temperature=1.0, seed=seed, boundary=boundary
+        )
+        for length in (1.0, units.length)
+    )
+    assert (start.position * units.length == scaled.position).all(), f"start {seed}, {units}: {start!r}, {scaled!r}"
+
+
+def check_many(first, last, exact):
+    """What runs as plain Python. Prints the number of contacts."""
+    warnings.simplefilter("ignore")
+    print(sum(check_stepped(seed) for seed in range(first, last)) + sum(check_exact(seed) for seed in range(*exact)))
+
+
+def plain(first, last, exact, bound):
+    text = f"from adversary.test_scaling import check_many; check_many({first}, {last}, {exact})"
+    outcome = run_script(text, env={"NUMBA_DISABLE_JIT": "1"}, bound=bound)
+    assert_clean(outcome)
+    return int(outcome.out)
+
+
+def test_units_change_no_bit_of_any_scene():
+    assert plain(0, 60, (0, 20), bound=100) > 500
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1300)
+def test_units_change_no_bit_of_thousands_of_scenes():
+    plain(1000, 5000, (1000, 2600), bound=1200)
+
+
+@pytest.mark.parametrize("seeds", [range(30), pytest.param(range(30, 1130), marks=pytest.mark.long)])
+def test_units_change_no_random_start(seeds):
+    for seed in seeds:
+        check_placed(seed)
+
+
+class Forgetful(Units):
+    """Units in which one length or speed is left as it was."""
+
+    forgotten = "width"
+
+    def scene(self, scene):
+        return mpsim.Scene(**features_of(super().scene(scene)) | {self.forgotten: getattr(scene, self.forgotten)})
+
+
+def check_that_forgetting_is_seen():
+    scene = any_gas(5)
+    assert scene.count > 10
+    for Forgetful.forgotten, length in (("width", 0.5), ("radius", 2.0), ("velocity", 2.0)):
+        with pytest.raises(AssertionError, match="control, Forgetful"):
+            check(scene, FRAMES, Forgetful(length, 4.0, 8.0), "control", method="grid", dt=0.1)
+
+
+def test_a_length_or_speed_that_is_not_scaled_is_seen():
+    """The control."""
+    text = "from adversary.test_scaling import *; check_that_forgetting_is_seen()"
+    assert_clean(run_script(text, env={"NUMBA_DISABLE_JIT": "1"}))

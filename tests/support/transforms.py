@@ -1,0 +1,121 @@
+"""A scene in other units, mirrored, turned or renumbered: what physics and rounding do not care about."""
+
+import copy
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import mpsim
+
+
+@dataclass(frozen=True)
+class Units:
+    """Factors of length, time and mass. Powers of two change no digit of a number."""
+
+    length: float = 1.0
+    time: float = 1.0
+    mass: float = 1.0
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator, most: int) -> "Units":
+        """Powers of two, up to 2^most and down to 2^-most."""
+        return cls(*(2.0 ** rng.integers(-most, most + 1, 3)).tolist())
+
+    @property
+    def speed(self) -> float:
+        return self.length / self.time
+
+    @property
+    def acceleration(self) -> float:
+        return self.length / self.time / self.time
+
+    def measure(self, name: str) -> float:
+        """Factor of a measure of a run, by its dimension."""
+        energy = self.mass * self.speed * self.speed
+        rate = 1 / self.time
+        pressure = self.mass / self.time / self.time
+        factors = {
+            "overlap": self.length, "largest_overlap": self.length, "kinetic_energy": energy, "temperature": energy,
+            "speed_kurtosis": 1.0, "collision_rate": rate, "contact_rate": rate, "energy_drift": rate,
+            "momentum_drift": rate,
+        }  # fmt: skip
+        return pressure if name.startswith("pressure") else factors[name]
+
+    def scene(self, scene: mpsim.Scene) -> mpsim.Scene:
+        """The scene in these units."""
+        features = features_of(scene)
+        features |= {
+            "width": scene.width * self.length,
+            "height": scene.height * self.length,
+            "position": scene.position * self.length,
+            "velocity": scene.velocity * self.speed,
+            "radius": scene.radius * self.length,
+            "mass": scene.masses * self.mass if is_weighed(scene) else None,
+            "obstacles": [self.obstacle(obstacle) for obstacle in scene.obstacles],
+            "emitters": [self.emitter(emitter) for emitter in scene.emitters],
+        }
+        for name in ("gravity", "acceleration"):
+            if features[name] is not None:
+                features[name] = features[name] * self.acceleration
+        if scene.piston is not None:
+            places = {"stop": scene.piston.stop * self.length}
+            start = getattr(scene.piston, "start", None)
+            places |= {} if start is None else {"start": start * self.length}
+            features["piston"] = dataclasses.replace(scene.piston, speed=scene.piston.speed * self.speed, **places)
+        return mpsim.Scene(**features)
+
+    def obstacle(self, obstacle: Any) -> Any:
+        if isinstance(obstacle, mpsim.FixedDisc):
+            return mpsim.FixedDisc(np.multiply(obstacle.position, self.length), obstacle.radius * self.length)
+        return mpsim.Polyline(np.multiply(obstacle.points, self.length), obstacle.thickness * self.length)
+
+    def emitter(self, emitter: mpsim.Emitter) -> mpsim.Emitter:
+        factors = {"position": self.length, "velocity": self.speed, "interval": self.time, "radius": self.length}
+        factors["mass"] = self.mass
+        values = {name: getattr(emitter, name) for name in factors}
+        scaled = {name: np.multiply(value, factors[name]) for name, value in values.items() if value is not None}
+        plain = {name: value if name in ("position", "velocity") else float(value) for name, value in scaled.items()}
+        return dataclasses.replace(emitter, **plain)
+
+
+def is_weighed(scene: mpsim.Scene) -> bool:
+    """Whether masses are given: else they are 1 in any units."""
+    return scene.mass is not None or any(emitter.mass is not None for emitter in scene.emitters)
+
+
+def features_of(scene: mpsim.Scene) -> dict[str, Any]:
+    """Arguments that make the scene again."""
+    return copy.deepcopy({name: value for name, value in vars(scene).items() if not name.startswith("_")})
+
+
+def mirrored(scene: mpsim.Scene) -> mpsim.Scene:
+    """Left and right exchanged, for discs in a box with gravity, accelerations and boundaries."""
+    features = features_of(scene)
+    features["position"] = np.stack([scene.width - scene.position[:, 0], scene.position[:, 1]], axis=1)
+    for name in ("velocity", "gravity", "acceleration"):
+        if features[name] is not None:
+            features[name] = features[name] * [-1, 1]
+    return mpsim.Scene(**features)
+
+
+def turned(scene: mpsim.Scene) -> mpsim.Scene:
+    """A quarter turn against the clock, for discs in a box with gravity, accelerations and boundaries."""
+    features = features_of(scene)
+    features |= {"width": scene.height, "height": scene.width, "boundary": scene.boundary[::-1]}
+    features["position"] = np.stack([scene.height - scene.position[:, 1], scene.position[:, 0]], axis=1)
+    for name in ("velocity", "gravity", "acceleration"):
+        if features[name] is not None:
+            x, y = features[name].T
+            features[name] = np.stack([-y, x], axis=-1)
+    return mpsim.Scene(**features)
+
+
+def renumbered(scene: mpsim.Scene, order: np.ndarray) -> mpsim.Scene:
+    """The discs in another order: the new disc k is the old disc order[k]."""
+    features = features_of(scene)
+    for name in ("position", "velocity", "acceleration", "radius", "mass"):
+        if np.ndim(features[name]):
+            features[name] = features[name][order]
+    return mpsim.Scene(**features)
