@@ -9,7 +9,7 @@ differs from S(0) only by its square, where averages over blocks of length B dif
 import functools
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,8 @@ _COARSE: NDArray[np.float64] = np.concatenate([[0.0], np.geomspace(0.1, 5000.0, 
 """Slopes that are tried, of one curve and of quotients of two."""
 
 
-class AtZero(NamedTuple):
+@dataclass(frozen=True)
+class AtZero:
     """S(0), and from what.
 
     Attributes:

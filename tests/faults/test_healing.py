@@ -19,7 +19,10 @@ import mpsim
 from mpsim.engine import pool, running, simulation
 
 # 3.12: fork in a process with threads
-pytestmark = pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:This process:DeprecationWarning"),
+    pytest.mark.filterwarnings("ignore::mpsim.FastWarning"),  # of discs that are added where others are
+]
 
 MEASURES = ["pressure", "collision_rate", "largest_overlap", "kinetic_energy", "temperature"]
 FRAMES = 4000

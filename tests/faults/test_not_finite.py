@@ -87,6 +87,7 @@ def test_the_frame_of_an_overflow_inside_a_long_run_does_not_depend_on_the_worke
         assert error_of(method="parallel", workers=workers) == expected, f"run {run}"
 
 
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
 def test_a_huge_but_finite_velocity_loses_no_disc():
     """Negative control: what is finite goes on, clamped to the box."""
     with simulate(gas(60, 0.3, seed=1), method="grid", precision="float32") as sim:

@@ -59,10 +59,12 @@ def test_too_little_shared_memory_is_an_error_with_sizes_and_a_remedy(method):
 def test_too_little_shared_memory_for_a_growth_keeps_the_simulation_as_it_was():
     outcome = run_in_small_memory("""
     import os
+    import warnings
     import numpy as np
     import mpsim
     from support.scenes import lattice, state_after
 
+    warnings.simplefilter("ignore", mpsim.FastWarning)  # of discs that are added where others are
     scene, more = lattice(60, 60), lattice(60, 60)
     with mpsim.Simulation(scene, mpsim.Settings(method="grid")) as sim:
         sim.run(frames=3)

@@ -148,6 +148,7 @@ def test_a_death_between_runs_is_noticed_by_the_next_run(pause):
     assert_over(sim, pids, block)
 
 
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of discs that are added where others are
 def test_a_death_before_a_growth_that_moves_the_workers_is_noticed():
     sim = simulate(lattice(8, 8), method="parallel", workers=2)
     sim.run(frames=5)

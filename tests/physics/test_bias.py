@@ -10,6 +10,8 @@ from support.selection import long_but
 
 from mpsim.measure.statistics import fit_order, independent_average
 
+pytestmark = pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # errors of long steps are what is measured
+
 EXACT = 2.2389
 
 
