@@ -245,7 +245,7 @@ class Scene:
         return self._others is not None
 
     def drawn_by(self, make: Callable[[int], "Scene"]) -> "Scene":
-        """Tell how other starts of the same kind are made, from a seed; returns this scene."""
+        """This scene, which from now on calls `make`, with a seed, for `another`."""
         self._others = make
         return self
 
