@@ -8,6 +8,8 @@ from support.selection import long_but
 
 from mpsim.measure import Measure, independent_average, reference_motion
 
+pytestmark = pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # errors of long steps are what is measured
+
 COUNT, PACKING = 50, 0.1
 """A small and dilute gas: vortices and clusters, which Haff's law leaves out, need room to grow. Here the exact solver
 itself is 1.3(4) % above the law of e = 0.9 after 16 collisions; with 100 discs at packing 0.2 it is 2.4(3) %."""

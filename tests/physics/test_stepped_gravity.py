@@ -5,7 +5,7 @@ import pytest
 from support.internals import wall_impulses
 from support.scenes import gas, simulate
 
-from mpsim import Scene
+from mpsim import Scene, State
 from mpsim.measure import fit_order, independent_average, kinetic_energy, potential_energy, reference
 
 G = 1.0
@@ -178,7 +178,7 @@ def potential_share(dt, contact, starts, time=400.0, count=20):
         low = Scene.random(count=count, width=8.0, height=3.0, radius=0.02, seed=seed)
         features = dict(width=8.0, height=60.0, radius=0.02, gravity=(0, -G))
         scene = Scene(position=low.position, velocity=low.velocity, **features)
-        energy = energy_above_floor(scene, scene)
+        energy = energy_above_floor(State(scene.position, scene.velocity), scene)
         with simulate(scene, method="naive", dt=dt, contact=contact) as sim:
             sim.run(until=100)
             heights = []
