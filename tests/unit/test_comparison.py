@@ -155,7 +155,9 @@ def test_reflect_makes_momentum_from_nothing():
 def test_momentum_is_kept_to_rounding_by_the_law_of_action_and_reaction(method, features):
     settings = {} if method == "event" else {"contact": "impact", "workers": 2 if method == "parallel" else None}
     _, momentum = drifts(gas(200, 0.3, **features), 200, dt=0.02, method=method, **settings)
-    assert 0 <= momentum < 1e-10
+    # Impulses are counted in steps of 2^-32 of a typical momentum, and that of a fall through this box is eight times
+    # as large as the others.
+    assert 0 <= momentum < 1e-10 * (8 if "gravity" in features else 1)
 
 
 def test_momentum_drifts_under_reflect_and_less_so_in_float32_by_its_roundings():
