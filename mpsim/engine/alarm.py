@@ -40,7 +40,7 @@ class Alert(NamedTuple):
 
 
 def caught(arrays: dict[str, Any], radii: NDArray[np.float64], own: bool, frame: int) -> Pace | None:
-    """The fastest disc of the last frame if it was too fast, told once; None where there was none.
+    """The fastest disc of the last frame if it was too fast, reported once; None where there was none.
 
     Args:
         arrays: of the block.

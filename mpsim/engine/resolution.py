@@ -1,4 +1,4 @@
-"""Whether numbers are fine enough for the scene: what the precision of a run loses of it is refused or told."""
+"""Whether numbers are fine enough for the scene: what the precision of a run loses of it is refused or warned of."""
 
 import math
 

@@ -143,7 +143,7 @@ class SteppedSolver:
         return bool(self._block.arrays["team"][:, layout.FASTEST].any())
 
     def caught(self) -> Pace | None:
-        """The disc that was too fast in the last command, told once; None where there was none."""
+        """The disc that was too fast in the last command, reported once; None where there was none."""
         return caught(self._block.arrays, self._radii, has_radii(self._scene), self.frame - 1)
 
     def set_alert(self, alert: Alert) -> None:

@@ -237,7 +237,7 @@ class Search:
             return
         speed = self._run.pilot.speed
         dt, shortest, longest = (step(self._scene, speed, h) for h in (FIRST, SHORTEST, LONGEST))
-        if not self._run.pilot.exact:  # of which no error can be told that is not far above its own
+        if not self._run.pilot.exact:  # which resolves no error that is not far above its own
             shortest = max(shortest, LEAST_RATIO * self._run.pilot.reference.dt)
         inside, outside = 0.0, math.inf
         found: list[tuple[float, float]] = []  # step and largest error over budget
