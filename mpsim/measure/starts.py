@@ -51,7 +51,7 @@ class Starts:
         self._made: dict[int, Scene] = {}
         if callable(kind):
             self._make: Callable[[int], Scene] = kind
-            self.name = "starts that were given by a function"
+            self.name: str = "starts that were given by a function"
         elif kind == "kind":
             scene.another(1)  # which refuses a scene that has only one
             self._made, self._make = {0: scene}, scene.another
