@@ -135,6 +135,8 @@ def pilot(scene: Scene, until: float | None = None, earlier: str | None = None, 
     try:
         if not exact:
             raise _TooSlow
+        if _comes_to_rest(scene):
+            raise _TooSlow("grains with losses come to rest on each other, and collide without end")
         look = _look(scene, settings, crossing, until, patience)
     except (MpsimError, _TooSlow) as error:
         exact, reason = False, str(error)
@@ -158,6 +160,12 @@ def pilot(scene: Scene, until: float | None = None, earlier: str | None = None, 
     return Pilot(
         reference, name, speed, look.collisions, growth, short, look.starts, look.gap, settings, cost, step_seconds
     )
+
+
+def _comes_to_rest(scene: Scene) -> bool:
+    """Whether a field presses discs together whose collisions lose energy: one start in a few never ends."""
+    pressed = scene.gravity is not None or scene.acceleration is not None
+    return pressed and min(scene.restitution, scene.wall_restitution) < 1
 
 
 def _is_gas(scene: Scene) -> bool:

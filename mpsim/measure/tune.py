@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from mpsim import checks
-from mpsim.errors import BudgetError, InputError
+from mpsim.errors import BudgetError, InputError, NotMeasurableError
 from mpsim.measure.campaign import Campaign, CandidateFailed
 from mpsim.measure.cost import Cost
 from mpsim.measure.deviations import Deviation
@@ -227,7 +227,12 @@ class Search:
         needed = references + min(looks, SEARCH * self._seconds) + verification
         run.announce(f"about {needed:.0f} s: {run.replicas} runs of each candidate, to {run.plan.until:.3g}")
         run.assess([], run.replicas)
-        run.demand_measurable(self._budgets)
+        try:
+            run.demand_measurable(self._budgets)
+        except CandidateFailed as failed:
+            raise NotMeasurableError(
+                f"nothing is measurable here: {failed}. Ask for shorter runs (until=...)."
+            ) from None
         self._end = max(self._end, time.monotonic() + LEAST_SEARCH * self._seconds)
 
     def longest_step(self, family: Settings) -> None:
