@@ -237,6 +237,10 @@ class Search:
 
     def longest_step(self, family: Settings) -> None:
         """Look for the longest step of a family inside all budgets."""
+        if family.method == "event" and not self._run.pilot.exact:  # which is why it is not the reference
+            reason = f"not tried: errors are against {self._run.pilot.reference_name}"
+            self._trials[family] = Trial(Row(family, failure=reason), reason, False)
+            return
         if family.method == "event":
             self._try(family)
             return
