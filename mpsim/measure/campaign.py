@@ -142,7 +142,7 @@ class Campaign:
         reference = range(first, first + self._references(replicas))
         wanted = [(self.pilot.reference, number) for number in reference]
         if not self.pilot.exact and not first:
-            candidates = [self._coarser_reference, *candidates]
+            wanted += [(self._physics(self._coarser_reference), number) for number in numbers]
         unique = {key_of(each): each for each in map(self._physics, candidates)}
         wanted += [(each, number) for each in unique.values() for number in numbers]
         tasks: dict[str, tuple[Any, ...]] = {}
@@ -320,7 +320,7 @@ def _length(first: Pilot, scene: Scene, replicas: int) -> float:
     crossing = 2 * scene.smallest_radius / first.speed
     if first.collisions == 0:
         return 100 * crossing
-    least = max(2 * crossing, PARTINGS * _parted(first)) if first.reference.method == "event" else 2 * crossing
+    least = max(2 * crossing, PARTINGS * _parted(first)) if first.exact else 2 * crossing
     return float(np.clip(PAIRS / (first.collisions * replicas), min(least, 1e3 * crossing), 1e5 * crossing))
 
 

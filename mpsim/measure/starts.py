@@ -53,8 +53,8 @@ class Starts:
             self._make: Callable[[int], Scene] = kind
             self.name: str = "starts that were given by a function"
         elif kind == "kind":
-            scene.another(1)  # which refuses a scene that has only one
-            self._made, self._make = {0: scene}, scene.another
+            self._made = {0: scene, 1: scene.another(1)}  # which refuses a scene that has only one
+            self._make = scene.another
             self.name = "other starts of the same kind"
         elif kind == "same":
             self._made, self._make = {0: scene}, functools.partial(varied, scene)
