@@ -68,14 +68,21 @@ def answer(
     row |= {"verdict": "verified" if found.verified else "exact" if found.exact else "unverified"}
     error = found.errors[measure]
     row |= {"error": error.value, "standard_error": error.error, "spread": error.error > 0}
-    return row | (check(scene, starts, found, measure, budget, seconds) if found.verified else {})
+    return row | (check(scene, starts, found, measure, budget, seconds, kept) if found.verified else {})
 
 
 def check(
-    scene: mpsim.Scene, starts: StartsGiven, found: mpsim.Tuned, measure: str, budget: float, seconds: float
+    scene: mpsim.Scene,
+    starts: StartsGiven,
+    found: mpsim.Tuned,
+    measure: str,
+    budget: float,
+    seconds: float,
+    kept: Path,
 ) -> dict[str, Any]:
-    """The error of settings over starts that had no part in choosing or verifying them."""
-    with Campaign(scene, found.until, (measure,), replicas=MOST, starts=starts, seconds=seconds) as run:
+    """The error of settings over starts that had no part in choosing or verifying them; budgets share these starts."""
+    how: dict[str, Any] = {"starts": starts, "seconds": seconds, "path": kept}  # whose runs of the reference it shares
+    with Campaign(scene, found.until, (measure,), replicas=MOST, **how) as run:
         one = run.seconds_for(found.settings, 1, verify=True)
         run.replicas = max(min(MOST, int(CHECKING * seconds / max(one, 1e-9))), 8)
         run.assess([], run.replicas)
