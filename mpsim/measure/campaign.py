@@ -38,6 +38,9 @@ REFERENCE = 2
 """The exact reference has so many times the replicas of a candidate, so that its noise adds little; a stepped one,
 which costs more than all candidates together, as many."""
 
+PATIENCE, LEAST_PATIENCE = 10.0, 10.0
+"""A run of the reference may take so many times as long as was forecast, and so many seconds at least."""
+
 AGAIN = 2
 """Step of the runs that show how far a stepped reference may be off itself, in steps of the reference."""
 
@@ -149,12 +152,18 @@ class Campaign:
         for settings, number in wanted if self._asks_for(LONG) else ():
             key = f"long {key_of(settings)} {number}"
             if key not in self._kept:
-                tasks[key] = (long_run, self.starts[number], settings, self.plan)
+                tasks[key] = long_run, self.starts[number], settings, self.plan, self._limit_of(settings)
         for key, settings in unique.items() if self._asks_for(SHORT) else ():
             for number, start in self._starts(first):
                 arguments = short_runs, self._scene, settings, self.plan, start, self.pilot.reference
                 tasks[f"short {key} {number}"] = arguments
         self._run({key: task for key, task in tasks.items() if key not in self._kept})
+
+    def _limit_of(self, settings: Settings) -> float:
+        """Seconds after which a run is given up: there are starts of which the exact solver never comes to an end."""
+        if settings.method != "event":
+            return math.inf
+        return max(PATIENCE * self.pilot.seconds * self.plan.until, LEAST_PATIENCE)
 
     def _references(self, replicas: int) -> int:
         """Runs of the reference beside so many of a candidate."""
@@ -243,7 +252,10 @@ class Campaign:
 
         Raises:
             NotMeasurableError: naming the measure, why, and what to ask for.
+            CandidateFailed: if a run of the reference did not come to its end.
         """
+        if self._asks_for(LONG):
+            self._reference_runs(self.replicas, 0)
         for name, budget in budgets.items():
             reason = self._why_not(name) or self._too_rough(name, budget)
             if reason:

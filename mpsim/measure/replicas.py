@@ -7,7 +7,9 @@ whose chance no scatter shows: it does not count as part of a stationary state (
 
 import dataclasses
 import json
+import math
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -119,25 +121,32 @@ class Stopped(Exception):  # noqa: N818 - not an error
     """Nobody waits for this run any more."""
 
 
+class RunTooLong(Exception):  # noqa: N818 - an outcome, not an error
+    """A run takes far more time than was forecast."""
+
+
 Progress = Callable[[int, int], None] | None
 
 
-def long_run(start: Scene, settings: Settings, plan: Plan, stop: threading.Event | None = None) -> dict[str, Any]:
+def long_run(
+    start: Scene, settings: Settings, plan: Plan, seconds: float = math.inf, stop: threading.Event | None = None
+) -> dict[str, Any]:
     """Averages over PIECES of one run to plan.until: a list for each measure of LONG, of lists for the speeds.
 
     With "centre", the middle of each piece as a fraction of plan.until, "met", the pairs met, and "seconds" of running.
-    A run that cannot be continued gives {"failure": reason}; one whose `stop` is set, an exception.
+    A run that cannot be continued, or takes more than `seconds` of its thread, gives {"failure": reason}; one whose
+    `stop` is set, an exception.
     """
     try:
         with quietly():
-            return _averages(start, settings, plan, _until_stopped(stop))
-    except (MpsimError, ArithmeticError, MemoryError) as error:
+            return _averages(start, settings, plan, _until_stopped(stop, seconds))
+    except (MpsimError, ArithmeticError, MemoryError, RunTooLong) as error:
         return failure(error)
 
 
 def failure(error: Exception) -> dict[str, Any]:
     """The result of a run that failed; "machine" where not the candidate but the machine is to blame."""
-    machine = isinstance(error, MemoryError | SharedMemoryError | WorkerDied | WorkerStalled)
+    machine = isinstance(error, MemoryError | SharedMemoryError | WorkerDied | WorkerStalled | RunTooLong)
     return {"failure": f"{type(error).__name__}: {error}"} | ({"machine": True} if machine else {})
 
 
@@ -153,14 +162,17 @@ def quietly() -> Iterator[None]:
         yield
 
 
-def _until_stopped(stop: threading.Event | None) -> Progress:
-    """What ends a run from within, soon after `stop` is set."""
+def _until_stopped(stop: threading.Event | None, seconds: float = math.inf) -> Progress:
+    """What ends a run from within, soon after `stop` is set or so many seconds of this thread are over."""
+    end = time.thread_time() + seconds
 
     def look(done: int, frames: int) -> None:
         if stop is not None and stop.is_set():
             raise Stopped
+        if time.thread_time() > end:
+            raise RunTooLong(f"a run took more than {seconds:.0f} s, far more than was forecast: its start is unusual")
 
-    return None if stop is None else look
+    return look
 
 
 def _averages(scene: Scene, settings: Settings, plan: Plan, progress: Progress) -> dict[str, Any]:

@@ -5,6 +5,7 @@ import pytest
 import mpsim
 from mpsim import Emitter, Scene, Settings, tune
 from mpsim.errors import NotMeasurableError
+from mpsim.measure import campaign
 
 GRAINS = {"radius": 0.5, "restitution": 0.5, "wall_restitution": 0.5, "gravity": (0, -1)}
 
@@ -31,6 +32,18 @@ def test_grains_with_losses_that_are_pressed_together_have_a_stepped_reference()
     lossless = Scene(width=9, height=9, position=[[4, 4]], velocity=[[1, 0]], radius=0.5, gravity=(0, -1))
     table = mpsim.tradeoff(lossless, [Settings(dt=0.05, method="grid")], until=1.0, replicas=2, measures="pressure")
     assert table.reference == "the exact solver", "the control"
+
+
+def test_a_run_of_the_reference_that_takes_far_too_long_is_given_up_with_a_reason(monkeypatch):
+    """Of an unusual start the exact solver may never come to an end."""
+    scene = Scene.random(count=20, packing=0.3, radius=0.5, duration=7.0)
+    settings = [Settings(method="grid")]
+    for name in ("PATIENCE", "LEAST_PATIENCE"):
+        monkeypatch.setattr(campaign, name, 0.0)
+    with pytest.raises(NotMeasurableError, match=r"reference failed, RunTooLong: .*its start is unusual.*shorter runs"):
+        tune(scene, {"overlap": 0.1}, candidates=settings, replicas=4)
+    monkeypatch.undo()
+    assert tune(scene, {"overlap": 0.1}, candidates=settings, replicas=4).verified, "the control"
 
 
 def test_a_scene_whose_runs_are_all_one_run_has_no_spread_to_verify_with():
