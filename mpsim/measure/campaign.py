@@ -3,8 +3,10 @@
 import dataclasses
 import math
 import threading
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +15,13 @@ import numpy as np
 from mpsim import checks
 from mpsim.engine.cores import usable_cores
 from mpsim.engine.simulation import Simulation
-from mpsim.errors import InputError, NotMeasurableError, TooFastError
+from mpsim.errors import FastWarning, InputError, NotMeasurableError
 from mpsim.measure import cost
 from mpsim.measure.cost import Cost
 from mpsim.measure.deviations import RELATIVE, Deviation, deviations, short_deviations, unmeasurable
 from mpsim.measure.kept import Kept
 from mpsim.measure.pilot import Pilot, pilot
-from mpsim.measure.replicas import LONG, PIECES, SHORT, Plan, key_of, long_run, physics_of, quietly, short_runs
+from mpsim.measure.replicas import LONG, PIECES, SHORT, Plan, Stopped, key_of, long_run, physics_of, quietly, short_runs
 from mpsim.measure.starts import VARIATION, Starts, StartsGiven
 from mpsim.measure.windows import spans_of
 from mpsim.scene import Scene
@@ -88,7 +90,7 @@ class Campaign:
             )
         _demand_times(scene)
         self.starts: Starts = Starts(scene, starts)
-        self._kept = Kept(path, f"{scene.digest()} {self.starts.name}")
+        self._kept = Kept(path, f"{scene.digest()} {self.starts.key}")
         until = scene.duration if until is None else until
         self._progress = progress or (lambda done, of, what: None)
         self._progress(0, 1, "preliminary run")
@@ -103,7 +105,7 @@ class Campaign:
         self._executor = executor
         self._threads: ThreadPoolExecutor | None = None
         self._stop = threading.Event()
-        self._further: tuple[State, ...] | None = None
+        self._further: dict[int, tuple[State, ...]] = {}
         self._kept.open(f"{self.plan}", self.pilot.reference_name)
 
     def __enter__(self) -> "Campaign":
@@ -123,14 +125,20 @@ class Campaign:
         self._progress(0, 1, text)
 
     def warning_of(self, settings: Settings) -> str:
-        """What a run of the scene with these settings warns of, or ""."""
-        careful = dataclasses.replace(settings, on_fast="error", workers=1)
-        try:
-            with quietly(), Simulation(self._scene, careful) as sim:
-                sim.run(until=self.plan.until)
-        except TooFastError as error:
-            return str(error)
-        return ""
+        """What mpsim warns of the speeds in a run of the scene with these settings, or ""."""
+        if settings.on_fast != "warn":
+            return ""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("always", FastWarning)
+
+            def stop_at_the_first(done: int, frames: int) -> None:
+                if caught:
+                    raise Stopped
+
+            with suppress(Stopped), Simulation(self._scene, dataclasses.replace(settings, workers=1)) as sim:
+                sim.run(until=self.plan.until, progress=stop_at_the_first)
+        return str(caught[0].message) if caught else ""
 
     def assess(self, candidates: Iterable[Settings], replicas: int | None = None, first: int = 0) -> None:
         """Do the accuracy runs of candidates, and of the reference, that are not there yet.
@@ -145,7 +153,7 @@ class Campaign:
         reference = range(first, first + self._references(replicas))
         wanted = [(self.pilot.reference, number) for number in reference]
         if not self.pilot.exact and not first:
-            wanted += [(self._physics(self._coarser_reference), number) for number in numbers]
+            wanted += [(self._physics(self._coarser_reference), number) for number in range(self.replicas)]
         unique = {key_of(each): each for each in map(self._physics, candidates)}
         wanted += [(each, number) for each in unique.values() for number in numbers]
         tasks: dict[str, tuple[Any, ...]] = {}
@@ -178,7 +186,7 @@ class Campaign:
         """Seconds that the accuracy runs of a candidate will take, about; verify: with as many of the reference."""
         one = reference = self.pilot.seconds * self.plan.until
         if settings.method != "event":
-            one = self.plan.until / settings.dt * settings.passes * self.pilot.step_seconds
+            one = self.plan.until / settings.dt * settings.substeps * settings.passes * self.pilot.step_seconds
         runs = replicas * one + (self._references(replicas) * reference if verify else 0.0)
         return runs / usable_cores()
 
@@ -292,13 +300,13 @@ class Campaign:
         return any(name in kind for name in self.measures)
 
     def _starts(self, first: int) -> list[tuple[int, State]]:
-        """Numbered starts of short runs: where `first` is above 0, others than those of the first look."""
+        """Numbered starts of short runs: others for each `first`."""
         starts = self.pilot.starts
         if not first:
             return list(enumerate(starts))
-        if self._further is None:
-            self._further = self.pilot.further_starts(self._scene)
-        return list(enumerate(self._further, start=len(starts)))
+        if first not in self._further:
+            self._further[first] = self.pilot.further_starts(self._scene, first)
+        return list(enumerate(self._further[first], start=first))
 
     def _physics(self, settings: Settings) -> Settings:
         """The settings under which a candidate's accuracy runs are made."""

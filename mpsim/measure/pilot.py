@@ -48,6 +48,10 @@ LYAPUNOV_TIMES = 2.0
 """Length of a short run in Lyapunov times: long enough to see an error, short against the time that erases all."""
 
 
+GOLDEN = (math.sqrt(5) - 1) / 2
+"""Fractions of its whole multiples lie far from each other and from 0 (Weyl's sequence)."""
+
+
 @dataclass(frozen=True)
 class Pilot:
     """What the preliminary run has found.
@@ -83,13 +87,14 @@ class Pilot:
         """Whether the reference is the exact solver."""
         return self.reference.method == "event"
 
-    def further_starts(self, scene: Scene) -> tuple[State, ...]:
-        """As many other states: those half-way from each start to the next."""
-        settings = replace(self.look, dt=min(self.look.dt, self.gap / 2))
+    def further_starts(self, scene: Scene, first: int) -> tuple[State, ...]:
+        """As many other states: those on the way from each start to the next, elsewhere for each number `first`."""
+        elapsed = self.gap * (first * GOLDEN % 1)
+        settings = replace(self.look, dt=min(self.look.dt, elapsed / 2))
         states = []
         for start in self.starts:
             with quietly(), Simulation(scene.starting_from(start), settings) as sim:
-                sim.run(until=self.gap / 2)
+                sim.run(until=elapsed)
                 states.append(sim.state)
         return tuple(states)
 

@@ -27,7 +27,7 @@ StartsGiven = str | Callable[[int], Scene] | Sequence[Scene] | None
 
 
 class Starts:
-    """Numbered starts of one scene; number 0 is the scene itself. The same number always gives the same start.
+    """Numbered starts of one scene. The same number always gives the same start; of "kind" and "same" 0 is the scene.
 
     Args:
         scene: the scene.
@@ -37,7 +37,9 @@ class Starts:
 
     Attributes:
         name: which starts these are, in words.
+        key: a text that is the same for the same starts only; functions are told apart by the two first that they make.
         same: whether they are one start but for VARIATION, so that their runs are alike at first.
+        number: how many there are; None where there are as many as are wanted.
 
     Raises:
         InputError: if the scene has no other starts, or `given` is none of these.
@@ -48,6 +50,7 @@ class Starts:
         if isinstance(kind, str) and kind not in KINDS:
             raise InputError(f"starts must be 'kind', 'same', a function or a list of Scenes; got {given!r}.")
         self.same: bool = kind == "same"
+        self.number: int | None = None
         self._made: dict[int, Scene] = {}
         if callable(kind):
             self._make: Callable[[int], Scene] = kind
@@ -63,7 +66,10 @@ class Starts:
             chosen = _listed(kind)
             self._made = dict(enumerate(chosen))
             self._make = lambda number: _too_few(len(chosen), number)
+            self.number = len(chosen)
             self.name = f"the {len(chosen)} starts that were given"
+        known = [] if isinstance(kind, str) else [self[number] for number in range(self.number or 2)]
+        self.key: str = " ".join([self.name, *(each.digest() for each in known)])
 
     def __getitem__(self, number: int) -> Scene:
         """The start of a number, >= 0.

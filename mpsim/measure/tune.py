@@ -17,7 +17,7 @@ import numpy as np
 
 from mpsim import checks
 from mpsim.errors import BudgetError, InputError, NotMeasurableError
-from mpsim.measure.campaign import Campaign, CandidateFailed
+from mpsim.measure.campaign import REFERENCE, Campaign, CandidateFailed
 from mpsim.measure.cost import Cost
 from mpsim.measure.deviations import Deviation
 from mpsim.measure.ladder import families, step
@@ -50,7 +50,7 @@ SEARCH, LEAST_SEARCH = 0.6, 0.25
 fraction that is left for them where the reference has taken longer than was forecast."""
 
 AIM = 0.9
-"""Part of the budget at which the next step is aimed."""
+"""Fraction of the budget at which the next step is aimed."""
 
 LEAST_RATIO = 4.0
 """Steps of candidates, at least, over that of a stepped reference."""
@@ -204,7 +204,9 @@ class Search:
         self._budgets = budgets
         self._seconds = seconds
         self._end = time.monotonic() + SEARCH * seconds
-        self._verifying = MOST_REPLICAS // 2
+        self._most, self._block, self._attempts = _blocks(run)
+        run.replicas = min(run.replicas, self._most)
+        self._verifying = max(self._most // 2, run.replicas)
         self._trials: dict[Settings, Trial] = {}
         self._orders: dict[str, float] = {}
         self._numbers: dict[Settings, int] = {}
@@ -217,7 +219,7 @@ class Search:
         """
         run, fine = self._run, self._run.pilot.reference
         one = run.seconds_for(fine, 1, verify=True) if not run.pilot.exact else 3 * run.seconds_for(fine, 1)
-        affordable = int(SEARCH / 2 * self._seconds / one) if one else MOST_REPLICAS
+        affordable = int(SEARCH / 2 * self._seconds / one) if one else self._most
         run.replicas = max(min(run.replicas, affordable), min(run.replicas, FEWEST_REPLICAS))
         self._verifying = max(min(self._verifying, affordable), run.replicas)
         typical = Settings(dt=TYPICAL * 2 * self._scene.smallest_radius / run.pilot.speed)
@@ -255,11 +257,13 @@ class Search:
             if not self._is_time_for(settings):
                 break
             trial = self._try(settings)
+            if not _is_measurable(trial):
+                break
             if trial.inside:
                 inside = max(inside, dt)
             else:
                 outside = min(outside, dt)
-                if self._too_dear(trial):
+                if self._is_too_costly(trial):
                     break
             ratio = _worst(trial.row, self._budgets)
             if math.isfinite(ratio) and ratio > 0:
@@ -277,25 +281,35 @@ class Search:
         Raises:
             BudgetError: if there is none.
         """
-        for attempt in range(VERIFICATIONS + 1):
+        for attempt in range(self._attempts + 1):
             inside = [trial for trial in self._trials.values() if trial.inside]
-            if attempt == VERIFICATIONS:
+            if attempt == self._attempts:
                 inside = [trial for trial in inside if self._is_exact(trial.row.settings)]
             if not inside:
                 break
             best = min(inside, key=_cost)
-            settings = best.row.settings
-            number = min(max(self._numbers[settings], self._verifying), MOST_REPLICAS)
-            self._run.assess([settings], number, first=MOST_REPLICAS)
-            errors = self._run.errors(settings, number, first=MOST_REPLICAS)
+            if self._is_exact(best.row.settings):
+                return self._tuned(best, best.row.errors)
+            errors = self._verified(best.row.settings, self._block * (1 + attempt))
             broken = [name for name, budget in self._budgets.items() if not errors[name].inside(budget)]
-            if not broken or self._is_exact(settings):
+            if not broken:
                 return self._tuned(best, errors)
-            verdict = f"inside at first, but {broken[0]} {errors[broken[0]]!r} when verified"
-            self._trials[settings] = Trial(dataclasses.replace(best.row, errors=errors), verdict, False)
-            if settings.method != "event" and self._is_time_for(settings, last=True):
-                self._step_back(settings, max(_ratio(errors[name], self._budgets[name]) for name in broken))
-        raise BudgetError(self._refusal())
+            self._set_back(best, errors, broken)
+        raise self._refusal()
+
+    def _verified(self, settings: Settings, first: int) -> dict[str, Deviation]:
+        """Errors of runs from starts, numbered from `first` on, that had no part in anything before."""
+        number = max(self._numbers[settings], self._verifying)
+        self._run.assess([settings], number, first=first)
+        return self._run.errors(settings, number, first=first)
+
+    def _set_back(self, best: Trial, errors: dict[str, Deviation], broken: list[str]) -> None:
+        """Note that settings have failed their verification, and try a shorter step if there is time."""
+        settings = best.row.settings
+        verdict = f"inside at first, but {broken[0]} {errors[broken[0]]!r} when verified"
+        self._trials[settings] = Trial(dataclasses.replace(best.row, errors=errors), verdict, False)
+        if self._is_time_for(settings, last=True):
+            self._step_back(settings, max(_ratio(errors[name], self._budgets[name]) for name in broken))
 
     def _step_back(self, settings: Settings, ratio: float) -> None:
         """Try the step that the order found suggests for one that came out so many times too wrong when verified."""
@@ -320,7 +334,7 @@ class Search:
             except CandidateFailed as failed:
                 self._trials[settings] = Trial(Row(settings, failure=str(failed)), str(failed), False)
                 return self._trials[settings]
-            if number * 2 > MOST_REPLICAS or self._is_exact(settings) or not self._open(errors):
+            if number * 2 > self._most or self._is_exact(settings) or not self._open(errors):
                 break
             if not self._is_time_for(settings, 2 * number):
                 break
@@ -347,7 +361,7 @@ class Search:
         outside = [(errors[name], budget) for name, budget in self._budgets.items() if not errors[name].inside(budget)]
         return bool(outside) and all(abs(each.value) - each.noise < budget for each, budget in outside)
 
-    def _too_dear(self, trial: Trial) -> bool:
+    def _is_too_costly(self, trial: Trial) -> bool:
         """Whether something inside the budgets is already cheaper than this one, which is not."""
         inside = [_cost(each) for each in self._trials.values() if each.inside]
         return bool(inside) and _cost(trial) > min(inside)
@@ -378,21 +392,51 @@ class Search:
         reference = run.pilot.reference_name
         return Tuned(settings, best.row.cost, errors, self._budgets, reference, tried, tighter, **said)
 
-    def _refusal(self) -> str:
+    def _refusal(self) -> BudgetError | NotMeasurableError:
         """Why nothing meets the budgets, with the least error that was reached."""
         wanted = ", ".join(f"{name} {budget:g}" for name, budget in self._budgets.items())
-        rows = [trial.row for trial in self._trials.values() if trial.row.errors]
+        rows = [
+            trial.row for trial in self._trials.values() if trial.row.errors and not self._is_exact(trial.row.settings)
+        ]
+        for name in self._budgets:
+            reasons = [row.errors[name].reason for row in rows]
+            if reasons and all(reasons):
+                return NotMeasurableError(f"{name} is not measurable here: {reasons[0]}")
         rows = [row for row in rows if 1 < _worst(row, self._budgets) < math.inf]
         if not rows:
-            reasons = "; ".join(f"{trial.row.label}: {trial.verdict}" for trial in self._trials.values())
-            return f"no candidate could run this scene for max_error {wanted}: {reasons}. Choose other candidates."
+            reasons = [f"{trial.row.label}: {trial.verdict}" for trial in self._trials.values()]
+            return BudgetError(
+                f"no candidate could run this scene for max_error {wanted}: {'; '.join(reasons)}. Choose other "
+                "candidates."
+            )
         best = min(rows, key=lambda row: _worst(row, self._budgets))
         reached = ", ".join(f"{name} {best.errors[name].bound:.3g}" for name in self._budgets)
-        return (
+        return BudgetError(
             f"max_error must be within reach: no candidate stays inside {wanted}. The best of {len(rows)} tried, "
             f"{best.label}, reaches {reached} (two standard errors included). Allow these errors; where the noise is "
             "what is left, run longer (until=..., seconds=...); or let candidates hold Settings(method='event')."
         )
+
+
+def _blocks(run: Campaign) -> tuple[int, int, int]:
+    """Replicas at most, starts of the search and of each verification, and verifications at most.
+
+    Each has starts of its own, which is what makes the verification one. Of a list there are only so many.
+
+    Raises:
+        InputError: if a list of starts is too short.
+    """
+    references = REFERENCE if run.pilot.exact else 1
+    if run.starts.number is None:
+        return MOST_REPLICAS, references * MOST_REPLICAS, VERIFICATIONS
+    least = 2 * references * FEWEST_REPLICAS
+    if run.starts.number < least:
+        raise InputError(
+            f"starts must hold at least {least} Scenes, for the search, the runs of the reference beside it, and a "
+            f"verification of its own; got {run.starts.number}. Give more, or a function that makes them."
+        )
+    block = run.starts.number // 2
+    return min(block // references, MOST_REPLICAS), block, 1
 
 
 def _budgets(max_error: Mapping[str, float]) -> dict[str, float]:
@@ -430,6 +474,11 @@ def _ratio(error: Deviation, budget: float) -> float:
         return math.inf
     largest = 0.0 if error.largest is None else abs(error.largest.value) - error.largest.noise
     return max(error.bound, largest) / budget
+
+
+def _is_measurable(trial: Trial) -> bool:
+    """Whether the candidate could run and each of its errors means something."""
+    return all(error.measurable for error in trial.row.errors.values())
 
 
 def _worst(row: Row, budgets: dict[str, float]) -> float:

@@ -137,5 +137,21 @@ def test_bad_starts_are_refused_by_name(given, text):
 
 
 def test_a_function_that_gives_no_scene_is_refused():
-    with pytest.raises(InputError, match="starts must give Scenes; for 2 it gave int"):
+    with pytest.raises(InputError, match="starts must give Scenes; for 0 it gave int"):
         Starts(CRADLE, lambda number: number)[2]
+
+
+def test_a_file_of_other_starts_is_refused(tmp_path):
+    """As before: the second function got the numbers of the first."""
+    path = tmp_path / "kept.json"
+    how = {"candidates": [mpsim.Settings(method="grid", dt=0.05)], "until": 2.0, "replicas": 2, "measures": "overlap"}
+
+    def given(seed):
+        return lambda number: Scene.random(count=20, packing=0.3, radius=0.5, seed=seed + number)
+
+    scene = given(0)(0)
+    first = mpsim.tradeoff(scene, starts=given(0), path=path, **how)
+    assert mpsim.tradeoff(scene, starts=given(0), path=path, **how).rows[0].errors == first.rows[0].errors
+    for other in (given(100), [given(0)(number) for number in range(8)], "same"):
+        with pytest.raises(InputError, match="path must be a file of the same scene"):
+            mpsim.tradeoff(scene, starts=other, path=path, **how)

@@ -33,20 +33,24 @@ class Fake:
     laws = LAWS
     noise, verified, exact_cost, event = 1e-9, 1.0, 1000.0, True
     fails: frozenset[str] = frozenset()
-    seconds, unmeasurable, warning = 0.0, "", ""
+    seconds, unmeasurable, warning, number, reason = 0.0, "", "", None, ""
     now = 0.0
+    announced = ""
+    firsts: list[int] = []  # noqa: RUF012
 
     def __init__(self, scene, until, measures, *, replicas, seconds, **_):
         reference = EVENT if self.event else Settings(dt=1e-4)
         self.pilot = SimpleNamespace(speed=1.0, reference=reference, reference_name="a law", exact=self.event)
-        self.starts, self.plan = SimpleNamespace(name="starts of a law"), SimpleNamespace(until=10.0)
+        self.starts = SimpleNamespace(name="starts of a law", number=self.number)
+        self.plan = SimpleNamespace(until=10.0)
         self.replicas, self.measures, self.assessed, self.timed = replicas, measures, [], []
 
     def seconds_for(self, settings, replicas, verify=False):
         return self.seconds * replicas
 
     def announce(self, text):
-        self.announced = text
+        assert not self.assessed, "before anything is run"
+        Fake.announced = text
 
     def demand_measurable(self, budgets):
         if self.unmeasurable:
@@ -64,6 +68,7 @@ class Fake:
     def assess(self, candidates, replicas=None, first=0):
         Fake.now += self.seconds * (replicas or self.replicas) * len(candidates)
         self.assessed += [(each, first) for each in candidates]
+        Fake.firsts.append(first)
 
     def time(self, candidates):
         self.timed += list(candidates)
@@ -75,6 +80,8 @@ class Fake:
         noise = self.noise / math.sqrt((replicas or self.replicas) / 16)
         if settings.method == "event":
             return dict.fromkeys(self.measures, Deviation(0.0, 0.0))
+        if self.reason:
+            return dict.fromkeys(self.measures, Deviation.unknown(self.reason))
         factor, order, _ = self.laws[settings.contact, settings.passes]
         error = factor * settings.dt**order * (self.verified if first else 1.0)
         return dict.fromkeys(self.measures, Deviation(error, noise))
@@ -93,7 +100,7 @@ def faked(max_error, **laws):
     """`tune` on a fake campaign with these laws."""
     candidates = laws.pop("candidates", None)
     clock = SimpleNamespace(monotonic=lambda: Fake.now)
-    Fake.now = 0.0
+    Fake.now, Fake.firsts = 0.0, []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(chooser, "Campaign", type("Faked", (Fake,), laws))
         patch.setattr(chooser, "time", clock)
@@ -238,6 +245,38 @@ def test_where_all_fail_their_verification_the_exact_solver_is_left_or_the_refus
         faked({"overlap": 0.01}, verified=1e9, candidates=[IMPACT])
 
 
+@given(st.floats(-3, -1), st.floats(1.0, 1e3))
+def test_each_verification_has_starts_of_its_own(log_budget, verified):
+    """As before: the second used those of the first, which had chosen its step."""
+    faked({"overlap": 10**log_budget}, verified=verified)
+    attempts = [first for first in Fake.firsts if first]
+    assert attempts == [128 * (1 + attempt) for attempt in range(len(attempts))], "128 runs of the reference from each"
+
+
+def test_a_list_of_starts_is_shared_between_search_and_verification():
+    found = faked({"overlap": 0.01}, number=30)
+    assert found.verified
+    assert [first for first in Fake.firsts if first] == [15], "its second half, once"
+    with pytest.raises(
+        mpsim.InputError, match=r"starts must hold at least 24 Scenes, .* got 23\. Give more, or a func"
+    ):
+        faked({"overlap": 0.01}, number=23)
+
+
+def test_how_long_it_will_take_is_said_before_anything_is_run():
+    faked({"overlap": 0.01}, seconds=0.1)
+    assert Fake.announced.startswith("about ")
+    assert Fake.announced.endswith("16 runs of each candidate, to 10")
+    assert 0.5 < float(Fake.announced.split()[1]) / Fake.now < 2, "and it is about right"
+
+
+def test_a_measure_that_means_nothing_in_any_run_is_not_a_budget_out_of_reach():
+    reason = "no pair was met in any run. Ask for longer runs (until=...)"
+    with pytest.raises(mpsim.NotMeasurableError, match=r"overlap is not measurable here: no pair was met.*longer runs"):
+        faked({"overlap": 0.01}, reason=reason, candidates=[IMPACT, PUSH])
+    assert len(Fake.firsts) < 6, "and no search goes on for it"
+
+
 # Refusals
 
 
@@ -301,15 +340,17 @@ def test_a_real_answer_is_inside_its_budgets_and_was_verified_by_runs_that_did_n
     monkeypatch.setattr(campaign, "short_runs", short_watched)
     budgets = {"overlap": 0.05, "trajectory": 0.2}
     found = tune(SCENE, budgets, until=5, replicas=2, candidates=[PUSH])
-    numbers = {SCENE.digest(): 0} | {SCENE.another(number).digest(): number for number in range(1, 128)}
+    numbers = {SCENE.digest(): 0} | {SCENE.another(number).digest(): number for number in range(1, 256)}
     runs = [(kind, settings, numbers[which] if kind == "long" else which) for kind, settings, which in runs]
     assert all(found.errors[name].value <= budget for name, budget in budgets.items())
     assert len(runs) == len(set(runs)), "no run is made twice"
     mine = [(kind, which) for kind, settings, which in runs if settings.dt == found.settings.dt]
     long, short = ({which for kind, which in mine if kind == wanted} for wanted in ("long", "short"))
     assert len(short) == 16, "eight starts to choose by and eight others to verify by"
-    assert {number for number in long if number >= 64} == set(range(64, 96))
-    assert {number for number in long if number < 64} >= {0, 1}
+    assert {number for number in long if number >= 128} == set(range(128, 160))
+    assert {number for number in long if number < 128} >= {0, 1}
+    reference = {which for kind, settings, which in runs if kind == "long" and settings.method == "event"}
+    assert {number for number in reference if number >= 128} == set(range(128, 192)), "others beside the verification"
     with mpsim.Simulation(SCENE, dataclasses.replace(found.settings, workers=1)) as sim:
         depth = sim.run(until=50, measures=["overlap"]).measures["overlap"]
     assert depth.value / (2 * SCENE.radius) == pytest.approx(found.errors["overlap"].value, rel=0.1)

@@ -99,3 +99,12 @@ def test_what_tune_chose_says_whether_it_will_warn():
         sim.run(until=1)
     short = tune(scene, {"overlap": 0.01}, candidates=[Settings(method="grid", contact="push")])
     assert (short.warning, "mpsim warns" in str(short)) == ("", False), "the control"
+    careful = [Settings(method="grid", contact="push", on_fast="substep")]
+    assert tune(scene, {"overlap": 0.45}, candidates=careful).warning == "", "sub-steps are chosen instead"
+    assert "method='event' has no such bound" in found.warning, "in the words of the warning"
+
+
+@pytest.mark.parametrize("measure", ["overlap", "speed_distribution"])
+def test_where_nobody_meets_no_error_is_measurable(measure):
+    with pytest.raises(NotMeasurableError, match=f"{measure} is not measurable here: .*Ask for"):
+        tune(falling(), {measure: 0.01}, until=0.5, candidates=[Settings(method="grid")])
