@@ -1,11 +1,14 @@
 """Scenes that are no gas in equilibrium: an answer that means something, or a reason, never a zero that is verified."""
 
+import time
+
 import pytest
 
 import mpsim
-from mpsim import Emitter, Scene, Settings, tune
+from mpsim import Emitter, Scene, Settings, scenefile, tune
 from mpsim.errors import NotMeasurableError
 from mpsim.measure import campaign
+from mpsim.measure.replicas import available
 
 GRAINS = {"radius": 0.5, "restitution": 0.5, "wall_restitution": 0.5, "gravity": (0, -1)}
 
@@ -108,3 +111,20 @@ def test_what_tune_chose_says_whether_it_will_warn():
 def test_where_nobody_meets_no_error_is_measurable(measure):
     with pytest.raises(NotMeasurableError, match=f"{measure} is not measurable here: .*Ask for"):
         tune(falling(), {measure: 0.01}, until=0.5, candidates=[Settings(method="grid")])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", scenefile.names())
+def test_each_named_scene_gets_an_answer_or_a_reason_in_about_the_time_it_may_take(name):
+    """docs/accuracy.md has the times with the default of 150 s; a machine that does other things needs longer."""
+    scene = Scene.load(name)
+    measure = next(each for each in ("pressure", "collision_rate") if each in available(scene))
+    started = time.monotonic()
+    try:
+        found = tune(scene, {measure: 0.1}, seconds=40.0)
+    except (NotMeasurableError, mpsim.BudgetError, mpsim.InputError) as refused:
+        meant = any(remedy in str(refused) for remedy in ("Allow", "Ask for", "Give it more time"))
+    else:
+        meant = found.exact or (found.verified and found.errors[measure].error > 0)
+    assert meant
+    assert time.monotonic() - started < 120
