@@ -22,6 +22,10 @@ CERTAIN = 2.0
 FEW = 8
 """Runs below which it is worth saying how few they are: their standard errors count far more than a normal one's."""
 
+CROSSED = math.sqrt(1 + 2 / math.pi)
+"""What is added to the error of two halves that choose for each other: where one mode is all the noise, of amplitudes a
+and b in the halves, sign(a) b and sign(b) a go together, E(|a| |b|) = 2/pi of a variance."""
+
 RELATIVE = ("pressure", "collision_rate")
 """Measures whose error is a fraction of the reference's value."""
 
@@ -41,7 +45,8 @@ class Deviation:
             t-distribution count as RESOLVED, or CERTAIN, of a normal one.
         systematic: how far the reference itself may be off, where that is not the exact solver.
         span: from where to where it was taken, as fractions of the duration.
-        largest: the largest error of a window, of a scene that changes with time; None where it is stationary.
+        largest: the largest error of a window, of a scene that changes with time; None where it is stationary, and
+            for a measure of all of a run.
         reason: why it is not measurable, and what is; "" where it is.
 
     >>> Deviation(-0.0192, 0.0006), Deviation(0.0004, 0.0006)
@@ -135,18 +140,20 @@ def deviations(
         least: first piece that may belong to a stationary part: before, runs from one start are still alike.
     """
     results: dict[str, Deviation] = {}
+    shift = _shift(found, reference)
     for name in measures:
         ours, theirs = (np.array([run[name] for run in runs], dtype=float) for runs in (found, reference))
         if name == "largest_overlap":
             results[name] = Deviation(float(ours.max()), float(ours.max(axis=1).std(ddof=1)), len(ours) - 1)
         elif name == "overlap":
-            results[name] = _ratio(ours, np.array([run["met"] for run in found], dtype=float))
+            met = np.array([run["met"] for run in found], dtype=float)
+            results[name] = _depth(ours, met, None if shift is None else least)
         elif name in ABSOLUTE:
             results[name] = _mean(ours)
         elif name == "speed_distribution":
-            results[name] = _distance(ours, theirs)
+            results[name] = _distance(ours, theirs, None if shift is None else _at_ends(shift), least)
         elif name in RELATIVE:
-            results[name] = _relative(name, ours, theirs, _shift(found, reference), least)
+            results[name] = _relative(name, ours, theirs, shift, least)
         else:
             results[name] = _difference(ours.mean(axis=1), theirs.mean(axis=1))
     return {name: _meaningful(name, each) for name, each in results.items()}
@@ -191,48 +198,107 @@ def _shift(found: Sequence[dict[str, Any]], reference: Sequence[dict[str, Any]])
     return (ours - theirs) * len(theirs) if len(ours) == len(theirs) else None
 
 
-def _relative(
-    name: str, ours: NDArray[np.float64], theirs: NDArray[np.float64], shift: NDArray[np.float64] | None, least: int
-) -> Deviation:
-    """Error as a fraction of the reference: of the stationary part, or the mean over windows and the largest.
+def _at_ends(shift: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How much later the pieces end, where `shift` says that of their middles."""
+    sign = (-1.0) ** np.arange(len(shift))
+    return 2 * sign * np.cumsum(sign * shift)
+
+
+def _windowed(
+    ours: NDArray[np.float64], theirs: NDArray[np.float64], shift: NDArray[np.float64] | None, least: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], Spans]:
+    """Means over spans of the duration, shape (runs, spans, levels), from shape (runs, pieces, levels), and the spans.
 
     shift: see `_shift`. Where the reference changes with time it is taken at our times, along a line from piece to
     piece.
     """
+    if shift is None:
+        ours, theirs, least = ours.mean(axis=1, keepdims=True), theirs.mean(axis=1, keepdims=True), 0
+    spans = windows.spans_of(theirs.mean(axis=2), least)
+    if not spans.stationary and shift is not None and len(shift) > 1:
+        theirs = theirs + np.gradient(theirs.mean(axis=0), axis=0) * shift[:, None]
+    return spans.mean(ours), spans.mean(theirs), spans
+
+
+def _relative(
+    name: str, ours: NDArray[np.float64], theirs: NDArray[np.float64], shift: NDArray[np.float64] | None, least: int
+) -> Deviation:
+    """Error as a fraction of the reference: of the stationary part, or the mean over windows and the largest."""
     reason = unmeasurable(name, theirs)
     if reason:
         return Deviation.unknown(reason)
-    if shift is None:
-        ours, theirs, least = ours.mean(axis=1, keepdims=True), theirs.mean(axis=1, keepdims=True), 0
-    spans = windows.spans_of(theirs, least)
-    if not spans.stationary and shift is not None and len(shift) > 1:
-        theirs = theirs + np.gradient(theirs.mean(axis=0)) * shift
-    ours, theirs = spans.mean(ours), spans.mean(theirs)
+    ours, theirs, spans = _windowed(ours[:, :, None], theirs[:, :, None], shift, least)
     unit = theirs.mean(axis=0)
     ratio = ours.mean(axis=0) / unit
     mine, reference = ours / unit, theirs / unit
-    found = _difference(mine.mean(axis=1), (reference * ratio).mean(axis=1))  # which scatter as the ratio does
-    found = replace(found, value=float(ratio.mean()) - 1, span=spans.ends)
-    return found if spans.stationary else replace(found, largest=_largest(mine, reference, spans))
+    found = _difference(
+        mine.mean(axis=(1, 2)), (reference * ratio).mean(axis=(1, 2))
+    )  # which scatter as the ratio does
+    return _with_largest(replace(found, value=float(ratio.mean()) - 1), mine, reference, spans, signed=True)
 
 
-def _largest(mine: NDArray[np.float64], reference: NDArray[np.float64], spans: Spans) -> Deviation | None:
-    """The largest error of a window, shape (runs, windows): half of the runs choose it for the other half, see below.
+def _distance(
+    ours: NDArray[np.float64], theirs: NDArray[np.float64], shift: NDArray[np.float64] | None, least: int
+) -> Deviation:
+    """Largest difference of two distributions, of which axis 2 holds the levels: of their means over windows."""
+    ours, theirs, spans = _windowed(ours, theirs, shift, least)
+    found, _ = _crossed(ours.mean(axis=1), theirs.mean(axis=1))
+    return _with_largest(found, ours, theirs, spans, signed=False)
 
-    The largest of many noisy errors would not be 0 without any difference.
+
+def _depth(depths: NDArray[np.float64], met: NDArray[np.float64], least: int | None) -> Deviation:
+    """Mean depth of the pairs that were met: of the stationary part, or the mean over windows and the largest.
+
+    In a window pieces count by their pairs. The reference says nothing of how depths change: its own are 0.
+
+    least: first piece of a stationary part; None for steps so long that there are few pieces, which are one window.
     """
-    if len(mine) < 4:
-        return None
+    if not met.any():
+        return Deviation.unknown("no pair was met in any run. Ask for longer runs (until=...), or another measure.")
+    pieces = met.shape[1]
+    whole = Spans(((0, pieces),), pieces, stationary=True)
+    spans = whole if least is None else windows.spans_of(depths, least, there=met)
+    number = spans.mean(met)
+    unit = number.mean(axis=0)
+    sums = spans.mean(depths * met)
+    value = sums.mean(axis=0) / unit
+    mine = (value + (sums - value * number) / unit)[:, :, None]  # which scatter as the quotient of the sums does
+    return _with_largest(_mean(mine[:, :, 0]), mine, np.zeros_like(mine), spans, signed=True)
+
+
+def _with_largest(
+    found: Deviation, mine: NDArray[np.float64], reference: NDArray[np.float64], spans: Spans, *, signed: bool
+) -> Deviation:
+    """With where it was taken and, in a scene that changes with time, the largest error of a window.
+
+    mine, reference: shape (runs, windows, levels). Of fewer than four runs nothing is said of a single window.
+    """
+    found = replace(found, span=spans.ends)
+    if spans.stationary or len(mine) < 4:
+        return found
+    largest, chosen = _crossed(*(values.reshape(len(values), -1) for values in (mine, reference)))
+    first, end = spans.pieces[chosen // mine.shape[2]]
+    value = largest.value
+    if signed:
+        value *= math.copysign(1.0, (mine.mean(axis=0) - reference.mean(axis=0)).flat[chosen])
+    return replace(found, largest=replace(largest, value=value, span=(first / spans.number, end / spans.number)))
+
+
+def _crossed(mine: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple[Deviation, int]:
+    """The largest of several differences, shape (runs, differences), and which is it for the first half of the runs.
+
+    Half of the runs choose difference and sign for the other half, and the other way round: the largest of many noisy
+    differences is never 0, and twice its standard error in one of four tables without any difference.
+    """
     halves = [mine[side::2].mean(axis=0) - reference[side::2].mean(axis=0) for side in (0, 1)]
     chosen = [int(np.abs(half).argmax()) for half in halves]
-    value = halves[1][chosen[0]] * math.copysign(1.0, halves[0][chosen[0]])
-    value += halves[0][chosen[1]] * math.copysign(1.0, halves[1][chosen[1]])
-    each = [_difference(mine[:, k], reference[:, k]) for k in chosen]
-    sign = math.copysign(1.0, halves[0][chosen[0]])
-    error = CROSSED * math.sqrt(sum(one.error**2 for one in each) / 2)
-    first, end = spans.pieces[chosen[0]]
-    span = first / spans.number, end / spans.number
-    return Deviation(sign * float(value) / 2, error, each[0].freedom, span=span)
+    value = sum(
+        float(math.copysign(1.0, half[k]) * other[k])
+        for half, other, k in zip(halves, halves[::-1], chosen, strict=True)
+    )
+    spreads = [_spread(mine[:, k], reference[:, k]) for k in chosen]
+    error = CROSSED * math.sqrt(sum(each**2 for each, _ in spreads) / 2)
+    return Deviation(value / 2, error, min(freedom for _, freedom in spreads)), chosen[0]
 
 
 def short_deviations(found: Sequence[dict[str, Any]], measures: Sequence[str]) -> dict[str, Deviation]:
@@ -265,45 +331,22 @@ def _error(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return means.std(axis=0, ddof=1) / np.sqrt(len(means))
 
 
-def _ratio(depths: NDArray[np.float64], met: NDArray[np.float64]) -> Deviation:
-    """Mean depth of all pairs that were met: pieces count by their pairs, and those without any do not count."""
-    total = met.sum()
-    if not total:
-        return Deviation.unknown("no pair was met in any run. Ask for longer runs (until=...), or another measure.")
-    value = float((depths * met).sum() / total)
-    residues = ((depths - value) * met).sum(axis=1)
-    return Deviation(value, float(residues.std(ddof=1) * math.sqrt(len(met)) / total), len(met) - 1)
-
-
-CROSSED = math.sqrt(1 + 2 / math.pi)
-"""What is added to the error of two halves that choose for each other: where one mode is all the noise, of amplitudes a
-and b in the halves, sign(a) b and sign(b) a go together, E(|a| |b|) = 2/pi of a variance."""
-
-
-def _distance(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> Deviation:
-    """Largest difference of two distributions, of which axis 2 holds the levels.
-
-    Half of the runs choose level and sign for the other half, and the other way round: the largest of many noisy
-    differences is never 0, and twice its standard error in one of four tables without any difference.
-    """
-    halves = [ours[side::2].mean(axis=(0, 1)) - theirs[side::2].mean(axis=(0, 1)) for side in (0, 1)]
-    levels = [int(np.abs(half).argmax()) for half in halves]
-    value = sum(
-        float(math.copysign(1.0, half[level]) * other[level])
-        for half, other, level in zip(halves, halves[::-1], levels, strict=True)
-    )
-    parts = np.array([np.sqrt((_error(values)[levels] ** 2).mean()) for values in (ours, theirs)])
-    return Deviation(value / 2, CROSSED * float(np.hypot(*parts)), _freedom(parts, [len(ours), len(theirs)]))
-
-
 def _difference(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> Deviation:
-    """Difference of the means of runs, of which those of the same index have the same start.
+    """Difference of the means of runs, of which those of the same index have the same start."""
+    value = float(ours.mean() - theirs.mean())
+    error, freedom = _spread(ours, theirs)
+    if error == value == 0:
+        return Deviation.unknown("all runs are those of the reference, to the bit. Ask for another measure or step.")
+    return Deviation(value, error, freedom)
+
+
+def _spread(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> tuple[float, float]:
+    """Standard error of a difference of the means of runs, and its degrees of freedom.
 
     With n runs of ours and m >= n of theirs it is the mean of x - (n/m) y over the n pairs, less (m - n)/m times the
     mean of the y that are left: two independent parts. What a start gives to both runs of a pair cancels.
     """
     count, more = len(ours), len(theirs)
-    value = float(ours.mean() - theirs.mean())
     if count > more:
         raise ValueError("the reference needs as many runs")
     pairs = ours - theirs[:count] * (count / more)
@@ -312,9 +355,7 @@ def _difference(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> Devia
     if more > count:
         parts = np.append(parts, float(theirs.std(ddof=1)) * math.sqrt(more - count) / more)
         sizes.append(more)
-    if not parts.any() and value == 0:
-        return Deviation.unknown("all runs are those of the reference, to the bit. Ask for another measure or step.")
-    return Deviation(value, float(np.hypot.reduce(parts)), _freedom(parts, sizes))
+    return float(np.hypot.reduce(parts)), _freedom(parts, sizes)
 
 
 def _freedom(parts: NDArray[np.float64], sizes: Sequence[int]) -> float:

@@ -172,8 +172,10 @@ def tradeoff(
     Errors are those of the physics: averages over `replicas` runs of length `until` from independent starts, against
     twice as many of the exact solver (or, where that cannot do the scene, as many of the finest affordable stepped run,
     and the table says so). A difference below three standard errors (more, where few replicas know them badly) is "not
-    resolved". On a scene that changes with time an error is the mean over windows along its duration. What means
-    nothing on the scene is "not measurable", with the reason.
+    resolved". On a scene that changes with time the errors of pressure, collision_rate, overlap and speed_distribution
+    are means over windows along its duration, with the largest of a window beside them; energy_drift, momentum_drift
+    and largest_overlap are of whole runs, trajectory and missed_collisions of short ones. What means nothing on the
+    scene is "not measurable", with the reason.
 
     pressure, collision_rate
         relative difference of the averages [1]

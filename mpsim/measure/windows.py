@@ -24,7 +24,7 @@ FEWEST = 4
 """Pieces of a stationary part, at least: fewer cannot show a trend."""
 
 SEEN = 2.0
-"""Standard errors by which the reference must exceed zero in a window for anything to be a fraction of it."""
+"""Standard errors by which something must exceed zero in a window for an error to be taken there."""
 
 SAME = 1e-9
 """Relative scatter of runs below which they are one run: what is smaller is rounding, which has had time to grow."""
@@ -92,22 +92,23 @@ class Spans:
         return self.pieces[0][0] / self.number, self.pieces[-1][1] / self.number
 
 
-def spans_of(reference: Runs, least: int = 0) -> Spans:
-    """The stationary end of the reference, or else windows along its duration in which there is something.
+def spans_of(series: Runs, least: int = 0, there: Runs | None = None) -> Spans:
+    """The stationary end of a series, or else windows along its duration in which there is something.
 
     Where there is too little in every window for it to be seen, all of the duration is one.
 
     Args:
-        reference: shape (runs, pieces), of which some are not 0.
+        series: shape (runs, pieces).
         least: first piece of a stationary end.
+        there: what is not 0 in a window in which there is something, shape (runs, pieces); None: the series.
     """
-    pieces = reference.shape[1]
-    steady = steady_from(reference, least)
+    pieces = series.shape[1]
+    steady = steady_from(series, least)
     if steady is not None:
         return Spans(((steady, pieces),), pieces, stationary=True)
     edges = np.unique(np.linspace(0, pieces, min(WINDOWS, pieces) + 1).astype(int)).tolist()
     windows = Spans(tuple(itertools.pairwise(edges)), pieces, stationary=False)
-    means = windows.mean(reference)
+    means = windows.mean(series if there is None else there)
     error = means.std(axis=0, ddof=1) / math.sqrt(len(means))
     seen = np.abs(means.mean(axis=0)) > SEEN * error
     chosen = tuple(span for span, there in zip(windows.pieces, seen, strict=True) if there)

@@ -1,5 +1,7 @@
 """Windows along the duration of a scene, and the stationary part of it."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -60,6 +62,85 @@ def test_runs_that_differ_by_rounding_are_alike():
 
 
 # Errors in windows
+
+LEVELS = 3
+NOISE = 0.001
+SIGN = np.array([1.0, 1.0, -1.0, -1.0] * 2)
+"""Of the noise of 8 runs: none is left in the mean over even ones, nor in that over odd ones."""
+WINDOW = np.arange(PIECES) // 2
+"""Of each piece: two are a window."""
+
+
+def speeds(fractions):
+    """Runs in which at each level, and in each piece, so many discs are slower: shape (8, pieces)."""
+    series = np.repeat(np.asarray(fractions)[:, :, None], LEVELS, axis=2).tolist()
+    return [{"speed_distribution": each, "centre": TIME.tolist()} for each in series]
+
+
+def depths(deep):
+    """Eight runs that meet ten pairs in each piece, so deep on average."""
+    series = deep + NOISE * SIGN[:, None]
+    return [{"overlap": each, "met": [10] * PIECES, "centre": TIME.tolist()} for each in series.tolist()]
+
+
+def test_speeds_that_are_wrong_to_both_sides_are_wrong_in_a_window():
+    """In a gas that cools 0.1 too many slow discs in the first window, 0.1 too few in the last: the mean error is 0."""
+    cooling = np.tile(0.3 + 0.4 * TIME, (8, 1))
+    wrong = 0.1 * ((WINDOW == 0) * 1.0 - (WINDOW == 7))
+    ours = speeds(cooling + wrong + NOISE * SIGN[:, None])
+    found = deviations(ours, speeds(cooling), ["speed_distribution"])["speed_distribution"]
+    error = math.sqrt(1 + 2 / math.pi) * NOISE / math.sqrt(7)
+    assert (found.value, found.error) == (pytest.approx(0, abs=1e-12), pytest.approx(error))
+    assert (found.largest.value, found.largest.error) == (pytest.approx(0.1), pytest.approx(error))
+    assert found.largest.span in ((0.0, 0.125), (0.875, 1.0))
+    assert found.bound < 0.002
+    assert not found.inside(0.09), "the mean is inside, a window is seen to be outside"
+    assert found.inside(0.1)
+    right = speeds(cooling + NOISE * SIGN[:, None])
+    fine = deviations(right, speeds(cooling), ["speed_distribution"])["speed_distribution"]
+    assert fine.largest.value == pytest.approx(0, abs=1e-12)
+    assert fine.inside(0.002), "the control"
+
+
+def test_speeds_of_a_stationary_gas_are_one_window():
+    still = noisy(1, np.full(PIECES, 0.5), NOISE, runs=8)
+    found = deviations(speeds(noisy(2, still, NOISE, runs=8)), speeds(still), ["speed_distribution"])
+    assert found["speed_distribution"].largest is None
+
+
+def test_overlaps_that_are_deep_in_one_window_are_seen_there():
+    found = deviations(depths(0.08 * (WINDOW == 7)), depths(np.zeros(PIECES)), ["overlap"])["overlap"]
+    assert (found.value, found.error) == (pytest.approx(0.01), pytest.approx(NOISE / math.sqrt(7)))
+    assert found.largest.value == pytest.approx(0.08)
+    assert found.largest.span == (0.875, 1.0)
+    assert not found.inside(0.05), "the mean is inside, a window is seen to be outside"
+    assert found.inside(0.081)
+    even = deviations(depths(np.full(PIECES, 0.01)), depths(np.zeros(PIECES)), ["overlap"])["overlap"]
+    assert (even.value, even.largest) == (pytest.approx(0.01), None)
+    assert even.inside(0.05), "the control: as deep on average, and all along"
+
+
+def test_no_window_and_level_is_seen_to_differ_by_being_the_largest_of_many():
+    beyond, cooling = 0, (0.3 + 0.4 * TIME)[:, None]
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        ours, theirs = (cooling + 0.05 * rng.normal(size=(8, PIECES, LEVELS)) for _ in range(2))
+        ours, theirs = ([{"speed_distribution": each, "centre": TIME} for each in runs] for runs in (ours, theirs))
+        largest = deviations(ours, theirs, ["speed_distribution"])["speed_distribution"].largest
+        beyond += abs(largest.value) > largest.noise
+    assert beyond / 200 < 0.085
+
+
+def test_speeds_are_compared_at_the_same_time():
+    """Pieces that end half a piece late in a gas that cools: 0.0125 more discs are slow by then."""
+    cooling, ends = 0.3 + 0.4 * TIME, np.arange(1, PIECES + 1) / PIECES
+    late = ends + 0.5 / PIECES
+    ours = speeds(np.interp(late, TIME, cooling, right=0.7) + NOISE * SIGN[:, None])
+    theirs = speeds(np.tile(np.interp(ends, TIME, cooling, right=0.7), (8, 1)))
+    assert deviations(ours, theirs, ["speed_distribution"])["speed_distribution"].value > 0.01, "the control"
+    for each in ours:
+        each["centre"] = ((np.append(0, late[:-1]) + late) / 2).tolist()
+    assert abs(deviations(ours, theirs, ["speed_distribution"])["speed_distribution"].value) < 0.001
 
 
 def test_the_error_of_a_changing_scene_is_the_mean_over_windows_and_the_largest_is_one_of_them():
