@@ -94,8 +94,8 @@ class Emitter:
     """A place where discs enter, one after the other.
 
     With `interval`, disc k enters at the time k * interval, whatever the time step and the method. The exact solver
-    stops there; of the others a disc enters at the end of the frame that reaches its time, the part of the frame after
-    it being done: at position + v s + g s^2/2 with velocity v + g s, where s is the time since it was due and g the
+    stops there; of the others a disc enters at the end of the frame that reaches its time, having flown for the rest
+    of that frame: at position + v s + g s^2/2 with velocity v + g s, where s is the time since it was due and g the
     scene's gravity. A flight that meets a wall, the piston or an obstacle ends there.
 
     With `every`, a disc enters before each so manieth frame: another scene for each dt.

@@ -30,10 +30,10 @@ Progress = dict[str, list[int]]
 class Emission:
     """What the emitters of a scene have done so far.
 
-    Each emitter has a count, `due`, at which its next disc is to enter: of frames where it has `every`, of parts of its
-    interval, interval / TRIES, where it has that. Each disc puts the count on by `every` or by TRIES, each time that
-    its place is occupied by 1. So what enters when depends on the state and on these counts alone, not on how a run is
-    cut into slices, and times are products, to which no rounding adds up.
+    Each emitter has a count, `due`, at which its next disc is to enter: of frames where it has `every`, of fractions of
+    its interval, interval / TRIES, where it has that. Each disc puts the count on by `every` or by TRIES, each time
+    that its place is occupied by 1. So what enters when depends on the state and on these counts alone, not on how a
+    run is cut into slices, and times are products, to which no rounding adds up.
 
     Raises:
         InputError: for an interval so short that more discs would enter in a frame than a scene may have.
@@ -76,7 +76,7 @@ class Emission:
         self._enter(sim, solver, count_frames=True)
 
     def in_time(self, sim: "Simulation", solver: SteppedSolver | ExactSolver) -> None:
-        """Add the discs whose times the last frame has reached, the part of it that they have seen being done."""
+        """Add the discs whose times the last frame has reached, having flown for the time since then."""
         self._enter(sim, solver, count_frames=False)
 
     def _enter(self, sim: "Simulation", solver: SteppedSolver | ExactSolver, count_frames: bool) -> None:

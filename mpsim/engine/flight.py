@@ -1,4 +1,4 @@
-"""The part of a frame that a disc which entered inside it has flown: freely, under gravity, to the first obstacle."""
+"""The flight of a disc that entered inside a frame, up to its end: free, under gravity, to the first obstacle."""
 
 import math
 from itertools import product

@@ -10,17 +10,17 @@ from mpsim.scene import Scene
 from mpsim.settings import Settings
 
 COARSE = 1e-3
-"""Spacing of coordinates, as a part of the smallest radius, from which on the user is told: directions of contacts are
-then wrong by about as much [radians]."""
+"""Spacing of coordinates, as a fraction of the smallest radius, from which on a warning is given: directions of
+contacts are then wrong by about as much [radians]."""
 
 TOO_COARSE = 0.125
 """The same, from which on contacts mean nothing and the scene is refused."""
 
 TINY = 1e-6
-"""Radius, as a part of the distance between neighbours, below which squares of both do not fit one float64."""
+"""Radius, as a fraction of the distance between neighbours, below which squares of both do not fit one float64."""
 
 VANISHING = 1e7
-"""Square of radius times speed, in smallest normal numbers, below which the user is told."""
+"""Square of radius times speed, in smallest normal numbers, below which a warning is given."""
 
 STEP_SPACINGS = 16
 """A step of typical length should be so many spacings of coordinates long: rounding then changes it by 3 % at most."""

@@ -269,12 +269,12 @@ class Watch:
                 f"{pace.mean_speed:.3g}, step {dt:.3g}); above {MEETINGS:g} many collisions that follow from others "
                 "are missed."
             )
-        way = f"its radius {pace.limit:.3g}"
+        length = f"its radius {pace.limit:.3g}"
         if pace.between:
-            way = f"its free way {pace.limit:.3g} between the walls along {pace.between}"
+            length = f"its free path {pace.limit:.3g} between the walls along {pace.between}"
         lost = "bounces are lost" if pace.between else "discs may pass through each other unseen"
         return (
-            f"{when} {'a disc' if pace.disc < 0 else f'disc {pace.disc}'} moves {part:.3g} times {way} in one step "
+            f"{when} {'a disc' if pace.disc < 0 else f'disc {pace.disc}'} moves {part:.3g} times {length} in one step "
             f"(speed {pace.speed:.3g}, step {dt:.3g}); above {BOUND:g} {lost}."
         )
 

@@ -50,7 +50,7 @@ overlap at the end in diameters."""
 FEW = 0.25
 """Collisions, as a part of the number of discs, up to which the median distance from the exact solver's places is
 looked at: most discs have met nobody then, and the median one must be where the exact solver has it. From there on
-their number is, as a long free way multiplies by what a collision has turned its discs too far."""
+their number is, as a long free path multiplies by what a collision has turned its discs too far."""
 
 PATIENCE = 180.0
 """Seconds after which a trial counts as hung: far above what the slowest takes, compilation included."""

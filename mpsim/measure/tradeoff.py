@@ -170,12 +170,13 @@ def tradeoff(
     """Cost and errors of each candidate on a scene.
 
     Errors are those of the physics: averages over `replicas` runs of length `until` from independent starts, against
-    twice as many of the exact solver (or, where that cannot do the scene, as many of the finest affordable stepped run,
-    and the table says so). A difference below three standard errors (more, where few replicas know them badly) is "not
-    resolved". On a scene that changes with time the errors of pressure, collision_rate, overlap and speed_distribution
-    are means over windows along its duration, with the largest of a window beside them; energy_drift, momentum_drift
-    and largest_overlap are of whole runs, trajectory and missed_collisions of short ones. What means nothing on the
-    scene is "not measurable", with the reason.
+    twice as many of the exact solver. Where that cannot do the scene, is too slow, or may never end (discs that lose
+    energy and rest in a field), they are of the finest affordable stepped run, and the table says so. A difference
+    below three standard errors (more, where few replicas know them badly) is "not resolved". On a scene that changes
+    with time the errors of pressure, collision_rate, overlap and speed_distribution are means over windows along its
+    duration, with the largest of a window beside them; energy_drift, momentum_drift and largest_overlap are of whole
+    runs, trajectory and missed_collisions of short ones. What means nothing on the scene is "not measurable", with the
+    reason.
 
     pressure, collision_rate
         relative difference of the averages [1]
@@ -190,7 +191,7 @@ def tradeoff(
     trajectory
         distance of the discs from where the exact solver has them after a short time, rms [diameters]
     missed_collisions
-        part of the exact solver's collisions that did not happen in that time; < 0: too many [1]
+        fraction of the exact solver's collisions that did not happen in that time; < 0: too many [1]
 
     Cost is measured when all accuracy runs are over, one candidate at a time.
 

@@ -27,8 +27,8 @@ def squeezed(stop=6.0, speed=-1.0, seed=0, temperature=1.0):
     return mpsim.Scene.random(count=50, radius=0.5, piston=mpsim.Piston("right", speed, stop), **box)
 
 
-def told(scene, frames, **settings):
-    """What is told in a run, and the frame that is done by then."""
+def refused(scene, frames, **settings):
+    """Why a run is refused, and the frame that is done by then; None and all of them where it is not."""
     with mpsim.Simulation(scene, mpsim.Settings(**{"method": "grid", "on_fast": "error", **settings})) as sim:
         try:
             sim.run(frames=frames)
@@ -41,19 +41,19 @@ def told(scene, frames, **settings):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_a_piston_that_heats_a_gas_is_told_before_the_collisions_are_missed(seed):
+def test_a_piston_that_heats_a_gas_is_warned_of_before_the_collisions_are_missed(seed):
     """Of the energy 17 % is missing at the end: 4494(98) at dt = 0.01, 5420(145) at a tenth of it."""
-    text, frame = told(squeezed(seed=seed), 1400)
+    text, frame = refused(squeezed(seed=seed), 1400)
     assert text is not None
     assert "a disc collides some 1." in text
     assert 1200 < frame < 1400
-    assert told(squeezed(seed=seed), 1200) == (None, 1200), "the control: until then nothing is wrong"
+    assert refused(squeezed(seed=seed), 1200) == (None, 1200), "the control: until then nothing is wrong"
 
 
-def test_a_slow_piston_that_stops_early_is_not_told_of():
+def test_a_slow_piston_that_stops_early_causes_no_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert told(squeezed(stop=14, speed=-0.5), 1300, on_fast="warn") == (None, 1300)
+        assert refused(squeezed(stop=14, speed=-0.5), 1300, on_fast="warn") == (None, 1300)
 
 
 @pytest.mark.long
@@ -73,7 +73,7 @@ def test_sub_steps_follow_a_piston():
     assert fine - plain > 3 * np.hypot(b, c), "the control"
 
 
-def test_what_a_piston_pushes_is_told_at_the_start():
+def test_what_a_piston_pushes_is_warned_of_at_the_start():
     scene = mpsim.Scene(**WALL, position=[[5, 5]], velocity=[[0, 0]], piston=mpsim.Piston("left", 30, 9))
     text = r"pushed by the piston a disc moves 1.2 times its radius 0.5 in one step \(speed 60, step 0.01\)"
     with pytest.warns(mpsim.FastWarning, match=text):
@@ -81,13 +81,13 @@ def test_what_a_piston_pushes_is_told_at_the_start():
     lossy = mpsim.Scene(
         **WALL, position=[[5, 5]], velocity=[[0, 0]], piston=mpsim.Piston("left", 30, 9), wall_restitution=0.5
     )
-    assert told(lossy, 1) == (None, 1), "which gives it half as much again of its own speed only"
+    assert refused(lossy, 1) == (None, 1), "which gives it half as much again of its own speed only"
 
 
-def test_a_disc_between_piston_and_wall_is_told_in_the_frame_in_which_it_is_fast():
+def test_a_disc_between_piston_and_wall_is_warned_of_in_the_frame_in_which_it_is_fast():
     """Each bounce off a piston adds twice its speed: at any speed of it the disc becomes fast in the end."""
     scene = mpsim.Scene(width=5, height=9, position=[[3.6, 4]], velocity=[[2, 0]], radius=0.5, piston=CLOSING)
-    text, frame = told(scene, 1000, dt=0.05)
+    text, frame = refused(scene, 1000, dt=0.05)
     assert "disc 0 moves 1." in text
     assert f"in frame {frame - 1} " in text
     with simulate(scene, method="grid", dt=0.05, contact="impact") as sim:
@@ -99,16 +99,16 @@ def test_a_disc_between_piston_and_wall_is_told_in_the_frame_in_which_it_is_fast
 # --- acceleration, collisions
 
 
-def test_what_falls_through_a_periodic_box_for_ever_is_told():
+def test_what_falls_through_a_periodic_box_for_ever_is_warned_of():
     scene = mpsim.Scene(**WALL, position=[[5, 5]], velocity=[[0, 0]], gravity=(0, -1), boundary="periodic")
-    text, frame = told(scene, 10_000)
+    text, frame = refused(scene, 10_000)
     assert frame == pytest.approx(5000, abs=5)  # v = 50 at t = 50
     assert "disc 0 moves 1 times its radius" in text
 
 
 @pytest.mark.parametrize(("contact", "radius"), [("impact", [0.5, 0.5]), ("push", [0.5, 0.4])])
 @pytest.mark.parametrize("method", ["naive", "grid"])
-def test_a_light_disc_that_a_heavy_one_meets_is_told_in_the_next_frame(method, contact, radius):
+def test_a_light_disc_that_a_heavy_one_meets_is_warned_of_in_the_next_frame(method, contact, radius):
     scene = mpsim.Scene(
         width=20, height=10, position=[[3, 5], [10, 5]], velocity=[[40, 0], [0, 0]], radius=radius, mass=[1e4, 1]
     )
@@ -124,7 +124,7 @@ def test_a_light_disc_that_a_heavy_one_meets_is_told_in_the_next_frame(method, c
         assert found[0].filename == __file__
 
 
-def test_a_disc_that_is_fast_for_one_frame_only_is_told():
+def test_a_disc_that_is_fast_for_one_frame_only_is_warned_of():
     """It meets a third disc in the frame that follows, and shares its speed: at the end of no frame is it fast."""
     places, radius = [[3, 5], [4.0, 5], [4.81, 5]], [0.5, 0.4, 0.4]
     scene = mpsim.Scene(
@@ -139,17 +139,17 @@ def test_a_disc_that_is_fast_for_one_frame_only_is_told():
     assert speeds[0].max() * 0.01 < 0.5
 
 
-def test_gas_and_gravity_at_rest_are_not_told_of():
+def test_gas_and_gravity_at_rest_cause_no_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for scene in (gas(100, 0.4), gas(100, 0.4, gravity=(0, -1.0))):
-            assert told(scene, 2000, on_fast="warn") == (None, 2000)
+            assert refused(scene, 2000, on_fast="warn") == (None, 2000)
 
 
 # --- what comes in
 
 
-def test_an_added_disc_that_would_pass_through_others_is_told_and_refused():
+def test_an_added_disc_that_would_pass_through_others_is_warned_of_and_refused():
     settings = {"method": "grid", "dt": 0.01}
     with simulate(row(), **settings) as sim:
         with pytest.warns(mpsim.FastWarning, match="disc 10 moves 8 times its radius") as found:
@@ -169,7 +169,7 @@ def test_an_added_disc_that_would_pass_through_others_is_told_and_refused():
         assert sim.state.position[10, 0] < 10, "it has met the row"
 
 
-def test_discs_that_crowd_a_box_are_told_when_they_are_added():
+def test_discs_that_crowd_a_box_are_warned_of_when_they_are_added():
     scene = gas(40, 0.5)
     with simulate(scene, method="grid", dt=0.1, on_fast="error", contact="impact") as sim:
         sim.run(frames=5)
@@ -180,7 +180,7 @@ def test_discs_that_crowd_a_box_are_told_when_they_are_added():
         assert sim.count == 40
 
 
-def test_a_fast_emitter_is_told_at_the_start():
+def test_a_fast_emitter_is_warned_of_at_the_start():
     scene = row(emitters=mpsim.Emitter((1, 5), (400, 0), every=10))
     text = r"from emitters\[0\] a disc moves 8 times its radius 0.5 in one step"
     with pytest.raises(mpsim.TooFastError, match=text):
@@ -205,7 +205,7 @@ def test_a_command_ends_with_the_frame_in_which_a_disc_is_fast_and_no_other():
             assert not sim._solver.alarmed
         faster = mpsim.Scene(**WALL, position=[[5, 5]], velocity=[[30.003, 40.003]])
         with simulate(faster, dt=0.01, method="grid", precision=precision) as sim:
-            assert sim._solver.advance(20, 1).times.shape[1] == 20, "it was told at the start: no more looks"
+            assert sim._solver.advance(20, 1).times.shape[1] == 20, "the warning was given at the start: no more looks"
             sim._watch = watching.Watch(faster, sim.settings, exact=False)
             sim._watch.arm(sim._solver)
             assert sim._solver.advance(20, 1).times.shape[1] == 1

@@ -1,4 +1,4 @@
-"""Emission in time: the same discs at the same times for every step and method, each with its part of a frame."""
+"""Emission in time: the same discs at the same times for every step and method, each having flown since its own."""
 
 import contextlib
 import signal

@@ -55,7 +55,7 @@ def test_above_the_bound_discs_do_pass_through_each_other_and_sub_steps_catch_th
 
 def test_a_free_way_between_walls_bounds_the_step_too():
     scene = mpsim.Scene(width=1.2, height=9, position=[[0.6, 4]], velocity=[[1, 0]], radius=0.5)
-    with pytest.warns(mpsim.FastWarning, match=r"1.5 times its free way 0.2 between the walls along x .* bounces are"):
+    with pytest.warns(mpsim.FastWarning, match=r"1.5 times its free path 0.2 between the walls along x .* bounces are"):
         mpsim.Simulation(scene, mpsim.Settings(dt=0.3)).close()
     quiet(scene, dt=0.15)
     along = mpsim.Scene(width=1.2, height=9, position=[[0.6, 4]], velocity=[[0, 1]], radius=0.5)
