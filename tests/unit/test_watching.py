@@ -1,4 +1,4 @@
-"""Speeds above the bound and numbers too coarse are told, refused or sub-stepped, with numbers and a remedy."""
+"""Speeds above the bound and numbers too coarse are warned of, refused or sub-stepped, with numbers and a remedy."""
 
 import re
 import warnings
