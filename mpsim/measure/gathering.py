@@ -160,10 +160,11 @@ _RULES: tuple[_Rule, ...] = (
         "Use 'pressure_xx' and 'pressure_yy', or a box with boundary='periodic'.",
     ),
     (
-        ("collision_rate",),
+        ("collision_rate", "missed_collisions"),
         lambda scene: _has_losses(scene) and (scene.gravity is not None or scene.acceleration is not None),
         "losses under gravity or acceleration, where discs come to rest on each other and are in contact all the time",
-        "Use 'contact_rate', the contacts resolved, of which each step makes anew those of discs at rest.",
+        "Use 'overlap'; or of a run 'contact_rate', the contacts resolved, of which each step makes anew those of discs "
+        "at rest.",
     ),
     (
         ("energy_drift",),
@@ -184,7 +185,7 @@ def refusal(name: str, scene: Scene, count: int | None = None) -> str | None:
     """Why a measure would be wrong in a scene, or None.
 
     Args:
-        name: of the measure.
+        name: of the measure, or of an error of a trade (`replicas.MEASURES`).
         scene: the scene.
         count: discs in it now; None: those of the scene.
 

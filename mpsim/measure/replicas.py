@@ -71,7 +71,7 @@ def refusal(name: str, scene: Scene) -> str | None:
             f"{name!r} compares runs from states along a run, and needs all discs in each; emitters and absorbing "
             "edges change them. Ask for 'overlap', or for an average such as 'pressure'."
         )
-    return gathering.refusal(name, scene) if name in gathering.NAMES else None
+    return gathering.refusal(name, scene)
 
 
 def demand_available(names: Iterable[str], scene: Scene) -> None:

@@ -9,6 +9,7 @@ from mpsim import Emitter, Scene, Settings, scenefile, tune
 from mpsim.errors import NotMeasurableError
 from mpsim.measure import campaign
 from mpsim.measure.replicas import available
+from mpsim.measure.replicas import MEASURES
 
 GRAINS = {"radius": 0.5, "restitution": 0.5, "wall_restitution": 0.5, "gravity": (0, -1)}
 
@@ -35,6 +36,21 @@ def test_grains_with_losses_that_are_pressed_together_have_a_stepped_reference()
     lossless = Scene(width=9, height=9, position=[[4, 4]], velocity=[[1, 0]], radius=0.5, gravity=(0, -1))
     table = mpsim.tradeoff(lossless, [Settings(dt=0.05, method="grid")], until=1.0, replicas=2, measures="pressure")
     assert table.reference == "the exact solver", "the control"
+
+
+def test_grains_that_come_to_rest_have_a_trade_of_all_that_means_something_there():
+    """Trajectories can be compared there; collisions cannot be counted where discs are in contact all the time."""
+    scene = Scene.random(count=12, packing=0.3, seed=2, **GRAINS)
+    fine, coarse = (Settings(dt=dt, method="grid") for dt in (0.02, 0.2))
+    table = mpsim.tradeoff(scene, [fine, coarse], until=6.0, replicas=2)
+    assert [row.failure for row in table.rows] == [None, None]
+    assert table.measures == tuple(name for name in MEASURES if name not in ("collision_rate", "missed_collisions"))
+    errors = [row.errors["trajectory"].value for row in table.rows]
+    assert 0 < 2 * errors[0] < errors[1], "the control: a longer step is further off"
+    with pytest.raises(mpsim.InputError, match=r"'missed_collisions' only without losses under gravity.*Use 'overlap'"):
+        mpsim.tradeoff(scene, [fine], until=1.0, measures="missed_collisions")
+    found = tune(scene, {"trajectory": 0.5}, until=6.0, candidates=[fine], replicas=2)
+    assert 0 < found.errors["trajectory"].value < 0.5
 
 
 def test_a_run_of_the_reference_that_takes_far_too_long_is_given_up_with_a_reason(monkeypatch):
