@@ -59,9 +59,7 @@ class Row:
         values["ran"] = f"{cost['method']} x{cost['workers']}" if cost else None
         for name, deviation in self.errors.items():
             values[name], values[f"{name}_error"] = deviation.value, deviation.error
-            values[f"{name}_resolved"] = deviation.resolved
-            if deviation.reason:
-                values[f"{name}_reason"] = deviation.reason
+            values[f"{name}_resolved"], values[f"{name}_reason"] = deviation.resolved, deviation.reason
         values["failure"] = self.failure
         return values
 
@@ -91,7 +89,8 @@ class Tradeoff:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns of the table."""
-        errors = [column for name in self.measures for column in (name, f"{name}_error", f"{name}_resolved")]
+        parts = ("", "_error", "_resolved", "_reason")
+        errors = [name + part for name in self.measures for part in parts]
         return (*SETTINGS, "cost", "cost_low", "cost_high", "memory", "ran", *errors, "failure")
 
     def frontier(self, measure: str) -> list[Row]:

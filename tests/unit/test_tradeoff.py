@@ -366,6 +366,17 @@ def test_csv_and_json_can_be_read_back():
     assert values["reference"] == "the exact solver"
 
 
+def test_an_error_that_is_not_measurable_is_in_every_form_with_its_reason():
+    reason = "all <runs> are one run"
+    found = made([Row(COARSE, CHEAP, {"pressure": Deviation.unknown(reason), "overlap": Deviation(0.05, 0.001)})])
+    (line,) = csv.DictReader(io.StringIO(found.to_csv()))
+    assert (line["pressure"], line["pressure_reason"], line["overlap_reason"]) == ("nan", reason, "")
+    (row,) = json.loads(found.to_json(), parse_constant=pytest.fail)["rows"]
+    assert (row["pressure"], row["pressure_reason"], row["overlap_reason"]) == (None, reason, "")
+    assert f"n/m, pressure: {reason}" in str(found)
+    assert "n/m, pressure: all &lt;runs&gt; are one run" in found._repr_html_()
+
+
 def test_csv_and_json_are_written_where_asked(tmp_path, table):
     (tmp_path / "t.csv").write_text("old")
     assert table.to_csv(tmp_path / "t.csv") == (tmp_path / "t.csv").read_text()
