@@ -5,6 +5,7 @@ import io
 import math
 import shutil
 import textwrap
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
@@ -12,7 +13,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from mpsim.measure.deviations import Deviation
+from mpsim.measure import windows
+from mpsim.measure.deviations import FEW, RESOLVED, Deviation
 from mpsim.measure.statistics import FEWEST_BLOCKS, Measure
 
 if TYPE_CHECKING:
@@ -24,9 +26,6 @@ UNITS = {"energy_drift": "1/time", "momentum_drift": "1/time", "overlap": "diam.
 
 WIDTH = 220
 """Columns of the page where there is no terminal."""
-
-EXACT = 1e-6
-"""Standard errors below this part of the value are those of rounding: where nothing is chaotic all runs are one."""
 
 FRAME = 3
 """Characters that a column of a table takes beside its text: a line and two spaces."""
@@ -63,9 +62,14 @@ def error_text(name: str, error: Deviation) -> str:
         return f"< {scale * error.bound:.2g}"
     if error.exact:
         return "0"
-    if error.error < EXACT * abs(error.value):
-        return f"{scale * error.value:.6g}(0)"
     return repr(Deviation(scale * error.value, scale * error.error, error.freedom))
+
+
+def unresolved_text(errors: Iterable[Deviation]) -> str:
+    """What "not resolved" means for some errors, in words: how many standard errors would be, more of few runs."""
+    freedom = min((each.freedom for each in errors if each.measurable), default=math.inf)
+    few = f" (of so few runs {windows.quantile(RESOLVED, freedom):.3g})" if freedom + 1 < FEW else ""
+    return f"not resolved, below {RESOLVED:g} standard errors{few}"
 
 
 def measure_text(measure: Measure) -> str:
@@ -138,11 +142,12 @@ def markdown_table(table: "Tradeoff") -> str:
 
 
 def title(table: "Tradeoff") -> str:
-    """Which scene, against what, how long."""
+    """Which scene, against what, how long, and what the signs mean."""
+    unresolved = unresolved_text(error for row in table.rows for error in row.errors.values())
     return (
         f"{table.scene}; errors against {table.reference}; "
         f"{f'averages over {table.starts}; ' if table.starts else ''}runs of {table.until:.3g}, short ones of "
-        f"{table.short:.3g}; <: not resolved, the noise is larger; n/m: not measurable"
+        f"{table.short:.3g}; <: {unresolved}; n/m: not measurable"
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from mpsim.engine.report import Report
-from mpsim.measure.tables import cost_text, error_text, measure_text
+from mpsim.measure.tables import cost_text, error_text, measure_text, unresolved_text
 from mpsim.measure.tradeoff import label
 from mpsim.measure.tune import Tuned
 from mpsim.output.drawing import MOST_DISCS, STYLE, draw_discs, new_figure
@@ -71,7 +71,10 @@ def tuned_html(tuned: Tuned) -> str:
     rows += [("claim", "exact" if tuned.exact else "verified by runs of its own"), ("averages over", tuned.starts)]
     rows.append(("tried", f"{len(tuned.tried)} candidates"))
     rows += [("mpsim warns", tuned.warning)] if tuned.warning else []
-    return table(rows, f"the cheapest settings inside the budgets; errors against {tuned.reference}")
+    unresolved = unresolved_text(tuned.errors.values())
+    return table(
+        rows, f"the cheapest settings inside the budgets; errors against {tuned.reference}; <: {unresolved}"
+    )
 
 
 def table(rows: list[tuple[str, str]], caption: str) -> str:

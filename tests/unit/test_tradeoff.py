@@ -1,6 +1,7 @@
 """The trade: what each candidate costs and how wrong it is, as a table that can be trusted and reproduced."""
 
 import csv
+import html
 import io
 import json
 import re
@@ -393,6 +394,21 @@ def test_a_difference_below_its_noise_is_not_resolved_in_every_form():
     assert "&lt; 0.16" in made(ROWS)._repr_html_()
     assert tables.error_text("pressure", Deviation(0.0, 0.01)) == "< 2", "nothing seen is not nothing"
     assert tables.error_text("pressure", Deviation(0.0, 0.0)) == "0"
+    assert tables.error_text("trajectory", Deviation(1.54254, 5e-7)) == "1.54254000(50)", "a small error is not none"
+
+
+def test_the_title_says_what_is_not_resolved_and_what_few_runs_need():
+    """The number is the rule itself: so many standard errors are resolved, and fewer are not."""
+    many, two = Deviation(0.04, 0.01, freedom=15), Deviation(0.02, 0.001, freedom=1)
+    found = made([Row(COARSE, CHEAP, {"pressure": many, "overlap": two})])
+    assert "n/m: not measurable" in tables.title(found)
+    for text in (tables.title(found), found._repr_html_()):
+        assert re.search(r"not resolved, below 3 standard errors \(of so few runs \d+\)", html.unescape(text))
+    needed = int(re.search(r"few runs (\d+)\)", tables.title(found))[1])
+    assert not Deviation(needed * 0.00099, 0.001, freedom=1).resolved
+    assert Deviation(needed * 0.00101, 0.001, freedom=1).resolved
+    enough = made([Row(COARSE, CHEAP, {"pressure": many, "overlap": Deviation.unknown("nothing moves")})])
+    assert "below 3 standard errors; n/m" in tables.title(enough)
 
 
 def test_units_and_reasons_with_brackets_are_text_not_markup():

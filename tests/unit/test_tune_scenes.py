@@ -8,8 +8,7 @@ import mpsim
 from mpsim import Emitter, Scene, Settings, scenefile, tune
 from mpsim.errors import NotMeasurableError
 from mpsim.measure import campaign
-from mpsim.measure.replicas import available
-from mpsim.measure.replicas import MEASURES
+from mpsim.measure.replicas import MEASURES, available
 
 GRAINS = {"radius": 0.5, "restitution": 0.5, "wall_restitution": 0.5, "gravity": (0, -1)}
 
