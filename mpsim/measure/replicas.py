@@ -11,7 +11,7 @@ import math
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -56,6 +56,9 @@ LONG = (
 SHORT = ("trajectory", "missed_collisions")
 MEASURES = (*LONG, *SHORT)
 
+ALONG = "states along one run of the scene"
+"""Starts of the short runs, in words: trajectories are compared from what the scene looks like on its way."""
+
 
 def available(scene: Scene) -> tuple[str, ...]:
     """Those of MEASURES that mean something in a scene: no pressure where there are neither walls nor a virial, say."""
@@ -72,6 +75,20 @@ def refusal(name: str, scene: Scene) -> str | None:
             "edges change them. Ask for 'overlap', or for an average such as 'pressure'."
         )
     return gathering.refusal(name, scene)
+
+
+def starts_of(names: Collection[str], starts: str) -> str:
+    """Of what starts errors are, in words: `starts` those of long runs, ALONG those of short ones.
+
+    >>> starts_of(["pressure", "trajectory"], "other starts of the same kind")
+    'other starts of the same kind (trajectory: over states along one run of the scene)'
+    """
+    short = [name for name in names if name in SHORT]
+    if not short:
+        return starts
+    if len(short) == len(names):
+        return ALONG
+    return f"{starts} ({', '.join(short)}: over {ALONG})"
 
 
 def demand_available(names: Iterable[str], scene: Scene) -> None:

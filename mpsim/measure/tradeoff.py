@@ -19,7 +19,7 @@ from mpsim.measure.campaign import Campaign
 from mpsim.measure.cost import Cost
 from mpsim.measure.deviations import Deviation
 from mpsim.measure.ladder import ladder
-from mpsim.measure.replicas import MEASURES, available, demand_available, quietly
+from mpsim.measure.replicas import MEASURES, available, demand_available, quietly, starts_of
 from mpsim.measure.starts import StartsGiven
 from mpsim.scene import Scene
 from mpsim.settings import Settings
@@ -188,9 +188,11 @@ def tradeoff(
     speed_distribution
         largest difference of the cumulative distributions of speeds [1]
     trajectory
-        distance of the discs from where the exact solver has them after a short time, rms [diameters]
+        distance of the discs from where the exact solver has them after a short time, rms [diameters]; from states
+        along one run of the scene, whatever `starts` is
     missed_collisions
-        fraction of the exact solver's collisions that did not happen in that time; < 0: too many [1]
+        fraction of the exact solver's collisions that did not happen in that time; < 0: too many [1]; from the same
+        states
 
     Cost is measured when all accuracy runs are over, one candidate at a time.
 
@@ -229,7 +231,7 @@ def tradeoff(
         run.time(settings)
     rows = tuple(row_of(run, each) for each in settings)
     lengths = run.plan.until, run.plan.short
-    return Tradeoff(repr(scene), run.pilot.reference_name, *lengths, names, rows, run.starts.name)
+    return Tradeoff(repr(scene), run.pilot.reference_name, *lengths, names, rows, starts_of(names, run.starts.name))
 
 
 def row_of(run: Campaign, settings: Settings) -> Row:

@@ -21,7 +21,7 @@ from mpsim.measure.campaign import REFERENCE, Campaign, CandidateFailed
 from mpsim.measure.cost import Cost
 from mpsim.measure.deviations import Deviation
 from mpsim.measure.ladder import families, step
-from mpsim.measure.replicas import MEASURES, demand_available
+from mpsim.measure.replicas import MEASURES, demand_available, starts_of
 from mpsim.measure.starts import StartsGiven
 from mpsim.measure.tradeoff import Row, label, listed, row_of
 from mpsim.scene import Scene
@@ -389,7 +389,7 @@ class Search:
             tighter = min(tighter, *(cost / best.row.cost.median for cost in exact)) if exact else tighter
         tried = tuple(sorted(self._trials.values(), key=_cost))
         run = self._run
-        said: dict[str, Any] = {"starts": run.starts.name, "until": run.plan.until, "warning": run.warning_of(settings)}
+        said: dict[str, Any] = {"starts": starts_of(self._budgets, run.starts.name), "until": run.plan.until, "warning": run.warning_of(settings)}
         reference = run.pilot.reference_name
         return Tuned(settings, best.row.cost, errors, self._budgets, reference, tried, tighter, **said)
 

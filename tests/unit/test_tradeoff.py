@@ -397,6 +397,23 @@ def test_a_difference_below_its_noise_is_not_resolved_in_every_form():
     assert tables.error_text("trajectory", Deviation(1.54254, 5e-7)) == "1.54254000(50)", "a small error is not none"
 
 
+def test_trajectories_do_not_claim_the_starts_of_averages(quick):
+    """Short runs begin with states along one run of the scene."""
+    along = "states along one run of the scene"
+    for measures, starts in (
+        (["pressure"], "other starts of the same kind"),
+        (["trajectory", "missed_collisions"], along),
+        (["overlap", "trajectory"], f"other starts of the same kind (trajectory: over {along})"),
+    ):
+        found = tradeoff(gas(20, 0.3), [COARSE], until=2, replicas=2, measures=measures)
+        assert json.loads(found.to_json())["starts"] == starts
+        assert f"averages over {starts};" in tables.title(found)
+    tuned = mpsim.tune(gas(20, 0.3), {"trajectory": 1.0}, until=2, candidates=[Settings(method="grid")], replicas=2)
+    assert f"averages over {along}" in str(tuned)
+    assert along in tuned._repr_html_()
+    assert "kind" not in str(tuned)
+
+
 def test_the_title_says_what_is_not_resolved_and_what_few_runs_need():
     """The number is the rule itself: so many standard errors are resolved, and fewer are not."""
     many, two = Deviation(0.04, 0.01, freedom=15), Deviation(0.02, 0.001, freedom=1)
