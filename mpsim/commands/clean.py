@@ -4,8 +4,8 @@ import dataclasses
 
 import click
 
-from mpsim.commands.terminal import json_text
 from mpsim.engine import shared
+from mpsim.plain import json_text
 
 
 @click.command(

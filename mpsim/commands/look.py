@@ -9,6 +9,7 @@ from mpsim import scenefile
 from mpsim.commands import terminal
 from mpsim.commands.runfolder import MEASURES, RunFolder
 from mpsim.errors import InputError
+from mpsim.plain import json_text
 
 PLOT_EXAMPLES = """\b
 Examples:
@@ -41,7 +42,7 @@ def plot(folder: Path, out: Path | None, force: bool, as_json: bool) -> None:
     title = f"{found.record['scene']}, frame {table['frame'][-1]:.0f}, {found.record['status']}"
     figure = history(table, found.scene, frames[-1], title)
     path = save_figure(figure, out or folder / "plot.png")
-    click.echo(terminal.json_text({"picture": str(path)}) if as_json else f"written: {path}")
+    click.echo(json_text({"picture": str(path)}) if as_json else f"written: {path}")
 
 
 ANIMATE_EXAMPLES = """\b
@@ -112,6 +113,6 @@ def animate(
         out.unlink(missing_ok=True)
         raise terminal.Interrupted(f"Interrupted; {str(out)!r} was not written.") from None
     if as_json:
-        click.echo(terminal.json_text({"animation": str(out), "pictures": frames, "bytes": out.stat().st_size}))
+        click.echo(json_text({"animation": str(out), "pictures": frames, "bytes": out.stat().st_size}))
     else:
         click.echo(f"written: {out}, {frames} pictures, {out.stat().st_size / 1000:.0f} kB")

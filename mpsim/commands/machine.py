@@ -12,6 +12,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.kernels.compiling import compiled_kernels
 from mpsim.measure import benchmark
 from mpsim.measure.gathering import NAMES
+from mpsim.plain import json_text
 from mpsim.settings import LAWS, PRECISIONS, Settings
 
 BENCH_EXAMPLES = """\b
@@ -46,7 +47,7 @@ def bench(count: int, frames: int, workers: int | None, law: str, precision: str
         timings = benchmark.fixed(settings, frames, tick, count).timings
     rows = [_row(timing, count) for timing in timings.values()]
     if as_json:
-        click.echo(terminal.json_text({"discs": count, "frames": frames, "cores": usable_cores(), "methods": rows}))
+        click.echo(json_text({"discs": count, "frames": frames, "cores": usable_cores(), "methods": rows}))
         return
     click.echo(f"{count} discs, {frames} frames, packing {benchmark.PACKING}, {precision}, on {usable_cores()} cores:")
     for row in rows:
@@ -103,7 +104,7 @@ def warmup(scenes: tuple[str, ...], measures: tuple[str, ...], as_json: bool, qu
             seconds, kernels = time.perf_counter() - started, compiled_kernels() - before
             found.append({"scene": file.name, "seconds": seconds, "kernels": kernels})
     if as_json:
-        click.echo(terminal.json_text(found))
+        click.echo(json_text(found))
         return
     for row in found:
         click.echo(f"{row['scene']:12} {row['seconds']:6.1f} s, {row['kernels']} kernels compiled or loaded")

@@ -20,6 +20,7 @@ from mpsim.errors import MpsimError
 from mpsim.interrupts import interrupts_held_back
 from mpsim.measure.gathering import NAMES
 from mpsim.measure.tables import measure_text
+from mpsim.plain import json_text
 
 FRAMES = 500
 """Frames of a run for which nobody said how many."""
@@ -182,7 +183,7 @@ def _advance(folder: RunFolder, sim: Simulation, target: int, as_json: bool, qui
         folder.finish(sim, report, time.perf_counter() - started)
     final_picture(sim, folder[PICTURE])
     if as_json:
-        click.echo(terminal.json_text(folder.record))
+        click.echo(json_text(folder.record))
         return
     for line in summary(folder.record["parts"][-1], report, sim):
         click.echo(line)
@@ -231,7 +232,7 @@ def _without_folder(
     part = part_of(sim, report, time.perf_counter() - started)
     if as_json:
         found = {"scene": file.name, "scene_digest": sim.scene.digest(), "settings": dataclasses.asdict(sim.settings)}
-        click.echo(terminal.json_text({**found, "digest": sim.digest(), **part}))
+        click.echo(json_text({**found, "digest": sim.digest(), **part}))
         return
     for line in summary(part, report, sim):
         click.echo(line)

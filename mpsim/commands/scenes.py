@@ -8,7 +8,8 @@ import click
 import numpy as np
 
 from mpsim import scenefile
-from mpsim.commands.terminal import complete_scene, json_text
+from mpsim.commands.terminal import complete_scene
+from mpsim.plain import json_text
 from mpsim.scenefile import SceneFile
 from mpsim.settings import Settings
 

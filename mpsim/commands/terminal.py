@@ -1,7 +1,6 @@
-"""What commands share: kinds of arguments, progress, JSON."""
+"""What commands share: kinds of arguments, progress."""
 
 import dataclasses
-import json
 import math
 import sys
 import time
@@ -201,16 +200,3 @@ def duration(seconds: float) -> str:
         return f"{seconds:.1f} s" if seconds < 10 else f"{seconds:.0f} s"
     hours, minutes = divmod(int(seconds / 60), 60)
     return f"{hours} h {minutes:02} min" if hours else f"{minutes} min"
-
-
-def json_text(value: Any) -> str:
-    """Plain values as JSON; a number that JSON lacks becomes null."""
-    return json.dumps(_plain(value), indent=1, ensure_ascii=False)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(name): _plain(part) for name, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(part) for part in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -16,6 +16,7 @@ from mpsim.measure import tune as tuning
 from mpsim.measure.replicas import MEASURES
 from mpsim.measure.starts import KINDS
 from mpsim.measure.tables import UNITS
+from mpsim.plain import json_text
 
 _WORDS = {"1/time": "per unit of time", "diam.": "in diameters"}
 
@@ -83,7 +84,7 @@ def tune(
         how: dict[str, Any] = {"replicas": replicas, "starts": starts, "seconds": seconds, "progress": progress}
         tuned = tuning.tune(chosen, asked, until=until, **how)
     if as_json:
-        click.echo(terminal.json_text(_record(tuned)))
+        click.echo(json_text(_record(tuned)))
         return
     click.echo(str(tuned))
     click.echo(f"in Python: {settings_text(tuned.settings)}")
@@ -160,7 +161,7 @@ def tradeoff(
         table = trades.tradeoff(chosen, None, until, measures or None, **how)
     in_json = as_json or (not as_csv and out is not None and out.suffix == ".json")
     if out is not None:
-        out.write_text(table.to_json() if in_json else table.to_csv())
+        (table.to_json if in_json else table.to_csv)(out)
         click.echo(f"{len(table.rows)} candidates written to {out}", err=True)
     else:
         click.echo(table.to_json() if in_json else table.to_csv() if as_csv else str(table), nl=False)

@@ -36,8 +36,8 @@ class ShortRun:
     Attributes:
         time: at which both were compared [time].
         error: of the places of the discs.
-        collisions: contacts resolved, in the run and in the exact one. A stepped run resolves those of discs that rest on
-            each other anew in each step.
+        collisions: contacts resolved, in the run and in the exact one; of discs that rest on each other, a stepped run
+            resolves them anew in each step.
     """
 
     time: float

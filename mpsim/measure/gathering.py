@@ -163,8 +163,8 @@ _RULES: tuple[_Rule, ...] = (
         ("collision_rate", "missed_collisions"),
         lambda scene: _has_losses(scene) and (scene.gravity is not None or scene.acceleration is not None),
         "losses under gravity or acceleration, where discs come to rest on each other and are in contact all the time",
-        "Use 'overlap'; or of a run 'contact_rate', the contacts resolved, of which each step makes anew those of discs "
-        "at rest.",
+        "Use 'overlap'; or of a run 'contact_rate', the contacts resolved, of which each step makes anew those of "
+        "discs at rest.",
     ),
     (
         ("energy_drift",),

@@ -3,7 +3,6 @@
 import csv
 import dataclasses
 import io
-import json
 import math
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
@@ -21,6 +20,7 @@ from mpsim.measure.deviations import Deviation
 from mpsim.measure.ladder import ladder
 from mpsim.measure.replicas import MEASURES, available, demand_available, quietly, starts_of
 from mpsim.measure.starts import StartsGiven
+from mpsim.plain import json_text
 from mpsim.scene import Scene
 from mpsim.settings import Settings
 
@@ -126,9 +126,8 @@ class Tradeoff:
         What is not finite is null: JSON has no word for it.
         """
         values = {name: getattr(self, name) for name in ("scene", "reference", "starts", "until", "short", "measures")}
-        rows = [row.record() for row in self.rows]
-        values["rows"] = [{name: _finite(value) for name, value in row.items()} for row in rows]
-        return _written(json.dumps(values, indent=1, allow_nan=False) + "\n", path)
+        values["rows"] = [row.record() for row in self.rows]
+        return _written(json_text(values) + "\n", path)
 
     def __str__(self) -> str:
         from mpsim.measure.tables import terminal_table  # noqa: PLC0415 - only for people
@@ -286,10 +285,6 @@ def listed(name: str, values: Any, what: str) -> list[Any]:
         return list(values)
     except TypeError:
         raise InputError(f"{name} must be a list of {what}; got {values!r}.") from None
-
-
-def _finite(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _written(text: str, path: str | Path | None) -> str:

@@ -389,7 +389,11 @@ class Search:
             tighter = min(tighter, *(cost / best.row.cost.median for cost in exact)) if exact else tighter
         tried = tuple(sorted(self._trials.values(), key=_cost))
         run = self._run
-        said: dict[str, Any] = {"starts": starts_of(self._budgets, run.starts.name), "until": run.plan.until, "warning": run.warning_of(settings)}
+        said: dict[str, Any] = {
+            "starts": starts_of(self._budgets, run.starts.name),
+            "until": run.plan.until,
+            "warning": run.warning_of(settings),
+        }
         reference = run.pilot.reference_name
         return Tuned(settings, best.row.cost, errors, self._budgets, reference, tried, tighter, **said)
 

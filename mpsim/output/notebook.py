@@ -72,9 +72,7 @@ def tuned_html(tuned: Tuned) -> str:
     rows.append(("tried", f"{len(tuned.tried)} candidates"))
     rows += [("mpsim warns", tuned.warning)] if tuned.warning else []
     unresolved = unresolved_text(tuned.errors.values())
-    return table(
-        rows, f"the cheapest settings inside the budgets; errors against {tuned.reference}; <: {unresolved}"
-    )
+    return table(rows, f"the cheapest settings inside the budgets; errors against {tuned.reference}; <: {unresolved}")
 
 
 def table(rows: list[tuple[str, str]], caption: str) -> str:

@@ -36,6 +36,14 @@ def loaded_from_elsewhere(site: Path) -> list[str]:
     return found + [match for style in site.rglob("*.css") for match in LOADED_BY_STYLE.findall(style.read_text())]
 
 
+def test_the_map_of_the_modules_leaves_none_out():
+    """Commands and readers of scenes are said by their folder."""
+    page = (ROOT / "docs" / "architecture.md").read_text()
+    folders = ["mpsim", *(f"mpsim/{name}" for name in ("engine", "kernels", "measure", "output"))]
+    paths = [path for folder in folders for path in (ROOT / folder).glob("[!_]*.py")]
+    assert [str(path) for path in paths if not re.search(rf"\b{path.stem}\b", page)] == []
+
+
 def test_the_site_is_made_without_warnings_and_loads_nothing_from_elsewhere(site):
     assert loaded_from_elsewhere(site) == []
 
