@@ -41,7 +41,8 @@ from mpsim.errors import (
 )
 from mpsim.features import Emitter, FixedDisc, Piston, Polyline
 from mpsim.measure.tradeoff import Tradeoff, tradeoff
-from mpsim.measure.tune import Tuned, tune
+from mpsim.measure.tune import tune
+from mpsim.measure.tuned import Tuned
 from mpsim.scene import Scene
 from mpsim.settings import Settings
 from mpsim.state import State

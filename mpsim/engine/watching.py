@@ -75,23 +75,6 @@ ABOVE = 1 + 1e-5
 """Where kernels see a disc, in parts of the bound: rounding of float32 must not let them see what is not above it."""
 
 
-def would_warn(scene: Scene, settings: Settings) -> str | None:
-    """What a simulation would say of its speeds before its first frame, by a warning or an error; None: nothing.
-
-    What nobody can know before, that a gas becomes fast on the way, is said when it happens.
-    """
-    if settings.method == "event":
-        return None
-    watch = Watch(scene, settings, exact=False)
-    if not watch.adapts:
-        return watch.forecast()
-    try:
-        watch.substeps_for(pace_of(scene.velocity, scene.radii, scene), 0)
-    except TooFastError as error:
-        return str(error)
-    return None
-
-
 class Watch:
     """Looks at the fastest disc, and at collisions in a step, and acts as Settings.on_fast says.
 

@@ -11,7 +11,7 @@ from PIL import Image
 from mpsim.engine.report import Report
 from mpsim.measure.tables import cost_text, error_text, measure_text, unresolved_text
 from mpsim.measure.tradeoff import label
-from mpsim.measure.tune import Tuned
+from mpsim.measure.tuned import Tuned
 from mpsim.output.drawing import MOST_DISCS, STYLE, draw_discs, new_figure
 from mpsim.output.times import phases_of
 from mpsim.scene import Scene

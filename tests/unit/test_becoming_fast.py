@@ -112,7 +112,7 @@ def test_a_light_disc_that_a_heavy_one_meets_is_warned_of_in_the_next_frame(meth
     scene = mpsim.Scene(
         width=20, height=10, position=[[3, 5], [10, 5]], velocity=[[40, 0], [0, 0]], radius=radius, mass=[1e4, 1]
     )
-    forecast = watching.would_warn(scene, mpsim.Settings())
+    forecast = watching.Watch(scene, mpsim.Settings(), exact=False).forecast()
     assert forecast is not None, "the forecast of the start says so too; without it"
     with simulate(scene, method=method, contact=contact) as sim:
         sim._watch = watching.Watch(scene, sim.settings, exact=False)
@@ -212,16 +212,3 @@ def test_a_command_ends_with_the_frame_in_which_a_disc_is_fast_and_no_other():
             found = sim._solver.caught()
             assert found.speed == pytest.approx(np.hypot(30.003, 40.003), rel=1e-5)
             assert (found.disc, found.limit, found.when) == (0, 0.5, "in frame 20")
-
-
-def test_would_warn_says_what_a_simulation_would():
-    assert watching.would_warn(gas(50, 0.3), mpsim.Settings(dt=0.01)) is None
-    assert "moves" in (watching.would_warn(gas(50, 0.3), mpsim.Settings(dt=0.3)) or "")
-    assert watching.would_warn(gas(50, 0.3), mpsim.Settings(dt=0.3, on_fast="substep")) is None
-    assert "at most 10000 sub-steps" in (
-        watching.would_warn(gas(50, 0.3), mpsim.Settings(dt=3000.0, on_fast="substep")) or ""
-    )
-    assert watching.would_warn(gas(50, 0.3), mpsim.Settings(dt=0.3, method="event")) is None
-    assert "from emitters[0]" in (
-        watching.would_warn(row(emitters=mpsim.Emitter((1, 5), (400, 0), every=1)), mpsim.Settings()) or ""
-    )

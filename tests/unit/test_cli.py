@@ -19,7 +19,7 @@ from mpsim.measure.cost import Cost
 from mpsim.measure.deviations import Deviation
 from mpsim.measure.replicas import MEASURES
 from mpsim.measure.tradeoff import Row, Tradeoff
-from mpsim.measure.tune import Trial, Tuned
+from mpsim.measure.tuned import Trial, Tuned
 
 SETTINGS = mpsim.Settings(dt=0.05, contact="push")
 ROW = Row(SETTINGS, Cost(10.0, 9.0, 11.0, 100.0, "grid", 1), {"pressure": Deviation(0.004, float("inf"))})

@@ -16,7 +16,7 @@ from mpsim.kernels import layout
 from mpsim.kernels.layout import PHASES
 from mpsim.measure.cost import Cost
 from mpsim.measure.deviations import Deviation
-from mpsim.measure.tune import Tuned
+from mpsim.measure.tuned import Tuned
 from mpsim.output.animation import Picture
 from mpsim.output.drawing import STYLE
 from mpsim.state import grid_for
