@@ -1,11 +1,14 @@
 """Each function of mpsim.measure, and each measure of a run, against a few lines of NumPy that share nothing with it.
 
 States are made, not simulated, with any features that a measure knows: sizes, masses, fields, periodic axes, float32,
-discs that have left. One execution: a state, or a run, put to every function. Executions: 85 by default, 6,300 with
+discs that have left. One execution: a state, or a run, put to every function. Executions: 88 by default, 6,400 with
 --long.
 """
 
 import warnings
+from ast import literal_eval
+from collections import Counter
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -16,6 +19,8 @@ from support.scenes import simulate
 
 import mpsim
 from mpsim import measure
+from mpsim.measure import gathering
+from mpsim.measure.statistics import Measure
 
 
 def drawn(seed):
@@ -138,35 +143,145 @@ def check_displacements(seed):
     assert found.disc == off.argmax()
 
 
+# --- measures of runs
+
+
+def drawn_run(seed):
+    """A gas, and settings: exact; or stepped with `push`, where it is plain at which depth discs meet."""
+    scene, rng = any_gas(seed, wrap=0.6), np.random.default_rng([seed, 9])
+    law = str(rng.choice(["elastic", "reflect"]))
+    stepped = {"method": "naive", "contact": "push", "law": law}
+    return scene, {
+        "dt": typical_time(scene) / max(20 * scene.count, 100),
+        **(stepped if rng.random() < 0.5 else {"method": "event"}),
+    }
+
+
 def check_run(seed):
-    """Pressure, collision rate and sampled measures of `event`, from the changes of velocity between short frames."""
-    scene = any_gas(seed, gravity=False)
-    frames, dt = 400, typical_time(scene) / 100
-    names = ["collision_rate", "kinetic_energy", "temperature", "speed_kurtosis"]
-    names += [] if all(scene.periodic) else ["pressure"]
-    states, settings = [], {"method": "event", "dt": dt}
+    """Every measure that a gas allows, from the changes of velocity between short frames. Returns which were seen."""
+    (scene, settings), frames = drawn_run(seed), 400
+    names = [name for name in gathering.NAMES if gathering.refusal(name, scene) is None]
+    states = [mpsim.State(scene.position, scene.velocity)]
     with simulate(scene, **settings) as sim:
-        states.append(sim.state)
         for _ in range(frames):
             sim.run(frames=1)
             states.append(sim.state)
     with simulate(scene, **settings) as sim:
         found = sim.run(frames=frames, measures=names).measures
-    kicks = np.diff([scene.masses[:, None] * state.velocity for state in states], axis=0)
-    changed = (kicks != 0).any(axis=2)
-    few = changed.sum(axis=1) <= 2
-    balanced = np.abs(kicks.sum(axis=1)).max(axis=1) < 1e-9 * np.abs(kicks).max()
-    if not few.all() or (changed.sum(axis=1) == 2)[~balanced].any():
-        return 0  # more than one event in a frame: it cannot be told what happened
-    pairs = int((changed.sum(axis=1) == 2).sum())
-    same(found["collision_rate"].value, 2 * pairs / scene.count / (frames * dt))
-    if not all(scene.periodic):
-        edge = 2 * (scene.height * (not scene.periodic[0]) + scene.width * (not scene.periodic[1]))
-        impulse = np.abs(kicks[~balanced]).sum()
-        same(found["pressure"].value, impulse / (frames * dt * edge), rel=1e-9)
-    for name in ("kinetic_energy", "temperature"):
-        same(found[name].value, np.mean([getattr(measure, name)(state, scene) for state in states[2::2]]))
-    return 1
+    happened = events(scene, states, settings["dt"])
+    depths = depths_met(scene, states, settings)
+    if happened is None or depths is None:
+        return []  # more than one event in a frame: it cannot be said what happened
+    time = frames * settings["dt"]
+    expected = states_say(scene, states, time) | events_say(scene, states, time, *happened)
+    expected |= {"overlap": np.mean(depths or [0.0]), "largest_overlap": max(depths, default=0.0)}
+    units = natural_units(scene, states, time)
+    for name in names:
+        try:
+            same(found[name].value, expected[name], rel=1e-9, scale=units.get(name))
+        except AssertionError as error:
+            raise AssertionError(f"{name}, gas {seed}, {scene!r}, {settings}: {error}") from error
+    return names
+
+
+def events(scene, states, dt):
+    """Momenta given to pairs, [(i, j, to i, to j)], and by walls, [(x, y)]; None where a frame may have had several."""
+    fall = 0 if scene.gravity is None else scene.gravity * dt
+    kicks = scene.masses[:, None] * (np.diff([state.velocity for state in states], axis=0) - fall)
+    kicks[np.abs(kicks) < 1e-9 * np.abs(scene.masses[:, None] * states[0].velocity).max()] = 0
+    pairs, walls = [], []
+    for kick in kicks:
+        struck = np.flatnonzero(kick.any(axis=1))
+        if len(struck) == 1:
+            walls.append(kick[struck[0]])
+        elif len(struck) == 2:
+            i, j = struck
+            parallel = abs(np.linalg.det(kick[struck])) < 1e-6 * np.prod(np.linalg.norm(kick[struck], axis=1))
+            if not parallel or not kick[struck].all():  # two at walls, or one of a pair
+                return None
+            pairs.append((i, j, kick[i], kick[j]))
+        elif len(struck):
+            return None
+    return pairs, walls
+
+
+def depths_met(scene, states, settings):
+    """Depths at which pairs overlap when all have flown freely for a frame; None where one of them is at a wall."""
+    depths, i, j = [], *np.triu_indices(scene.count, 1)
+    if settings["method"] == "event":
+        return depths
+    dt, (low, high) = settings["dt"], scene.limits(scene.radius)
+    for state in states[:-1]:
+        flown = state.position + (state.velocity + (0 if scene.gravity is None else scene.gravity * dt)) * dt
+        inside = np.where(scene.periodic, flown, np.clip(flown, low, high))
+        depth = scene.radii[i] + scene.radii[j] - np.hypot(*nearest(scene, inside[i] - inside[j]).T)
+        met = np.flatnonzero(depth > 0)
+        moved = (inside != flown).any(axis=1)
+        if len(met) > 1 or moved[[*i[met], *j[met]]].any():
+            return None
+        depths += depth[met].tolist()
+    return depths
+
+
+def states_say(scene, states, time):
+    """Measures that follow from states: means over every second one, or every one where pressures are asked for."""
+    m, g = scene.masses, np.zeros(2) if scene.gravity is None else scene.gravity
+    every = (
+        1 if gathering.refusal("pressure_xx", scene) is None or gathering.refusal("pressure_yy", scene) is None else 2
+    )
+    squares = np.array([(state.velocity**2).sum(axis=1) for state in states])
+    kinetic = (m * squares).sum(axis=1) / 2
+    total = [kinetic[k] - (m * (states[k].position @ g)).sum() for k in (0, -1)]
+    seen = squares[every::every]
+    return {
+        "kinetic_energy": kinetic[every::every].mean(),
+        "temperature": kinetic[every::every].mean() / scene.count,
+        "speed_kurtosis": np.mean((seen**2).mean(axis=1) / seen.mean(axis=1) ** 2),
+        "energy_drift": (total[1] - total[0]) / kinetic[[0, -1]].max() / time,
+    }
+
+
+def events_say(scene, states, time, pairs, walls):
+    """Measures that follow from collisions, with s the distance at which discs touch and n the direction of a kick.
+
+    The two kicks of a collision are equal, but for those of `reflect`, whose mean counts.
+    """
+    m, size = scene.masses, np.array([scene.width, scene.height])
+    free = size - np.where(scene.periodic, 0, 2 * scene.largest_radius)
+    given = np.zeros((2, 2))  # s |dp| n n / time
+    for i, j, kick, other in pairs:
+        mean = (np.hypot(*kick) + np.hypot(*other)) / 2
+        given += (scene.radii[i] + scene.radii[j]) * mean * np.outer(kick, kick) / (kick @ kick) / time
+    momenta = m[:, None] * np.array([state.velocity for state in states])
+    drift = momenta.sum(axis=1, keepdims=True) / m.sum() * scene.periodic
+    flow = np.einsum("tia,tib->tab", momenta - m[:, None] * drift, momenta / m[:, None] - drift)
+    tensor = flow[1:].mean(axis=0) + given
+    rate = 2 * len(pairs) / scene.count / time
+    unbalanced = np.hypot(*sum((to_i + to_j for _, _, to_i, to_j in pairs), np.zeros(2)))
+    virial = (np.trace(flow[-1]) + np.trace(given)) / (free @ size[::-1])
+    edge = 2 * (size[::-1] * ~np.array(scene.periodic)).sum()
+    return {
+        "collision_rate": rate,
+        "contact_rate": rate,
+        "momentum_drift": unbalanced / np.linalg.norm(momenta[[0, -1]], axis=2).sum(axis=1).max() / time,
+        "pressure": np.abs(walls).sum() / time / edge if edge else virial,
+        "pressure_virial": virial,
+        "pressure_xx": tensor[0, 0] / free[0] / size[1],
+        "pressure_yy": tensor[1, 1] / free[1] / size[0],
+        "pressure_xy": tensor[0, 1] / size.prod(),
+    }
+
+
+def natural_units(scene, states, time):
+    """What rounding is measured by, where a measure may be 0."""
+    energy = (scene.masses[:, None] * states[0].velocity ** 2).sum()
+    return {
+        "overlap": scene.largest_radius,
+        "largest_overlap": scene.largest_radius,
+        "energy_drift": 1 / time,
+        "momentum_drift": 1000 / time,  # impulses are summed in steps of 2^-32
+        "pressure_xy": energy / scene.width / scene.height,
+    }
 
 
 def same(got, expected, rel=1e-12, scale=None):
@@ -190,10 +305,11 @@ def test_functions_of_a_state(name, seeds):
 
 
 def seen_runs(seeds):
-    """How many runs had one event in a frame at most."""
+    """How often each measure was seen: in how many runs with one event in a frame at most."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", mpsim.GuardWarning)
-        return sum(check_run(seed) for seed in seeds)
+        warnings.simplefilter("ignore", UserWarning)
+        seen = Counter(name for seed in seeds for name in check_run(seed))
+    return [seen[name] for name in gathering.NAMES]
 
 
 RUNS = """
@@ -202,11 +318,33 @@ print(seen_runs(range({first}, {last})))
 """
 
 
-@pytest.mark.parametrize(("first", "last"), [(0, 25), pytest.param(100, 400, marks=pytest.mark.long)])
+@pytest.mark.parametrize(("first", "last"), [(0, 22), pytest.param(100, 500, marks=pytest.mark.long)])
 def test_measures_of_runs(first, last):
     outcome = run_script(RUNS.format(first=first, last=last), env={"NUMBA_DISABLE_JIT": "1"}, bound=170)
     assert_clean(outcome)
-    assert int(outcome.out) > (last - first) / 5, "too few runs had one event in a frame at most"
+    seen = dict(zip(gathering.NAMES, literal_eval(outcome.out), strict=True))
+    assert min(seen.values()) >= 1 + (last - first) / 100, f"too few runs had one event in a frame at most: {seen}"
+
+
+def check_that_factors_are_seen(seed, names):
+    assert set(names) <= set(check_run(seed))
+    for name in names:
+        kinds = next(kinds for kinds in (gathering.COUNTED, gathering.SAMPLED, gathering.BALANCES) if name in kinds)
+        right = kinds[name]
+        kinds[name] = lambda *given, right=right: SCALED[type(right(*given))](right(*given))
+        with pytest.raises(AssertionError, match=name):
+            check_run(seed)
+        kinds[name] = right
+
+
+SCALED = {float: lambda value: value * 1.00001, Measure: lambda found: replace(found, value=found.value * 1.00001)}
+
+
+def test_a_factor_in_a_measure_of_a_run_is_seen():
+    """The control."""
+    names = ["pressure", "contact_rate", "overlap", "largest_overlap", "momentum_drift", "kinetic_energy"]
+    text = f"from adversary.test_measures import *; check_that_factors_are_seen(103, {names})"
+    assert_clean(run_script(text, env={"NUMBA_DISABLE_JIT": "1"}))
 
 
 def test_a_factor_and_a_forgotten_disc_are_seen(monkeypatch):

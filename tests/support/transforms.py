@@ -90,32 +90,91 @@ def features_of(scene: mpsim.Scene) -> dict[str, Any]:
     return copy.deepcopy({name: value for name, value in vars(scene).items() if not name.startswith("_")})
 
 
-def mirrored(scene: mpsim.Scene) -> mpsim.Scene:
-    """Left and right exchanged, for discs in a box with gravity, accelerations and boundaries."""
-    features = features_of(scene)
-    features["position"] = np.stack([scene.width - scene.position[:, 0], scene.position[:, 1]], axis=1)
-    for name in ("velocity", "gravity", "acceleration"):
-        if features[name] is not None:
-            features[name] = features[name] * [-1, 1]
-    return mpsim.Scene(**features)
+@dataclass(frozen=True)
+class Image:
+    """A mirror image or a quarter turn of a box. All that a scene has goes through `point`, `vector` and `edges`.
+
+    Attributes:
+        edges: which edge each of left, right, bottom and top becomes.
+        matrix: shape (2, 2), of vectors; its elements are 0, 1 and -1, so nothing is rounded.
+        shift: of points, after the matrix [length].
+        size: width and height of the image [length].
+    """
+
+    edges: dict[str, str]
+    matrix: np.ndarray
+    shift: np.ndarray
+    size: tuple[float, float]
+
+    def vector(self, value: Any) -> Any:
+        """Vectors, shape (..., 2)."""
+        return np.asarray(value) @ self.matrix.T
+
+    def point(self, value: Any) -> Any:
+        """Points, shape (..., 2)."""
+        return self.vector(value) + self.shift
+
+    def point_back(self, value: np.ndarray) -> np.ndarray:
+        """The points that have these images."""
+        return (value - self.shift) @ self.matrix
+
+    def vector_back(self, value: np.ndarray) -> np.ndarray:
+        """The vectors that have these images."""
+        return value @ self.matrix
+
+    def scene(self, scene: mpsim.Scene) -> mpsim.Scene:
+        """The image of a scene."""
+        features = features_of(scene) | dict(zip(("width", "height"), self.size, strict=True))
+        features["boundary"] = scene.boundary if self.matrix[0, 0] else scene.boundary[::-1]
+        features["position"] = self.point(scene.position)
+        for name in ("velocity", "gravity", "acceleration"):
+            if features[name] is not None:
+                features[name] = self.vector(features[name])
+        features["obstacles"] = [self.obstacle(obstacle) for obstacle in scene.obstacles]
+        features["absorbing"] = [self.edges[edge] for edge in scene.absorbing]
+        features["emitters"] = [
+            dataclasses.replace(emitter, position=self.point(emitter.position), velocity=self.vector(emitter.velocity))
+            for emitter in scene.emitters
+        ]
+        if scene.piston is not None:
+            features["piston"] = self.piston(scene.piston)
+        return mpsim.Scene(**features)
+
+    def obstacle(self, obstacle: Any) -> Any:
+        if isinstance(obstacle, mpsim.FixedDisc):
+            return mpsim.FixedDisc(self.point(obstacle.position), obstacle.radius)
+        return mpsim.Polyline(self.point(obstacle.points), obstacle.thickness)
+
+    def piston(self, piston: mpsim.Piston) -> mpsim.Piston:
+        along = np.array([1.0, 0.0] if piston.wall in ("left", "right") else [0.0, 1.0])
+        component = int(np.abs(self.vector(along)).argmax())
+        place = lambda value: float(self.point(along * value)[component])  # noqa: E731
+        return mpsim.Piston(
+            self.edges[piston.wall],
+            float(self.vector(along * piston.speed)[component]),
+            place(piston.stop),
+            None if piston.start is None else place(piston.start),
+        )
 
 
-def turned(scene: mpsim.Scene) -> mpsim.Scene:
-    """A quarter turn against the clock, for discs in a box with gravity, accelerations and boundaries."""
-    features = features_of(scene)
-    features |= {"width": scene.height, "height": scene.width, "boundary": scene.boundary[::-1]}
-    features["position"] = np.stack([scene.height - scene.position[:, 1], scene.position[:, 0]], axis=1)
-    for name in ("velocity", "gravity", "acceleration"):
-        if features[name] is not None:
-            x, y = features[name].T
-            features[name] = np.stack([-y, x], axis=-1)
-    return mpsim.Scene(**features)
+def mirror(scene: mpsim.Scene) -> Image:
+    """Left and right exchanged."""
+    edges = {"left": "right", "right": "left", "bottom": "bottom", "top": "top"}
+    return Image(edges, np.array([[-1, 0], [0, 1]]), np.array([scene.width, 0]), (scene.width, scene.height))
+
+
+def turn(scene: mpsim.Scene) -> Image:
+    """A quarter turn against the clock."""
+    edges = {"left": "bottom", "bottom": "right", "right": "top", "top": "left"}
+    return Image(edges, np.array([[0, -1], [1, 0]]), np.array([scene.height, 0]), (scene.height, scene.width))
 
 
 def renumbered(scene: mpsim.Scene, order: np.ndarray) -> mpsim.Scene:
-    """The discs in another order: the new disc k is the old disc order[k]."""
+    """The discs in another order, the new disc k the old disc order[k], and obstacles and emitters turned round."""
     features = features_of(scene)
     for name in ("position", "velocity", "acceleration", "radius", "mass"):
         if np.ndim(features[name]):
             features[name] = features[name][order]
+    for name in ("obstacles", "emitters"):
+        features[name] = features[name][::-1]
     return mpsim.Scene(**features)
