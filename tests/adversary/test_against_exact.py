@@ -1,7 +1,8 @@
 """Stepped runs at a small step against the exact solver, from the same starts: collisions, energy, pressure.
 
 The two follow one trajectory until rounding has grown, and are independent after it. So runs are long, some hundred
-collisions per disc (a few where losses cool the gas), and gases count by the collisions that they have: the noise left is a third of a percent.
+collisions per disc (a few where losses cool the gas), and gases count by the collisions that they have: the noise left
+is a third of a percent.
 One execution: a gas by both.
 Executions: 72 by default, 600 with --long.
 """
@@ -13,7 +14,7 @@ import pytest
 from support.gases import any_gas, typical_time
 from support.scenes import simulate
 
-MEASURES = ["pressure", "collision_rate"]
+MEASURES = ["pressure", "contact_rate"]
 
 
 LENGTHS = {False: 150, True: 3}
@@ -67,7 +68,7 @@ def check(rows, weights):
     assert (error < 0.005).all(), f"too noisy to show anything: pressure, collisions and energy {note}"
 
 
-PLAIN = {"gravity": False, "losses": False, "wrap": False}
+PLAIN = {"gravity": False, "losses": False, "wrap": 0}
 """Kernels that are compiled anyway."""
 
 

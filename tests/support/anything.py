@@ -5,12 +5,20 @@ from typing import Any
 import numpy as np
 
 import mpsim
+from mpsim.engine.paces import pace_of
+from mpsim.engine.watching import Watch
 
 NUMBERS = [0.0, -0.0, 1.0, -1.0, 0.25, -3.0, 1e-30, 50.0, -1e5]
 
 
-def anything(seed: int) -> tuple[mpsim.Scene, dict[str, Any]]:
-    """A scene of up to 14 discs in a small box, and settings."""
+def anything(seed: int, *, twin: bool = True) -> tuple[mpsim.Scene, dict[str, Any]]:
+    """A scene of up to 14 discs in a small box, and settings.
+
+    Args:
+        seed: of the scene.
+        twin: leave out what the slow twin does not know: sub-steps that are chosen on the way, and emitters together
+            with a piston, which may pass them.
+    """
     rng = np.random.default_rng(seed)
     chance = lambda part=0.4: rng.random() < part  # noqa: E731
     count = int(rng.choice([0, 1, 2, 5, 14]))
@@ -26,7 +34,7 @@ def anything(seed: int) -> tuple[mpsim.Scene, dict[str, Any]]:
     if chance():
         features["obstacles"] = _obstacles(rng, size, largest)
     dt = float(rng.choice([0.01, 0.1, 0.3, 5.0]))
-    features |= _edges(rng, chance, periodic, size, largest, dt)
+    features |= _edges(rng, chance, periodic, size, largest, dt, twin)
     margin = np.multiply.outer(np.broadcast_to(radius, count), [not wrap for wrap in periodic])
     parts = rng.integers(0, 17, (count, 2)) / 16 if chance() else rng.random((count, 2))
     position = margin + parts * (size - 2 * margin)
@@ -47,7 +55,22 @@ def anything(seed: int) -> tuple[mpsim.Scene, dict[str, Any]]:
         "substeps": int(rng.integers(1, 3)),
         "passes": int(rng.integers(1, 3)),
     }
+    if not twin:
+        settings |= _chosen_substeps(rng, scene, settings)
     return scene, settings
+
+
+def _chosen_substeps(rng: Any, scene: mpsim.Scene, settings: dict[str, Any]) -> dict[str, Any]:
+    """on_fast="substep" for half of the scenes, with a dt that makes a few sub-steps of a frame, not thousands."""
+    chosen = settings | {"on_fast": rng.choice(["warn", "substep"]).item()}
+    if chosen["on_fast"] == "warn":
+        return chosen
+    try:
+        watch = Watch(scene, mpsim.Settings(**chosen), exact=False)
+        needed = watch.substeps_for(pace_of(scene.velocity, scene.radii, scene), 0)
+    except mpsim.TooFastError:
+        return settings | {"on_fast": "warn"}
+    return chosen | {"dt": settings["dt"] * min(1.0, 4 / needed)}
 
 
 def _forces(rng: Any, chance: Any, count: int) -> dict[str, Any]:
@@ -76,14 +99,16 @@ def _obstacles(rng: Any, size: Any, largest: float) -> list[Any]:
     return found
 
 
-def _edges(rng: Any, chance: Any, periodic: list[bool], size: Any, largest: float, dt: float) -> dict[str, Any]:
+def _edges(
+    rng: Any, chance: Any, periodic: list[bool], size: Any, largest: float, dt: float, twin: bool
+) -> dict[str, Any]:
     """Absorbing edges and a piston where there are walls, and an emitter."""
     features: dict[str, Any] = {}
     walls = [edge for k, edge in enumerate(("left", "right", "bottom", "top")) if not periodic[k // 2]]
     rng.shuffle(walls)
     if walls and chance(0.3):
         features["absorbing"] = [walls.pop()]
-    if walls and chance(0.3):
+    if walls and chance(0.3 if twin else 0.6):
         wall = walls.pop()
         length = size[wall in ("bottom", "top")]
         room = 2 * largest + rng.random() * 0.9 * (length - 2 * largest)
@@ -91,7 +116,7 @@ def _edges(rng: Any, chance: Any, periodic: list[bool], size: Any, largest: floa
         stop = room * 1.000001 if inward < 0 else length - room * 1.000001
         if 0 < stop < length:
             features["piston"] = mpsim.Piston(wall, inward * rng.choice([0.1, 1.0, 30.0]), stop)
-    if chance(0.3) and "piston" not in features:  # which might pass it: the twin knows nothing of that
+    if chance(0.3 if twin else 0.6) and not (twin and "piston" in features):
         middle = tuple(length / 2 for length in size)
         kind = {"radius": largest / 2, "mass": 2.0}
         clock = {"every": 2} if chance(0.5) else {"interval": dt * float(rng.choice([0.4, 1.0, 2.5]))}
