@@ -318,9 +318,12 @@ print(seen_runs(range({first}, {last})))
 """
 
 
-@pytest.mark.parametrize(("first", "last"), [(0, 22), pytest.param(100, 500, marks=pytest.mark.long)])
-def test_measures_of_runs(first, last):
-    outcome = run_script(RUNS.format(first=first, last=last), env={"NUMBA_DISABLE_JIT": "1"}, bound=170)
+LONG = [pytest.mark.long, pytest.mark.timeout(900)]
+
+
+@pytest.mark.parametrize(("first", "last", "bound"), [(0, 22, 170), pytest.param(100, 500, 800, marks=LONG)])
+def test_measures_of_runs(first, last, bound):
+    outcome = run_script(RUNS.format(first=first, last=last), env={"NUMBA_DISABLE_JIT": "1"}, bound=bound)
     assert_clean(outcome)
     seen = dict(zip(gathering.NAMES, literal_eval(outcome.out), strict=True))
     assert min(seen.values()) >= 1 + (last - first) / 100, f"too few runs had one event in a frame at most: {seen}"
