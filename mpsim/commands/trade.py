@@ -124,6 +124,13 @@ Examples:
 @until_option
 @replicas_option
 @starts_option
+@click.option(
+    "--seconds",
+    type=terminal.Positive("time"),
+    default=150.0,
+    show_default=True,
+    help="Time that a stepped reference may take, about [s].",
+)
 @click.option("--csv", "as_csv", is_flag=True, help="Print CSV.")
 @terminal.json_option
 @click.option(
@@ -142,6 +149,7 @@ def tradeoff(
     until: float | None,
     replicas: int,
     starts: str | None,
+    seconds: float,
     as_csv: bool,
     as_json: bool,
     out: Path | None,
@@ -157,7 +165,8 @@ def tradeoff(
         _demand_writable(out)  # before the long work, not after
     chosen = scenefile.load(scene).scene
     with terminal.progress(quiet) as progress:
-        how: dict[str, Any] = {"replicas": replicas, "starts": starts, "path": keep, "progress": progress}
+        how: dict[str, Any] = {"replicas": replicas, "starts": starts, "seconds": seconds, "path": keep}
+        how["progress"] = progress
         table = trades.tradeoff(chosen, None, until, measures or None, **how)
     in_json = as_json or (not as_csv and out is not None and out.suffix == ".json")
     if out is not None:

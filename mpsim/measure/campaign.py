@@ -285,8 +285,10 @@ class Campaign:
 
     def _why_not(self, name: str) -> str:
         """Why the reference does not measure something, or ""."""
-        if name not in RELATIVE:
+        if name not in LONG:
             return ""
+        if name not in RELATIVE:
+            return self._why_idle(name)
         reference = np.array([run[name] for run in self._reference_runs(self.replicas, 0)], dtype=float)
         reason = unmeasurable(name, reference)
         if not reason and self.chosen and not spans_of(reference, self._least).stationary:
@@ -295,6 +297,16 @@ class Campaign:
                 "long a run shall be: until=..., or Scene(duration=...)."
             )
         return reason
+
+    def _why_idle(self, name: str) -> str:
+        """Why a measure that collisions alone make wrong has no error, as there are none; or ""."""
+        runs = self._reference_runs(self.replicas, 0)
+        if self._scene.obstacles or any(np.any(run["met"]) or np.any(run.get("pressure", 0.0)) for run in runs):
+            return ""
+        return (
+            f"nothing is hit in any of {len(runs)} runs of the reference, to {self.plan.until:.3g}, so that no step is "
+            f"too long for {name}. Ask for longer runs (until=...)."
+        )
 
     def _asks_for(self, kind: Sequence[str]) -> bool:
         return any(name in kind for name in self.measures)

@@ -26,6 +26,9 @@ CROSSED = math.sqrt(1 + 2 / math.pi)
 """What is added to the error of two halves that choose for each other: where one mode is all the noise, of amplitudes a
 and b in the halves, sign(a) b and sign(b) a go together, E(|a| |b|) = 2/pi of a variance."""
 
+ROUNDING = 1e-9
+"""Distance below which trajectories are the same [diameters]."""
+
 RELATIVE = ("pressure", "collision_rate")
 """Measures whose error is a fraction of the reference's value."""
 
@@ -304,12 +307,16 @@ def _crossed(mine: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple
 def short_deviations(found: Sequence[dict[str, Any]], measures: Sequence[str]) -> dict[str, Deviation]:
     """Errors of short runs for the named measures of replicas.SHORT, two runs at least."""
     results = {}
+    met, exact = np.array([run["collisions"] for run in found], dtype=float).T
+    total = exact.sum()
     if "trajectory" in measures:
         distances = np.array([run["trajectory"] for run in found])
         results["trajectory"] = _mean(distances[:, None])
+        if not total and distances.max() < ROUNDING:
+            results["trajectory"] = Deviation.unknown(
+                f"nobody meets in {len(found)} short runs, so that no step is too long. Ask for a denser scene."
+            )
     if "missed_collisions" in measures:
-        met, exact = np.array([run["collisions"] for run in found], dtype=float).T
-        total = exact.sum()
         missed = (exact - met) * len(found) / total if total else np.zeros(len(found))
         results["missed_collisions"] = _mean(missed[:, None])
     return {name: _meaningful(name, each) for name, each in results.items()}

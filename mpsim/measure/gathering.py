@@ -139,19 +139,19 @@ _RULES: tuple[_Rule, ...] = (
         ("pressure", *_VIRIALS, "energy_drift"),
         lambda scene: scene.piston is not None,
         "moving walls (a piston), which do work and change the box",
-        "Run until the piston rests, and measure in a scene that starts from there.",
+        "Run until the piston rests, and measure in a scene without it, made of sim.state, in a box of that size.",
     ),
     (
         (*_VIRIALS, "collision_rate", "contact_rate", *_BALANCED),
         lambda scene: bool(scene.absorbing),
         "absorbing edges, as the number of discs changes",
-        "Run until none leaves any more, and measure in a scene that starts from there, without those edges.",
+        "Run until none leaves any more, and measure in a scene without those edges that is made of sim.state.",
     ),
     (
         (*_VIRIALS, "collision_rate", "contact_rate", *_BALANCED),
         lambda scene: bool(scene.emitters),
         "emitters, as the number of discs changes",
-        "Run until they have ended, and measure in a scene that starts from there.",
+        "Run until they have ended, and measure in a scene without them that is made of sim.state.",
     ),
     (
         ("pressure_xy",),

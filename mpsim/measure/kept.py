@@ -63,10 +63,18 @@ class Kept:
 
 def _checked(path: str | Path) -> Path:
     """A path that can be written, as is seen before hours are spent, not after."""
-    folder = Path(path).absolute().parent
-    if not folder.is_dir() or not os.access(folder, os.W_OK) or Path(path).is_dir():
-        raise InputError(f"path must be a file in a folder that can be written to; got {str(path)!r}. Make the folder.")
-    return Path(path)
+    try:
+        file = Path(path)
+        if (
+            "\0" not in str(file)
+            and file.absolute().parent.is_dir()
+            and os.access(file.absolute().parent, os.W_OK)
+            and not file.is_dir()
+        ):
+            return file
+    except TypeError:  # no path at all
+        pass
+    raise InputError(f"path must be a file in a folder that can be written to; got {path!r}. Make the folder.")
 
 
 def _loaded(path: Path, title: dict[str, Any]) -> tuple[str, str, dict[str, Any]]:

@@ -147,7 +147,8 @@ def pilot(scene: Scene, until: float | None = None, earlier: str | None = None, 
         exact, reason = False, str(error)
         settings = Settings(dt=LOOK * crossing, passes=2, on_fast="substep", workers=1)
         look = _stepped_look(scene, settings, crossing, until)
-    own = 2 * scene.smallest_radius / look.speed if look.speed else crossing  # at the speeds that there really are
+    speed = max(look.speed, _speed_of_fall(scene)) or speed  # at which there is motion to resolve
+    own = 2 * scene.smallest_radius / speed
     reference, cost, growth = settings, look.seconds, 1 / own
     if exact:
         growth = _growth(scene, crossing, patience)
@@ -161,7 +162,6 @@ def pilot(scene: Scene, until: float | None = None, earlier: str | None = None, 
         name += f" (whose guard kept the energy in {look.guarded:.1%} of the collisions)"
     name = earlier or (name if exact else f"{name}cannot: {reason}")
     short = min(LYAPUNOV_TIMES / growth, 5 * own)
-    speed = look.speed or speed
     return Pilot(
         reference, name, speed, look.collisions, growth, short, look.starts, look.gap, settings, cost, step_seconds
     )
@@ -178,6 +178,14 @@ def _is_gas(scene: Scene) -> bool:
     driven = scene.gravity is not None or scene.acceleration is not None or scene.piston is not None
     lossless = scene.restitution == scene.wall_restitution == 1
     return lossless and not driven and not scene.emitters and not scene.absorbing
+
+
+def _speed_of_fall(scene: Scene) -> float:
+    """Speed after a fall through a radius [length/time]: what presses discs together when all have come to rest."""
+    pull = 0.0 if scene.gravity is None else float(np.hypot(*scene.gravity))
+    if scene.acceleration is not None and scene.count:
+        pull = max(pull, float(np.hypot(*scene.acceleration.T).max()))
+    return math.sqrt(2 * pull * scene.smallest_radius)
 
 
 def _speed_to_come(scene: Scene) -> float:

@@ -5,6 +5,7 @@
 
 import dataclasses
 import functools
+import inspect
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from mpsim import placement
 from mpsim.errors import InputError
-from mpsim.features import Emitter
+from mpsim.features import Emitter, discs_in_obstacles
 from mpsim.scene import Scene
 from mpsim.state import State
 
@@ -49,17 +50,17 @@ class Starts:
         kind = ("kind" if scene.has_others else "same") if given is None else given
         if isinstance(kind, str) and kind not in KINDS:
             raise InputError(f"starts must be 'kind', 'same', a function or a list of Scenes; got {given!r}.")
-        self.same: bool = kind == "same"
+        self.same: bool = isinstance(kind, str) and kind == "same"
         self.number: int | None = None
         self._made: dict[int, Scene] = {}
         if callable(kind):
-            self._make: Callable[[int], Scene] = kind
+            self._make: Callable[[int], Scene] = _of_one_number(kind)
             self.name: str = "starts that were given by a function"
-        elif kind == "kind":
+        elif isinstance(kind, str) and kind == "kind":
             self._made = {0: scene, 1: scene.another(1)}  # which refuses a scene that has only one
             self._make = scene.another
             self.name = "other starts of the same kind"
-        elif kind == "same":
+        elif isinstance(kind, str):
             self._made, self._make = {0: scene}, functools.partial(varied, scene)
             self.name = f"this start, each disc displaced by up to {VARIATION:g} of a diameter"
         else:
@@ -92,8 +93,9 @@ def varied(scene: Scene, seed: int) -> Scene:
     """
     rng = np.random.default_rng(seed)
     moves = rng.uniform(-1, 1, (scene.count, 2)) * (VARIATION * 2 * scene.smallest_radius)
+    solid = np.vstack([scene.capsules, *_piston_as_capsule(scene)])
     position = placement.displaced(
-        scene.position, scene.radii, (scene.width, scene.height), scene.periodic, scene.capsules, moves
+        scene.position, scene.radii, (scene.width, scene.height), scene.periodic, solid, moves
     )
     velocity = scene.velocity * (1 + VARIATION * rng.normal(size=scene.velocity.shape))
     masses = 1.0 if scene.mass is None else scene.mass[:, None]
@@ -105,11 +107,28 @@ def varied(scene: Scene, seed: int) -> Scene:
     return other
 
 
+def _piston_as_capsule(scene: Scene) -> list[list[float]]:
+    """A line along the piston where it starts, from which discs keep away as they do from obstacles."""
+    if scene.piston is None:
+        return []
+    (left, bottom), (right, top) = scene.walls_at(0.0)
+    ends = {
+        "left": (left, bottom, left, top),
+        "right": (right, bottom, right, top),
+        "bottom": (left, bottom, right, bottom),
+        "top": (left, top, right, top),
+    }
+    return [[*ends[scene.piston.wall], 0.0]]
+
+
 def _varied_emitter(scene: Scene, emitter: Emitter, rng: np.random.Generator) -> Emitter:
-    """The emitter with its place and the velocity of its discs varied."""
+    """The emitter with its place and the velocity of its discs varied; it stays where an obstacle is too near."""
     radius = scene.largest_radius if emitter.radius is None else emitter.radius
-    place, speed = np.array(emitter.position), np.array(emitter.velocity)
-    place = np.clip(place + rng.uniform(-1, 1, 2) * VARIATION * 2 * radius, *scene.limits(radius))
+    before, speed = np.array(emitter.position), np.array(emitter.velocity)
+    place = np.clip(before + rng.uniform(-1, 1, 2) * VARIATION * 2 * radius, *scene.limits(radius))
+    size = (scene.width, scene.height)
+    if discs_in_obstacles(place[None], np.array([radius]), scene.obstacles, size, scene.periodic)[0]:
+        place = before
     return dataclasses.replace(emitter, position=place, velocity=speed * (1 + VARIATION * rng.normal(size=2)))
 
 
@@ -121,6 +140,18 @@ def _listed(given: Any) -> list[Scene]:
     if len(chosen) < 2 or not all(isinstance(each, Scene) for each in chosen):
         raise InputError(f"starts must be 'kind', 'same', a function or a list of two Scenes or more; got {given!r}.")
     return chosen
+
+
+def _of_one_number(given: Callable[[int], Scene]) -> Callable[[int], Scene]:
+    try:
+        inspect.signature(given).bind(0)
+    except TypeError as error:
+        raise InputError(
+            f"starts must be a function of one number, from 0 on, that returns a Scene; got {given!r} ({error})."
+        ) from None
+    except ValueError:  # one without a signature, as some of C have
+        pass
+    return given
 
 
 def _too_few(there: int, number: int) -> Scene:

@@ -162,6 +162,7 @@ def tradeoff(
     starts: StartsGiven = None,
     executor: Executor | None = None,
     replicas: int = 16,
+    seconds: float = 150.0,
     path: str | Path | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> Tradeoff:
@@ -207,6 +208,8 @@ def tradeoff(
         executor: any concurrent.futures.Executor for the accuracy runs, which are independent; None: threads, as many
             as there are cores. The costs are always measured here.
         replicas: runs per candidate, >= 2.
+        seconds: that runs of the reference may take, about, where it is a stepped one: it is as fine as there is time
+            for [s].
         path: file that keeps what is finished; an interrupted call goes on from it.
         progress: called as progress(done, of, what).
 
@@ -223,7 +226,8 @@ def tradeoff(
     names = _measures(measures, scene)
     checks.whole("replicas", replicas, 2, 100_000, "16 will do for most scenes.")
     how: dict[str, Any] = {"executor": executor, "path": path, "progress": progress, "starts": starts}
-    run = Campaign(scene, until, names, replicas=replicas, **how)
+    seconds = checks.positive("seconds", seconds, "[s]")
+    run = Campaign(scene, until, names, replicas=replicas, seconds=seconds, **how)
     settings = ladder(scene, run.pilot.speed) if candidates is None else _checked(scene, candidates)
     with run:
         run.assess(settings)

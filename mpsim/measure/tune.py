@@ -18,7 +18,7 @@ from mpsim.errors import BudgetError, InputError, NotMeasurableError
 from mpsim.measure.campaign import REFERENCE, Campaign, CandidateFailed
 from mpsim.measure.deviations import Deviation
 from mpsim.measure.ladder import families, step
-from mpsim.measure.replicas import MEASURES, demand_available, starts_of
+from mpsim.measure.replicas import MEASURES, PIECES, demand_available, starts_of
 from mpsim.measure.starts import StartsGiven
 from mpsim.measure.tradeoff import Row, label, listed, row_of
 from mpsim.measure.tuned import Trial, Tuned
@@ -170,6 +170,8 @@ class Search:
             return
         speed = self._run.pilot.speed
         dt, shortest, longest = (step(self._scene, speed, h) for h in (FIRST, SHORTEST, LONGEST))
+        longest = min(longest, self._run.plan.until / PIECES)
+        dt, shortest = min(dt, longest), min(shortest, longest)
         if not self._run.pilot.exact:  # which resolves no error that is not far above its own
             shortest = max(shortest, LEAST_RATIO * self._run.pilot.reference.dt)
         inside, outside = 0.0, math.inf
@@ -337,10 +339,11 @@ class Search:
             )
         best = min(rows, key=lambda row: _worst(row, self._budgets))
         reached = ", ".join(f"{name} {best.errors[name].bound:.3g}" for name in self._budgets)
+        event = "; or let candidates hold Settings(method='event')" if self._run.pilot.exact else ""
         return BudgetError(
             f"max_error must be within reach: no candidate stays inside {wanted}. The best of {len(rows)} tried, "
             f"{best.label}, reaches {reached} (two standard errors included). Allow these errors; where the noise is "
-            "what is left, run longer (until=..., seconds=...); or let candidates hold Settings(method='event')."
+            f"what is left, run longer (until=..., seconds=...){event}."
         )
 
 

@@ -155,3 +155,46 @@ def test_a_file_of_other_starts_is_refused(tmp_path):
     for other in (given(100), [given(0)(number) for number in range(8)], "same"):
         with pytest.raises(InputError, match="path must be a file of the same scene"):
             mpsim.tradeoff(scene, starts=other, path=path, **how)
+
+
+def test_discs_before_a_piston_that_starts_inside_stay_before_it():
+    """As before: they were displaced within the whole box, and most of these starts were refused."""
+    scene = Scene(
+        width=20,
+        height=6,
+        position=[[0.51 + 1.02 * k, 0.51 + 1.02 * row] for k in range(9) for row in range(5)],
+        velocity=[[1, 0.5]] * 45,
+        radius=0.5,
+        piston=mpsim.Piston("right", -0.1, 9.0, start=9.18),
+    )
+    starts = Starts(scene)
+    assert all(starts[number].position[:, 0].max() <= 9.18 - 0.5 for number in range(20))
+    assert not np.array_equal(starts[1].position, scene.position), "and they are displaced"
+
+
+def test_an_emitter_that_touches_an_obstacle_is_not_displaced_into_it():
+    scene = Scene(
+        width=12, height=10, position=[], velocity=[], radius=0.5,
+        obstacles=mpsim.FixedDisc((3, 5), 1.0), emitters=Emitter((4.5, 5), (1, 0), interval=1.0, limit=5),
+    )  # fmt: skip
+    places = np.array([Starts(scene)[number].emitters[0].position for number in range(40)])
+    assert (np.hypot(*(places - (3, 5)).T) >= 1.5).all()
+    assert len(np.unique(places, axis=0)) > 10, "elsewhere it is"
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        (lambda: 3, r"starts must be a function of one number.*takes 0 positional arguments|too many positional"),
+        (np.arange(3), "starts must be 'kind', 'same', a function or a list"),
+    ],
+)
+def test_what_is_no_start_is_refused_in_words(given, text):
+    with pytest.raises(InputError, match=text):
+        Starts(CRADLE, given)
+
+
+@pytest.mark.parametrize("path", [5, b"x/y", True, "a\0b"])
+def test_what_is_no_path_is_refused_in_words(path):
+    with pytest.raises(InputError, match="path must be a file in a folder that can be written to; got"):
+        mpsim.tradeoff(gas(10, 0.2), path=path)

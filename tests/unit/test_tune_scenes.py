@@ -3,11 +3,13 @@
 import time
 
 import pytest
+from support.scenes import gas
 
 import mpsim
 from mpsim import Emitter, Scene, Settings, scenefile, tune
 from mpsim.errors import NotMeasurableError
 from mpsim.measure import campaign
+from mpsim.measure.pilot import pilot
 from mpsim.measure.replicas import MEASURES, available
 
 GRAINS = {"radius": 0.5, "restitution": 0.5, "wall_restitution": 0.5, "gravity": (0, -1)}
@@ -143,3 +145,30 @@ def test_each_named_scene_gets_an_answer_or_a_reason_in_about_the_time_it_may_ta
         meant = found.exact or (found.verified and found.errors[measure].error > 0)
     assert meant
     assert time.monotonic() - started < 120
+
+
+@pytest.mark.parametrize("measure", ["energy_drift", "overlap", "trajectory"])
+def test_where_nothing_has_happened_yet_nothing_is_verified(measure):
+    """As before: dt=0.46 for a run of 0.01, verified."""
+    scene = Scene.random(count=20, packing=1e-4, radius=0.5, seed=2)
+    with pytest.raises(NotMeasurableError, match=f"{measure} is not measurable here: (nothing is hit|nobody meets)"):
+        tune(scene, {measure: 1e-3}, until=0.01, candidates=[Settings(method="grid")], replicas=4)
+
+
+def test_no_step_is_longer_than_a_piece_of_a_run():
+    found = tune(gas(20, 0.3), {"overlap": 0.5}, until=2.0, candidates=[Settings(method="grid")], replicas=4)
+    assert max(each.row.settings.dt for each in found.tried) <= 2.0 / 16
+
+
+def test_the_reference_of_grains_at_rest_resolves_a_fall():
+    """As before: its step was 1.8, by the speeds of a settled heap."""
+    heap = Scene(width=3, height=9, position=[[0.5, 0.5], [1.5, 0.5], [2.5, 0.5]], velocity=[[0, 0]] * 3, **GRAINS)
+    assert pilot(heap, 3.0).reference.dt <= 0.02
+
+
+def test_more_time_can_be_given_for_a_table_too():
+    scene = Scene(width=9, height=9, position=[[4, 4], [6, 4]], velocity=[[1, 0], [0, 1]], **GRAINS)
+    with pytest.raises(mpsim.InputError, match=r"it may take 1e-05 s\. Give it more time \(seconds="):
+        mpsim.tradeoff(scene, [Settings(dt=0.05)], until=100.0, replicas=2, measures="pressure", seconds=1e-5)
+    with pytest.raises(mpsim.InputError, match="seconds must be a finite number > 0"):
+        mpsim.tradeoff(scene, [Settings(dt=0.05)], until=1.0, seconds=0)
