@@ -206,12 +206,9 @@ class Search:
             BudgetError: if there is none.
         """
         for attempt in range(self._attempts + 1):
-            inside = [trial for trial in self._trials.values() if trial.inside]
-            if attempt == self._attempts:
-                inside = [trial for trial in inside if self._is_exact(trial.row.settings)]
-            if not inside:
+            best = self._best(attempt)
+            if best is None:
                 break
-            best = min(inside, key=_cost)
             if self._is_exact(best.row.settings):
                 return self._tuned(best, best.row.errors)
             errors = self._verified(best.row.settings, self._block * (1 + attempt))
@@ -220,6 +217,16 @@ class Search:
                 return self._tuned(best, errors)
             self._set_back(best, errors, broken)
         raise self._refusal()
+
+    def _best(self, attempt: int) -> Trial | None:
+        """The cheapest inside all budgets; the exact solver where there is no time for one more verification."""
+        inside = [trial for trial in self._trials.values() if trial.inside]
+        best = min(inside, key=_cost, default=None)
+        if best is None or not attempt or self._is_exact(best.row.settings):
+            return best
+        if attempt < self._attempts and self._is_time_for(best.row.settings, self._verifying, last=True):
+            return best
+        return next((trial for trial in inside if self._is_exact(trial.row.settings)), None)
 
     def _verified(self, settings: Settings, first: int) -> dict[str, Deviation]:
         """Errors of runs from starts, numbered from `first` on, that had no part in anything before."""
