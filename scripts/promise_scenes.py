@@ -111,7 +111,9 @@ CASES = (
     Case("acceleration", lambda k: _gas(k, 60, 0.3, acceleration=np.tile([[0.2, -0.2]], (60, 1)))),
     Case("pegs", lambda k: _boxed(k, 50, 12.0, 12.0, obstacles=PEGS)),
     Case("funnel", lambda k: _boxed(k, 50, 12.0, 20.0, 30.0, obstacles=FUNNEL, gravity=(0.0, -1.0), restitution=0.9)),
-    Case("piston", lambda k: _boxed(k, 60, 16.0, 10.0, 60.0, piston=Piston("right", -0.1, 10.0)), "collision_rate"),
+    Case(
+        "slow piston", lambda k: _boxed(k, 60, 16.0, 10.0, 60.0, piston=Piston("right", -0.1, 10.0)), "collision_rate"
+    ),
     Case("emitters", lambda k: _boxed(k, 20, 14.0, 12.0, 40.0, radius=0.4, emitters=[SPOUT])),
     Case("absorbing", lambda k: _boxed(k, 80, 14.0, 14.0, 20.0, absorbing="right")),
     Case(

@@ -63,6 +63,7 @@ def cases() -> dict[str, Asked]:
         found[name] = Asked(scene, None, next(each for each in BUDGETS if each in available(scene)), *named)
     for case in CASES:
         assert isinstance(case, Case)
+        assert case.name not in found
         found[case.name] = Asked(case.make(0), case.make, case.measure, *generated)
     return found
 
@@ -147,6 +148,7 @@ def cell(row: dict[str, Any]) -> str:
 REASONS = {
     "is the same in all": "all runs are one run",
     "is 0 in all": "nothing happens",
+    "few events in few": "too rare",
     "uncertain by": "reference too rough",
     "no candidate stays inside": "out of reach",
     "no candidate could run": "no candidate runs",

@@ -291,7 +291,7 @@ class Campaign:
             return self._why_idle(name)
         reference = np.array([run[name] for run in self._reference_runs(self.replicas, 0)], dtype=float)
         reason = unmeasurable(name, reference)
-        if not reason and self.chosen and not spans_of(reference, self._least).stationary:
+        if not reason and self.chosen and spans_of(reference, self._least).steady is None:
             reason = (
                 f"the scene still changes with time in runs of {self.plan.until:.3g}, and says no duration. Say how "
                 "long a run shall be: until=..., or Scene(duration=...)."

@@ -48,6 +48,7 @@ class Deviation:
             t-distribution count as RESOLVED, or CERTAIN, of a normal one.
         systematic: how far the reference itself may be off, where that is not the exact solver.
         span: from where to where it was taken, as fractions of the duration.
+        steady: from where on nothing changes with time, likewise; None: nowhere, or it was not looked for.
         largest: the largest error of a window, of a scene that changes with time; None where it is stationary, and
             for a measure of all of a run.
         reason: why it is not measurable, and what is; "" where it is.
@@ -65,6 +66,7 @@ class Deviation:
     freedom: float = math.inf
     systematic: float = 0.0
     span: tuple[float, float] = (0.0, 1.0)
+    steady: float | None = None
     largest: "Deviation | None" = None
     reason: str = ""
 
@@ -189,6 +191,14 @@ def unmeasurable(name: str, reference: NDArray[np.float64]) -> str:
             f"{name} is the same in all {len(reference)} runs of the reference, so that their spread says nothing. Ask "
             "for other starts (starts=...), for longer runs (until=...), or for 'trajectory', which compares two runs."
         )
+    means = reference.mean(axis=1)
+    if not windows.is_seen(means):
+        found = Measure(float(means.mean()), float(means.std(ddof=1)) / math.sqrt(len(means)), len(means))
+        return (
+            f"{name} is made by few events in few of the {len(means)} runs of the reference, {found!r}, so that an "
+            "error would be that of these. Ask for longer runs (until=...), more of them (replicas=...), or for "
+            "another measure."
+        )
     return ""
 
 
@@ -276,7 +286,7 @@ def _with_largest(
 
     mine, reference: shape (runs, windows, levels). Of fewer than four runs nothing is said of a single window.
     """
-    found = replace(found, span=spans.ends)
+    found = replace(found, span=spans.ends, steady=None if spans.steady is None else spans.steady / spans.number)
     if spans.stationary or len(mine) < 4:
         return found
     largest, chosen = _crossed(*(values.reshape(len(values), -1) for values in (mine, reference)))

@@ -91,6 +91,10 @@ def _where(error: Deviation, until: float) -> str:
     """Where along the duration an error was taken, in words."""
     if error.exact:
         return ""
+    if error.largest is None and error.span == (0.0, 1.0):
+        return ""
     first, end = (fraction * until for fraction in error.span)
-    kind = "where nothing changes with time" if error.largest is None else "mean over windows"
-    return f"; {kind}, {first:.3g} to {end:.3g}" if error.largest is not None or error.span != (0.0, 1.0) else ""
+    if error.largest is None:
+        return f"; where nothing changes with time, {first:.3g} to {end:.3g}"
+    later = "" if error.steady is None else f"; nothing changes with time from {error.steady * until:.3g} on"
+    return f"; mean over windows, {first:.3g} to {end:.3g}{later}"

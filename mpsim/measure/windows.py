@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,9 @@ LATEST = 0.5
 FEWEST = 4
 """Pieces of a stationary part, at least: fewer cannot show a trend."""
 
-SEEN = 2.0
-"""Standard errors by which something must exceed zero in a window for an error to be taken there."""
+SEEN = 4.0
+"""Standard errors by which something must exceed zero for an error to be a fraction of it: of what a few of many runs
+have, the fraction would be that of these few."""
 
 SAME = 1e-9
 """Relative scatter of runs below which they are one run: what is smaller is rounding, which has had time to grow."""
@@ -76,11 +77,13 @@ class Spans:
         pieces: (first, end) of each span, in pieces.
         number: of pieces of the duration.
         stationary: whether it is one span in which nothing changes with time.
+        steady: from which piece on nothing changes with time; None: from none on, or too late.
     """
 
     pieces: tuple[tuple[int, int], ...]
     number: int
     stationary: bool
+    steady: int | None = None
 
     def mean(self, series: Runs) -> Runs:
         """Means over each span, shape (runs, spans)."""
@@ -93,9 +96,10 @@ class Spans:
 
 
 def spans_of(series: Runs, least: int = 0, there: Runs | None = None) -> Spans:
-    """The stationary end of a series, or else windows along its duration in which there is something.
+    """One span where a series is stationary from `least` on, or else windows along its duration.
 
-    Where there is too little in every window for it to be seen, all of the duration is one.
+    A transient counts: what settles is wrong while it does, and how long that takes is a matter of noise. Windows are
+    those in which there is something; where there is too little in every one for it to be seen, all of the duration.
 
     Args:
         series: shape (runs, pieces).
@@ -104,15 +108,18 @@ def spans_of(series: Runs, least: int = 0, there: Runs | None = None) -> Spans:
     """
     pieces = series.shape[1]
     steady = steady_from(series, least)
-    if steady is not None:
-        return Spans(((steady, pieces),), pieces, stationary=True)
+    if steady == least:
+        return Spans(((least, pieces),), pieces, stationary=True, steady=steady)
     edges = np.unique(np.linspace(0, pieces, min(WINDOWS, pieces) + 1).astype(int)).tolist()
-    windows = Spans(tuple(itertools.pairwise(edges)), pieces, stationary=False)
-    means = windows.mean(series if there is None else there)
-    error = means.std(axis=0, ddof=1) / math.sqrt(len(means))
-    seen = np.abs(means.mean(axis=0)) > SEEN * error
+    windows = Spans(tuple(itertools.pairwise(edges)), pieces, stationary=False, steady=steady)
+    seen = is_seen(windows.mean(series if there is None else there))
     chosen = tuple(span for span, there in zip(windows.pieces, seen, strict=True) if there)
-    return Spans(chosen or ((0, pieces),), pieces, stationary=False)
+    return replace(windows, pieces=chosen or ((0, pieces),))
+
+
+def is_seen(means: Runs) -> NDArray[np.bool_]:
+    """Whether the means of runs, shape (runs, ...), together are far enough from zero to be a unit."""
+    return np.abs(means.mean(axis=0)) > SEEN * means.std(axis=0, ddof=1) / math.sqrt(len(means))
 
 
 def alike(series: Runs) -> bool:
