@@ -7,6 +7,7 @@ One execution: a gas by both.
 Executions: 72 by default, 600 with --long.
 """
 
+import itertools
 import warnings
 
 import numpy as np
@@ -76,11 +77,22 @@ def test_small_steps_agree_with_the_exact_solver():
     check(*differences(gases(range(200), **PLAIN), 0.02))
 
 
+def of_few_kinds(scenes, most=10):
+    """Those with the first few combinations of features: each is compiled anew, by both methods."""
+    kinds = set()
+    for scene in scenes:
+        own = scene.gravity, scene.acceleration, scene.mass, scene.radius if np.ndim(scene.radius) else None
+        kind = (*(each is not None for each in own), scene.periodic)
+        if kind in kinds or len(kinds) < most:
+            kinds.add(kind)
+            yield scene
+
+
 @pytest.mark.long
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("lossy", [False, True])
 def test_small_steps_agree_with_the_exact_solver_with_any_features(lossy):
-    check(*differences(gases(range(1000, 2000), lossy), 0.02))
+    check(*differences(itertools.islice(of_few_kinds(gases(range(1000, 20000), lossy)), 150), 0.02))
 
 
 def test_steps_five_times_as_long_do_not():
