@@ -4,6 +4,7 @@ A pressure has two parts, what discs carry and what they hand to each other. The
 which are sampled; the second is counted.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from mpsim.features import EDGES
 from mpsim.kernels import layout
-from mpsim.measure.statistics import Measure, block_average, ratio_average
+from mpsim.measure.statistics import FEWEST_EVENTS, Measure, block_average, ratio_average
 from mpsim.scene import Scene
 
 
@@ -70,7 +71,8 @@ def pressure(counts: Counts, run: Run) -> Measure:
     mass = float(scene.masses.mean()) if scene.count else 1.0
     hit = (1 + scene.wall_restitution) * mass * run.speed * scale
     hits = counts[:, layout.WALLS][:, run.walls].sum(axis=1) * scale
-    return block_average(hits, event=hit or None, alternation=_alternation(float(hits.mean()), mass, run))
+    alternation = _alternation(float(hits.mean()), mass, run)
+    return block_average(hits, event=hit or None, alternation=alternation, constant=True)
 
 
 def _alternation(pressure: float, mass: float, run: Run) -> float:
@@ -96,10 +98,22 @@ def pressure_virial(counts: Counts, run: Run) -> Measure:
     this P is kT / area below that of a system whose momentum fluctuates (Ray and Zhang, Phys. Rev. E 59, 4781, 1999).
     Where one axis is periodic, the two directions differ (`pressure_xx`, `pressure_yy`), and `pressure` is one of them:
     this is their mean, weighted with (W - s) H and (H - s) W. Without gravity only.
+
+    E keeps, so that the error is that of the collisions, and follows the rule of few events where there were few.
     """
     free_x, free_y = _free(run.scene)
     area = free_x * run.scene.height + free_y * run.scene.width
-    return block_average((2 * run.kinetic_energy + _diameter(run) * counts[:, layout.VIRIAL] / run.dt) / area)
+    carried, scale = 2 * run.kinetic_energy / area, _diameter(run) / (run.dt * area)
+    if run.count < 2:  # nobody to collide with
+        return block_average(np.full(len(counts), carried), constant=True)
+    event = _impulse(run) * scale
+    handed = block_average(counts[:, layout.VIRIAL] * scale, event=event or None, constant=True)
+    return replace(handed, value=carried + handed.value)
+
+
+def _impulse(run: Run) -> float:
+    """Root mean square of the |dp| of collisions in a gas of this energy [mass length/time]: 2 m sqrt(kT / m)."""
+    return 2 * math.sqrt(float(run.scene.masses.mean()) * max(run.kinetic_energy, 0.0) / run.count)
 
 
 def pressure_xx(counts: Counts, run: Run) -> Measure:
@@ -112,13 +126,13 @@ def pressure_xx(counts: Counts, run: Run) -> Measure:
     packing 0.3 between two walls P_xx is 0.803(2) and P_yy 0.839(2) kT / diameter^2; in a larger box they differ less.
     Without gravity only.
     """
-    return _component(counts[:, layout.VIRIAL_XX], 0, _free(run.scene)[0] * run.scene.height, run)
+    return _component(counts, counts[:, layout.VIRIAL_XX], 0, _free(run.scene)[0] * run.scene.height, run)
 
 
 def pressure_yy(counts: Counts, run: Run) -> Measure:
     """Pressure along y, likewise [mass/time^2]: what walls at the bottom and the top of the box show."""
     virial = counts[:, layout.VIRIAL] - counts[:, layout.VIRIAL_XX]
-    return _component(virial, 1, _free(run.scene)[1] * run.scene.width, run)
+    return _component(counts, virial, 1, _free(run.scene)[1] * run.scene.width, run)
 
 
 def pressure_xy(counts: Counts, run: Run) -> Measure:
@@ -127,17 +141,26 @@ def pressure_xy(counts: Counts, run: Run) -> Measure:
     (sum m v_x v_y + sum x dp_y / time) / area, of mean 0 without shear (Irving and Kirkwood, J. Chem. Phys. 18, 817,
     1950). Smooth walls take up none of it.
     """
-    return _component(counts[:, layout.VIRIAL_XY], 2, run.scene.width * run.scene.height, run)
+    return _component(counts, counts[:, layout.VIRIAL_XY], 2, run.scene.width * run.scene.height, run)
 
 
-def _component(virial: Counts, component: int, area: float, run: Run) -> Measure:
-    """A component of the pressure: the flow as it was sampled, and the impulses of all frames."""
+def _component(counts: Counts, virial: NDArray[np.float64], component: int, area: float, run: Run) -> Measure:
+    """A component of the pressure: the flow as it was sampled, and the impulses of all frames.
+
+    The error is that of their sum, and known where both are: the impulses of enough collisions, and a flow that has
+    forgotten its start. Where these did not change it, or nobody can collide, it is one that keeps.
+    """
     flow = np.zeros(0) if run.flow is None else run.flow[:, component]
     if not len(flow):
         return Measure(float("nan"), float("nan"), 0, settled=False)
     given = _diameter(run) * virial / run.dt
     between = given[: len(flow) * run.every].reshape(len(flow), run.every).mean(axis=1)
-    return replace(block_average((flow + between) / area), value=float(flow.mean() + given.mean()) / area)
+    alone, enough = run.count < 2, np.count_nonzero(counts[:, layout.COLLISION]) >= FEWEST_EVENTS
+    found = block_average((flow + between) / area, constant=alone)
+    found = replace(found, value=float(flow.mean() + given.mean()) / area)
+    if alone or (enough and block_average(flow, constant=True).settled):
+        return found
+    return replace(found, settled=False, upper=False)
 
 
 def _free(scene: Scene) -> tuple[float, float]:
@@ -154,7 +177,7 @@ def _diameter(run: Run) -> float:
 def collision_rate(counts: Counts, run: Run) -> Measure:
     """Collisions per disc and time [1/time], a pair counting for both."""
     unit = 2 / (run.dt * max(run.count, 1))
-    return block_average(counts[:, layout.COLLISION] * unit, event=unit)
+    return block_average(counts[:, layout.COLLISION] * unit, event=unit, constant=True)
 
 
 def contact_rate(counts: Counts, run: Run) -> Measure:

@@ -305,7 +305,7 @@ class Gathering:
             elif name in COUNTED:
                 results[name] = COUNTED[name](counts, run)
             elif name in SAMPLED:
-                results[name] = block_average(self._samples[name])
+                results[name] = block_average(self._samples[name], constant=_cannot_change(name, run))
             elif self._before is None or not len(counts):
                 results[name] = Measure(float("nan"), float("nan"), 1, settled=False)
             else:
@@ -325,6 +325,17 @@ class Gathering:
         if self._samples.get("flow"):
             run = replace(run, flow=np.array(self._samples["flow"]), every=self._every)
         return run
+
+
+def _cannot_change(name: str, run: Run) -> bool:
+    """Whether a mean over discs keeps whatever happens; if not, one that has not changed may only not have done so yet.
+
+    Collisions change a kurtosis, and leave the energy where nothing takes or gives any.
+    """
+    scene = run.scene
+    forced = any(field is not None and field.any() for field in (scene.gravity, scene.acceleration))
+    open_to = forced or _has_losses(scene) or scene.piston is not None or scene.absorbing or scene.emitters
+    return not open_to and (name != "speed_kurtosis" or run.count == 1)
 
 
 def _speed(state: State) -> float:

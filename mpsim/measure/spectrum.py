@@ -9,7 +9,7 @@ differs from S(0) only by its square, where averages over blocks of length B dif
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,16 +40,24 @@ class AtZero:
         density: S(0) [of the series, squared].
         slope: r of the curve S(0) / (1 + r u^2), or -r of S(0) exp(r u^2), with u = k / ordinates.
         ordinates: how many were used.
+        slower: correlation time of a component that only shows beneath others, as a fraction of the length of the
+            series; 0 where none does.
     """
 
     density: float
     slope: float
     ordinates: int
+    slower: float = 0.0
 
     @property
     def memory(self) -> float:
-        """Correlation time of the falling curve, as a fraction of the length of the series; 0 where it rises."""
-        return math.sqrt(max(self.slope, 0.0)) / (2 * math.pi * self.ordinates)
+        """Longest correlation time that shows, as a fraction of the length of the series; 0 where S rises."""
+        return max(_memory(self.slope, self.ordinates), self.slower)
+
+
+def _memory(slope: float, ordinates: int) -> float:
+    """Correlation time whose spectrum falls with this slope, as a fraction of the length of the series."""
+    return math.sqrt(max(slope, 0.0)) / (2 * math.pi * ordinates)
 
 
 def at_zero(series: NDArray[np.float64]) -> AtZero:
@@ -59,7 +67,8 @@ def at_zero(series: NDArray[np.float64]) -> AtZero:
     them a curve is fitted by its likelihood: S(0) / (1 + r k^2), that of an exponential correlation, or S(0) exp(r k^2)
     where S rises. K is the largest of 16, 32, 64, 128 to which it fits: a quotient (1 + r k^2) / (1 + s k^2) does not
     fit better by more than BENT, and fits to fewer ordinates, with standard errors of 1.5 / sqrt(K) in log S(0), agree
-    with it within AGREED.
+    with it within AGREED. A quotient that does fit better, at any K, and falls (s > r) is a component on top of faster
+    ones, such as a slow one under white noise: its correlation time counts as well.
 
     Args:
         series: shape (n,), n >= 3 [any]. Fewer than 2 LEAST + 1 samples have fewer than LEAST ordinates.
@@ -75,14 +84,16 @@ def at_zero(series: NDArray[np.float64]) -> AtZero:
     periodogram = (np.abs(np.fft.rfft(series - series.mean())) ** 2 / n)[1 : (n - 1) // 2 + 1]
     if not periodogram[:LEAST].any():
         return AtZero(0.0, 0.0, min(LEAST, len(periodogram)))
-    found, _ = _fit(periodogram[:LEAST])
-    fits = [found]
+    found, bent, slower = _fit(periodogram[:LEAST])
+    fits, slowest = [found], slower if bent > BENT else 0.0
     while 2 * fits[-1].ordinates <= min(len(periodogram), MOST):
-        fit, bent = _fit(periodogram[: 2 * fits[-1].ordinates])
+        fit, bent, slower = _fit(periodogram[: 2 * fits[-1].ordinates])
         fits.append(fit)
-        if bent <= BENT and all(map(_agrees(fit), fits)):
+        if bent > BENT:
+            slowest = max(slowest, slower)
+        elif all(map(_agrees(fit), fits)):
             found = fit
-    return found
+    return replace(found, slower=slowest)
 
 
 def _agrees(fit: AtZero) -> Callable[[AtZero], bool]:
@@ -90,13 +101,15 @@ def _agrees(fit: AtZero) -> Callable[[AtZero], bool]:
     return lambda other: abs(math.log(fit.density / other.density)) <= AGREED * 1.5 / math.sqrt(other.ordinates)
 
 
-def _fit(ordinates: NDArray[np.float64]) -> tuple[AtZero, float]:
-    """The curve, and by which deviance a quotient fits better."""
+def _fit(ordinates: NDArray[np.float64]) -> tuple[AtZero, float, float]:
+    """The curve, by which deviance a quotient fits better, and the correlation time of that one where it falls."""
     slopes, one, two = _curves(len(ordinates))
     densities, deviances = _likelihood(ordinates, one)
     best = int(deviances.argmin())
     found = AtZero(float(densities[best]), float(slopes[best]), len(ordinates))
-    return found, float(deviances[best] - _likelihood(ordinates, two)[1].min())
+    bent = _likelihood(ordinates, two)[1]
+    rise, fall = (float(_COARSE[k]) for k in divmod(int(bent.argmin()), len(_COARSE)))
+    return found, float(deviances[best] - bent.min()), _memory(fall if fall > rise else 0.0, len(ordinates))
 
 
 @functools.cache

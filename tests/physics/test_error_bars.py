@@ -126,6 +126,75 @@ def test_where_nothing_has_happened_an_error_says_how_much_could():
     assert longer.value > 0, "the control: it does hit the walls"
 
 
+VIRIALS = ["pressure", "pressure_virial", "pressure_xx", "pressure_yy", "pressure_xy"]
+
+
+@pytest.mark.parametrize("method", ["event", "naive"])
+def test_where_nobody_has_collided_only_what_keeps_is_known(method):
+    """All were settled with an error of 0: what discs carry is not zero, and did not change."""
+    scene = mpsim.Scene.random(count=4, width=200, height=200, radius=0.5, seed=3, boundary="periodic")
+    with mpsim.Simulation(scene, mpsim.Settings(method=method, dt=0.05)) as sim:
+        report = sim.run(frames=400, measures=[*VIRIALS, "speed_kurtosis", "temperature", "kinetic_energy"])
+    found = report.measures
+    assert report.collisions == 0
+    for name in ("pressure", "pressure_virial"):
+        assert (found[name].settled, found[name].upper) == (False, True)
+        assert found[name].error > found[name].value > 0, "one collision would double it"
+    for name in (*VIRIALS[2:], "speed_kurtosis"):
+        assert not found[name].settled, name
+        assert np.isnan(found[name].error), name
+    for name in ("temperature", "kinetic_energy"):
+        assert found[name].settled, "it cannot change"
+        assert found[name].error < 1e-12
+
+
+def test_a_pressure_of_a_few_collisions_is_not_settled():
+    """It claimed 0.509(0) after none, and 0.73(22) after one, of 1.46."""
+    scene = mpsim.Scene.random(count=20, packing=0.4, radius=0.5, seed=1, boundary="periodic")
+    few = 0
+    with mpsim.Simulation(scene, mpsim.Settings(method="event", dt=0.002)) as sim:
+        for _ in range(12):
+            report = sim.run(frames=60, measures=[*VIRIALS, "speed_kurtosis"])
+            for name, measure in report.measures.items():
+                assert report.collisions >= 16 or not measure.settled, (name, report.collisions, measure)
+            if report.collisions < 16:
+                few += 1
+                assert report.measures["pressure"].upper
+                assert report.measures["pressure"].value + 2 * report.measures["pressure"].error > 1.46
+        longer = sim.run(frames=20_000, measures=VIRIALS).measures
+    assert few > 3
+    assert all(measure.settled for measure in longer.values()), "the control"
+    assert abs(longer["pressure"].deviation(1.4612)) < 4
+
+
+def test_a_flow_that_has_not_forgotten_its_start_is_not_settled():
+    """Each disc has collided a tenth of a time: the impulses, as many, scatter enough to hide how slowly it changes."""
+    scene = mpsim.Scene.random(count=1000, packing=0.02, radius=0.5, seed=1, boundary="periodic")
+    with mpsim.Simulation(scene, mpsim.Settings(method="event", dt=0.1 / 400 / reference.enskog_rate(0.02))) as sim:
+        report = sim.run(frames=400, measures=["pressure_xx", "pressure_yy", "pressure_xy"])
+    assert report.collisions >= 32
+    assert not any(measure.settled for measure in report.measures.values()), report.measures
+
+
+def test_an_energy_that_could_change_is_not_known_before_it_has():
+    for restitution, keeps in ((0.9, False), (1.0, True)):
+        scene = mpsim.Scene.random(
+            count=4, width=200, height=200, radius=0.5, seed=3, boundary="periodic", restitution=restitution
+        )
+        with mpsim.Simulation(scene, mpsim.Settings(method="naive", dt=0.05)) as sim:
+            found = sim.run(frames=400, measures=["kinetic_energy", "temperature"]).measures
+        assert [measure.settled for measure in found.values()] == [keeps, keeps]
+
+
+def test_what_one_disc_carries_keeps_as_it_can_meet_nobody():
+    scene = mpsim.Scene(width=10, height=8, position=[[3, 4]], velocity=[[1.0, 0.5]], radius=0.5)
+    with mpsim.Simulation(scene, mpsim.Settings(method="event", dt=0.1)) as sim:
+        found = sim.run(frames=400, measures=["pressure_virial", "pressure_xx", "speed_kurtosis"]).measures
+    assert found["pressure_xx"].value == pytest.approx(1 / (9 * 8))
+    assert found["pressure_virial"].value == pytest.approx(1.25 / (9 * 8 + 7 * 10))
+    assert all(measure.settled and measure.error < 1e-12 for measure in found.values())
+
+
 def heap(dt, restitution, gravity=(0.0, -1.0)):
     """Rate at which contacts are resolved of 20 discs, a heap where they are lossy and heavy."""
     scene = mpsim.Scene.random(

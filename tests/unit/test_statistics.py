@@ -214,12 +214,65 @@ def test_small_noise_on_a_large_value_keeps_its_digits():
     assert found.error == pytest.approx(1e-3 * true, rel=0.3)
 
 
-def test_a_constant_series_has_no_error():
-    found = block_average(np.full(1000, 0.1))
+def test_what_cannot_change_has_no_error():
+    found = block_average(np.full(1000, 0.1), constant=True)
     assert (found.value, found.error, found.samples, found.settled) == (0.1, 0.0, 1000, True)
-    rounded = block_average(0.1 + 1e-16 * np.arange(1000).clip(max=500))
+    rounded = block_average(0.1 + 1e-16 * np.arange(1000).clip(max=500), constant=True)
     assert rounded.settled
     assert 0 < rounded.error < 1e-12
+
+
+@pytest.mark.parametrize("rounding", [0.0, 1e-16])
+def test_what_only_has_not_changed_has_an_unknown_error(rounding):
+    found = block_average(0.1 + rounding * np.arange(1000).clip(max=500))
+    assert (found.value, found.settled) == (pytest.approx(0.1), False)
+    assert math.isnan(found.error)
+
+
+@pytest.mark.parametrize("place", [1, 500, 999])
+def test_what_has_hardly_changed_has_a_lower_bound(place):
+    """One change, or two, of a state say little of how much it varies; white noise says it."""
+    series = np.ones(1000)
+    series[place] = 2
+    found = block_average(series)
+    assert (found.settled, found.upper) == (False, False)
+    assert found.error == block_errors(series).max()
+    series[::50] = 2
+    assert block_average(series).settled, "the control"
+
+
+def on_a_slow_component(slow, memories, seeds):
+    """Measures of 2000 samples of white noise on a component of so many correlation times."""
+    found = []
+    for seed in range(seeds):
+        series, _, _ = noise(2000, 2000 / memories, seed)
+        white = np.random.default_rng(1000 + seed).normal(size=2000)
+        found.append(block_average(slow * series / math.sqrt(1000 / memories) + white))
+    return found
+
+
+def test_a_slow_component_under_noise_shows():
+    """It has 0.09 of the variance, and most of the error of the mean; without it, series settle."""
+
+    def share(slow, memories):
+        return np.mean([measure.settled for measure in on_a_slow_component(slow, memories, 60)])
+
+    assert share(0.3, 20) < 0.5
+    assert share(0.3, 5) < 0.25
+    assert share(0.0, 5) > 0.9, "the control"
+    assert share(0.3, 200) > 0.9, "the control: fast enough"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("slow", "memories", "share", "ratio"), [(0.0, 10, 0.995, 1.05), (0.3, 20, 0.22, 1.9), (0.1, 10, 0.69, 1.9)]
+)
+def test_what_does_not_show_is_what_the_page_says(slow, memories, share, ratio):
+    found = on_a_slow_component(slow, memories, 400)
+    settled = [measure for measure in found if measure.settled]
+    assert len(settled) / 400 == pytest.approx(share, abs=0.08)
+    deviation = math.sqrt(np.mean([measure.value**2 for measure in settled]))
+    assert deviation / math.sqrt(np.mean([measure.error**2 for measure in settled])) == pytest.approx(ratio, rel=0.2)
 
 
 @pytest.mark.parametrize("power", [1.0, 2.0])
