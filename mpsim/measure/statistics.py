@@ -117,8 +117,8 @@ def block_average(
     Args:
         series: shape (n,), n >= 1, samples at equal distances in time, after the start has been forgotten [any].
             Fewer than FEWEST_BLOCKS give an error of NaN.
-        event: what one event adds to one sample, > 0 [of the series]; None: 1 for whole numbers and truth values,
-            else the root mean square of the samples that are not zero.
+        event: what one event adds to one sample, > 0 [of the series]; None: 1 for whole numbers and truth values.
+            The root mean square of the samples that are not zero counts where it is larger.
         alternation: number of samples after which what was missed, or came early, is known to come back, >= 0.
         constant: whether one value, not zero, all along is the mean: of what cannot change, such as the energy of an
             elastic gas, or where each sample has counted events of its own.
@@ -153,25 +153,25 @@ def block_average(
     if np.ptp(samples) <= ROUNDING * abs(value):
         return Measure(value, float(np.ptp(samples)) if constant else math.nan, n, settled=constant)
     changes = np.abs(np.diff(samples)) > ROUNDING * np.abs(samples).max()
-    if np.count_nonzero(changes) < FEWEST_EVENTS:
-        return Measure(value, float(block_errors(samples).max()), n, settled=False)
+    still = np.count_nonzero(changes) < FEWEST_EVENTS
     blocks = samples - value
     while len(blocks) >= MOST_BLOCKS:
         blocks = _pairs(blocks)
     found = spectrum.at_zero(blocks)
     steep = found.ordinates == spectrum.LEAST and -found.slope > RISING
-    if steep or n < MEMORIES * alternation:
+    if not still and (steep or n < MEMORIES * alternation):
         return Measure(value, float(block_errors(samples)[-1]), n, settled=False, upper=True)
-    if found.ordinates < spectrum.LEAST or found.memory * MEMORIES > 1:
+    if still or found.ordinates < spectrum.LEAST or found.memory * MEMORIES > 1:
         return Measure(value, float(block_errors(samples).max()), n, settled=False)
     return Measure(value, math.sqrt(found.density / len(blocks)), n)
 
 
 def _of_few_events(value: float, events: NDArray[np.float64], n: int, event: float | None) -> Measure:
     """A mean of n samples of which only the given few, or none, are not zero."""
-    size = math.sqrt(float((events**2).mean())) if len(events) else event
-    if size is None:
+    if not len(events) and event is None:
         return Measure(value, math.nan, n, settled=False)
+    seen = math.sqrt(float((events**2).mean())) if len(events) else 0.0
+    size = max(seen, event or 0.0)  # a bound: the few that came may have been small
     return Measure(value, (math.sqrt(len(events) + 0.75) + 1) * size / n, n, settled=False, upper=True)
 
 

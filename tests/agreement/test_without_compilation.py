@@ -79,3 +79,23 @@ def test_parallel_runs_on_one_worker_without_compilation():
     )
     assert outcome.code == 0, outcome.err
     assert outcome.out.split() == ["1", digest_after(crowd(24, 0.85, seed=33), 8, method="grid", dt=0.05)]
+
+
+def test_an_exact_run_that_begins_without_discs_is_the_same_without_compilation():
+    """In plain Python, it divided by their number; compiled, it went on with infinity."""
+    text = """
+    import mpsim
+    import numpy as np
+    scene = mpsim.Scene(
+        width=100, height=100, position=np.zeros((0, 2)), velocity=np.zeros((0, 2)), radius=0.01, gravity=(0, -0.3),
+        emitters=mpsim.Emitter((50, 50), (20, 3), interval=0.1, limit=3),
+    )
+    with mpsim.Simulation(scene, mpsim.Settings(method="event", dt=0.1)) as sim:
+        sim.run(frames=60)
+        print(sim.count, sim.state.digest())
+    """
+    outcomes = [run_script(text, env={"NUMBA_DISABLE_JIT": flag}) for flag in ("0", "1")]
+    for outcome in outcomes:
+        assert_clean(outcome)
+    assert outcomes[0].out == outcomes[1].out
+    assert outcomes[0].out.startswith("3 ")

@@ -124,6 +124,14 @@ def test_a_count_of_nothing_is_not_known_to_be_nothing(kind):
     assert block_errors(np.zeros(1000)).max() == 0, "the control: the scatter says nothing"
 
 
+def test_one_small_event_does_not_make_all_small():
+    series = np.zeros(1000)
+    series[300] = 0.1
+    found = block_average(series, event=0.5)
+    assert found.error == pytest.approx((math.sqrt(1.75) + 1) * 0.5 / 1000)
+    assert block_average(series).error == pytest.approx(found.error / 5), "the control: all that is known is its size"
+
+
 def test_zeros_of_unknown_size_have_an_unknown_error():
     found = block_average(np.zeros(1000))
     assert (found.value, found.settled) == (0, False)
