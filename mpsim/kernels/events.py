@@ -366,7 +366,7 @@ def schedule(store, box, law):
     pull = abs(component(law.gravity, 0)) + abs(component(law.gravity, 1))
     speed = math.sqrt(energy / max(disc.shape[0], 1)) + math.sqrt(pull * side)
     # About four events while a disc crosses a cell; later laps fit the step to the true rate.
-    wait = side / (4.0 * speed * disc.shape[0]) if speed > 0.0 else 1.0
+    wait = side / (4.0 * speed * max(disc.shape[0], 1)) if speed > 0.0 else 1.0
     store.clock[STEP] = math.ldexp(1.0, math.frexp(wait)[1])
     store.clock[LAP] = store.clock[STEP] * store.step_head.size
     fill(store)
