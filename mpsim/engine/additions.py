@@ -15,9 +15,10 @@ Floats = NDArray[np.float64]
 
 
 class NewDiscs(NamedTuple):
-    """K discs: position, velocity, acceleration of shape (K, 2), radius and mass of shape (K,).
+    """K discs: position, velocity, acceleration and image of shape (K, 2), radius and mass of shape (K,).
 
     Acceleration is None where none was given; radius and mass are those of all discs in a scene without own ones.
+    image: periodic borders that each has crossed before it entered, as in State.
     """
 
     position: Floats
@@ -25,6 +26,7 @@ class NewDiscs(NamedTuple):
     acceleration: Floats | None
     radius: Floats
     mass: Floats
+    image: NDArray[np.int64]
 
 
 def checked(
@@ -64,7 +66,7 @@ def checked(
     masses = _one_each("mass", mass, 1.0, len(places), has_masses(scene))
     _check_room(scene, time, present, "position", places, radii)
     checks.fitting("velocity", speeds, precision)
-    return NewDiscs(places, speeds, kicks, radii, masses)
+    return NewDiscs(places, speeds, kicks, radii, masses, np.zeros(shape, np.int64))
 
 
 def _check_room(scene: Scene, time: float, present: Floats, name: str, position: Floats, radius: Floats) -> None:

@@ -3,23 +3,26 @@
 import copy
 import math
 import warnings
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.engine.additions import hindrance
+from mpsim.engine.additions import NewDiscs, checked, hindrance
 from mpsim.engine.exact import ExactSolver
-from mpsim.engine.flight import launched
+from mpsim.engine.flight import Landing, launched
 from mpsim.engine.provision import has_masses, has_radii
 from mpsim.engine.stepped import SteppedSolver
 from mpsim.errors import EmitterWarning, InputError
 from mpsim.features import Emitter
 from mpsim.interrupts import interrupts_held_back
 from mpsim.scene import LARGEST_COUNT, Scene
+from mpsim.settings import Settings
 
-if TYPE_CHECKING:
-    from mpsim.engine.simulation import Simulation
+Solver = SteppedSolver | ExactSolver
+
+Insert = Callable[[NewDiscs], None]
+"""What adds discs to a simulation."""
 
 TRIES = 8
 """Times in an interval at which the place of a waiting disc is looked at. A power of two: k TRIES / TRIES is k."""
@@ -39,7 +42,8 @@ class Emission:
         InputError: for an interval so short that more discs would enter in a frame than a scene may have.
     """
 
-    def __init__(self, scene: Scene, dt: float):
+    def __init__(self, scene: Scene, settings: Settings):
+        dt = settings.dt
         for index, emitter in enumerate(scene.emitters):
             if emitter.interval is not None and emitter.interval * LARGEST_COUNT < dt:
                 raise InputError(
@@ -47,6 +51,7 @@ class Emission:
                     f"here; got {emitter.interval:g}. Use a smaller dt, or a longer interval."
                 )
         self._scene = scene
+        self._precision = settings.precision
         self._emitters = scene.emitters
         self._emitted = [0] * len(scene.emitters)
         self._due = [emitter.every or TRIES for emitter in scene.emitters]
@@ -71,48 +76,46 @@ class Emission:
         """When an emitter that has an interval is due again [time]; infinity without one."""
         return min((self._time(index) for index in self._open() if not self._emitters[index].every), default=math.inf)
 
-    def before_frame(self, sim: "Simulation", solver: SteppedSolver | ExactSolver) -> None:
+    def before_frame(self, solver: Solver, insert: Insert) -> None:
         """Add the discs that are to enter before this frame, and any in time that Ctrl-C has left out."""
-        self._enter(sim, solver, count_frames=True)
+        self._enter(solver, insert, count_frames=True)
 
-    def in_time(self, sim: "Simulation", solver: SteppedSolver | ExactSolver) -> None:
+    def in_time(self, solver: Solver, insert: Insert) -> None:
         """Add the discs whose times the last frame has reached, having flown for the time since then."""
-        self._enter(sim, solver, count_frames=False)
+        self._enter(solver, insert, count_frames=False)
 
-    def _enter(self, sim: "Simulation", solver: SteppedSolver | ExactSolver, count_frames: bool) -> None:
+    def _enter(self, solver: Solver, insert: Insert, count_frames: bool) -> None:
         """Add all discs that are due, oldest first, where their places are free."""
-        if self._earliest(sim, solver, count_frames) is None:
+        if self._earliest(solver, count_frames) is None:
             return
-        plan, crowd = copy.copy(self), _Crowd(sim)
+        plan, crowd, now = copy.copy(self), _Crowd(self._scene, solver), solver.time
         plan.progress = self.progress
-        entering: list[tuple[Emitter, NDArray[np.float64], NDArray[np.float64]]] = []
-        while (found := plan._earliest(sim, solver, count_frames)) is not None:
+        entering: list[tuple[Emitter, Landing]] = []
+        while (found := plan._earliest(solver, count_frames)) is not None:
             time, index = found
             emitter = self._emitters[index]
             radius, _ = self._kind(emitter)
-            position, velocity = launched(self._scene, emitter, radius, max(sim.time - time, 0.0), sim.time)
+            landing = launched(self._scene, emitter, radius, max(now - time, 0.0), now)
             name = f"the position of emitters[{index}]"
-            hindered = hindrance(self._scene, sim.time, crowd.radius, name, position, radius)
-            free = not hindered and crowd.admits(position, radius)
+            hindered = hindrance(self._scene, now, crowd.radius, name, landing.position, radius)
+            free = not hindered and crowd.admits(landing.position, radius)
             if free:
-                entering.append((emitter, position, velocity))
+                entering.append((emitter, landing))
             else:
-                self._warn(index, emitter, sim.frame if emitter.every else time, hindered)
-            plan._note(index, sim.frame, free)
+                self._warn(index, emitter, solver.frame if emitter.every else time, hindered)
+            plan._note(index, solver.frame, free)
         with interrupts_held_back():  # else a disc could be in the simulation, but not in the books
             if entering:
-                self._add(sim, entering)
+                insert(self._discs(solver, entering))
             self.progress = plan.progress
 
-    def _earliest(
-        self, sim: "Simulation", solver: SteppedSolver | ExactSolver, count_frames: bool
-    ) -> tuple[float, int] | None:
+    def _earliest(self, solver: Solver, count_frames: bool) -> tuple[float, int] | None:
         """Time and index of the emitter that is due first by now, the lower index of several; None without one."""
         due: list[tuple[float, int]] = []
         for index in self._open():
             if self._emitters[index].every:
-                if count_frames and self._due[index] <= sim.frame:
-                    due.append((sim.time, index))
+                if count_frames and self._due[index] <= solver.frame:
+                    due.append((solver.time, index))
             elif solver.reached(self._time(index)):
                 due.append((self._time(index), index))
         return min(due, default=None)
@@ -125,15 +128,23 @@ class Emission:
         self._due[index] += (every or TRIES) if entered else 1
         self._emitted[index] += entered
 
-    def _add(self, sim: "Simulation", entering: list[tuple[Emitter, NDArray[np.float64], NDArray[np.float64]]]) -> None:
-        emitters, positions, velocities = zip(*entering, strict=True)
-        radii, masses = np.array([self._kind(emitter) for emitter in emitters]).T
-        sim.add(
-            np.array(positions),
-            np.array(velocities),
-            radius=radii if has_radii(self._scene) else None,
-            mass=masses if has_masses(self._scene) else None,
+    def _discs(self, solver: Solver, entering: list[tuple[Emitter, Landing]]) -> NewDiscs:
+        """The discs that enter, checked as any that are added."""
+        scene = self._scene
+        positions, velocities, images = map(np.array, zip(*(landing for _, landing in entering), strict=True))
+        radii, masses = np.array([self._kind(emitter) for emitter, _ in entering]).T
+        new = checked(
+            scene,
+            self._precision,
+            solver.time,
+            solver.radii,
+            positions,
+            velocities,
+            None,
+            radii if has_radii(scene) else None,
+            masses if has_masses(scene) else None,
         )
+        return new._replace(image=images)
 
     def _kind(self, emitter: Emitter) -> tuple[float, float]:
         """Radius and mass of an emitter's discs."""
@@ -168,11 +179,11 @@ class Emission:
 class _Crowd:
     """Where discs are: those of a simulation, and those that are to enter. Attribute radius: shape (N,) [length]."""
 
-    def __init__(self, sim: "Simulation"):
-        here = ~sim.absorbed
-        self._scene = sim.scene
-        self._position = sim.state.position[here]
-        self.radius = sim.radii[here]
+    def __init__(self, scene: Scene, solver: Solver):
+        here = ~solver.absorbed
+        self._scene = scene
+        self._position = solver.state().position[here]
+        self.radius = solver.radii[here]
 
     def admits(self, place: NDArray[np.float64], radius: float) -> bool:
         """Whether a disc overlaps none; it is then one of them."""

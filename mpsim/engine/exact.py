@@ -196,7 +196,7 @@ class ExactSolver:
         radii, masses = np.concatenate([self._radii, new.radius]), np.concatenate([self._masses, new.mass])
         block, store, box = self._placed(places, speeds, radii, masses, self._present)
         if state.image is not None:
-            store.winding[:] = np.pad(state.image, ((0, len(new.position)), (0, 0)))[store.order]
+            store.winding[:] = np.concatenate([state.image, new.image])[store.order]
         # Of a frame in hand, the new store has counted nothing yet, and the guard acts once for the whole run.
         self._seen -= *self._store.tally, self._store.counter[events.PAIRS]
         store.counter[events.GUARDS] = self.guarded

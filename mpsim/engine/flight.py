@@ -2,6 +2,7 @@
 
 import math
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,20 @@ LOOKS_PER_RADIUS = 4
 
 MOST_LOOKS = 10_000
 
+MOST_PERIODS = 2.0**53
+"""Periods of one flight that are counted at most, as in the kernels."""
 
-def launched(scene: Scene, emitter: Emitter, radius: float, elapsed: float, time: float) -> tuple[Floats, Floats]:
-    """Position and velocity, shape (2,) each, of a disc that left an emitter some time ago [length], [length/time].
+
+class Landing(NamedTuple):
+    """Where a flight ends: position, velocity, and periods moved through each periodic border, all of shape (2,)."""
+
+    position: Floats
+    velocity: Floats
+    image: NDArray[np.int64]
+
+
+def launched(scene: Scene, emitter: Emitter, radius: float, elapsed: float, time: float) -> Landing:
+    """Where a disc is that left an emitter some time ago, and how fast [length], [length/time].
 
     It has flown freely: position + v s + g s^2/2 and v + g s. A flight that meets a wall, the piston or an obstacle
     ends there with the velocity it then has, and the next frame begins with that contact; other discs are left out of
@@ -32,8 +44,9 @@ def launched(scene: Scene, emitter: Emitter, radius: float, elapsed: float, time
         time: now, which tells where the piston is [time].
     """
     start, velocity = np.array(emitter.position), np.array(emitter.velocity)
+    image = np.zeros(2, np.int64)
     if elapsed == 0:
-        return start, velocity
+        return Landing(start, velocity, image)
     gravity = np.zeros(2) if scene.gravity is None else scene.gravity
 
     def places(times: Floats) -> Floats:
@@ -56,8 +69,11 @@ def launched(scene: Scene, emitter: Emitter, radius: float, elapsed: float, time
     place = places(np.array([flown]))[0]
     for axis, length in enumerate((scene.width, scene.height)):
         if scene.periodic[axis]:
+            end = place[axis]
             place[axis] %= length
-    return place, velocity + flown * gravity
+            periods = np.rint((end - place[axis]) / length)
+            image[axis] = periods if abs(periods) < MOST_PERIODS else 0
+    return Landing(place, velocity + flown * gravity, image)
 
 
 def _clear(scene: Scene, radius: float, places: Floats, time: float) -> NDArray[np.bool_]:

@@ -105,7 +105,7 @@ class Simulation:
         self._settings = settings
         resolution.check_precision(scene, settings)
         self._last_frame = 0
-        self._emission = Emission(scene, settings.dt)
+        self._emission = Emission(scene, settings)
         choice = methods.choose(scene.count, settings)
         exact = choice.method == "event"
         self._watch = watching.Watch(scene, settings, exact)
@@ -245,7 +245,7 @@ class Simulation:
         """One slice of frames: what emitters add, a command of the solver, and, where wanted, the way back."""
         self._solver.divide(self._look())
         try:
-            self._emission.before_frame(self, self._solver)
+            self._emission.before_frame(self._solver, self._insert)
             if keeper is not None and self._solver.pids:
                 keeper.keep()
             ahead = min(
@@ -275,7 +275,7 @@ class Simulation:
         ledger.take(part, self._scene)
         if self._solver.alarmed:  # look now: the run may end here, or be saved
             self._solver.divide(self._look())
-        self._emission.in_time(self, self._solver)
+        self._emission.in_time(self._solver, self._insert)
 
     def _look(self, new: additions.NewDiscs | None = None) -> int:
         """Look at the speeds where there is reason to, and warn or refuse as the settings say.
@@ -421,9 +421,12 @@ class Simulation:
             InputError: naming the argument, its rule and the value received; then nothing was added.
             TooFastError: as settings.on_fast says; then nothing was added either.
         """
-        solver = self._open_solver()
-        now = (self._settings.precision, solver.time, solver.radii)
-        new = additions.checked(self._scene, *now, position, velocity, acceleration, radius, mass)
+        now = (self._settings.precision, self.time, self.radii)
+        self._insert(additions.checked(self._scene, *now, position, velocity, acceleration, radius, mass))
+
+    def _insert(self, new: additions.NewDiscs) -> None:
+        """Add discs that have been checked; the solver may then continue by another method."""
+        solver = self._solver
         before, choice = solver.choice, methods.choose(solver.count + len(new.position), self._settings)
         substeps = self._look(new)
 

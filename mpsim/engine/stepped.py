@@ -296,6 +296,8 @@ class SteppedSolver:
             self._move(max(2 * self._capacity, count) if count > self._capacity else self._capacity, choice)
             self._radii, self._masses = radii, masses  # the move has carried over the discs of before
         self._write_state(new.position, new.velocity, new.acceleration, self.count)
+        if "image" in self._block.arrays:
+            self._block.arrays["image"][:, self.count : count] = new.image.T
         self.count = count
         self._configure()
 

@@ -155,6 +155,18 @@ def test_an_added_disc_starts_to_count_and_changes_no_other_count(method):
         assert sim.state.unwrapped[:2].tolist() == before.unwrapped.tolist()
 
 
+@pytest.mark.parametrize(("method", "dt"), [*((method, 0.3) for method in METHODS), ("naive", 0.01), ("event", 1.2)])
+def test_a_disc_that_enters_inside_a_frame_counts_the_borders_of_that_flight(method, dt):
+    """Two that leave (9.8, 0.2) at 0.5 and 1: by hand, 0.7 and 0.2 later, in unwrapped places."""
+    jet = mpsim.Emitter((9.8, 0.2), (4, -3), interval=0.5, limit=2)
+    scene = box_of(np.zeros((0, 2)), np.zeros((0, 2)), emitters=jet)
+    with simulate(scene, method=method, workers=2, dt=dt) as sim:
+        sim.run(until=1.2)
+        state = sim.state
+    assert state.unwrapped == pytest.approx(np.array([[12.6, -1.9], [10.6, -0.4]]), abs=1e-12)
+    assert state.image.tolist() == [[1, -1], [1, -1]]
+
+
 def test_a_disc_that_has_left_counts_no_more_borders():
     """Gravity along a periodic axis goes on pulling at it, and it is put back after each step."""
     scene = box_of([[1, 0.5]], [[-4, -1]], ("walls", "periodic"), absorbing="left", gravity=(0, -9))

@@ -76,7 +76,7 @@ class Twin(Motion):
             self.frame += 1
             self.emit_in_time()
 
-    def add(self, position: Any, velocity: Any, radius: Any = None, mass: Any = None) -> None:
+    def add(self, position: Any, velocity: Any, radius: Any = None, mass: Any = None, image: Any = (0, 0)) -> None:
         """One more disc."""
         self.p = np.append(self.p, [position], axis=0).astype(self.real)
         self.v = np.append(self.v, [velocity], axis=0).astype(self.real)
@@ -84,7 +84,7 @@ class Twin(Motion):
         self.mass = np.append(self.mass, 1.0 if mass is None else mass).astype(self.real)
         self.acceleration = np.append(self.acceleration, np.zeros((1, 2)), axis=0).astype(self.real)
         self.gone = np.append(self.gone, False)
-        self.image = np.append(self.image, np.zeros((1, 2), np.int64), axis=0)
+        self.image = np.append(self.image, [image], axis=0)
 
     def emit(self) -> None:
         """Discs enter where their places are free."""
@@ -109,10 +109,10 @@ class Twin(Motion):
             if time > now * (1 + 1e-12):
                 return
             radius = self.scene.largest_radius if emitter.radius is None else emitter.radius
-            place, velocity = launched(self.scene, emitter, radius, max(now - time, 0.0), now)
+            place, velocity, image = launched(self.scene, emitter, radius, max(now - time, 0.0), now)
             free = self.is_free(place, radius)
             if free:
-                self.add(place, velocity, radius, emitter.mass)
+                self.add(place, velocity, radius, emitter.mass, image)
                 self.left[index] -= 1
             self.due[index] += 8 if free else 1
 

@@ -12,6 +12,7 @@ from support.scenes import simulate
 
 import mpsim
 from mpsim.engine import emission, exact
+from mpsim.engine.flight import launched
 
 ROOM = {"width": 60.0, "height": 60.0, "position": np.zeros((0, 2)), "velocity": np.zeros((0, 2)), "radius": 0.25}
 FALLING = {**ROOM, "gravity": (0.3, -0.5)}
@@ -126,9 +127,7 @@ def test_stepped_methods_agree_with_the_exact_solver(monkeypatch):
         return np.abs(state.position - exactly.position).max()
 
     assert max(map(largest_error, (0.07, 0.007))) < 1e-9
-    monkeypatch.setattr(
-        emission, "launched", lambda _, emitter, *more: (np.array(emitter.position), np.array(emitter.velocity))
-    )
+    monkeypatch.setattr(emission, "launched", lambda scene, emitter, *_: launched(scene, emitter, 0.4, 0.0, 0.0))
     assert largest_error(0.07) > 0.05, "the control: discs that enter where the frame ends, without a flight"
 
 
