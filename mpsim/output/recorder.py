@@ -80,6 +80,7 @@ class Recorder:
 
     def close(self) -> None:
         """Close the file."""
+        self._ownership.close("To write more rows, make another Recorder for it.")
         self._file.close()
 
     def __enter__(self) -> "Recorder":

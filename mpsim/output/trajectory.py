@@ -15,9 +15,10 @@ from typing import Any, overload
 from mpsim import checks
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, OutputError, TrajectoryError, TrajectoryWarning
-from mpsim.output.frames import Frame, Reader, Writer, among, differs, frame_of
+from mpsim.output.continuation import discrepancy, lacking
+from mpsim.output.frames import Frame, Reader, Writer, frame_of
 from mpsim.output.gsd import GsdReader, GsdWriter
-from mpsim.output.ownership import Ownership
+from mpsim.output.ownership import Claim, Ownership
 from mpsim.output.xyz import XyzReader, XyzWriter
 
 logger: logging.Logger = logging.getLogger("mpsim")
@@ -109,7 +110,9 @@ class Trajectory:
 
         Raises:
             InputError: naming the argument, its rule and the value received.
-            OutputError: if the file is there already (mode "x"), cannot be written, or the package gsd is missing.
+            OutputError: if the file is there already (mode "x"), is written by another writer that is still open, in
+                this process or another (where the file system has locks), or cannot be written, or if the package gsd
+                is missing.
         """
         return TrajectoryWriter(path, every, mode=mode)
 
@@ -117,7 +120,8 @@ class Trajectory:
 class TrajectoryWriter:
     """Writes frames of a run to a file; made by `Trajectory.write`, and used in a `with` block.
 
-    It belongs to the first simulation that it observes: another one is refused by an OutputError.
+    It belongs to the first simulation that it observes: another one is refused by an OutputError, and after `close`
+    any is. One that continues a file (mode "a") refuses a simulation that cannot have written it.
 
     Attributes:
         path: of the file.
@@ -140,6 +144,8 @@ class TrajectoryWriter:
                 f"the trajectory {str(self.path)!r} is there already, and is not overwritten. Choose another name, or "
                 "use mode='w' to replace it, mode='a' to go on with it."
             )
+        if mode != "x":
+            Claim(self.path).release()  # before the file is emptied, if nobody writes it
         self._unchecked = mode == "a" and self.path.exists() and self.path.stat().st_size > 0
         kind = ENDINGS[self.path.suffix.lower()][1]
         try:
@@ -148,6 +154,11 @@ class TrajectoryWriter:
             raise
         except OSError as error:
             raise self._unwritable(error) from error
+        try:
+            self._claim = Claim(self.path)
+        except OutputError:  # somebody was faster
+            self._writer.close()
+            raise
 
     def look(self, sim: Simulation, collisions: int) -> None:
         """Write the present frame, unless it is there already."""
@@ -178,42 +189,39 @@ class TrajectoryWriter:
                 kept -= 1
             if kept < len(reader):
                 logger.info("mpsim: %d frames of %s are written anew.", len(reader) - kept, self.path)
-            last = reader.read(kept - 1) if kept else None
+            ends = [reader.read(index) for index in (0, max(kept - 1, 0))] if len(reader) else []
         finally:
             reader.close()
-        now = frame_of(sim)
-        if last is not None:
-            self._demand_same_run(last, now, fixed=sim.scene.piston is None)
-            if last.frame < now.frame - self.every:
+        if ends:
+            self._demand_same_run(sim, *ends)
+        if kept:
+            last = ends[1]
+            if last.frame < sim.frame - self.every:
                 warnings.warn(
-                    f"the trajectory {str(self.path)!r} goes on at frame {now.frame}, and its last frame was "
+                    f"the trajectory {str(self.path)!r} goes on at frame {sim.frame}, and its last frame was "
                     f"{last.frame}: those between are missing.",
                     TrajectoryWarning,
                     stacklevel=5,
                 )
             self._last = last.frame
         self._writer.keep(kept)
+        self._claim.renew()
 
-    def _demand_same_run(self, last: Frame, now: Frame, fixed: bool) -> None:
-        """Refuse to go on with a file of another run, or of an earlier version, which wrote no masses.
-
-        Args:
-            last: frame of the file.
-            now: the simulation.
-            fixed: whether the box stays as it is.
-        """
+    def _demand_same_run(self, sim: Simulation, first: Frame, last: Frame) -> None:
+        """Refuse to continue a file of another run, or one that does not hold what is written today."""
         name = f"the trajectory {str(self.path)!r}"
-        if "mass" not in last.known:
+        missing = lacking(last)
+        if missing:
             raise OutputError(
-                f"{name} must hold masses to be continued, so that all its frames hold the same; it was written by an "
-                "earlier version of mpsim or another program. It can be read as it is: move it, or choose another file."
+                f"{name} must hold {', '.join(missing)} to be continued, so that all its frames hold the same; it was "
+                "written by an earlier version of mpsim or another program. It can be read as it is: move it, or "
+                "choose another file."
             )
-        # The frame may have been written before discs were added at it; they are in the next one.
-        wrong = differs(last, among(now, last.ids)) if last.frame == now.frame else None
-        if wrong or (fixed and last.box != now.box):
+        wrong = discrepancy(sim, first, last)
+        if wrong:
             raise OutputError(
-                f"{name} can be continued only by the run that wrote it; at frame {last.frame} "
-                f"{wrong or 'its box is another'}. Choose another file."
+                f"{name} can be continued only by the run that wrote it; {wrong}. Nothing was written. Choose another "
+                "file, or replace this one with mode='w'."
             )
 
     def _unwritable(self, error: OSError) -> OutputError:
@@ -230,7 +238,9 @@ class TrajectoryWriter:
 
     def close(self) -> None:
         """Close the file. May be called again."""
+        self._ownership.close(f"To write more frames, use mpsim.Trajectory.write({str(self.path)!r}, mode='a').")
         self._writer.close()
+        self._claim.release()
 
 
 def _hint(path: Any) -> str:

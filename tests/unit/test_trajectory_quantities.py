@@ -12,7 +12,7 @@ import gsd.hoomd
 import numpy as np
 import pytest
 from support.scenes import ZOO, gas, simulate, zoo
-from support.trajectories import written
+from support.trajectories import killed_and_resumed, written
 
 import mpsim
 from mpsim.output.frames import differs, frame_of
@@ -403,3 +403,12 @@ def test_behind_a_piston_a_trajectory_is_continued_by_its_own_run(tmp_path, endi
         with mpsim.Trajectory.write(path, 5, mode="a") as out:
             sim.run(frames=8, observe=out)
     assert [frame.frame for frame in mpsim.Trajectory(path)] == [0, 5, 10, 15, 20, 25]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_run_resumed_between_two_frames_of_its_file_continues_it(tmp_path, name):
+    """Whatever moves, leaves and enters: it becomes the file of one run."""
+    settings = {"method": "grid" if name == "everything" else "naive", "dt": DT}
+    written(tmp_path / "whole.xyz", SCENES[name](), 40, 3, **settings)
+    killed_and_resumed(tmp_path / "a.xyz", SCENES[name](), **settings)
+    assert (tmp_path / "a.xyz").read_bytes() == (tmp_path / "whole.xyz").read_bytes()
