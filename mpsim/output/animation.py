@@ -246,7 +246,10 @@ def _bar(total: int, wanted: bool | Callable[[int, int], None]) -> Iterator[Call
         yield lambda: wanted(next(done), total)
         return
     console = Console(stderr=True)
+    if not (wanted and console.is_terminal):  # a disabled Progress of rich before 14.3 prints a line nevertheless
+        yield lambda: None
+        return
     columns = (TextColumn("animation"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, disable=not (wanted and console.is_terminal)) as bar:
+    with Progress(*columns, console=console) as bar:
         task = bar.add_task("animation", total=total)
         yield lambda: bar.advance(task)

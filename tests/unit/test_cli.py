@@ -187,7 +187,6 @@ def test_budgets_out_of_reach_are_exit_code_1(asked):
             ["tune", "cradle", "--pressure", "1%", "--replicas", "1"],
             "'--replicas': 1 is not in the range 2<=x<=100000.",
         ),
-        (["tune", "cradle", "--presure", "1%"], "No such option '--presure'."),
         (["tune"], "Missing argument 'SCENE'."),
         (["tradeoff", "cradle", "--csv", "--json"], "Choose one of --csv and --json."),
         (["tradeoff", "cradle", "--measure", "colour"], "'--measure': 'colour' is not one of 'pressure',"),
@@ -197,7 +196,14 @@ def test_budgets_out_of_reach_are_exit_code_1(asked):
 def test_wrong_usage_is_exit_code_2(arguments, text):
     result = mpsim_command(*arguments)
     assert (result.exit_code, result.stdout) == (2, "")
-    assert text in result.stderr.replace(": --presure", " '--presure'")
+    assert text in result.stderr
+
+
+def test_a_mistyped_option_is_answered_with_the_right_one():
+    result = mpsim_command("tune", "cradle", "--presure", "1%")
+    assert (result.exit_code, result.stdout) == (2, "")
+    # The marks between these words differ from version to version of click.
+    assert re.search(r"No such option:? '?--presure'?\.? Did you mean '?--pressure'?\?", result.stderr)
 
 
 # --- tradeoff
