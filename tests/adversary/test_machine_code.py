@@ -1,64 +1,86 @@
-"""The bits do not depend on the processor that the kernels are compiled for: here one without AVX or fused products.
+"""The bits depend neither on the processor that kernels are compiled for nor on how hard the compiler works.
 
-One execution: a scene in a process whose kernels are compiled for a generic processor. Executions: 1 by default (whose
-kernel, `naive`, is compiled in seconds), 12 more with --long.
+Here a processor without AVX and fused products, and an optimization that turns no loop into vectors. One execution: a
+scene in a process whose kernels are compiled so. Executions: 2 by default, 68 more with --long.
 """
 
-import itertools
+import inspect
+import json
+from pathlib import Path
 
 import pytest
+from support.compilations import CASES, WORDS, digests
 from support.processes import assert_clean, run_script
-from support.scenes import ZOO, digest_after, gas, zoo
+from support.scenes import zoo
 
-NAIVE = {"plain": ("naive", "float64", "impact", "")}
-"""Method, precision, contact and features of the scenes, by name."""
+import mpsim
 
-CASES = NAIVE | {
-    f"{name} {precision} {contact}": ("grid", precision, contact, words)
-    for (name, words), precision, contact in itertools.product(
-        (("no features", ""), ("gravity", "gravity"), ("everything", ZOO["everything"])),
-        ("float32", "float64"),
-        ("push", "impact"),
-    )
-}  # fmt: skip
-
-
-def digest(name):
-    """Digest of a case, or of a gas by the exact solver."""
-    if name == "event":
-        return digest_after(gas(60, 0.5, seed=5, gravity=(0.5, -1.0), restitution=0.9), 20, method="event", dt=0.05)
-    method, precision, contact, words = CASES[name]
-    scene = zoo(words, 80, seed=6, side=10.0)
-    return digest_after(scene, 20, method=method, precision=precision, contact=contact, dt=0.03)
-
+GENERIC = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
+LAZY = {"NUMBA_OPT": "1"}
+"""Level 1 of LLVM: no vector code of its own."""
 
 SCRIPT = """
-import warnings
-warnings.simplefilter("ignore")
-from adversary.test_machine_code import digest
-for name in {names!r}:
-    print(digest(name))
+import json
+from support.compilations import report
+print(json.dumps(report({names!r})))
 """
 
+FUSED = """
+import mpsim.kernels.compiling as compiling
+compiling._OPTIONS["fastmath"] = {"contract"}
+"""
+"""What no kernel is compiled with: a product and a sum may become one operation with one rounding."""
 
-def compiled_for(processor, names, folder, bound):
-    """Digests by kernels compiled anew for a processor."""
-    env = {"NUMBA_CPU_NAME": processor, "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(folder)}
-    outcome = run_script(SCRIPT.format(names=list(names)), env=env, bound=bound)
+
+def compiled_with(environment, names, folder, bound, before=""):
+    """What kernels come to that were compiled anew under variables of the environment, after a script."""
+    outcome = run_script(
+        before + SCRIPT.format(names=names), env=environment | {"NUMBA_CACHE_DIR": str(folder)}, bound=bound
+    )
     assert_clean(outcome)
-    assert any(folder.rglob("*.nbc")), "nothing was compiled for this processor"
-    return dict(zip(names, outcome.out.split(), strict=True))
+    assert any(folder.rglob("*.nbc")), "nothing was compiled anew"
+    return json.loads(outcome.out)
 
 
-def test_a_generic_processor_has_the_same_bits(tmp_path):
-    assert compiled_for("generic", NAIVE, tmp_path, 120) == {name: digest(name) for name in NAIVE}
+def assert_compiled_as_asked(found, environment):
+    """Fail unless the compiler has taken note."""
+    assert (found["processor"] == "generic") == ("NUMBA_CPU_NAME" in environment), found["processor"]
+    assert found["optimization"] == int(environment.get("NUMBA_OPT", 3))
+
+
+@pytest.mark.parametrize(
+    ("environment", "name"),
+    [pytest.param(GENERIC, "naive no features", id="generic"), pytest.param(LAZY, "event nothing", id="lazy")],
+)
+def test_the_compiler_has_no_say_in_the_bits(environment, name, tmp_path):
+    found = compiled_with(environment, [name], tmp_path, 120)
+    assert_compiled_as_asked(found, environment)
+    assert found["digests"] == digests([name])
 
 
 @pytest.mark.long
-@pytest.mark.timeout(1300)
-@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
-def test_a_generic_processor_has_the_same_bits_with_any_features(tmp_path):
-    names = [*CASES, "event"]
-    found = compiled_for("generic", names, tmp_path, 1200)
-    assert found == {name: digest(name) for name in names}
-    assert len(set(found.values())) == len(names), "the control: different cases have different digests"
+@pytest.mark.timeout(2500)
+@pytest.mark.parametrize("environment", [GENERIC, LAZY], ids=["generic", "lazy"])
+def test_the_compiler_has_no_say_in_the_bits_of_any_features(environment, tmp_path):
+    found = compiled_with(environment, list(CASES), tmp_path, 2400)
+    assert_compiled_as_asked(found, environment)
+    assert found["digests"] == digests(CASES)
+    assert len(set(found["digests"].values())) == len(CASES), "the control: different cases have different digests"
+
+
+@pytest.mark.long
+@pytest.mark.skipif(" fma " not in Path("/proc/cpuinfo").read_text(), reason="this processor fuses no products")
+def test_fused_products_are_seen(tmp_path):
+    """The control: kernels that may fuse have other bits."""
+    names = ["naive no features", "event nothing"]
+    found, exact = compiled_with({}, names, tmp_path, 120, before=FUSED)["digests"], digests(names)
+    assert all(found[name] != exact[name] for name in names)
+
+
+def test_the_cases_have_every_feature_of_a_scene():
+    """A feature that a scene can have and that no case has would be compiled for nobody here."""
+    plain, everything = zoo(WORDS["no features"]), zoo(WORDS["everything"])
+    others = {"width", "height", "position", "velocity", "duration"}
+    features = inspect.signature(mpsim.Scene).parameters.keys() - others
+    same = {name for name in features if repr(getattr(plain, name)) == repr(getattr(everything, name))}
+    assert not same, f"everything is without {same}"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.compare import assert_same_bits
 from support.processes import assert_clean, run_script
-from support.scenes import ZOO, crowd, gas, lattice, simulate, state_after, zoo
+from support.scenes import EXACT, ZOO, crowd, exact_scene, gas, lattice, simulate, state_after, zoo
 from support.selection import long_but
 
 import mpsim
@@ -130,23 +130,6 @@ def test_what_has_left_stays_away(tmp_path):
 
 
 # --- the exact solver
-
-SIZES = tuple([0.5] * 20 + [0.3] * 40)
-MASSES = tuple([2.0] * 30 + [0.5] * 30)
-EXACT = {
-    "nothing": {},
-    "gravity": {"gravity": (0.25, -1.0)},
-    "losses": {"restitution": 0.9, "wall_restitution": 0.8},
-    "sizes and masses": {"radius": SIZES, "mass": MASSES},
-    "periodic": {"boundary": "periodic"},
-    "periodic x, sizes, masses, losses": {
-        "boundary": ("periodic", "walls"), "radius": SIZES, "mass": MASSES, "restitution": 0.9,
-    },
-}  # fmt: skip
-
-
-def exact_scene(name):
-    return mpsim.Scene.random(count=60, packing=0.5, seed=3, **{"radius": 0.5, **EXACT[name]})
 
 
 @pytest.mark.parametrize("name", long_but(EXACT, "nothing", "gravity", "periodic x, sizes, masses, losses"))

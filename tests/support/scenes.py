@@ -119,6 +119,25 @@ ZOO = {
 }
 """Features alone and together, by name: words for `zoo`."""
 
+SIZES = tuple([0.5] * 20 + [0.3] * 40)
+MASSES = tuple([2.0] * 30 + [0.5] * 30)
+EXACT: dict[str, dict[str, Any]] = {
+    "nothing": {},
+    "gravity": {"gravity": (0.25, -1.0)},
+    "losses": {"restitution": 0.9, "wall_restitution": 0.8},
+    "sizes and masses": {"radius": SIZES, "mass": MASSES},
+    "periodic": {"boundary": "periodic"},
+    "periodic x, sizes, masses, losses": {
+        "boundary": ("periodic", "walls"), "radius": SIZES, "mass": MASSES, "restitution": 0.9,
+    },
+}  # fmt: skip
+"""Features of the exact solver alone and together, by name: arguments of a scene of 60 discs."""
+
+
+def exact_scene(name: str) -> mpsim.Scene:
+    """Discs at a packing of 0.5 without overlap, with the features that EXACT has under this name."""
+    return mpsim.Scene.random(count=60, packing=0.5, seed=3, **{"radius": 0.5, **EXACT[name]})
+
 
 def struck(**features: Any) -> mpsim.Scene:
     """Light discs at rest, into which heavy ones fly: some become ten times as fast for their size in one frame."""
