@@ -182,6 +182,8 @@ def test_the_gsd_library_reads_gsd(tmp_path):
             assert np.array_equal(snapshot.log["particles/mpsim/position"], frame.position)
 
 
+# ASE up to 3.29 sets the shape of an array, of which NumPy 2.5 warns.
+@pytest.mark.filterwarnings("ignore:Setting the shape on a NumPy array:DeprecationWarning:ase")
 def test_trajectories_of_ase_are_read_as_far_as_they_go(tmp_path):
     atoms = ase.Atoms("H2", positions=[[1, 2, 0], [3, 4, 0]], cell=[8, 9, 5], pbc=[True, False, False])
     ase.io.write(tmp_path / "other.xyz", [atoms, atoms], format="extxyz")
