@@ -1,7 +1,7 @@
 """The bits depend neither on the processor that kernels are compiled for nor on how hard the compiler works.
 
 Here a processor without AVX and fused products, and an optimization that turns no loop into vectors. One execution: a
-scene in a process whose kernels are compiled so. Executions: 2 by default, 68 more with --long.
+scene in a process whose kernels are compiled so. Executions: 2 by default, 67 more with --long.
 """
 
 import inspect
@@ -26,8 +26,10 @@ print(json.dumps(report({names!r})))
 """
 
 FUSED = """
-import mpsim.kernels.compiling as compiling
-compiling._OPTIONS["fastmath"] = {"contract"}
+import functools
+import numba, numba.extending
+numba.njit = functools.partial(numba.njit, fastmath={"contract"})
+numba.extending.register_jitable = functools.partial(numba.extending.register_jitable, fastmath={"contract"})
 """
 """What no kernel is compiled with: a product and a sum may become one operation with one rounding."""
 
@@ -70,11 +72,11 @@ def test_the_compiler_has_no_say_in_the_bits_of_any_features(environment, tmp_pa
 
 @pytest.mark.long
 @pytest.mark.skipif(" fma " not in Path("/proc/cpuinfo").read_text(), reason="this processor fuses no products")
+@pytest.mark.timeout(700)
 def test_fused_products_are_seen(tmp_path):
     """The control: kernels that may fuse have other bits."""
-    names = ["naive no features", "event nothing"]
-    found, exact = compiled_with({}, names, tmp_path, 120, before=FUSED)["digests"], digests(names)
-    assert all(found[name] != exact[name] for name in names)
+    names = ["naive no features"]
+    assert compiled_with({}, names, tmp_path, 600, before=FUSED)["digests"] != digests(names)
 
 
 def test_the_cases_have_every_feature_of_a_scene():
