@@ -57,6 +57,13 @@ _stderr = pytest.StashKey()
 _figures = pytest.StashKey[Figures]()
 
 
+def pytest_terminal_summary(terminalreporter, config):
+    if config.getoption("--long"):
+        terminalreporter.write_line(
+            "Other versions of Python and of what mpsim depends on are left: python scripts/run_versions.py --long"
+        )
+
+
 def pytest_sessionfinish(session, exitstatus):
     """Figures of a run with failures are not kept."""
     path = session.config.getoption("--figures")
