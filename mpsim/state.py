@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from mpsim import checks
+from mpsim import atomic, checks
 from mpsim.errors import InputError, OutputError
 from mpsim.kernels import layout
 
@@ -207,7 +207,7 @@ class State:
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write a NumPy .npz with the arrays position, velocity and present, and image and box where there are any.
 
-        An existing file is replaced.
+        An existing file is replaced by a whole one or stays as it was; a symbolic link is refused.
 
         Raises:
             InputError: if the path does not end in .npz.
@@ -217,7 +217,7 @@ class State:
         arrays: dict[str, Any] = {name: getattr(self, name) for name in STATE_ARRAYS}
         known = {name: value for name, value in arrays.items() if value is not None}
         try:
-            with target.open("wb") as file:
+            with atomic.atomic_write(target) as file:
                 np.savez(file, **known)
         except OSError as error:
             raise OutputError(

@@ -30,7 +30,8 @@ def plot(folder: Path, out: Path | None, force: bool, as_json: bool) -> None:
 
     The run may still be going on.
     """
-    from mpsim.output.history import history, save_figure  # noqa: PLC0415 - with matplotlib, see run.py
+    from mpsim.output.drawing import save_figure  # noqa: PLC0415 - with matplotlib, see run.py
+    from mpsim.output.history import history  # noqa: PLC0415
     from mpsim.output.recorder import read_table  # noqa: PLC0415
 
     found = RunFolder.open(folder)
@@ -110,7 +111,6 @@ def animate(
                 progress=False if progress is None else lambda done, of: progress(done, of, "pictures"),
             )
     except KeyboardInterrupt:
-        out.unlink(missing_ok=True)
         raise terminal.Interrupted(f"Interrupted; {str(out)!r} was not written.") from None
     if as_json:
         click.echo(json_text({"animation": str(out), "pictures": frames, "bytes": out.stat().st_size}))

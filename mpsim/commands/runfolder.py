@@ -17,6 +17,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from mpsim import atomic
 from mpsim.engine import checkpoint, soundness
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
@@ -147,10 +148,8 @@ class RunFolder:
 
     def save(self) -> None:
         """Write run.json; whole or as it was before, whatever happens."""
-        beside = self.path / f".{RECORD}.{os.getpid()}.tmp"
         try:
-            beside.write_text(json.dumps(self.record, indent=1) + "\n", encoding="utf-8")
-            beside.replace(self.path / RECORD)
+            atomic.write_text(self.path / RECORD, json.dumps(self.record, indent=1) + "\n")
         except OSError as error:
             raise _unwritable(self.path, error) from error
 
@@ -171,8 +170,7 @@ class RunFolder:
             if old.partition("\n")[0] != head:  # another number of workers, so other columns: a file of its own
                 number = len(self.record["parts"])
                 timings, old = (self[TIMINGS] if not old else self[f"timings-{number}.csv"]), ""
-            with timings.open("a" if old else "w", encoding="utf-8") as file:
-                file.write(lines if old else table)
+            atomic.write_text(timings, old + lines if old else table)
         except OSError as error:
             raise _unwritable(self.path, error) from error
         sim.state.save(self[STATE])

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from mpsim import atomic
 from mpsim.commands import terminal
 
 EXAMPLES = """\b
@@ -35,7 +36,7 @@ def stability(axes: tuple[str, ...], full: bool, as_json: bool, out: Path | None
     if out is not None:
         from mpsim.output import stability_map  # noqa: PLC0415 - matplotlib
 
-        (out / "stability.json").write_text(trials.to_json(outcomes))
+        atomic.write_text(out / "stability.json", trials.to_json(outcomes))
         stability_map.save(outcomes, out)
     click.echo(trials.to_json(outcomes) if as_json else trials.counts_table(outcomes))
     found = trials.counts(outcomes)

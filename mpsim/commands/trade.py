@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from mpsim import scenefile
+from mpsim import atomic, scenefile
 from mpsim.commands import terminal
 from mpsim.commands.scenes import settings_text
 from mpsim.errors import OutputError
@@ -177,12 +177,9 @@ def tradeoff(
 
 
 def _demand_writable(out: Path) -> None:
-    existed = out.exists()
     try:
-        out.open("a").close()
+        atomic.check_target(out)
     except OSError as error:
         raise OutputError(
             f"--out must be a file that can be written; got {str(out)!r} ({error.strerror}). Choose another place."
         ) from None
-    if not existed:
-        out.unlink()

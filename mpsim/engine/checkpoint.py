@@ -1,9 +1,8 @@
 """Checkpoints: the whole state of a simulation in one file that is never half written, and nothing in it is code.
 
-A checkpoint is a NumPy .npz without pickled objects: one JSON header, and arrays. It is written to a file of its own
-name beside the target, forced to the disk, and renamed; the one before is kept as <name>.previous. A kill at any moment
-leaves a whole checkpoint under one of the two names. Reading verifies sizes first, then a digest over everything, then
-whether a simulation can be in such a state.
+A checkpoint is a NumPy .npz without pickled objects: one JSON header, and arrays. It is written as every file is (see
+mpsim.atomic); the one before is kept as <name>.previous. A kill at any moment leaves a whole checkpoint under <name>.
+Reading verifies sizes first, then a digest over everything, then whether a simulation can be in such a state.
 """
 
 import contextlib
@@ -13,19 +12,18 @@ import hashlib
 import json
 import os
 import platform
-import secrets
 import shutil
-import socket
+import stat
 import warnings
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
-import psutil
 
-from mpsim.engine.archive import ArrayFile, Arrays, write_arrays
+from mpsim import atomic
+from mpsim.engine.archive import DAMAGE, ArrayFile, Arrays, write_arrays
 from mpsim.errors import CheckpointError, CheckpointWarning, InputError, OutputError
 from mpsim.features import Emitter, FixedDisc, Piston, Polyline
 from mpsim.scene import Scene
@@ -45,6 +43,12 @@ MOST_HEADER = 2**26
 """Bytes of the header at most: obstacles and emitters are in it, discs are not."""
 
 KINDS = {kind.__name__: kind for kind in (FixedDisc, Polyline, Emitter, Piston)}
+
+DAMAGED_DISK = (errno.EIO, errno.EBADMSG, errno.EUCLEAN)
+"""Errors of the system by which a disk, or its checksums, say that the content is lost."""
+
+_NO_STATE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
+"""What content raises that is no state of a simulation."""
 
 PER_DISC = ("position", "velocity", "radius", "mass", "acceleration", "gravity")
 
@@ -89,13 +93,13 @@ def checked_place(path: str | os.PathLike[str]) -> Path:
         InputError, OutputError: with the rule and what is there.
     """
     target = place_of(path)
-    with _errors_told(target):
+    with _as_output_error(target):
         _check_place(target)
     return target
 
 
 @contextlib.contextmanager
-def _errors_told(target: Path) -> Iterator[None]:
+def _as_output_error(target: Path) -> Iterator[None]:
     """Turn errors of the system into an OutputError that says what is needed."""
     try:
         yield
@@ -119,6 +123,7 @@ def _check_place(target: Path) -> None:
                 f"a checkpoint may replace only a checkpoint; {str(path)!r} is a file of another kind. "
                 "Choose another name, or remove it."
             )
+    atomic.check_target(target)
 
 
 def write(path: str | os.PathLike[str], scene: Scene, settings: Settings, run: dict[str, Any], arrays: Arrays) -> Path:
@@ -128,16 +133,13 @@ def write(path: str | os.PathLike[str], scene: Scene, settings: Settings, run: d
         OutputError: if the file cannot be written; what was there before is still there.
     """
     target = checked_place(path)
-    beside = _beside(target)
-    with _errors_told(target), _removed_at_the_end(beside):
-        _remove_leftovers(target)
-        with beside.open("xb") as file:
+    with _as_output_error(target), contextlib.ExitStack() as then:
+        if _is_complete(target):
+            # Its second name is taken after the new one has replaced it: whatever its content is worth, no moment is
+            # without a whole file.
+            _link(target, then.enter_context(atomic.draft_of(_previous(target))))
+        with atomic.atomic_write(target) as file:
             write_arrays(file, _packed(scene, settings, run, arrays))
-            file.flush()
-            os.fsync(file.fileno())
-        _keep_previous(target)
-        beside.replace(target)
-        _sync(target.parent)  # the renaming itself
     return target
 
 
@@ -145,7 +147,8 @@ def read(path: str | os.PathLike[str], check: Check) -> Checkpoint:
     """Read and verify a checkpoint; where it is damaged or missing, the one before, with a warning that names both.
 
     Raises:
-        CheckpointError: if there is none, or none that is whole, or it is of a newer version.
+        CheckpointError: if there is none, or none that is whole, or it is of a newer version, or it cannot be read for
+            a reason that is no damage, such as a missing right: the one before is not taken then.
     """
     target = place_of(path)
     try:
@@ -243,98 +246,91 @@ def _previous(target: Path) -> Path:
     return target.with_name(f"{target.name}.previous")
 
 
-def _beside(target: Path) -> Path:
-    """A name beside the target that no other process or machine uses."""
-    return target.with_name(f".{target.name}.{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}.tmp")
-
-
-@contextlib.contextmanager
-def _removed_at_the_end(path: Path) -> Iterator[None]:
-    try:
-        yield
-    finally:
-        with contextlib.suppress(OSError):
-            path.unlink()
-
-
-def _remove_leftovers(target: Path) -> None:
-    """Remove what processes of this machine that were killed while they wrote this checkpoint have left behind."""
-    start = f".{target.name}.{socket.gethostname()}-"
-    for path in target.parent.iterdir():
-        if path.name.startswith(start) and path.name.endswith(".tmp"):
-            pid = path.name.removeprefix(start).split("-")[0]
-            if pid.isdecimal() and not psutil.pid_exists(int(pid)):
-                with contextlib.suppress(OSError):
-                    path.unlink()
-
-
 def _is_of_our_kind(path: Path) -> bool:
     """Whether a file begins as a checkpoint does, damaged or not; an empty one is nobody's loss."""
-    try:
-        with path.open("rb") as file:
-            start = file.read(_NAME_AT + len(HEADER))
-    except OSError:
-        return False
+    with path.open("rb") as file:
+        start = file.read(_NAME_AT + len(HEADER))
     return start[:_NAME_AT].startswith(_START) and start[_NAME_AT:].decode("latin-1") == HEADER if start else True
 
 
-def _keep_previous(target: Path) -> None:
-    """Give the present file a second name, so that no moment is without a whole one under its own.
+def _is_complete(path: Path) -> bool:
+    """Whether a checkpoint is there that ends as it should: one that is cut off must not push out the one before it.
 
-    A damaged one must not push out the one before it.
+    A file is written to its end before it has its name, so it is cut off only by others, as by a copy that was
+    interrupted. Its content is not read, which would take as long as to write it.
     """
     try:
-        _unpacked(target)
-    except _DamagedError:
-        return
-    except CheckpointError:
-        pass  # of a newer version, which is no damage
-    second = _beside(target)
-    with _removed_at_the_end(second):
-        try:
-            os.link(target, second)
-        except OSError as error:
-            if error.errno not in (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK):
-                raise
-            shutil.copyfile(target, second)  # the file system has no hard links
-            _sync(second)
-        second.replace(_previous(target))
+        with path.open("rb") as file:
+            return HEADER in ArrayFile(file).names
+    except (FileNotFoundError, *DAMAGE):
+        return False
 
 
-def _sync(path: Path) -> None:
-    """Force a file, or the names in a folder, to the disk."""
-    descriptor = os.open(path, os.O_RDONLY)
+def _link(target: Path, second: Path) -> None:
+    """Give a file a second name; a copy has it where the file system has no hard links."""
     try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+        os.link(target, second)
+    except OSError as error:
+        if error.errno not in (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK):
+            raise
+        with target.open("rb") as old, second.open("xb") as new:
+            shutil.copyfileobj(old, new)
+            new.flush()
+            os.fsync(new.fileno())
+
+
+@contextlib.contextmanager
+def _damage_reported(path: Path) -> Iterator[None]:
+    """Tell a damaged file, from which one goes back to the one before, from one that cannot be read for other reasons.
+
+    What is no fault of the file passes: no memory, an interrupt, an exception of a signal handler.
+    """
+    try:
+        yield
+    except FileNotFoundError:
+        raise _DamagedError("there is no such file") from None
+    except DAMAGE as error:
+        raise _DamagedError(f"it cannot be read ({type(error).__name__}: {error})") from None
+    except OSError as error:
+        if error.errno in DAMAGED_DISK:
+            raise _DamagedError(f"it cannot be read ({error.strerror})") from None
+        if error.errno is None or isinstance(error, TimeoutError):  # not of the system
+            raise
+        raise CheckpointError(
+            f"the checkpoint {str(path)!r} must be a file that can be read; got: {error.strerror}. It may be whole, so "
+            "the one before it is not taken. Mend that, or give another path."
+        ) from error
 
 
 def _unpacked(path: Path) -> tuple[dict[str, Any], Arrays]:
     """Header and arrays of a file whose digest is right."""
-    try:
-        if path.exists() and not path.is_file():
-            raise ValueError("it is not a file")
-        with path.open("rb") as file:
-            archive = ArrayFile(file)
-            header = _header_of(archive)
-            format_version, said = int(header["format"]), str(header["digest"])
-            if format_version > FORMAT:
-                raise CheckpointError(
-                    f"the checkpoint {str(path)!r} is of format {format_version}; this version of mpsim reads up to "
-                    f"{FORMAT}. Use a newer mpsim."
-                )
+    with _damage_reported(path), _opened(path) as file:
+        archive = ArrayFile(file)
+        header = _header_of(archive)
+        format_version, said = int(header["format"]), str(header["digest"])
+        if format_version <= FORMAT:
             arrays = {name: archive.read(name) for name in archive.names if name != HEADER}
-        found = digest_of(header, arrays)
-    except CheckpointError:
-        raise
-    except FileNotFoundError:
-        raise _DamagedError("there is no such file") from None
-    except Exception as error:  # what a damaged zip file, array or text can raise has no end
-        raise _DamagedError(f"it cannot be read ({type(error).__name__}: {error})") from None
-    if found != said:
-        raise _DamagedError("its content does not match its digest")
-    return header, _of_format_1(arrays) if format_version < FORMAT else arrays
+            if digest_of(header, arrays) != said:
+                raise _DamagedError("its content does not match its digest")
+            return header, _of_format_1(arrays) if format_version < FORMAT else arrays
+    raise CheckpointError(
+        f"the checkpoint {str(path)!r} is of format {format_version}; this version of mpsim reads up to {FORMAT}. Use "
+        "a newer mpsim."
+    )
+
+
+def _opened(path: Path) -> BinaryIO:
+    """The file, open for reading; a pipe is not waited for.
+
+    Raises:
+        CheckpointError: if it is no file.
+        OSError: if it cannot be opened.
+    """
+    file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK))  # noqa: SIM115 - returned
+    if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        return file
+    file.close()
+    raise CheckpointError(f"a checkpoint must be a file; got {str(path)!r}, and it is not a file. Give another path.")
 
 
 def _of_format_1(arrays: Arrays) -> Arrays:
@@ -359,14 +355,15 @@ def _header_of(archive: ArrayFile) -> dict[str, Any]:
 def _verified(path: Path, check: Check) -> Checkpoint:
     header, arrays = _unpacked(path)
     try:
-        parts = _named("scene.", arrays), _named("solver.", arrays)
-        if len(parts[0]) + len(parts[1]) != len(arrays) or not parts[0].keys() <= set(PER_DISC):
-            raise ValueError(f"it holds arrays that belong to nothing; got {sorted(arrays)}")
-        scene = scene_from(header["scene"], parts[0])
-        settings = Settings(**header["settings"])
-        found = Checkpoint(path, scene, settings, header["run"], parts[1])
-        check(found)
-    except Exception as error:  # the digest is right, so somebody has made it so; still nothing may break
+        with np.errstate(all="ignore"):
+            parts = _named("scene.", arrays), _named("solver.", arrays)
+            if len(parts[0]) + len(parts[1]) != len(arrays) or not parts[0].keys() <= set(PER_DISC):
+                raise ValueError(f"it holds arrays that belong to nothing; got {sorted(arrays)}")
+            scene = scene_from(header["scene"], parts[0])
+            settings = Settings(**header["settings"])
+            found = Checkpoint(path, scene, settings, header["run"], parts[1])
+            check(found)
+    except _NO_STATE as error:  # the digest is right, so somebody has made it so; still nothing may break
         raise _DamagedError(f"its content is no state of a simulation ({type(error).__name__}: {error})") from None
     return found
 

@@ -5,12 +5,12 @@ import importlib
 import io
 import os
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim import atomic
 from mpsim.errors import OutputError
 from mpsim.kernels.layout import PHASES
 from mpsim.measure.gathering import Measures
@@ -90,7 +90,7 @@ class Report:
         writer.writerows(zip(numbers, *(column.tolist() for column in columns), strict=True))
         if path is not None:
             try:
-                Path(path).write_text(text.getvalue(), encoding="utf-8")
+                atomic.write_text(path, text.getvalue())
             except OSError as error:
                 raise OutputError(
                     f"a table of times must be a file that can be written; got {os.fspath(path)!r} "

@@ -1,11 +1,11 @@
 """What a trade has found so far: results by key, in memory and in a file."""
 
 import json
-import os
 import time
 from pathlib import Path
 from typing import Any
 
+from mpsim import atomic
 from mpsim.errors import InputError
 
 FORMAT = 3
@@ -48,33 +48,24 @@ class Kept:
             self.save()
 
     def save(self) -> None:
-        """Write the file, beside it first, so that a kill leaves the old one or the new one."""
+        """Write the file; a kill leaves the old one or the new one."""
         self._saved = time.monotonic()
         if self._path is not None and self._open:
-            beside = self._path.with_name(f"{self._path.name}.{os.getpid()}.tmp")
             results = {key: value for key, value in self._results.items() if "machine" not in value}
             kept = {"title": self._title, "plan": self._plan, "reference": self.reference, "results": results}
-            try:
-                beside.write_text(json.dumps(kept))
-                beside.replace(self._path)
-            finally:
-                beside.unlink(missing_ok=True)
+            atomic.write_text(self._path, json.dumps(kept))
 
 
 def _checked(path: str | Path) -> Path:
     """A path that can be written, as is seen before hours are spent, not after."""
     try:
-        file = Path(path)
-        if (
-            "\0" not in str(file)
-            and file.absolute().parent.is_dir()
-            and os.access(file.absolute().parent, os.W_OK)
-            and not file.is_dir()
-        ):
-            return file
-    except TypeError:  # no path at all
-        pass
-    raise InputError(f"path must be a file in a folder that can be written to; got {path!r}. Make the folder.")
+        atomic.check_target(Path(path))
+    except (OSError, TypeError, ValueError) as error:  # the last two: no path at all
+        raise InputError(
+            f"path must be a file in a folder that can be written to; got {path!r} "
+            f"({getattr(error, 'strerror', None) or error}). Make the folder, or give another path."
+        ) from None
+    return Path(path)
 
 
 def _loaded(path: Path, title: dict[str, Any]) -> tuple[str, str, dict[str, Any]]:

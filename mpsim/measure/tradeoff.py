@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mpsim import checks
+from mpsim import atomic, checks
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, MpsimError
 from mpsim.measure import campaign
@@ -293,5 +293,5 @@ def listed(name: str, values: Any, what: str) -> list[Any]:
 
 def _written(text: str, path: str | Path | None) -> str:
     if path is not None:
-        Path(path).write_text(text, encoding="utf-8")
+        atomic.write_text(path, text)
     return text

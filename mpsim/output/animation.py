@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from mpsim import checks
+from mpsim import atomic, checks
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, OutputError
 from mpsim.output.drawing import STYLE, behind_piston, draw_discs, new_figure, with_images
@@ -86,7 +86,7 @@ def animate(
         settings = dataclasses.replace(settings, method="parallel")
     with Simulation(scene, settings) as sim, matplotlib.rc_context(fname=STYLE), _bar(frames, progress) as advance:
         picture = Picture(sim, pixels, colour)
-        with writer.saving(picture.figure, str(target), DPI):
+        with atomic.atomic_write(target) as file, writer.saving(picture.figure, file.name, DPI):
             for number in range(frames):
                 if number:
                     sim.run(frames=every)
@@ -110,9 +110,13 @@ def checked_target(path: str | os.PathLike[str]) -> Path:
     if ending == ".mp4" and not FFMpegWriter.isAvailable():
         gif = target.with_suffix(".gif")
         raise OutputError(f"an .mp4 needs ffmpeg, which is not on the PATH. Write {str(gif)!r} or install ffmpeg.")
-    folder = target.absolute().parent
-    if not folder.is_dir() or not os.access(folder, os.W_OK):
-        raise OutputError(f"the folder of {str(target)!r} must exist and be writable. Make it, or choose another path.")
+    try:
+        atomic.check_target(target)
+    except OSError as error:
+        raise OutputError(
+            f"an animation must be a file in a folder that exists and can be written to; got {str(target)!r} "
+            f"({error.strerror}). Make the folder, or choose another path."
+        ) from None
     return target
 
 

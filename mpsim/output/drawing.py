@@ -1,5 +1,6 @@
 """A scene as a picture: discs at true radius, their images at periodic edges, obstacles, the piston."""
 
+import os
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 from numpy.typing import ArrayLike, NDArray
 
+from mpsim import atomic
+from mpsim.errors import OutputError
 from mpsim.features import EDGES
 from mpsim.scene import Scene
 
@@ -135,3 +138,22 @@ def behind_piston(scene: Scene, time: float) -> Rectangle | None:
     if piston.wall in ("left", "right"):
         return Rectangle((low, 0), high - low, scene.height, color=BEHIND_COLOUR)
     return Rectangle((0, low), scene.width, high - low, color=BEHIND_COLOUR)
+
+
+def save_figure(figure: Figure, path: str | os.PathLike[str]) -> Path:
+    """Write a figure in mpsim's style, in the format of the path's ending.
+
+    Raises:
+        OutputError: if it cannot be written.
+    """
+    target = Path(path)
+    try:
+        with matplotlib.rc_context(fname=STYLE), atomic.atomic_write(target) as file:
+            figure.savefig(file.name, format=target.suffix.removeprefix("."))
+    except (OSError, ValueError) as error:  # ValueError: an ending that matplotlib cannot write
+        reason = getattr(error, "strerror", None) or error
+        raise OutputError(
+            f"a picture must be a file that can be written, such as a .png; got {str(target)!r} ({reason}). "
+            "Choose another place."
+        ) from error
+    return target

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.measure.benchmark import Fixed, Repeat, Timing
-from mpsim.output.drawing import DISC_COLOUR, STYLE, draw_discs, new_figure
+from mpsim.output.drawing import DISC_COLOUR, STYLE, draw_discs, new_figure, save_figure
 
 METHOD_COLOURS = {"naive": "#0072B2", "grid": "#D55E00", "parallel": "#009E73", "auto": "#CC79A7"}
 ODD_ONE_OUT = "#D55E00"
@@ -48,7 +48,7 @@ def frame_times(
         )
         axes.set_ylim(top=max(report_ms.values()) * 1e3 * 2.5)
         figure.legend(loc="outside lower center", ncols=3)
-        figure.savefig(path)
+        save_figure(figure, path)
 
 
 def repeat(result: Repeat, frames: int, path: Path) -> None:
@@ -66,7 +66,7 @@ def repeat(result: Repeat, frames: int, path: Path) -> None:
                 panel.set_xlabel(f"{int(differs.sum())} discs differ from run 1", fontsize=9)
             row[0].set_ylabel(word)
         figure.suptitle(f"Four parallel runs of one start, after {frames} frames, with their digests")
-        figure.savefig(path)
+        save_figure(figure, path)
 
 
 def final_states(result: Fixed, frames: int, path: Path) -> None:
@@ -84,7 +84,7 @@ def final_states(result: Fixed, frames: int, path: Path) -> None:
                 gap = float(np.hypot(*(position - grid).T).max(initial=0)) / (2 * result.scene.largest_radius)
                 panel.set_xlabel("reference" if name == "grid" else f"largest distance to grid:\n{gap:.3g} diameters")
         figure.suptitle(f"After {frames} frames (colour: place at the start, from left to right)")
-        figure.savefig(path)
+        save_figure(figure, path)
 
 
 def scaling(timings: Sequence[Timing], crossover: int | None, path: Path) -> None:
@@ -114,7 +114,7 @@ def scaling(timings: Sequence[Timing], crossover: int | None, path: Path) -> Non
                 axes.axvline(crossover, color="#555555", linestyle="--", linewidth=1)
             below.annotate(f" parallel faster from {crossover:,} discs on", (crossover, 0.15), color="#555555")
         below.set(ylabel="speed-up of the workers\n(grid / parallel)", xlabel="discs", ylim=(0, max([2.2, *speed_up])))
-        figure.savefig(path)
+        save_figure(figure, path)
 
 
 def _running_median(values: NDArray[np.float64], width: int = 25) -> NDArray[np.float64]:

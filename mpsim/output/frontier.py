@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from mpsim.measure.deviations import Deviation
 from mpsim.measure.tables import UNITS
 from mpsim.measure.tradeoff import Row, Tradeoff
-from mpsim.output.drawing import STYLE, new_figure
+from mpsim.output.drawing import STYLE, new_figure, save_figure
 from mpsim.settings import Settings
 
 FAMILIES = {
@@ -135,7 +135,7 @@ def save(table: Tradeoff, folder: str | Path) -> list[Path]:
     pictures = {f"frontier_{measure}.png": frontier(table, measure) for measure in table.measures}
     pictures["overview.png"] = overview(table)
     for name, figure in pictures.items():
-        figure.savefig(folder / name)
+        save_figure(figure, folder / name)
     return [folder / name for name in pictures]
 
 

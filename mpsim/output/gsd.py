@@ -6,12 +6,12 @@ What is per disc is written of frames without discs as well: readers take what a
 """
 
 import importlib
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mpsim import atomic
 from mpsim.errors import OutputError, TrajectoryError
 from mpsim.output.frames import Frame
 
@@ -75,12 +75,8 @@ class GsdWriter:
         if frames == len(self._file):
             return
         self.close()
-        beside = self._path.with_name(f".{self._path.name}.{os.getpid()}.tmp")
-        try:
-            _copy(self._path, beside, frames)
-            beside.replace(self._path)
-        finally:
-            beside.unlink(missing_ok=True)
+        with atomic.atomic_write(self._path) as file:
+            _copy(self._path, Path(file.name), frames)
         self._file = self._open("r+")
 
     def close(self) -> None:
@@ -174,7 +170,7 @@ def _copy(source: Path, target: Path, frames: int) -> None:
     with low.open(str(source), "r") as old:
         options = {"application": old.application, "schema": old.schema, "schema_version": old.schema_version}
         names = old.find_matching_chunk_names("")
-        with low.open(str(target), "x", **options) as new:
+        with low.open(str(target), "w", **options) as new:
             for frame in range(frames):
                 for name in names:
                     if old.chunk_exists(frame=frame, name=name):

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mpsim.engine.simulation import Simulation
-from mpsim.errors import OutputError
-from mpsim.output.drawing import MOST_DISCS, STYLE, behind_piston, draw_discs, marker_of, new_figure
+from mpsim.output.drawing import MOST_DISCS, STYLE, behind_piston, draw_discs, marker_of, new_figure, save_figure
 from mpsim.output.frames import Frame, frame_of
 from mpsim.scene import Scene
 
@@ -87,25 +86,6 @@ def final_picture(sim: Simulation, path: str | os.PathLike[str]) -> Path:
         figure = new_figure(max(6 * scene.width / longer, 2) + 1.2, max(6 * scene.height / longer, 1) + 0.9)
         draw_frame(figure.add_subplot(), frame_of(sim), scene)
     return save_figure(figure, path)
-
-
-def save_figure(figure: Figure, path: str | os.PathLike[str]) -> Path:
-    """Write a figure in mpsim's style.
-
-    Raises:
-        OutputError: if it cannot be written.
-    """
-    target = Path(path)
-    try:
-        with matplotlib.rc_context(fname=STYLE):
-            figure.savefig(target)
-    except (OSError, ValueError) as error:  # ValueError: an ending that matplotlib cannot write
-        reason = getattr(error, "strerror", None) or error
-        raise OutputError(
-            f"a picture must be a file that can be written, such as a .png; got {str(target)!r} ({reason}). "
-            "Choose another place."
-        ) from error
-    return target
 
 
 def _from_zero(axes: Axes, values: NDArray[np.float64], room: float = 1.15) -> None:

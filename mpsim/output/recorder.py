@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim import checks
+from mpsim import atomic, checks
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, OutputError
 from mpsim.measure.observables import overlap
@@ -50,15 +50,16 @@ class Recorder:
         self._collisions = 0
         kept = [row for row in _rows(self._path) if int(row[0]) <= sim.frame]
         self._last = int(kept[-1][0]) if kept else -1
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([COLUMNS, *kept])
         try:
-            self._file = self._path.open("w", newline="")
+            atomic.write_text(self._path, text.getvalue())
+            self._file = self._path.open("a", newline="", encoding="utf-8")  # row by row: a kill costs the last one
         except OSError as error:
             raise OutputError(
                 f"the table of a run must be a file that can be written; got {str(self._path)!r} ({error.strerror})."
             ) from error
         self._writer = csv.writer(self._file, lineterminator="\n")
-        self._writer.writerows([COLUMNS, *kept])
-        self._file.flush()
 
     def look(self, sim: Simulation, collisions: int) -> None:
         """Write a row for the present frame, unless it is there already."""

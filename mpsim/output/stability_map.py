@@ -12,7 +12,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from mpsim.measure.extremes import AXES, PACKINGS, PARTS
 from mpsim.measure.stability import FORBIDDEN, MAP, MAP_ROWS, TOLERANCE, Outcome
-from mpsim.output.drawing import STYLE, new_figure
+from mpsim.output.drawing import STYLE, new_figure, save_figure
 
 LEVELS = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0, math.inf)
 """Borders between colours: an error as a multiple of its tolerance. Up to 1 is correct."""
@@ -49,7 +49,7 @@ def _draw_axis(name: str, outcomes: Sequence[Outcome], path: Path) -> None:
     axes.set_yticks(range(len(rows)), rows, fontsize=8)
     axes.set(xlabel=AXES[name].title, title=f"{name}: largest error, as a multiple of what counts as correct")
     _legend(figure)
-    figure.savefig(path)
+    save_figure(figure, path)
 
 
 def _draw_pairs(outcomes: Sequence[Outcome], path: Path) -> None:
@@ -64,7 +64,7 @@ def _draw_pairs(outcomes: Sequence[Outcome], path: Path) -> None:
         panel.set(xlabel=AXES["step"].title, ylabel="packing fraction", title=row.label)
     figure.suptitle("Largest error, as a multiple of what counts as correct; !: a warning told it")
     _legend(figure)
-    figure.savefig(path)
+    save_figure(figure, path)
 
 
 def _cells(axes: Any, table: Sequence[Sequence[Outcome | None]]) -> None:

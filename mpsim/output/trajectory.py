@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, overload
 
-from mpsim import checks
+from mpsim import atomic, checks
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, OutputError, TrajectoryError, TrajectoryWarning
 from mpsim.output.continuation import discrepancy, lacking
@@ -149,7 +149,11 @@ class TrajectoryWriter:
         self._unchecked = mode == "a" and self.path.exists() and self.path.stat().st_size > 0
         kind = ENDINGS[self.path.suffix.lower()][1]
         try:
-            self._writer: Writer = kind(self.path, mode)
+            # A trajectory grows frame by frame, under its own name: a kill costs the frame in hand, not all of them.
+            if mode == "w":  # never through a link
+                atomic.check_target(self.path)
+                self.path.unlink(missing_ok=True)
+            self._writer: Writer = kind(self.path, "x" if mode == "w" else mode)
         except OutputError:
             raise
         except OSError as error:

@@ -1,14 +1,16 @@
 """From a scene to a scene file: small arrays in the file, large ones beside it, every bit kept."""
 
+import contextlib
 import dataclasses
-import io
 import json
 import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from mpsim import atomic
 from mpsim.errors import InputError, OutputError
 from mpsim.features import Emitter, FixedDisc
 from mpsim.scene import Scene
@@ -53,8 +55,7 @@ def save(
     discs, arrays = _disc_lines(scene, target)
     lines += [*discs, *_feature_lines(scene)]
     try:
-        for file, content in [*arrays, (target, "\n".join(lines).encode())]:
-            _write(file, content)
+        _write(target, "\n".join(lines), arrays)
     except (OSError, UnicodeEncodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise OutputError(
@@ -73,9 +74,9 @@ def _scene_lines(scene: Scene) -> list[str]:
     return _pairs(values)
 
 
-def _disc_lines(scene: Scene, target: Path) -> tuple[list[str], list[tuple[Path, bytes]]]:
+def _disc_lines(scene: Scene, target: Path) -> tuple[list[str], dict[Path, NDArray[np.float64]]]:
     """The discs as one group, and the files of its arrays."""
-    lines, files = ["[[discs]]"], []
+    lines, files = ["[[discs]]"], {}
     for name in ("position", "velocity", "radius", "mass", "acceleration"):
         value = getattr(scene, name)
         if value is None:
@@ -85,9 +86,7 @@ def _disc_lines(scene: Scene, target: Path) -> tuple[list[str], list[tuple[Path,
             lines.append(f"{name} = {text_of(numbers)}")
             continue
         file = target.with_name(f"{target.stem}.{name}.npy")
-        content = io.BytesIO()
-        np.save(content, numbers.astype("<f8"), allow_pickle=False)
-        files.append((file, content.getvalue()))
+        files[file] = numbers.astype("<f8")
         lines.append(f"{name} = {_text(file.name)}")
     return [*lines, ""], files
 
@@ -126,12 +125,15 @@ def _text(value: Any) -> str:
     return repr(int(value)) if isinstance(value, int | np.integer) else repr(float(value))
 
 
-def _write(file: Path, content: bytes) -> None:
-    """All or nothing: whoever reads the file meanwhile gets the old one or the new one."""
-    draft = file.with_name(f".{file.name}.{os.getpid()}")
-    try:
-        draft.write_bytes(content)
-        draft.replace(file)
-    except OSError:
-        draft.unlink(missing_ok=True)
-        raise
+def _write(target: Path, text: str, arrays: dict[Path, NDArray[np.float64]]) -> None:
+    """All or nothing: every file is complete on the disk before the first one takes its name, the scene file last."""
+    with contextlib.ExitStack() as last_first:
+        scene = last_first.enter_context(atomic.atomic_write(target))
+        scene.write(text.encode())
+        scene.flush()
+        os.fsync(scene.fileno())
+        for path, array in arrays.items():
+            file = last_first.enter_context(atomic.atomic_write(path))
+            np.save(file, array, allow_pickle=False)
+            file.flush()
+            os.fsync(file.fileno())
