@@ -36,6 +36,19 @@ def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: 
     return array
 
 
+def resolution(array: NDArray[np.float64]) -> float:
+    """The relative spacing (eps) of the precision in which numbers were computed: float32 if each is such a number.
+
+    The dtype does not tell: numbers of a float32 run may have come as float64, from a file or through arithmetic.
+
+    >>> resolution(np.array([0.5, np.float32(0.1)])) == 2.0**-23, resolution(np.array([0.5, 0.1])) == 2.0**-52
+    (True, True)
+    """
+    with np.errstate(over="ignore"):
+        single = bool((array.astype(np.float32) == array).all())
+    return float(np.finfo(np.float32 if single else np.float64).eps)
+
+
 def positive(name: str, value: Any, unit: str) -> float:
     """A finite number above 0."""
     number = _number(name, value, f"a number > 0 {unit}")

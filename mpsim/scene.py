@@ -327,7 +327,8 @@ class Scene:
         starts where the state has it. Counts of periods start at 0.
 
         Args:
-            state: of as many discs as the scene has, absorbed ones included.
+            state: of as many discs as the scene has, absorbed ones included. Coordinates may be beyond a wall by the
+                rounding of their precision, which is float32 if each is such a number; they are put at the wall.
 
         Raises:
             InputError: if the number of discs differs, or the state does not fit the box.
@@ -352,8 +353,7 @@ class Scene:
         other._keep(state.present)
         low, high = other.limits(other.radius)
         inside = np.clip(position[state.present], low, high)
-        # What the walls of a float32 run hold may be a rounding beyond those of the scene.
-        rounding = 8 * float(np.finfo(np.result_type(state.position, np.float32)).eps) * max(self.width, self.height)
+        rounding = 8 * checks.resolution(position[state.present]) * max(self.width, self.height)
         moved = np.abs(inside - position[state.present])
         other.position = np.where(moved <= rounding, inside, position[state.present])
         other.velocity = velocity[state.present]
