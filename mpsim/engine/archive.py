@@ -75,6 +75,8 @@ class ArrayFile:
         for member in members:
             if member.compress_type != zipfile.ZIP_STORED or member.compress_size != member.file_size:
                 raise ValueError(f"{member.filename!r} in it is compressed, which no checkpoint is")
+            if not 0 <= member.header_offset < length:  # where the system would refuse to look, as if it were at fault
+                raise ValueError(f"{member.filename!r} in it begins outside of it")
             if member.flag_bits & _ENCRYPTED:
                 raise ValueError(f"{member.filename!r} in it is encrypted, which no checkpoint is")
         # Members may overlap in a zip file: only the sum tells that what is read is no more than what is there.

@@ -133,13 +133,8 @@ def write(path: str | os.PathLike[str], scene: Scene, settings: Settings, run: d
         OutputError: if the file cannot be written; what was there before is still there.
     """
     target = checked_place(path)
-    with _as_output_error(target), contextlib.ExitStack() as then:
-        if _is_complete(target):
-            # Its second name is taken after the new one has replaced it: whatever its content is worth, no moment is
-            # without a whole file.
-            _link(target, then.enter_context(atomic.draft_of(_previous(target))))
-        with atomic.atomic_write(target) as file:
-            write_arrays(file, _packed(scene, settings, run, arrays))
+    with _as_output_error(target), _kept_as_previous(target), atomic.atomic_write(target) as file:
+        write_arrays(file, _packed(scene, settings, run, arrays))
     return target
 
 
@@ -264,6 +259,20 @@ def _is_complete(path: Path) -> bool:
             return HEADER in ArrayFile(file).names
     except (FileNotFoundError, *DAMAGE):
         return False
+
+
+@contextlib.contextmanager
+def _kept_as_previous(target: Path) -> Iterator[None]:
+    """Keep the file that is there under its second name, once a new one has replaced it in the block.
+
+    Not before: so, whatever its content is worth, no moment is without a whole file.
+    """
+    if not _is_complete(target):
+        yield
+        return
+    with atomic.draft_of(_previous(target)) as second:
+        _link(target, second)
+        yield
 
 
 def _link(target: Path, second: Path) -> None:

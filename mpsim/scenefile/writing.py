@@ -1,14 +1,14 @@
 """From a scene to a scene file: small arrays in the file, large ones beside it, every bit kept."""
 
-import contextlib
 import dataclasses
+import functools
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mpsim import atomic
 from mpsim.errors import InputError, OutputError
@@ -31,8 +31,8 @@ def save(
 
     Args:
         scene: what is written. How it was made (random places, lattices) is not: its arrays are.
-        path: ends in .toml; an existing file is replaced. Arrays of more than 64 rows go to files beside it, named
-            like it: gas.position.npy of gas.toml.
+        path: ends in .toml; an existing file is replaced, a symbolic link refused. Arrays of more than 64 rows go to
+            files beside it, named like it: gas.position.npy of gas.toml.
         settings: to recommend.
         title, text, look_for: for people.
 
@@ -55,7 +55,7 @@ def save(
     discs, arrays = _disc_lines(scene, target)
     lines += [*discs, *_feature_lines(scene)]
     try:
-        _write(target, "\n".join(lines), arrays)
+        _write([(target, lambda file: file.write("\n".join(lines).encode())), *arrays])
     except (OSError, UnicodeEncodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise OutputError(
@@ -74,9 +74,10 @@ def _scene_lines(scene: Scene) -> list[str]:
     return _pairs(values)
 
 
-def _disc_lines(scene: Scene, target: Path) -> tuple[list[str], dict[Path, NDArray[np.float64]]]:
+def _disc_lines(scene: Scene, target: Path) -> tuple[list[str], list[tuple[Path, Callable[[BinaryIO], object]]]]:
     """The discs as one group, and the files of its arrays."""
-    lines, files = ["[[discs]]"], {}
+    lines: list[str] = ["[[discs]]"]
+    files: list[tuple[Path, Callable[[BinaryIO], object]]] = []
     for name in ("position", "velocity", "radius", "mass", "acceleration"):
         value = getattr(scene, name)
         if value is None:
@@ -86,7 +87,7 @@ def _disc_lines(scene: Scene, target: Path) -> tuple[list[str], dict[Path, NDArr
             lines.append(f"{name} = {text_of(numbers)}")
             continue
         file = target.with_name(f"{target.stem}.{name}.npy")
-        files[file] = numbers.astype("<f8")
+        files.append((file, functools.partial(np.save, arr=numbers.astype("<f8"), allow_pickle=False)))
         lines.append(f"{name} = {_text(file.name)}")
     return [*lines, ""], files
 
@@ -125,15 +126,12 @@ def _text(value: Any) -> str:
     return repr(int(value)) if isinstance(value, int | np.integer) else repr(float(value))
 
 
-def _write(target: Path, text: str, arrays: dict[Path, NDArray[np.float64]]) -> None:
-    """All or nothing: every file is complete on the disk before the first one takes its name, the scene file last."""
-    with contextlib.ExitStack() as last_first:
-        scene = last_first.enter_context(atomic.atomic_write(target))
-        scene.write(text.encode())
-        scene.flush()
-        os.fsync(scene.fileno())
-        for path, array in arrays.items():
-            file = last_first.enter_context(atomic.atomic_write(path))
-            np.save(file, array, allow_pickle=False)
+def _write(files: list[tuple[Path, Callable[[BinaryIO], object]]]) -> None:
+    """All or nothing: every file is complete on the disk before one takes its name, the last one first."""
+    if files:
+        (path, write), *others = files
+        with atomic.atomic_write(path) as file:
+            write(file)
             file.flush()
             os.fsync(file.fileno())
+            _write(others)

@@ -123,6 +123,7 @@ def test_the_content_is_not_blamed_for_what_happens_while_it_is_looked_at(place,
     assert found.value is error
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # ZipFile.__del__ before __init__
 def test_an_alarm_at_any_call_while_a_checkpoint_is_read_is_passed_on(tmp_path):
     """A handler of a signal runs between two steps of Python: here it raises as each function is entered, in turn."""
     path = two(tmp_path / "run")

@@ -341,7 +341,7 @@ for name, writer in writers.items():
                 left += bool(drafts(path.parent))
                 writer(path, 1)
                 assert contents(path.parent) == whole[1]
-                assert end is killed and not drafts(path.parent) or not drafts(path.parent), "leftovers stay"
+                assert not drafts(path.parent), f"{name}, {end.__name__} at line {limit}: leftovers stay"
             limit += 1
         results[f"{name} {end.__name__}"] = [count, olds, left, mixed]
 print(json.dumps(results))
