@@ -4,7 +4,7 @@ The two follow one trajectory until rounding has grown, and are independent afte
 collisions per disc (a few where losses cool the gas), and gases count by the collisions that they have: the noise left
 is a third of a percent.
 One execution: a gas by both.
-Executions: 72 by default, 2,000 with --long.
+Executions: 72 by default, 1,400 with --long.
 """
 
 import itertools
@@ -60,7 +60,8 @@ def differences(scenes, step):
 
 
 def check(rows, weights, most=0.015):
-    """The mean differences are at most 1.5 %, or `most`, with noise of at most a third of that."""
+    """The mean differences are at most 1.5 %, or `most` (one for all or one each), with noise of a third of that."""
+    most = np.broadcast_to(most, 3)
     shares = weights[:, None] / weights.sum()
     mean = (shares * rows).sum(axis=0)
     error = np.sqrt((shares**2 * (rows - mean) ** 2).sum(axis=0))
@@ -90,9 +91,9 @@ def of_few_kinds(scenes, most=10):
 
 @pytest.mark.long
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize(("lossy", "number", "most"), [(False, 750, 0.015), (True, 250, 0.05)])
+@pytest.mark.parametrize(("lossy", "number", "most"), [(False, 450, (0.015, 0.015, 0.02)), (True, 250, 0.05)])
 def test_small_steps_agree_with_the_exact_solver_with_any_features(lossy, number, most):
-    """Gases that cool and cluster scatter more: a few of them collide far more often than the others."""
+    """Under gravity the kinetic energy at an instant scatters more; gases that cool and cluster do in all."""
     scenes = itertools.islice(of_few_kinds(gases(range(1000, 20000), lossy)), number)
     check(*differences(scenes, 0.02), most)
 
