@@ -50,12 +50,14 @@ def killing_at_byte(limit):
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
+run = {{"frame": sim.frame, "emission": sim._emission.progress}}
+parts = sim.scene, sim.settings, run, sim._solver.snapshot()  # a fork may not use the simulation itself
+
 def write():
     if not NAIVE:
-        sim.save(folder / "run")
+        checkpoint.write(folder / "run", *parts)
         return
-    run = {{"frame": 3, "emission": sim._emission.progress}}
-    arrays = checkpoint._packed(sim.scene, sim.settings, run, sim._solver.snapshot())
+    arrays = checkpoint._packed(*parts)
     with (folder / "run").open("wb", buffering=0) as file:
         archive.write_arrays(file, arrays)
 
