@@ -268,6 +268,7 @@ import mpsim
 from support.scenes import gas
 
 warnings.simplefilter("ignore", DeprecationWarning)  # 3.12: fork in a process with threads
+warnings.simplefilter("ignore", ResourceWarning)  # of what an interrupt leaves to the collector
 os.fsync = lambda descriptor: None  # a kill loses nothing that the system has; so this takes seconds
 FILES = {"atomic.py", "writing.py", "state.py"}
 scenes = [gas(70, 0.1, seed=seed) for seed in range(2)]
