@@ -287,8 +287,7 @@ def _legend(rows: Sequence[Row]) -> list[Line2D]:
 
 def _label_front(axes: Axes, table: Tradeoff, measure: str, front: Sequence[Row]) -> None:
     """Names beside the points of the front, where they hide no point, no bar and no other name."""
-    figure = axes.get_figure(root=True)
-    assert figure is not None
+    figure = axes.figure.figure  # the whole one, where the axes are in one of its subfigures
     figure.draw_without_rendering()
     pixels = figure.dpi / 72
     rows = _drawable(table, measure)
@@ -369,8 +368,7 @@ def _put(name: Annotation, offset: tuple[float, float]) -> None:
 
 
 def _box(axes: Axes, name: Annotation) -> Bbox:
-    figure = axes.get_figure(root=True)
-    assert figure is not None
+    figure = axes.figure.figure  # the whole one, where the axes are in one of its subfigures
     assert isinstance(figure.canvas, FigureCanvasAgg)
     renderer = figure.canvas.get_renderer()
     name.update_positions(renderer)

@@ -67,8 +67,7 @@ def draw_frame(axes: Axes, frame: Frame, scene: Scene) -> None:
     where: dict[str, Any] = (
         {"location": "bottom", "shrink": 0.6, "aspect": 40} if scene.width > 2.5 * scene.height else TALL
     )
-    figure = axes.get_figure(root=True)
-    assert figure is not None
+    figure = axes.figure.figure  # the whole one, where the axes are in one of its subfigures
     figure.colorbar(discs, ax=axes, label="speed [length/time]", **where)
     shown = f"{len(speeds):,} of " if step > 1 else ""
     axes.set_title(f"time {frame.time:.4g}, {shown}{len(frame.position):,} discs")
