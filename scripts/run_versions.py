@@ -247,9 +247,9 @@ def results(found: dict[str, Any], marks: dict[str, str]) -> list[Any]:
 
 def summary(cells: list[dict[str, Any]], missing: list[str], marks: int) -> str:
     tests = sorted({" ".join([*found["tests"], *(["--long"] * found["long"])]) for found in cells if found["tests"]})
-    commits = sorted({found["commit"] for found in cells})
-    said = [f"Tests: {'; '.join(f'`{each}`' for each in tests)}." if tests else "Installed; no tests were run."]
-    said.append(f"Commit {', '.join(commits)}.")
+    commits = sorted({found["commit"] for found in cells if found["tests"]})
+    named = f"Tests: {'; '.join(f'`{each}`' for each in tests)}, at commit {', '.join(commits)}."
+    said = [named if tests else "Installed; no tests were run."]
     if marks:
         said.append(f"Digests: those of {len(SCENES)} scenes, with features and without; one letter, the same bits.")
     if cells and marks == 1:
