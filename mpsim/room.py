@@ -1,16 +1,31 @@
 """Whether there is room for discs: clear of obstacles, and where a piston stops."""
 
+import functools
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.errors import InputError
-from mpsim.features import discs_in_obstacles
+from mpsim.features import Obstacle, capsules_of, discs_in_obstacles
 
 if TYPE_CHECKING:
     from mpsim.scene import Scene
+
+Floats = NDArray[np.float64]
+
+ROUND = 33
+"""Corners of the polygon in half a circle."""
+
+SHRUNK = 1e-6
+"""Fraction of a radius by which obstacles are grown less: a channel just as wide as a disc must stay one."""
+
+TOUCH = 1e-9
+"""Fraction of the coordinates below which a polygon is taken to touch a side, or another one."""
+
+RADII = 16
+"""Radii at most for which discs as large or larger are counted against the room among obstacles."""
 
 
 def densest_packing(smallest: float, largest: float) -> float:
@@ -28,7 +43,7 @@ def densest_packing(smallest: float, largest: float) -> float:
     return corner / (2 * q * math.sqrt(2 * q + 1))
 
 
-def shortest_box(radius: NDArray[np.float64], number: NDArray[np.float64], across: float, walls: bool) -> float:
+def shortest_box(radius: Floats, number: Floats, across: float, walls: bool) -> float:
     """Length below which no box between two walls, `across` wide, holds so many discs of each radius [length].
 
     For equal discs between four walls it is Oler's inequality, which counts the room that is lost at walls (Acta Math.
@@ -56,7 +71,94 @@ def shortest_box(radius: NDArray[np.float64], number: NDArray[np.float64], acros
     return length
 
 
-def check_clear(scene: "Scene", name: str, position: NDArray[np.float64], radius: NDArray[np.float64]) -> None:
+@functools.lru_cache(maxsize=64)
+def most_equal(
+    radius: float, low: tuple[float, float], high: tuple[float, float], obstacles: tuple[Obstacle, ...]
+) -> float:
+    """Number of equal discs above which no arrangement of them between four walls and among obstacles exists.
+
+    Folkman and Graham (Canad. Math. Bull. 12, 745, 1969; of regions with holes Graham, Witsenhausen and Zassenhaus,
+    Discrete Math. 2, 1972): n points a diameter d apart lie in a region of area A, perimeter P and Euler characteristic
+    chi only if n <= 2 A / (sqrt(3) d^2) + P / (2 d) + chi. Centres lie in the box less one radius, outside obstacles
+    grown by one. Any larger region bounds them too: so each grown obstacle is a polygon inside it, and those that
+    overlap one that counts more, or that would not lower the bound, are left out.
+
+    Args:
+        radius: of all discs [length].
+        low, high: corners (x, y) of the box [length].
+        obstacles: in it.
+
+    >>> import mpsim
+    >>> pegs = (mpsim.FixedDisc((2, 3), 1.9),)
+    >>> round(most_equal(0.5, (0, 0), (6, 6), ()), 2), round(most_equal(0.5, (0, 0), (6, 6), pegs), 2)
+    (39.87, 25.23)
+    """
+    diameter, sides = 2 * radius, np.subtract(high, low) - 2 * radius
+    if (sides < 0).any():
+        return 0.0
+    corners = np.add(low, radius), np.subtract(high, radius)
+    most = 2 * float(sides.prod()) / (math.sqrt(3) * diameter**2) + float(sides.sum()) / diameter + 1
+    holes = [clipped(grown(capsule, radius * (1 - SHRUNK)), *corners) for capsule in capsules_of(obstacles)]
+    losses = [(_loss(hole, *corners, diameter), index) for index, hole in enumerate(holes) if len(hole) > 2]
+    counted: list[Floats] = []
+    for loss, index in sorted(losses, reverse=True):
+        if loss > 0 and all(apart(holes[index], other) for other in counted):
+            counted.append(holes[index])
+            most -= loss
+    return most
+
+
+def grown(capsule: Floats, radius: float) -> Floats:
+    """Corners of a polygon in a segment with a radius, (ax, ay, bx, by, radius), grown by another one, shape (K, 2)."""
+    (ax, ay, bx, by, own), half = capsule.tolist(), math.pi / 2
+    turn = math.atan2(by - ay, bx - ax) + np.linspace(-half, half, ROUND)
+    arc = (own + radius) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    return np.concatenate([arc + np.array([bx, by]), np.array([ax, ay]) - arc])
+
+
+def clipped(polygon: Floats, low: Floats, high: Floats) -> Floats:
+    """What of a convex polygon, shape (K, 2), anticlockwise, lies in a rectangle: corners cut off lie on its sides."""
+    for axis, limit, sign in ((0, low[0], 1), (0, high[0], -1), (1, low[1], 1), (1, high[1], -1)):
+        kept: list[Floats] = []
+        for start, end in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+            if sign * (start[axis] - limit) >= 0:
+                kept.append(start)
+            if (start[axis] - limit) * (end[axis] - limit) < 0:
+                cut = start + (limit - start[axis]) / (end[axis] - start[axis]) * (end - start)
+                cut[axis] = limit
+                kept.append(cut)
+        polygon = np.array(kept).reshape(-1, 2)
+    return polygon
+
+
+def apart(one: Floats, other: Floats) -> bool:
+    """Whether a side of one of two convex polygons, shapes (K, 2), anticlockwise, has the other one behind it."""
+    for polygon, beyond in ((one, other), (other, one)):
+        along = np.roll(polygon, -1, axis=0) - polygon
+        outward = np.stack([along[:, 1], -along[:, 0]], axis=1)
+        gap = (beyond @ outward.T).min(axis=0) - (polygon * outward).sum(axis=1)
+        if (gap > TOUCH * np.abs(polygon).max() * np.hypot(*along.T)).any():
+            return True
+    return False
+
+
+def _loss(hole: Floats, low: Floats, high: Floats, diameter: float) -> float:
+    """How many discs fewer the bound has for a convex hole, shape (K, 2), in the rectangle from low to high.
+
+    The hole changes the Euler characteristic by the number of pieces in which it touches the rectangle, less one.
+    """
+    following = np.roll(hole, -1, axis=0)
+    lengths = np.hypot(*(following - hole).T)
+    area = 0.5 * float((hole[:, 0] * following[:, 1] - hole[:, 1] * following[:, 0]).sum())
+    on_side = ((hole == following) & ((hole == low) | (hole == high))).any(axis=1)
+    tolerance = TOUCH * float(np.abs([low, high]).max())
+    touching = ((hole <= low + tolerance) | (hole >= high - tolerance)).any(axis=1)
+    pieces = int(touching.sum() - on_side.sum())
+    gained = float(lengths[~on_side].sum() - lengths[on_side].sum()) / (2 * diameter) + pieces - 1
+    return 2 * area / (math.sqrt(3) * diameter**2) - gained
+
+
+def check_clear(scene: "Scene", name: str, position: Floats, radius: Floats) -> None:
     """Refuse discs that overlap an obstacle, which would put them beside it.
 
     Args:
@@ -77,7 +179,7 @@ def check_clear(scene: "Scene", name: str, position: NDArray[np.float64], radius
         )
 
 
-def check_end(scene: "Scene", name: str, radius: NDArray[np.float64], number: NDArray[np.float64]) -> None:
+def check_end(scene: "Scene", name: str, radius: Floats, number: Floats) -> None:
     """Refuse more discs than the box can hold where the piston stops.
 
     Args:
@@ -101,3 +203,27 @@ def check_end(scene: "Scene", name: str, radius: NDArray[np.float64], number: ND
             f"{length:g} (packing {math.pi * float((number * radius**2).sum()) / (length * across):.3g}). Let the "
             "piston stop earlier, or use fewer or smaller discs."
         )
+    if scene.obstacles and not any(scene.periodic):
+        corners: Any = tuple(low.tolist()), tuple(high.tolist())
+        _check_among_obstacles(scene, name, radius, number, *corners)
+
+
+def _check_among_obstacles(
+    scene: "Scene", name: str, radius: Floats, number: Floats, low: tuple[float, float], high: tuple[float, float]
+) -> None:
+    """Refuse more discs than the box from low to high can hold among its obstacles.
+
+    Of several radii, those as large as one of them or larger have no more room than equal discs of that radius.
+    """
+    assert scene.piston is not None
+    radii = np.unique(radius[number > 0])
+    for least in radii[:: math.ceil(len(radii) / RADII) or 1].tolist():
+        count, most = float(number[radius >= least].sum()), most_equal(least, low, high, scene.obstacles)
+        if count > most * (1 + 1e-9):
+            kind = f"radius {least:g}" + (" or more" if len(radii) > 1 else "")
+            raise InputError(
+                f"{name} must leave room for all {count:g} discs of {kind} among the obstacles, where no arrangement "
+                f"has more than {math.floor(most)}; got {scene.piston.stop:g}, which leaves a box of "
+                f"{high[0] - low[0]:g} x {high[1] - low[1]:g}. Let the piston stop earlier, or use fewer or smaller "
+                "discs or obstacles."
+            )

@@ -8,7 +8,7 @@ import pytest
 from support.scenes import simulate
 
 import mpsim
-from mpsim import room
+from mpsim import features, room
 
 BOX = {"width": 20, "height": 10, "radius": 0.5}
 NOBODY = {"position": np.zeros((0, 2)), "velocity": np.zeros((0, 2))}
@@ -77,6 +77,66 @@ def test_discs_that_are_added_count_too():
         with pytest.raises(mpsim.InputError, match=r"position must leave room for all 72 discs, a box at least 6\.\d+"):
             sim.add(more, 0 * more)
         assert sim.count == 52
+
+
+# --- among obstacles, where a piston stops
+
+
+def test_a_piston_that_would_leave_too_little_room_among_obstacles_is_refused():
+    """Of the area left over they would take 0.956; they ended 0.39 of a diameter deep in each other."""
+    peg, box = mpsim.FixedDisc((2, 3), 1.9), {"count": 30, "width": 20, "height": 6, "radius": 0.5, "seed": 2}
+    text = (
+        r"stop of the piston must leave room for all 30 discs of radius 0\.5 among the obstacles, where no arrangement "
+        r"has more than 25; got 6, which leaves a box of 6 x 6\. Let the piston stop earlier"
+    )
+    with pytest.raises(mpsim.InputError, match=text):
+        mpsim.Scene.random(**box, obstacles=peg, piston=mpsim.Piston("right", -0.5, 6))
+    mpsim.Scene.random(**box, piston=mpsim.Piston("right", -0.5, 6))  # the control
+    mpsim.Scene.random(**box, obstacles=peg, piston=mpsim.Piston("right", -0.5, 7))
+
+
+def hexagonal(rng, low, high):
+    """Places of discs of radius 0.5 that touch in a hexagonal lattice, turned and shifted at random, in a box."""
+    index = np.stack(np.meshgrid(*[np.arange(-40, 41)] * 2), axis=-1).reshape(-1, 2)
+    turn = rng.uniform(0, np.pi)
+    axes = np.array([[np.cos(turn + k * np.pi / 3), np.sin(turn + k * np.pi / 3)] for k in (0, 1)]) * (1 + 1e-12)
+    places = index @ axes + rng.uniform(0, 9, 2)
+    return places[((places >= low + 0.5) & (places <= high - 0.5)).all(axis=1)]
+
+
+def test_no_packing_that_exists_is_above_the_bound_among_obstacles():
+    """Lattices from which the discs in obstacles are taken; in most of them the bound is no more than half above."""
+    rng, ratios = np.random.default_rng(5), []
+    for _ in range(150):
+        high = rng.uniform(2, 15, 2)
+        pegs = [mpsim.FixedDisc(rng.random(2) * high, rng.uniform(0.01, 2)) for _ in range(rng.integers(0, 5))]
+        walls = [mpsim.Polyline(rng.random((3, 2)) * high, rng.choice([0, 0.3])) for _ in range(rng.integers(0, 3))]
+        obstacles = (*pegs, *walls)
+        places = hexagonal(rng, 0, high)
+        deep = features.distance_to_capsules(places, features.capsules_of(obstacles)).min(axis=1, initial=np.inf) < 0.5
+        most = room.most_equal(0.5, (0, 0), tuple(high.tolist()), obstacles)
+        assert (~deep).sum() <= most
+        ratios.append((~deep).sum() / max(most, 1))
+    assert np.median(ratios) > 0.5
+
+
+@pytest.mark.parametrize(("gap", "above"), [(1.0, 37), (1.0 + 1e-9, 37), (1.3, 42)])
+def test_channels_as_wide_as_a_disc_count_as_room(gap, above):
+    """Between two thick walls, and between a wall of the box and one of them, ten discs each stand in a row."""
+    low, thick = gap + 1.0, 2.0
+    walls = tuple(mpsim.Polyline([(0, y), (10, y)], thick) for y in (low, low + thick + gap))
+    top = low + thick + gap + 1.0 + gap
+    assert 30 <= room.most_equal(0.5, (0, 0), (10, top), walls) < above
+
+
+def test_of_two_sizes_the_larger_ones_have_no_more_room_than_alone():
+    peg, box = mpsim.FixedDisc((3, 3), 1.5), {"width": 20, "height": 6}
+    places = np.array([[9 + i // 5, 0.5 + i % 5] for i in range(45)])
+    piston, rest = mpsim.Piston("right", -0.5, 6), {"position": places, "velocity": 0 * places}
+    mixed = np.where(np.arange(45) < 31, 0.5, 0.05)
+    with pytest.raises(mpsim.InputError, match=r"all 31 discs of radius 0\.5 or more among the obstacles, .* than 30;"):
+        mpsim.Scene(**box, **rest, radius=mixed, obstacles=peg, piston=piston)
+    mpsim.Scene(**box, **rest, radius=np.where(np.arange(45) < 30, 0.5, 0.05), obstacles=peg, piston=piston)
 
 
 # --- behind a piston
