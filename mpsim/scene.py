@@ -317,8 +317,9 @@ class Scene:
 
     @property
     def packing(self) -> float:
-        """Packing fraction: area of the discs over area of the box."""
-        return math.pi * float((self.radii**2).sum()) / (self.width * self.height)
+        """Packing fraction at the start: area of the discs over that of the box, a piston being one of its walls."""
+        x_low, x_high, y_low, y_high = self.box
+        return math.pi * float((self.radii**2).sum()) / ((x_high - x_low) * (y_high - y_low))
 
     def starting_from(self, state: State) -> "Scene":
         """The same scene with the places and velocities of a state, to go on from there.
@@ -413,8 +414,12 @@ class Scene:
         extras += [
             "periodic " + "".join(axis for axis, word in zip("xy", self.boundary, strict=True) if word == "periodic")
         ]
+        x_low, x_high, y_low, y_high = self.box
+        size = f"{x_high - x_low:g} x {y_high - y_low:g}"
+        if self.piston is not None and self.piston.start is not None:
+            size += f" of {self.width:g} x {self.height:g}"
         return (
-            f"<Scene: {self.count} discs of {radii} in {self.width:g} x {self.height:g}, "
+            f"<Scene: {self.count} discs of {radii} in {size}, "
             f"packing {self.packing:.3g}{''.join(', ' + name for name in extras if name != 'periodic ')}>"
         )
 

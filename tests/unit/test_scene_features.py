@@ -251,3 +251,12 @@ def test_a_giant_among_many_is_found_quickly():
     inside = np.hypot(*(position[:-1] - 50).T) < 5.001
     pairs = int(scene.overlaps_at_start().split()[0])
     assert inside.sum() <= pairs <= inside.sum() + 5  # small ones may touch each other by chance
+
+
+def test_packing_and_repr_are_of_the_box_at_the_start():
+    scene = Scene(
+        width=20, height=10, position=[[1, 1], [3, 3]], velocity=np.zeros((2, 2)), radius=0.5,
+        piston=Piston("right", -1, 4, start=5),
+    )  # fmt: skip
+    assert scene.packing == pytest.approx(2 * np.pi * 0.25 / 50)
+    assert repr(scene) == "<Scene: 2 discs of radius 0.5 in 5 x 10 of 20 x 10, packing 0.0314, piston>"
