@@ -22,7 +22,8 @@ class Pace:
         disc: index of the one whose displacement in a step is the largest fraction of what it may be; -1: there is
             none, or it is still to come.
         speed: of it, or its component between two walls [length/time].
-        limit: displacement that it may make in a step: its radius, or its free distance between walls [length].
+        limit: displacement that it may make in a step: its radius, or its free distance between walls; infinite where
+            there is no disc [length].
         between: "" or the axis between whose walls that is.
         meetings: collisions of a disc with others, estimated [1/time].
         mean_speed: root mean square [length/time].
@@ -32,7 +33,7 @@ class Pace:
 
     disc: int = -1
     speed: float = 0.0
-    limit: float = 1.0
+    limit: float = math.inf
     between: str = ""
     meetings: float = 0.0
     mean_speed: float = 0.0
@@ -132,9 +133,12 @@ def pull_of(scene: Scene) -> float:
 
 
 def pace_after_fall(pace: Pace, scene: Scene) -> Pace:
-    """How fast the fastest disc is where acceleration has taken it through the box."""
-    fall = math.sqrt(2 * pull_of(scene) * max(scene.width, scene.height))
-    return replace(pace, speed=math.hypot(pace.speed, fall), when="after a fall through the box" if fall else "")
+    """How fast the fastest disc is where acceleration has taken it through the box: of no discs, that of an emitter."""
+    fall = math.sqrt(2 * pull_of(scene) * max(sides_at(scene, 0.0)))
+    if not fall:
+        return pace
+    pace = pace if scene.count else pace_of_emitters(scene)
+    return replace(pace, speed=math.hypot(pace.speed, fall), when="after a fall through the box")
 
 
 def pace_in_equilibrium(pace: Pace, scene: Scene) -> Pace:
@@ -156,20 +160,20 @@ def pace_in_equilibrium(pace: Pace, scene: Scene) -> Pace:
         speed=float(speed[worst]),
         limit=float(scene.radii[worst]),
         between="",
-        meetings=_meetings(scene.radii, mean_speed, (scene.width, scene.height)),
+        meetings=_meetings(scene.radii, mean_speed, sides_at(scene, 0.0)),
         mean_speed=mean_speed,
         when="once collisions have shared the energy out",
     )
 
 
 def pace_of_emitters(scene: Scene) -> Pace:
-    """How fast the fastest disc of an emitter enters."""
-    paces = [Pace()]
+    """How fast the fastest disc of an emitter enters, for what it may be."""
+    paces: list[Pace] = []
     for index, emitter in enumerate(scene.emitters):
         radius = scene.largest_radius if emitter.radius is None else emitter.radius
         velocity: Any = emitter.velocity
         paces.append(Pace(speed=math.hypot(*velocity), limit=radius, when=f"from emitters[{index}]"))
-    return max(paces, key=lambda pace: pace.part(1.0))
+    return max(paces, key=lambda pace: pace.part(1.0), default=Pace())
 
 
 def pace_of_the_pushed(pace: Pace, scene: Scene) -> Pace:

@@ -202,3 +202,36 @@ def test_light_discs_among_heavy_ones_are_told_before_they_are_fast():
     quiet(mixed, dt=0.002)
     quiet(mixed, dt=0.01, law="reflect")  # which gives no disc the speed of another
     quiet(scene, dt=0.01)
+
+
+@pytest.mark.parametrize("on_fast", ["error", "substep"])
+def test_a_scene_without_discs_is_judged_alike_in_all_units_of_length(on_fast):
+    """With lengths times 100 it was refused: no disc has no radius, and 1 was taken for it."""
+    seen = []
+    for unit in (0.01, 1.0, 100.0):
+        scene = mpsim.Scene(
+            width=10 * unit, height=10 * unit, position=np.zeros((0, 2)), velocity=np.zeros((0, 2)), radius=0.5 * unit,
+            gravity=(0, -unit), emitters=mpsim.Emitter((5 * unit, 9 * unit), (0.5 * unit, 0), interval=1.5),
+        )  # fmt: skip
+        with mpsim.Simulation(scene, mpsim.Settings(dt=0.1, method="naive", on_fast=on_fast)) as sim:
+            steps = [sim.run(frames=4).frames and sim.substeps for _ in range(5)]
+        seen.append(steps)
+        heavy = mpsim.Scene(
+            width=10 * unit, height=10 * unit, position=np.zeros((0, 2)), velocity=np.zeros((0, 2)), radius=0.5 * unit,
+            gravity=(0, -2 * unit), emitters=mpsim.Emitter((5 * unit, 9 * unit), (0, 0), interval=1.0),
+        )  # fmt: skip
+        found = watching.Watch(heavy, mpsim.Settings(dt=0.1), exact=False).forecast()
+        assert found is not None
+        assert "after a fall through the box a disc moves 1.26 times its radius" in found, "the control"
+    assert seen[0] == seen[1] == seen[2]
+
+
+def test_discs_that_share_their_energy_meet_in_the_box_at_the_start():
+    """A piston that starts half-way leaves half the box, where they meet more than twice as often."""
+    places = np.array([[0.6 + 1.1 * (i // 8), 0.6 + 1.1 * (i % 8)] for i in range(40)])
+    parts = {"height": 9.0, "position": places, "velocity": np.ones((40, 2)), "radius": 0.5, "mass": np.arange(1, 41.0)}
+    half = mpsim.Scene(width=12, **parts, piston=mpsim.Piston("right", -1, 5.7, start=6))
+    whole = mpsim.Scene(width=6, **parts)
+    assert [paces.pace_in_equilibrium(paces.Pace(), scene).meetings for scene in (half, whole)] == pytest.approx(
+        [paces.pace_in_equilibrium(paces.Pace(), whole).meetings] * 2
+    )
