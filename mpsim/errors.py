@@ -50,7 +50,7 @@ class DivergedError(MpsimError, ArithmeticError):
 
 
 class TooFastError(InputError):
-    """Discs move so far in a step that they may pass through each other, and on_fast does not allow it."""
+    """Discs move so far in a step that they may pass through each other, or are pressed, and on_fast forbids it."""
 
 
 class SharedMemoryError(MpsimError, OSError):
@@ -125,7 +125,7 @@ class EmitterWarning(UserWarning):
 
 
 class FastWarning(UserWarning):
-    """Discs move so far in a step that they may pass through each other: the run goes on, its result is degraded."""
+    """Discs may pass through each other in a step, or are pressed into each other: the result is degraded."""
 
 
 class GuardWarning(UserWarning):

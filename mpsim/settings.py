@@ -46,7 +46,8 @@ class Settings:
             other, or meets more than one other in a step on average: "warn" (FastWarning, once), "error"
             (TooFastError), or "substep": divide frames into as many more steps as keep every disc below half its
             radius, chosen every 16 frames, and after any frame in which one was fast, from the state alone. The frame
-            in which a disc becomes fast is finished first. See docs/stability.md.
+            in which a disc becomes fast is finished first. Discs that a scene presses into each other for want of room
+            are warned of likewise; sub-steps do not help there. See docs/stability.md.
 
     Raises:
         InputError: naming the setting, its rule and the value received.

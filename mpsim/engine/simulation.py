@@ -275,6 +275,7 @@ class Simulation:
         ledger.take(part, self._scene)
         if self._solver.alarmed:  # look now: the run may end here, or be saved
             self._solver.divide(self._look())
+        self._watch.look_for_pressed(self._solver)
         self._emission.in_time(self._solver, self._insert)
 
     def _look(self, new: additions.NewDiscs | None = None) -> int:

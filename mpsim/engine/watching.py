@@ -32,6 +32,7 @@ from mpsim.engine.paces import (
     pull_of,
     sides_at,
 )
+from mpsim.engine.pressing import SELDOM, is_crowded, may_be_pressed, pressed
 from mpsim.engine.resolution import coarseness
 from mpsim.errors import FastWarning, OverlapWarning, ResolutionWarning, TooFastError
 from mpsim.scene import Scene
@@ -39,6 +40,7 @@ from mpsim.settings import Settings
 
 if TYPE_CHECKING:
     from mpsim.engine.additions import NewDiscs
+    from mpsim.engine.exact import ExactSolver
     from mpsim.engine.stepped import SteppedSolver
 
 BOUND = 1.0
@@ -87,6 +89,7 @@ class Watch:
         self._scene = scene
         self._settings = settings
         self._done = exact  # or the warning was given
+        self._pressing_done = exact  # or that one
         self._pull = pull_of(scene)
         narrow = any(
             not wraps and length < 3 * scene.largest_radius
@@ -148,13 +151,21 @@ class Watch:
 
     def frames_ahead(self, frame: int, count: int) -> int:
         """Frames until the next look; a very large number if there is none."""
-        if self._done:
+        if self._done and not self._looks_for_pressed(count):
             return 2**62
         return min(every - frame % every for every in self._periods(frame, count))
 
     def is_due(self, frame: int, count: int) -> bool:
         """Whether this is a frame before which to look."""
-        return not self._done and any(frame % every == 0 for every in self._periods(frame, count))
+        return not self._done and self._is_look(frame, count, 1)
+
+    def _is_look(self, frame: int, count: int, rarer: int) -> bool:
+        """Whether this frame is one of every so many looks, for any reason to look."""
+        return any(frame % (rarer * every) == 0 for every in self._periods(frame, count))
+
+    def _looks_for_pressed(self, count: int) -> bool:
+        """Whether so many discs are to be looked at for what presses them into each other."""
+        return not self._pressing_done and may_be_pressed(self._scene, count)
 
     def arm(self, solver: "SteppedSolver") -> None:
         """Have the solver end its commands where a disc is too fast, or never, if there is no use in it."""
@@ -188,6 +199,25 @@ class Watch:
             self.arm(solver)
             warnings.warn(text, FastWarning, stacklevel=_stacklevel())
         return solver.substeps
+
+    def look_for_pressed(self, solver: "SteppedSolver | ExactSolver") -> None:
+        """Look for discs that are pressed into each other, after the frames that are looked at, and warn once.
+
+        Raises:
+            TooFastError: if the settings do not allow it.
+        """
+        frame, count = solver.frame, solver.count
+        if not self._looks_for_pressed(count) or not self._is_look(frame, count, 1):
+            return
+        crowded = is_crowded(self._scene, solver.radii, solver.time)
+        if not crowded and not self._is_look(frame, count, SELDOM):
+            return
+        text = pressed(solver, self._scene, self._settings)
+        if text and self._settings.on_fast == "error":
+            raise TooFastError(f"{text} on_fast='warn' runs it all the same.")
+        if text:
+            self._pressing_done = True
+            warnings.warn(text, FastWarning, stacklevel=_stacklevel())
 
     def substeps_for(self, pace: Pace, frame: int) -> int:
         """Sub-steps that keep speeds and meetings at AIM of their bounds, and below the bounds until the next look.
