@@ -209,8 +209,8 @@ class Watch:
         frame, count = solver.frame, solver.count
         if not self._looks_for_pressed(count) or not self._is_look(frame, count, 1):
             return
-        crowded = is_crowded(self._scene, solver.radii, solver.time)
-        if not crowded and not self._is_look(frame, count, SELDOM):
+        anyway = frame == self._squeezed or self._is_look(frame, count, SELDOM)
+        if not anyway and not is_crowded(self._scene, solver.radii, solver.time):
             return
         text = pressed(solver, self._scene, self._settings)
         if text and self._settings.on_fast == "error":
