@@ -33,7 +33,7 @@ was 3.5 (docs/stability.md)."""
 
 SHARE = 0.1
 """Overlap for each disc, on average over all, as a fraction of the smallest radius, from which on they are pressed at
-any speed, or steps are far too long. In those gases it was 0.014 at most, and 0.024 in lossy discs that a piston holds
+any speed, or steps are far too long. In those gases it was 0.015 at most, and 0.024 in lossy discs that a piston holds
 at packing 0.785."""
 
 CROWDED = 0.4
