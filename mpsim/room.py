@@ -27,6 +27,9 @@ TOUCH = 1e-9
 RADII = 16
 """Radii at most for which discs as large or larger are counted against the room among obstacles."""
 
+HOLES = 100
+"""Obstacles at most, the largest, that count in that: each pair of them is looked at."""
+
 
 def densest_packing(smallest: float, largest: float) -> float:
     """Packing fraction above which no discs with radii from `smallest` to `largest` can be arranged in the plane.
@@ -81,7 +84,7 @@ def most_equal(
     Discrete Math. 2, 1972): n points a diameter d apart lie in a region of area A, perimeter P and Euler characteristic
     chi only if n <= 2 A / (sqrt(3) d^2) + P / (2 d) + chi. Centres lie in the box less one radius, outside obstacles
     grown by one. Any larger region bounds them too: so each grown obstacle is a polygon inside it, and those that
-    overlap one that counts more, or that would not lower the bound, are left out.
+    overlap one that counts more, that would not lower the bound, or that are not among the largest, are left out.
 
     Args:
         radius: of all discs [length].
@@ -98,7 +101,10 @@ def most_equal(
         return 0.0
     corners = np.add(low, radius), np.subtract(high, radius)
     most = 2 * float(sides.prod()) / (math.sqrt(3) * diameter**2) + float(sides.sum()) / diameter + 1
-    holes = [clipped(grown(capsule, radius * (1 - SHRUNK)), *corners) for capsule in capsules_of(obstacles)]
+    capsules = capsules_of(obstacles)
+    extent = np.hypot(*(capsules[:, 2:4] - capsules[:, :2]).T) + capsules[:, 4]
+    largest = capsules[np.argsort(-extent, kind="stable")[:HOLES]]
+    holes = [clipped(grown(capsule, radius * (1 - SHRUNK)), *corners) for capsule in largest]
     losses = [(_loss(hole, *corners, diameter), index) for index, hole in enumerate(holes) if len(hole) > 2]
     counted: list[Floats] = []
     for loss, index in sorted(losses, reverse=True):

@@ -124,15 +124,14 @@ class Scene:
 
     def _check_emitter(self, index: int, emitter: Emitter) -> None:
         """An emitter must know the radius and mass of its discs, and stand in the box."""
+        which = f"emitters[{index}]"
         for name, common in (("radius", np.ndim(self.radius) == 0), ("mass", self.mass is None)):
             if getattr(emitter, name) is None and not common:
-                raise InputError(
-                    f"emitters[{index}] must have a {name}, as the discs of this scene have one each; got None."
-                )
+                raise InputError(f"{which} must have a {name}, as the discs of this scene have one each; got None.")
         radius = self.radius if emitter.radius is None else emitter.radius
         place = np.array([emitter.position])
-        self.check_inside(f"the position of emitters[{index}]", place, radius)
-        room.check_clear(self, f"the position of emitters[{index}]", place, np.array([radius]))
+        self.check_inside(f"the position of {which}", place, radius)
+        room.check_clear(self, f"the position of {which}", place, np.array([radius]))
 
     def walls_at(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Corners (x, y) of the box at a time, the least and the largest: a piston may have made it smaller [length].
@@ -177,9 +176,8 @@ class Scene:
         if len(outside):
             index = int(outside[0, 0])
             now = f", the piston's place at time {time:g} included" if self.piston is not None and time > 0 else ""
-            (x_low, y_low), (x_high, y_high) = (
-                np.broadcast_to(limit, (len(position), 2))[index] for limit in (low, high)
-            )
+            shape = position.shape
+            (x_low, y_low), (x_high, y_high) = (np.broadcast_to(limit, shape)[index] for limit in (low, high))
             raise InputError(
                 f"{name}[{index}] must lie in [{x_low:g}, {x_high:g}] x [{y_low:g}, {y_high:g}] (one "
                 f"radius from the walls{now}); got {tuple(position[index].tolist())} ({len(outside)} discs outside). "
@@ -318,8 +316,8 @@ class Scene:
     @property
     def packing(self) -> float:
         """Packing fraction at the start: area of the discs over that of the box, a piston being one of its walls."""
-        x_low, x_high, y_low, y_high = self.box
-        return math.pi * float((self.radii**2).sum()) / ((x_high - x_low) * (y_high - y_low))
+        low, high = self.walls_at(0.0)
+        return math.pi * float((self.radii**2).sum()) / float((high - low).prod())
 
     def starting_from(self, state: State) -> "Scene":
         """The same scene with the places and velocities of a state, to go on from there.
@@ -408,19 +406,17 @@ class Scene:
             radii = f"radii {self.radii.min(initial=np.inf):g} to {self.radii.max(initial=0):g}"
         extras = [name for name in ("mass", "gravity", "acceleration", "piston") if getattr(self, name) is not None]
         extras += [name for name in ("obstacles", "emitters", "absorbing") if getattr(self, name)]
-        extras += [
-            f"{name} {getattr(self, name):g}" for name in ("restitution", "wall_restitution") if getattr(self, name) < 1
-        ]
-        extras += [
-            "periodic " + "".join(axis for axis, word in zip("xy", self.boundary, strict=True) if word == "periodic")
-        ]
-        x_low, x_high, y_low, y_high = self.box
-        size = f"{x_high - x_low:g} x {y_high - y_low:g}"
+        losses = ("restitution", "wall_restitution")
+        extras += [f"{name} {getattr(self, name):g}" for name in losses if getattr(self, name) < 1]
+        axes = "".join(axis for axis, wraps in zip("xy", self.periodic, strict=True) if wraps)
+        extras += [f"periodic {axes}"] if axes else []
+        low, high = self.walls_at(0.0)
+        size = " x ".join(f"{side:g}" for side in high - low)
         if self.piston is not None and self.piston.start is not None:
             size += f" of {self.width:g} x {self.height:g}"
         return (
             f"<Scene: {self.count} discs of {radii} in {size}, "
-            f"packing {self.packing:.3g}{''.join(', ' + name for name in extras if name != 'periodic ')}>"
+            f"packing {self.packing:.3g}{''.join(', ' + name for name in extras)}>"
         )
 
     @classmethod

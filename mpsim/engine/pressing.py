@@ -69,11 +69,10 @@ def pressed(solver: "SteppedSolver | ExactSolver", scene: Scene, settings: Setti
     mean = float(np.sqrt((displacement[state.present] ** 2).mean()))
     found = overlap(state, scene, radii) if _overlap_at_all(state, scene, radii) else NONE
     words = _deepest_pair(found, radii, displacement, mean) or _into_obstacles(state, scene, radii, displacement, mean)
-    cause = "There is no room for them: smaller steps, more of them and on_fast='substep' do not help"
+    cause = "They were placed so, or there is no room for them: smaller steps and on_fast='substep' do not help"
     if words is None:
         words = _most_of_them(found, radii[state.present])
-        cause = "There is no room for them, and then smaller steps and on_fast='substep' do not help, or steps are "
-        cause += "far too long"
+        cause += ", or steps are far too long"
     if words is None:
         return None
     return (

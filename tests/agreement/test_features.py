@@ -23,7 +23,10 @@ EVERYTHING = ZOO["everything"]
 PRECISIONS = ("float64", "float32")
 CONTACTS = ("impact", "push")
 
-pytestmark = pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning"),
+    pytest.mark.filterwarnings("ignore:discs are pressed:mpsim.FastWarning"),  # they are dropped on each other
+]
 
 
 def check_twin(name, method, precision, contact, count=24, frames=12):
