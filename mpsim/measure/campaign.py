@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
@@ -42,6 +43,9 @@ which costs more than all candidates together, as many."""
 
 PATIENCE, LEAST_PATIENCE = 10.0, 10.0
 """A run of the reference may take so many times as long as was forecast, and so many seconds at least."""
+
+TELLING = 1.0
+"""Seconds that runs must have been forecast to take for the time that they took to correct later forecasts."""
 
 AGAIN = 2
 """Step of the runs that show how far a stepped reference may be off itself, in steps of the reference."""
@@ -106,6 +110,7 @@ class Campaign:
         self._threads: ThreadPoolExecutor | None = None
         self._stop = threading.Event()
         self._further: dict[int, tuple[State, ...]] = {}
+        self._slowness = 1.0  # of runs side by side, over what was forecast from one
         self._kept.open(f"{self.plan}", self.pilot.reference_name)
 
     def __enter__(self) -> "Campaign":
@@ -157,15 +162,19 @@ class Campaign:
         unique = {key_of(each): each for each in map(self._physics, candidates)}
         wanted += [(each, number) for each in unique.values() for number in numbers]
         tasks: dict[str, tuple[Any, ...]] = {}
+        forecast, begun = 0.0, time.monotonic()
         for settings, number in wanted if self._asks_for(LONG) else ():
             key = f"long {key_of(settings)} {number}"
             if key not in self._kept:
                 tasks[key] = long_run, self.starts[number], settings, self.plan, self._limit_of(settings)
+                forecast += self._seconds_of(settings) / usable_cores()
         for key, settings in unique.items() if self._asks_for(SHORT) else ():
             for number, start in self._starts(first):
                 arguments = short_runs, self._scene, settings, self.plan, start, self.pilot.reference
                 tasks[f"short {key} {number}"] = arguments
         self._run({key: task for key, task in tasks.items() if key not in self._kept})
+        if forecast > TELLING:
+            self._slowness = (time.monotonic() - begun) / forecast
 
     def _limit_of(self, settings: Settings) -> float:
         """Seconds after which a run is given up: there are starts of which the exact solver never comes to an end."""
@@ -184,11 +193,16 @@ class Campaign:
 
     def seconds_for(self, settings: Settings, replicas: int, verify: bool = False) -> float:
         """Seconds that the accuracy runs of a candidate will take, about; verify: with as many of the reference."""
-        one = reference = self.pilot.seconds * self.plan.until
-        if settings.method != "event":
-            one = self.plan.until / settings.dt * settings.substeps * settings.passes * self.pilot.step_seconds
-        runs = replicas * one + (self._references(replicas) * reference if verify else 0.0)
-        return runs / usable_cores()
+        references = self._references(replicas) if verify else 0
+        runs = replicas * self._seconds_of(settings) + references * self._seconds_of(self.pilot.reference)
+        return self._slowness * runs / usable_cores()
+
+    def _seconds_of(self, settings: Settings) -> float:
+        """Seconds of one accuracy run by itself, as forecast."""
+        if settings == self.pilot.reference or settings.method == "event":
+            return self.pilot.seconds * self.plan.until
+        steps = self.plan.until / settings.dt * settings.substeps
+        return steps * settings.passes * self.pilot.step_seconds
 
     def time(self, candidates: Sequence[Settings]) -> None:
         """Measure the cost of candidates, one after the other, with nothing else running."""

@@ -140,10 +140,7 @@ class Search:
             NotMeasurableError: for a measure whose error would mean nothing.
         """
         run, fine = self._run, self._run.pilot.reference
-        one = run.seconds_for(fine, 1, verify=True) if not run.pilot.exact else 3 * run.seconds_for(fine, 1)
-        affordable = int(SEARCH / 2 * self._seconds / one) if one else self._most
-        run.replicas = max(min(run.replicas, affordable), min(run.replicas, FEWEST_REPLICAS))
-        self._verifying = max(min(self._verifying, affordable), run.replicas)
+        self._choose_numbers()
         typical = Settings(dt=TYPICAL * 2 * self._scene.smallest_radius / run.pilot.speed)
         looks = TRIALS * (run.seconds_for(typical, run.replicas) + TIMING)
         verification = run.seconds_for(typical, self._verifying, verify=True)
@@ -157,7 +154,16 @@ class Search:
             raise NotMeasurableError(
                 f"nothing is measurable here: {failed}. Ask for shorter runs (until=...)."
             ) from None
+        self._choose_numbers()  # as it is known by now how long runs really take
         self._end = max(self._end, time.monotonic() + LEAST_SEARCH * self._seconds)
+
+    def _choose_numbers(self) -> None:
+        """Choose how many runs of a candidate there is time for, in the search and in a verification."""
+        run, fine = self._run, self._run.pilot.reference
+        one = run.seconds_for(fine, 1, verify=True) if not run.pilot.exact else 3 * run.seconds_for(fine, 1)
+        affordable = int(SEARCH / 2 * self._seconds / one) if one else self._most
+        run.replicas = max(min(run.replicas, affordable), min(run.replicas, FEWEST_REPLICAS))
+        self._verifying = max(min(self._verifying, affordable), run.replicas)
 
     def longest_step(self, family: Settings) -> None:
         """Look for the longest step of a family inside all budgets."""

@@ -2,6 +2,8 @@
 
 import dataclasses
 import math
+import time
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import numpy as np
@@ -268,6 +270,33 @@ def test_how_long_it_will_take_is_said_before_anything_is_run():
     assert Fake.announced.startswith("about ")
     assert Fake.announced.endswith("16 runs of each candidate, to 10")
     assert 0.5 < float(Fake.announced.split()[1]) / Fake.now < 2, "and it is about right"
+
+
+class Slow(ThreadPoolExecutor):
+    """Whose runs take some time, whatever was forecast."""
+
+    seconds = 0.0
+
+    def submit(self, function, /, *arguments, **keywords):
+        def late():
+            time.sleep(self.seconds)
+            return function(*arguments, **keywords)
+
+        return super().submit(late)
+
+
+@pytest.mark.parametrize(("seconds", "replicas"), [(0.0, 16), (0.8, chooser.FEWEST_REPLICAS)])
+def test_where_runs_side_by_side_take_longer_than_forecast_there_are_fewer(seconds, replicas, monkeypatch):
+    monkeypatch.setattr(campaign, "TELLING", 0.0)
+    monkeypatch.setattr(campaign, "usable_cores", lambda: 2)
+    with Slow(2) as executor:
+        executor.seconds = seconds
+        how = {"replicas": 16, "seconds": 10.0, "executor": executor}
+        with campaign.Campaign(gas(30, 0.2), 10.0, ("pressure",), **how) as run:
+            search = chooser.Search(run, gas(30, 0.2), {"pressure": 0.1}, 10.0)
+            search.look_at_the_reference()
+            assert run.replicas == replicas
+            assert (run.seconds_for(run.pilot.reference, 16) > 3) == (seconds > 0)
 
 
 def test_a_measure_that_means_nothing_in_any_run_is_not_a_budget_out_of_reach():
