@@ -4,6 +4,7 @@ import math
 import re
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -152,7 +153,7 @@ def pilot(scene: Scene, until: float | None = None, earlier: str | None = None, 
     reference, cost, growth = settings, look.seconds, 1 / own
     if exact:
         growth = _growth(scene, crossing, patience)
-        step_seconds = _step_seconds(scene, LOOK * crossing)
+        step_seconds = _step_seconds(scene, LOOK * crossing, until, patience)
     else:
         step_seconds = look.seconds * settings.dt / settings.passes
         dt = _finest(settings, look.seconds, own, until or 0.0, seconds) if earlier is None else _dt_of(earlier)
@@ -227,10 +228,15 @@ def _affordable(limit: float) -> float:
     return limit * usable_cores() / RUNS
 
 
-def _step_seconds(scene: Scene, dt: float) -> float:
-    """Seconds of one step with one pass, about, on one core."""
+def _step_seconds(scene: Scene, dt: float, until: float | None, patience: float) -> float:
+    """Seconds of one step with one pass on one core, about; where emitters let a scene grow, a mean over the run."""
     with quietly(), Simulation(scene, Settings(dt=dt, workers=1)) as sim:
-        return float(np.median(sim.run(frames=FRAMES).frame_seconds))
+        if not scene.emitters or until is None:
+            return float(np.median(sim.run(frames=FRAMES).frame_seconds))
+        begun = time.thread_time()
+        with suppress(_TooSlow):
+            sim.run(until=until, progress=_impatient(patience))
+        return (time.thread_time() - begun) / sim.frame
 
 
 def _growth(scene: Scene, crossing: float, patience: float) -> float:

@@ -45,3 +45,12 @@ def test_an_exact_solver_that_runs_for_minutes_is_too_slow(monkeypatch):
     """Negative control. Of a stepped look that takes as long, the error says so."""
     with pytest.raises(mpsim.InputError, match="a trade needs a scene whose preliminary run takes less than 20 s"):
         reference(Clock(running=10 * pilot.PATIENCE), monkeypatch)
+
+
+def test_a_step_is_timed_along_the_run_where_emitters_let_a_scene_grow():
+    """Of the first steps, of one disc, the forecast for 200 of them was a hundredth of what they took."""
+    emitters = [mpsim.Emitter((2 + 3 * k, 2.0), (1.0, 20.0), interval=0.4) for k in range(10)]
+    box = {"width": 33, "height": 30, "position": [[1, 29]], "velocity": [[1, 0]], "radius": 0.5}
+    scene = mpsim.Scene(**box, emitters=emitters)
+    first, along = (min(pilot._step_seconds(scene, 0.002, until, 10.0) for _ in range(3)) for until in (None, 10.0))
+    assert along > 5 * first
