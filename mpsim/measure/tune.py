@@ -236,6 +236,7 @@ class Search:
 
     def _verified(self, settings: Settings, first: int) -> dict[str, Deviation]:
         """Errors of runs from starts, numbered from `first` on, that had no part in anything before."""
+        self._choose_numbers()
         number = max(self._numbers[settings], self._verifying)
         self._run.assess([settings], number, first=first)
         return self._run.errors(settings, number, first=first)
