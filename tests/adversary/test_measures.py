@@ -19,6 +19,7 @@ from support.scenes import simulate
 
 import mpsim
 from mpsim import measure
+from mpsim.engine.provision import typical_momentum
 from mpsim.measure import gathering
 from mpsim.measure.statistics import Measure
 
@@ -175,7 +176,7 @@ def check_run(seed):
     time = frames * settings["dt"]
     expected = states_say(scene, states, time) | events_say(scene, states, time, *happened)
     expected |= {"overlap": np.mean(depths or [0.0]), "largest_overlap": max(depths, default=0.0)}
-    units = natural_units(scene, states, time)
+    units = natural_units(scene, states, time) | pressure_unit(scene, time, settings["dt"], len(happened[1]))
     for name in names:
         try:
             same(found[name].value, expected[name], rel=1e-9, scale=units.get(name))
@@ -282,6 +283,12 @@ def natural_units(scene, states, time):
         "momentum_drift": 1000 / time,  # impulses are summed in steps of 2^-32
         "pressure_xy": energy / scene.width / scene.height,
     }
+
+
+def pressure_unit(scene, time, dt, hits):
+    """The pressure if each hit on a wall gave it a typical momentum: impulses are summed in steps of 2^-32 of that."""
+    edge = 2 * (np.array([scene.height, scene.width]) * ~np.array(scene.periodic)).sum()
+    return {"pressure": hits * typical_momentum(scene, dt) / time / edge} if edge else {}
 
 
 def same(got, expected, rel=1e-12, scale=None):

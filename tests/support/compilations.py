@@ -38,7 +38,8 @@ class Case:
     def digest(self) -> str:
         """Digest of the state after the last frame."""
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", mpsim.EmitterWarning)
+            for kind in (mpsim.EmitterWarning, mpsim.FastWarning):  # they are dropped on each other
+                warnings.simplefilter("ignore", kind)
             return digest_after(self.scene(), FRAMES, **self.settings)
 
 
