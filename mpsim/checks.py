@@ -23,7 +23,7 @@ def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: 
         at = tuple(int(index) for index in bad[0])
         raise InputError(
             f"{name} must be finite; {name}{list(at)} is {array[at]} ({len(bad)} such values). "
-            "Correct or leave out those discs."
+            "Correct them, or leave them out."
         )
     if array.size == 0 and shape[:1] in ((None,), (0,)):  # an empty list has lost its second axis
         array = array.reshape((0, *[length or 0 for length in shape[1:]]))
@@ -54,6 +54,14 @@ def positive(name: str, value: Any, unit: str) -> float:
     number = _number(name, value, f"a number > 0 {unit}")
     if not (math.isfinite(number) and number > 0):
         raise InputError(f"{name} must be a finite number > 0 {unit}; got {value!r}.")
+    return number
+
+
+def time_to_come(name: str, value: Any) -> float:
+    """A number, 0 or above, or infinity, for the end of all motion."""
+    number = _number(name, value, "a number >= 0 [time]")
+    if not number >= 0:
+        raise InputError(f"{name} must be a number >= 0 [time], or infinity; got {value!r}.")
     return number
 
 

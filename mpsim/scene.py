@@ -136,10 +136,13 @@ class Scene:
     def walls_at(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Corners (x, y) of the box at a time, the least and the largest: a piston may have made it smaller [length].
 
+        Raises:
+            InputError: for a time that is no number >= 0; it may be infinite.
+
         >>> Scene.load("piston").walls_at(math.inf)[1].tolist()
         [20.0, 20.0]
         """
-        low, high = np.array(self.box[::2]), np.array(self.box[1::2])
+        time, low, high = checks.time_to_come("time", time), np.array(self.box[::2]), np.array(self.box[1::2])
         if self.piston is not None:
             axis, far = divmod(features.EDGES.index(self.piston.wall), 2)
             place = (low, high)[far][axis] + self.piston.speed * time
@@ -475,22 +478,12 @@ class Scene:
         if isinstance(radius, float) and edges == ("walls", "walls") and not walls:
             position = placement.random_places(count, width, height, radius, rng)
         else:
-            periodic = edges[0] == "periodic", edges[1] == "periodic"
-            radii = np.broadcast_to(radius, count)
+            periodic, radii = (edges[0] == "periodic", edges[1] == "periodic"), np.broadcast_to(radius, count)
             position = placement.random_crowd(radii, width, height, rng, periodic, features.capsules_of(walls))
-        made = cls(
-            width=width,
-            height=height,
-            position=position,
-            velocity=arrangement.thermal_velocities(count, temperature, masses, rng),
-            radius=radius,
-            mass=masses,
-            boundary=edges,
-            obstacles=walls,
-            **others,
-        )
-        kind: dict[str, Any] = {"count": count, "radius": radius, "mass": mass, "temperature": temperature}
-        kind |= {"width": width, "height": height, "boundary": edges, "obstacles": walls, **others}
+        velocity = arrangement.thermal_velocities(count, temperature, masses, rng)
+        box: dict[str, Any] = {"width": width, "height": height, "boundary": edges, "obstacles": walls, **others}
+        made = cls(position=position, velocity=velocity, radius=radius, mass=masses, **box)
+        kind: dict[str, Any] = {"count": count, "radius": radius, "mass": mass, "temperature": temperature, **box}
         return made.drawn_by(functools.partial(_drawn_again, kind, seed))
 
 

@@ -220,3 +220,9 @@ def test_a_disc_that_is_added_into_an_obstacle_is_refused():
             sim.add([(1, 1), (5, 6.4)], np.zeros((2, 2)))
         assert sim.count == 0
         sim.add([(1, 1), (5, 6.5)], np.zeros((2, 2)))
+
+
+@pytest.mark.parametrize("time", [-1.0, float("nan"), "soon", None])
+def test_walls_are_those_of_a_time(time):
+    with pytest.raises(mpsim.InputError, match="time must be a number >= 0"):
+        mpsim.Scene.load("piston").walls_at(time)

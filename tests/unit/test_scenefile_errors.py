@@ -188,7 +188,7 @@ WRONG = {
     HEAD + ONE + "mass = [1, 2]": "discs[0].mass must be one number or 1, one per disc; got 2.",
     HEAD + ONE + "mass = [0]": "discs[0].mass must be > 0 [mass]; mass[0] is 0.0.",
     HEAD + ONE + "velocity = [1, inf]": "discs[0].velocity must be finite; velocity[1] is inf (1 such values). "
-    "Correct or leave out those discs.",
+    "Correct them, or leave them out.",
     HEAD + ONE + "velocity = [1, true]": "discs[0].velocity[1] must be a number; got True.",
     HEAD
     + ONE
