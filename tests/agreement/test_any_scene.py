@@ -64,6 +64,7 @@ def test_grid_is_its_twin_in_any_scene(run):
             assert_same_bits(sim.state, twin.state, f"{settings}, after frame {frame + 1}")
 
 
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # any discs in any box
 @given(runs(), st.sampled_from(["naive", "grid"]))
 def test_every_disc_stays_inside_and_finite_in_any_scene(run, method):
     scene, settings = run

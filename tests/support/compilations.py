@@ -33,7 +33,7 @@ class Case:
     def scene(self) -> mpsim.Scene:
         if self.settings["method"] == "event":
             return exact_scene(self.features)
-        return zoo(self.features, 80, seed=6, side=10.0)
+        return zoo(self.features, 40, seed=6, side=10.0)
 
     def digest(self) -> str:
         """Digest of the state after the last frame."""
