@@ -1,6 +1,7 @@
 """Random small scenes, shrunk to the simplest one that fails: grid equals its twin, and no disc is ever lost."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.compare import assert_inside_and_finite, assert_same_bits
