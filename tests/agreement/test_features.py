@@ -25,7 +25,9 @@ CONTACTS = ("impact", "push")
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning"),
-    pytest.mark.filterwarnings("ignore::mpsim.FastWarning"),  # of the tail of the speeds, and of discs dropped on others
+    pytest.mark.filterwarnings(
+        "ignore::mpsim.FastWarning"
+    ),  # of the tail of the speeds, and of discs dropped on others
 ]
 
 
