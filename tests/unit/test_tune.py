@@ -397,6 +397,7 @@ def test_a_real_budget_out_of_reach_is_refused():
 
 
 @pytest.mark.long
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of the tail of the speeds, as the answer says
 def test_the_choice_of_a_thousandth_of_pressure_is_confirmed_by_a_long_run():
     scene = gas(200, 0.3)
     found = tune(scene, {"pressure": 0.01, "collision_rate": 0.01})
