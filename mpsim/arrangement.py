@@ -184,7 +184,11 @@ def thermal_velocities(
     velocity /= np.sqrt(masses)
     if count > 1:
         velocity -= (masses * velocity).sum(axis=0) / masses.sum()
-        return velocity * (math.sqrt(temperature) / math.sqrt((masses * velocity**2).mean()))
+        with np.errstate(over="ignore"):
+            mean = float((masses * velocity**2).mean())
+        if not math.isfinite(mean):  # masses so small that squares of velocities are beyond float64
+            mean = float(((np.sqrt(masses) * velocity) ** 2).mean())
+        return velocity * (math.sqrt(temperature) / math.sqrt(mean))
     return velocity * math.sqrt(temperature)
 
 

@@ -315,7 +315,7 @@ def test_a_death_during_a_snapshot_is_healed(monkeypatch):
     with healing() as sim:
         report = sim.run(frames=FRAMES, measures=MEASURES)
         assert_as_undisturbed(sim, report)
-    assert len(taken) > 3
+    assert len(taken) >= 3, "the second death was in the third"
 
 
 def test_a_stopped_worker_that_is_then_killed_is_replaced():

@@ -137,3 +137,9 @@ def test_the_warning_points_at_the_users_line():
     with pytest.warns(mpsim.OverlapWarning) as caught:
         mpsim.Simulation(scene, mpsim.Settings(method="grid")).close()
     assert caught[0].filename == __file__
+
+
+def test_velocities_of_very_light_discs_have_their_temperature():
+    """Their squares are beyond float64; they came out as 0, with a warning of NumPy."""
+    scene = mpsim.Scene.random(count=20, packing=0.1, radius=0.5, mass=1e-307, temperature=2.0, seed=1)
+    assert ((np.sqrt(scene.masses)[:, None] * scene.velocity) ** 2).mean() == pytest.approx(2.0)
