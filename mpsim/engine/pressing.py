@@ -54,9 +54,9 @@ def may_be_pressed(scene: Scene, count: int) -> bool:
 def is_crowded(scene: Scene, radii: Floats, time: float) -> bool:
     """Whether discs and obstacles fill so much of the box at a time that most discs can be pressed."""
     low, high = scene.walls_at(time)
-    area = math.pi * float((radii * radii).sum())
-    for ax, ay, bx, by, radius in scene.capsules.tolist():
-        area += math.pi * radius**2 + 2 * radius * math.hypot(bx - ax, by - ay)
+    ax, ay, bx, by, radius = scene.capsules.T
+    obstacles = math.pi * radius**2 + 2 * radius * np.hypot(bx - ax, by - ay)
+    area = math.pi * float((radii * radii).sum()) + float(obstacles.sum())
     return area > CROWDED * float((high - low).prod())
 
 
@@ -111,11 +111,11 @@ def _most_of_them(found: Overlap, radii: Floats) -> str | None:
 
 
 def _into_obstacles(state: State, scene: Scene, radii: Floats, displacement: Floats, mean: float) -> str | None:
+    if not scene.obstacles:
+        return None
     discs = np.flatnonzero(state.present)
     size = (scene.width, scene.height)
     position = state.position[discs].astype(np.float64)
-    if not scene.obstacles:
-        return None
     _, worst, owner, depth = discs_in_obstacles(position, radii[discs], scene.obstacles, size, scene.periodic)
     disc = int(discs[worst])
     if depth <= DEEP * radii[disc] + STEPS * max(mean, float(displacement[disc])):
