@@ -159,8 +159,8 @@ class Search:
 
     def _choose_numbers(self) -> None:
         """Choose how many runs of a candidate there is time for, in the search and in a verification."""
-        run, fine = self._run, self._run.pilot.reference
-        one = run.seconds_for(fine, 1, verify=True) if not run.pilot.exact else 3 * run.seconds_for(fine, 1)
+        run = self._run
+        one = run.seconds_for(run.pilot.reference, 1, verify=True)
         affordable = int(SEARCH / 2 * self._seconds / one) if one else self._most
         run.replicas = max(min(run.replicas, affordable), min(run.replicas, FEWEST_REPLICAS))
         self._verifying = max(min(self._verifying, affordable), run.replicas)
