@@ -14,6 +14,10 @@ LATTICES = ("square", "hexagonal")
 LARGEST_LATTICE = 10_000_000
 """More sites than this are taken for a mistake in the spacing."""
 
+LARGEST_RADIUS = 1e140
+"""Radii of random places are at most this, and at least its inverse, so that their areas and sums of them fit float64
+[length]."""
+
 Region = tuple[float, float, float, float]
 """x_low, y_low, x_high, y_high of the part of the box in which centres lie [length]."""
 
@@ -134,6 +138,7 @@ def random_places(
     Raises:
         InputError: if they do not fit.
     """
+    demand_area("radius", radius)
     corner, (width, height) = np.zeros(2), box
     if region is not None:
         margin = float(np.min(radius, initial=math.inf)) if count else 0.0
@@ -226,6 +231,17 @@ def _words(region: Region) -> str:
     return f"[{region[0]:g}, {region[2]:g}] x [{region[1]:g}, {region[3]:g}]"
 
 
+def demand_area(name: str, radius: float | NDArray[np.float64]) -> None:
+    """Refuse radii whose areas are beyond float64, alone or in sums, or lost in it."""
+    radii = np.atleast_1d(radius)
+    bad = radii[(radii > LARGEST_RADIUS) | (radii < 1 / LARGEST_RADIUS)]
+    if len(bad):
+        raise InputError(
+            f"{name} must be from {1 / LARGEST_RADIUS:g} to {LARGEST_RADIUS:g}, so that areas fit float64; "
+            f"got {bad[0]:g}. Use other units."
+        )
+
+
 def demand_room(largest: float, width: float, height: float, boundary: tuple[str, str]) -> None:
     """The box must hold its largest disc; along a periodic axis, two of them."""
     for length, word in zip((width, height), boundary, strict=True):
@@ -252,6 +268,7 @@ def box_for(
             "the box must be given either by packing or by width and height; "
             f"got packing={packing!r}, width={width!r}, height={height!r}."
         )
+    demand_area("radius", radius)
     if isinstance(radius, np.ndarray):
         area, largest = math.pi * float((radius**2).sum()), float(radius.max(initial=0.0)) or 1.0
     else:

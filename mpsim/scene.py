@@ -320,7 +320,8 @@ class Scene:
     def packing(self) -> float:
         """Packing fraction at the start: area of the discs over that of the box, a piston being one of its walls."""
         low, high = self.walls_at(0.0)
-        return math.pi * float((self.radii**2).sum()) / float((high - low).prod())
+        width, height = high - low
+        return math.pi * float((self.radii / width * (self.radii / height)).sum())
 
     def starting_from(self, state: State) -> "Scene":
         """The same scene with the places and velocities of a state, to go on from there.

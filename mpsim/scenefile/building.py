@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.arrangement import Taken, lattice_sites, random_places, side_for, thermal_velocities
+from mpsim.arrangement import Taken, demand_area, lattice_sites, random_places, side_for, thermal_velocities
 from mpsim.errors import InputError
 from mpsim.features import Obstacle, capsules_of
 from mpsim.scene import Scene
@@ -81,6 +81,11 @@ def _box(table: SceneTable, problems: list[Problem]) -> tuple[float, float] | No
         count = discs.count if discs.position is None else len(discs.position)
         if count is None:
             problems.append((f"discs[{index}].count", "count must be given where packing makes the box; got none."))
+            continue
+        try:
+            demand_area("radius", discs.radius)
+        except InputError as error:
+            problems.append((f"discs[{index}].radius", str(error)))
             continue
         if isinstance(discs.radius, float):
             area += count * math.pi * discs.radius**2

@@ -139,6 +139,19 @@ def test_the_warning_points_at_the_users_line():
     assert caught[0].filename == __file__
 
 
+@pytest.mark.parametrize("radius", [1e200, [1.0, 1e200], 1e-200, 5e-324])
+@pytest.mark.parametrize("box", [{"packing": 0.5}, {"width": 3e200, "height": 3e200}])
+def test_radii_whose_areas_float64_cannot_hold_are_refused(radius, box):
+    """They ended in an OverflowError, a warning of NumPy, a division by zero, or a box of the wrong size."""
+    with pytest.raises(mpsim.InputError, match="radius must be from 1e-140 to 1e.140, so that areas fit float64; got"):
+        mpsim.Scene.random(count=2, radius=radius, **box)
+
+
+@pytest.mark.parametrize("radius", [1e139, 1e-139])
+def test_packing_is_a_ratio_at_any_scale(radius):
+    assert mpsim.Scene.random(count=20, radius=radius, packing=0.3).packing == pytest.approx(0.3)
+
+
 def test_velocities_of_very_light_discs_have_their_temperature():
     """Their squares are beyond float64; they came out as 0, with a warning of NumPy."""
     scene = mpsim.Scene.random(count=20, packing=0.1, radius=0.5, mass=1e-307, temperature=2.0, seed=1)
