@@ -143,7 +143,7 @@ def test_the_warning_points_at_the_users_line():
 @pytest.mark.parametrize("box", [{"packing": 0.5}, {"width": 3e200, "height": 3e200}])
 def test_radii_whose_areas_float64_cannot_hold_are_refused(radius, box):
     """They ended in an OverflowError, a warning of NumPy, a division by zero, or a box of the wrong size."""
-    with pytest.raises(mpsim.InputError, match="radius must be from 1e-140 to 1e.140, so that areas fit float64; got"):
+    with pytest.raises(mpsim.InputError, match=r"radius must be from 1e-140 to 1e\+140, so that areas fit float64"):
         mpsim.Scene.random(count=2, radius=radius, **box)
 
 
