@@ -311,7 +311,8 @@ def test_a_death_during_a_snapshot_is_healed(monkeypatch):
         return take(self)
 
     monkeypatch.setattr(simulation.Simulation, "_snapshot", kill_and_take)
-    monkeypatch.setattr(running, "SNAPSHOT_SECONDS", 0.005)  # so that there are many, on a quick machine too
+    monkeypatch.setattr(running, "SNAPSHOT_SECONDS", 0.005)  # so that there are many, however quick the machine is,
+    monkeypatch.setattr(running, "SNAPSHOT_PART", 1.0)  # and however slow the first snapshot was
     with healing() as sim:
         report = sim.run(frames=FRAMES, measures=MEASURES)
         assert_as_undisturbed(sim, report)
