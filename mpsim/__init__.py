@@ -16,12 +16,14 @@ from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import (
     BudgetError,
+    BusyError,
     CheckpointError,
     CheckpointWarning,
     ClosedError,
     DivergedError,
     EmitterWarning,
     FastWarning,
+    ForkedError,
     GuardWarning,
     InputError,
     MpsimError,
@@ -30,6 +32,7 @@ from mpsim.errors import (
     OutputError,
     OverlapWarning,
     ResolutionWarning,
+    ResourceError,
     SceneFileError,
     SharedMemoryError,
     StalledError,
@@ -66,6 +69,7 @@ def __getattr__(name: str) -> Any:
 
 __all__ = [
     "BudgetError",
+    "BusyError",
     "CheckpointError",
     "CheckpointWarning",
     "ClosedError",
@@ -74,6 +78,7 @@ __all__ = [
     "EmitterWarning",
     "FastWarning",
     "FixedDisc",
+    "ForkedError",
     "GuardWarning",
     "InputError",
     "MpsimError",
@@ -85,6 +90,7 @@ __all__ = [
     "Polyline",
     "Report",
     "ResolutionWarning",
+    "ResourceError",
     "Scene",
     "SceneFileError",
     "Settings",

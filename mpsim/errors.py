@@ -1,6 +1,18 @@
 """Every exception and warning a user can meet. Each text says: what, the rule, the value received, what to do."""
 
+import os
+import sys
 from collections.abc import Sequence
+from pathlib import Path
+
+
+def level_of_caller() -> int:
+    """The `stacklevel` that makes the caller of mpsim the place of a warning, however deep inside mpsim it is given."""
+    package = f"{Path(__file__).parent}{os.sep}"
+    frame, depth = sys._getframe(1), 1  # pyright: ignore[reportPrivateUsage]
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(package):
+        frame, depth = frame.f_back, depth + 1
+    return depth
 
 
 class MpsimError(Exception):
@@ -31,6 +43,14 @@ class ClosedError(MpsimError, RuntimeError):
     """A simulation was used after `close()`, after its `with` block, or after an error that ended it."""
 
 
+class ForkedError(MpsimError, RuntimeError):
+    """A simulation was used in a fork of the process that made it; nothing of it was read or changed."""
+
+
+class BusyError(MpsimError, RuntimeError):
+    """A simulation was used by one thread while another was changing it; nothing was changed."""
+
+
 class DivergedError(MpsimError, ArithmeticError):
     """A disc's position or velocity became NaN or infinite.
 
@@ -53,7 +73,11 @@ class TooFastError(InputError):
     """Discs move so far in a step that they may pass through each other, or are pressed, and on_fast forbids it."""
 
 
-class SharedMemoryError(MpsimError, OSError):
+class ResourceError(MpsimError, OSError):
+    """The system refuses what a simulation needs: descriptors, processes, memory. Nothing was kept of what it gave."""
+
+
+class SharedMemoryError(ResourceError):
     """The shared block could not be reserved."""
 
 

@@ -13,7 +13,7 @@ from mpsim.engine.exact import ExactSolver
 from mpsim.engine.flight import Landing, launched
 from mpsim.engine.provision import has_masses, has_radii
 from mpsim.engine.stepped import SteppedSolver
-from mpsim.errors import EmitterWarning, InputError
+from mpsim.errors import EmitterWarning, InputError, level_of_caller
 from mpsim.features import Emitter
 from mpsim.interrupts import interrupts_held_back
 from mpsim.scene import LARGEST_COUNT, Scene
@@ -173,7 +173,7 @@ class Emission:
             )
             if hindered:
                 text = f"emitters[{index}] found no room {moment}, and its disc waits: {hindered}"
-            warnings.warn(text, EmitterWarning, stacklevel=6)
+            warnings.warn(text, EmitterWarning, stacklevel=level_of_caller())
 
 
 class _Crowd:

@@ -46,6 +46,8 @@ ROUNDING = 1e-12
 class ExactSolver:
     """Runs a scene by `event`: from collision to collision, exact but for the rounding of float64.
 
+    It holds nothing that would have to be given back until `start`.
+
     Raises:
         InputError: for a scene or setting that has no exact solution here, naming it, and for overlapping starts.
     """
@@ -68,16 +70,21 @@ class ExactSolver:
         self._progress: Any = np.zeros(2, np.int64)
         self._seen: Any = np.zeros(events.COUNTED)
         self._clock: Any = np.zeros(2, np.int64)
-        self._store: Any
-        self._block, self._store, self._box = self._placed(
-            scene.position, scene.velocity, self._radii, self._masses, 0.0
-        )
-        try:
-            # Compiles or loads the kernel, so that no frame time contains it, and no wait for Ctrl-C.
-            self._play(np.zeros(0, np.int64), np.zeros((0, events.COUNTED)), math.inf)
-        except BaseException:
-            self.close()
-            raise
+        self._store: Any = None
+        self._block, self._box = self._room(scene.count)
+
+    def start(self) -> None:
+        """Make the block, with the discs in it. Whatever stops this, `close` then gives back what there is.
+
+        Raises:
+            InputError: for an overlapping start.
+            SharedMemoryError: if the block cannot be had.
+        """
+        scene = self._scene
+        discs = scene.position, scene.velocity, self._radii, self._masses
+        self._store = self._placed(self._block, self._box, *discs, 0.0)
+        # Compiles or loads the kernel, so that no frame time contains it, and no wait for Ctrl-C.
+        self._play(np.zeros(0, np.int64), np.zeros((0, events.COUNTED)), math.inf)
 
     # --- frames
 
@@ -194,7 +201,9 @@ class ExactSolver:
         state = self.state()
         places, speeds = np.concatenate([state.position, new.position]), np.concatenate([state.velocity, new.velocity])
         radii, masses = np.concatenate([self._radii, new.radius]), np.concatenate([self._masses, new.mass])
-        block, store, box = self._placed(places, speeds, radii, masses, self._present)
+        block, box = self._room(len(places))
+        with block.closed_on_error():
+            store = self._placed(block, box, places, speeds, radii, masses, self._present)
         if state.image is not None:
             store.winding[:] = np.concatenate([state.image, new.image])[store.order]
         # Of a frame in hand, the new store has counted nothing yet, and the guard acts once for the whole run.
@@ -264,16 +273,19 @@ class ExactSolver:
     def restore(self, snapshot: dict[str, NDArray[Any]], choice: Choice, new_workers: bool) -> None:
         """Go back (or on) to a snapshot. It has no workers."""
         count = self.count_in(snapshot)
-        block, store, box = self._room(count)
-        for name in KEPT:
-            if name in snapshot:  # winding is not in scenes with walls, nor in files of older versions
-                block.arrays[name][...] = snapshot[name]
-        for name, values in (("radius", snapshot["radii"]), ("mass", snapshot["masses"])):
-            if name in block.arrays:
-                block.arrays[name][...] = values[store.order]
-        lap_events = int(store.counter[events.LAP_EVENTS])
-        events.fill(store)  # whose order is total, so that it does not matter where the calendar keeps an event
-        store.counter[events.LAP_EVENTS] = lap_events
+        block, box = self._room(count)
+        with block.closed_on_error():
+            block.create()
+            store = _store_of(block)
+            for name in KEPT:
+                if name in snapshot:  # winding is not in scenes with walls, nor in files of older versions
+                    block.arrays[name][...] = snapshot[name]
+            for name, values in (("radius", snapshot["radii"]), ("mass", snapshot["masses"])):
+                if name in block.arrays:
+                    block.arrays[name][...] = values[store.order]
+            lap_events = int(store.counter[events.LAP_EVENTS])
+            events.fill(store)  # whose order is total, so that it does not matter where the calendar keeps an event
+            store.counter[events.LAP_EVENTS] = lap_events
         self._store = None
         self._block.close()
         self.count, self.choice, self._block, self._store, self._box = count, choice, block, store, box
@@ -283,45 +295,46 @@ class ExactSolver:
 
     # --- the block
 
-    def _room(self, count: int) -> tuple[SharedBlock, Any, Any]:
-        """A new block for so many discs, its arrays as the kernel takes them, and the box."""
+    def _room(self, count: int) -> tuple[SharedBlock, Any]:
+        """A block for so many discs, which is still to be made, and the box as the kernel takes it."""
         scene = self._scene
         each = {"tally": True, "radius": has_radii(scene), "mass": has_masses(scene), "winding": any(scene.periodic)}
         # A scene has room for two discs along a periodic axis, so that there always are cells.
         cells: Any = events.plan_cells(scene.width, scene.height, 2 * scene.largest_radius, count, scene.periodic)
         shapes = events.layout(count, cells, [name for name in each if each[name]])
-        block = SharedBlock.create({name: ArraySpec(np.dtype(dtype), shape) for name, (dtype, shape) in shapes.items()})
+        block = SharedBlock({name: ArraySpec(np.dtype(dtype), shape) for name, (dtype, shape) in shapes.items()})
         common = 0.0 if each["radius"] else scene.largest_radius
-        box: Any = events.Box(scene.width, scene.height, *scene.periodic, cells[0], cells[1], common)
-        store: Any = events.Store(*(block.arrays.get(name) for name in events.Store._fields))
-        return block, store, box
+        return block, events.Box(scene.width, scene.height, *scene.periodic, cells[0], cells[1], common)
 
     def _placed(
         self,
+        block: SharedBlock,
+        box: Any,
         position: NDArray[np.floating],
         velocity: NDArray[np.floating],
         radii: NDArray[np.float64],
         masses: NDArray[np.float64],
         time: float,
-    ) -> tuple[SharedBlock, Any, Any]:
-        """A new block with discs in it that are ready to go, its arrays as the kernel takes them, and the box."""
+    ) -> Any:
+        """Make a block, with discs in it that are ready to go; returns its arrays as the kernel takes them."""
         scene = self._scene
-        block, store, box = self._room(len(position))
+        block.create()
+        store = _store_of(block)
         own = radii if has_radii(scene) else None, masses if has_masses(scene) else None
-        try:
-            status, particle = events.place(position, velocity, *own, time, store, box)
-            if status != events.REACHED:
-                raise InputError(
-                    f"velocity[{particle}] must be below 1e100 for method='event'; got {velocity[particle].tolist()}. "
-                    "Choose units in which the numbers are smaller."
-                )
-            _refuse_overlap(store, box, ROUNDING * 2 * scene.largest_radius)
-            events.schedule(store, box, self._law)
-        except BaseException:
-            store = None
-            block.close()
-            raise
-        return block, store, box
+        status, particle = events.place(position, velocity, *own, time, store, box)
+        if status != events.REACHED:
+            raise InputError(
+                f"velocity[{particle}] must be below 1e100 for method='event'; got {velocity[particle].tolist()}. "
+                "Choose units in which the numbers are smaller."
+            )
+        _refuse_overlap(store, box, ROUNDING * 2 * scene.largest_radius)
+        events.schedule(store, box, self._law)
+        return store
+
+
+def _store_of(block: SharedBlock) -> Any:
+    """The arrays of a block as the kernel takes them; None for what the scene has not."""
+    return events.Store(*(block.arrays.get(name) for name in events.Store._fields))
 
 
 def _refuse_overlap(store: events.Store, box: events.Box, rounding: float) -> None:

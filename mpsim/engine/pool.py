@@ -1,6 +1,7 @@
 """The worker processes: start, wake, watch, stop. Nothing else in mpsim uses multiprocessing.Process."""
 
 import multiprocessing
+import multiprocessing.process
 import os
 import signal
 import sys
@@ -8,11 +9,13 @@ import threading
 import time
 import types
 from contextlib import contextmanager, suppress
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
 import psutil
 
+from mpsim.engine.limits import demand_descriptors, refusal_of_worker
 from mpsim.engine.shared import SharedBlock
 from mpsim.engine.worker import worker_main
 from mpsim.errors import WorkerDied, WorkerStalled
@@ -29,6 +32,12 @@ LOOK = 0.05
 START_PATIENCE = 1200.0
 """Seconds in which a worker must be ready: it may have to compile every kernel, on a busy machine."""
 
+ENOUGH_DESCRIPTORS = 24
+"""Descriptors that are open at once, at most, while a worker is started, and with the first the fork server."""
+
+NAME = "mpsim-worker-"
+"""Names of worker processes begin with it."""
+
 _hiding = threading.Lock()
 
 
@@ -38,16 +47,14 @@ def default_start_method() -> str:
 
 
 class WorkerPool:
-    """Workers 1 .. workers - 1 of one simulation; worker 0 is the coordinator itself.
+    """Workers 1 .. workers - 1 of one simulation; worker 0 is the coordinator itself. None until `start`.
 
-    Raises:
-        WorkerDied: from the constructor too, if a worker ends or fails before it is ready.
+    So its owner knows of the pool before there is anything to stop.
     """
 
-    def __init__(self, workers: int, block: SharedBlock, start_method: str | None):
-        context = multiprocessing.get_context(start_method or default_start_method())
-        if context.get_start_method() == "forkserver":
-            context.set_forkserver_preload(["mpsim.engine.worker"])
+    def __init__(self, block: SharedBlock, start_method: str | None):
+        self._block = block
+        self._context: Any = multiprocessing.get_context(start_method or default_start_method())
         self._control: Any = block.arrays["control"]
         self._team: Any = block.arrays["team"]
         self._connections: list[Connection] = []
@@ -55,17 +62,28 @@ class WorkerPool:
         self._pids: list[int] = []
         self._lost: int | None = None
         self._creator = os.getpid()
-        self._watch_end, self._watched_end = os.pipe()
+        self._watch_end = self._watched_end = -1
         self._watcher = threading.Thread(target=self._watch, name="mpsim-watcher", daemon=True)
-        try:
-            for worker in range(1, workers):
-                self._start(context, worker, block)
-            for worker in range(1, workers):
-                self._await_ready(worker)
-        except BaseException:
-            self.stop()
-            raise
-        self._watcher.start()
+
+    def start(self, workers: int) -> None:
+        """Start the workers, and wait until they are ready. Whatever stops this, `stop` then ends what was started.
+
+        Raises:
+            WorkerDied, WorkerStalled: if a worker ends or fails before it is ready.
+            ResourceError: if the system allows no more processes or descriptors.
+        """
+        if self._context.get_start_method() == "forkserver":
+            self._context.set_forkserver_preload(["mpsim.engine.worker"])
+        for worker in range(1, workers):
+            self._start(worker)
+        for worker in range(1, workers):
+            self._await_ready(worker)
+        with interrupts_held_back():
+            try:
+                self._watch_end, self._watched_end = os.pipe()
+                self._watcher.start()
+            except (OSError, RuntimeError) as error:
+                raise refusal_of_worker(0, error) from error
 
     @property
     def pids(self) -> list[int]:
@@ -88,7 +106,7 @@ class WorkerPool:
         for connection in self._connections:
             self._send(connection, ("attach", block.name, block.specs))
         add_to_word(self._control, layout.MAIL, 1)
-        self._control, self._team = block.arrays["control"], block.arrays["team"]
+        self._block, self._control, self._team = block, block.arrays["control"], block.arrays["team"]
         for worker in range(1, len(self._processes) + 1):
             self._await_ready(worker)
 
@@ -108,7 +126,8 @@ class WorkerPool:
             return  # a fork of the coordinator: the workers are not its own
         if self._watcher.is_alive():
             os.write(self._watched_end, b"x")
-            self._watcher.join()
+            if self._watcher is not threading.current_thread():  # where garbage may be collected as well
+                self._watcher.join()
         for connection in self._connections:
             self._send(connection, ("stop", None, None))
         if self._connections:
@@ -132,19 +151,26 @@ class WorkerPool:
         self._processes, self._pids, self._connections = [], [], []
         self._control = self._team = None
 
-    def _start(self, context: Any, worker: int, block: SharedBlock) -> None:
-        ours, theirs = context.Pipe()
-        process = context.Process(
-            target=worker_main,
-            args=(worker, theirs, block.name, block.specs),
-            name=f"mpsim-worker-{worker}",
-            daemon=True,
-        )
+    def _start(self, worker: int) -> None:
+        """Start one worker. Ctrl-C waits until it is in the books."""
         with interrupts_held_back():
-            with _main_module_hidden():
-                process.start()
-            theirs.close()
-            self._connections.append(ours)
+            try:
+                demand_descriptors(ENOUGH_DESCRIPTORS)
+                ours, theirs = self._context.Pipe()
+                self._connections.append(ours)
+                process = self._context.Process(
+                    target=worker_main,
+                    args=(worker, theirs, self._block.name, self._block.specs, self._creator),
+                    name=f"{NAME}{worker}",
+                    daemon=True,
+                )
+                try:
+                    with _main_module_hidden():
+                        process.start()
+                finally:
+                    theirs.close()
+            except OSError as error:
+                raise refusal_of_worker(worker, error) from error
             self._processes.append(process)
             self._pids.append(process.pid)
 
@@ -196,7 +222,7 @@ class WorkerPool:
         lost: list[int] = []
         while not lost:
             ready = wait([*watched, self._watch_end], LOOK if orphans else None)
-            if self._watch_end in ready:
+            if self._watch_end in ready or not self._processes:
                 return
             orphans |= {watched.pop(sentinel) for sentinel in ready}
             lost = [worker for worker in orphans if not _lives(self._processes[worker - 1].pid)]
@@ -228,9 +254,43 @@ def _main_module_hidden():
     """
     with _hiding:
         main = sys.modules.get("__main__")
-        sys.modules["__main__"] = types.ModuleType("__main__")
+        sys.modules["__main__"] = _Hidden(main)
         try:
             yield
         finally:
             if main is not None:
                 sys.modules["__main__"] = main
+
+
+class _Hidden(types.ModuleType):
+    """Stands for the main module. Attribute main: what it stands for."""
+
+    def __init__(self, main: types.ModuleType | None):
+        super().__init__("__main__")
+        self.main = main
+
+
+def _leave_to_the_parent() -> None:
+    """In a fork: forget what multiprocessing has of the parent's workers; the fork starts its own.
+
+    The parent's fork server answers to the parent alone (python/cpython#86354: its child waits for it, in vain), and a
+    thread of the parent that was just starting a worker does not exist here, nor lets go of its locks. The resource
+    tracker is shared, as it must be: one of the fork's own would remove what belongs to the parent.
+    """
+    server: Any = forkserver._forkserver  # type: ignore[attr-defined]
+    locks: list[Any] = [_hiding, server._lock, resource_tracker._resource_tracker._lock]  # type: ignore[attr-defined]
+    for lock in locks:
+        lock._at_fork_reinit()
+    main = sys.modules.get("__main__")
+    if isinstance(main, _Hidden) and main.main is not None:
+        sys.modules["__main__"] = main.main
+    if server._forkserver_pid is not None:
+        os.close(server._forkserver_alive_fd)
+        server._forkserver_pid = server._forkserver_alive_fd = server._forkserver_address = None
+    # Otherwise the end of the fork would end them, or try to wait for them.
+    children = multiprocessing.process._children  # type: ignore[attr-defined]
+    children -= {child for child in children if child.name.startswith(NAME)}
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_leave_to_the_parent)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mpsim import atomic
 from mpsim.errors import OutputError
+from mpsim.kernels import layout
 from mpsim.kernels.layout import PHASES
 from mpsim.measure.gathering import Measures
 
@@ -29,6 +30,21 @@ class Slice:
     times: NDArray[np.int64]
     contacts: int
     tally: NDArray[np.float64] | None
+
+
+def tallied(tally: NDArray[np.int64], scale: float, diameter: float) -> NDArray[np.float64]:
+    """What all workers counted in each frame, in the scene's units, shape (frames, tallies).
+
+    Args:
+        tally: shape (workers, frames, tallies), in units of the kernels.
+        scale: by which impulses were multiplied.
+        diameter: of the largest disc [length].
+    """
+    totals = tally.sum(axis=0).astype(np.float64)
+    totals[:, layout.DEEPEST] = tally[:, :, layout.DEEPEST].max(axis=0)
+    totals[:, layout.IMPULSES] /= scale
+    totals[:, [layout.DEPTH, layout.DEEPEST]] *= diameter / layout.DEPTH_SCALE
+    return totals
 
 
 @dataclass(frozen=True)

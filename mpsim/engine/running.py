@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mpsim import checks
 from mpsim.engine.report import Slice
-from mpsim.errors import GuardWarning, InputError, WorkerDied
+from mpsim.errors import GuardWarning, InputError, WorkerDied, level_of_caller
 from mpsim.kernels.layout import PHASES
 from mpsim.measure.gathering import Gathering
 from mpsim.scene import Scene
@@ -35,6 +35,8 @@ SNAPSHOT_SECONDS = 0.2
 MOST_DEATHS = 5
 """Deaths of workers without a snapshot in between after which there is no use in trying again."""
 
+MOST_FRAMES_OF_A_RUN = 10**12
+
 Mark = tuple[int, int, int, Any]
 
 
@@ -45,6 +47,27 @@ def frames_until(until: float, dt: float) -> int:
     (7, 8)
     """
     return math.ceil(until / dt * (1 - 1e-12))
+
+
+def frames_wanted(frames: int | None, until: float | None, dt: float, frame: int, time: float) -> int:
+    """How many frames a run is to have.
+
+    Args:
+        frames, until: as `Simulation.run` was given them.
+        dt: of a frame [time].
+        frame, time: where the simulation stands.
+
+    Raises:
+        InputError: both or neither, or one out of range.
+    """
+    if (frames is None) == (until is None):
+        raise InputError(f"run needs either frames or until; got frames={frames!r}, until={until!r}.")
+    if frames is not None:
+        return checks.whole("frames", frames, 0, MOST_FRAMES_OF_A_RUN, "Ask for 0 or more frames.")
+    until = checks.non_negative("until", until, "[time]")
+    if until < time:
+        raise InputError(f"until must not lie in the past: the time is {time:g}; got {until!r}.")
+    return max(frames_until(until, dt) - frame, 0)
 
 
 def tell_of(death: WorkerDied, what_now: str) -> None:
@@ -60,13 +83,37 @@ def tell_of(death: WorkerDied, what_now: str) -> None:
     )
 
 
+def in_spite_of_deaths(act: Callable[[], None], renew: Callable[[], None] | None) -> None:
+    """Act; where a worker has died, once more on new ones.
+
+    Args:
+        act: changes nothing if a worker dies.
+        renew: starts new workers; None: a death is not to be healed.
+
+    Raises:
+        WorkerDied: if that does not help.
+    """
+    died = False
+    for chances in range(MOST_DEATHS, -1, -1):
+        try:
+            if died and renew is not None:
+                renew()
+            act()
+            return
+        except WorkerDied as death:
+            if renew is None or not chances:
+                raise
+            tell_of(death, "trying again")
+            died = True
+
+
 def warn_of_guard(guarded: int) -> None:
     """Say that the exact solver's guard has acted."""
     warnings.warn(
         f"in {guarded} collisions the contact-time guard suppressed the loss of energy: a disc's last contact was "
         "an instant before, as in inelastic collapse or of a disc at rest. Without it the run would never end.",
         GuardWarning,
-        stacklevel=3,
+        stacklevel=level_of_caller(),
     )
 
 
@@ -213,13 +260,20 @@ class Checkpointer:
         path: where; None: no checkpoints, and SIGTERM is left alone.
         every: frames between two; None: `seconds` count.
         seconds: between two.
+
+    Raises:
+        InputError: naming the argument of `run` that is out of range.
     """
 
     def __init__(self, save: Callable[[Path], Any], path: Path | None, every: int | None, seconds: float):
+        if every is not None:
+            checks.whole("checkpoint_every", every, 1, MOST_FRAMES_OF_A_RUN, "Frames between two checkpoints.")
+            if path is None:
+                raise InputError(f"checkpoint_every needs checkpoint, the file to write; got {every!r} and no file.")
         self._save = save
         self._path = path
         self._every = every
-        self._seconds = seconds
+        self._seconds = checks.positive("checkpoint_seconds", seconds, "[s]")
         self._last = time.monotonic()
         self._frames = 0
         self._asked_to_end = False

@@ -6,11 +6,13 @@ If the coordinator is killed, its resource tracker unlinks the block as soon as 
 killed as well, the block stays; `remove_stale_blocks` finds it.
 """
 
+import _posixshmem  # type: ignore[import-not-found]
 import fcntl
 import os
 import re
 import secrets
 import sys
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
@@ -22,7 +24,8 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from mpsim.errors import SharedMemoryError
+from mpsim.engine.limits import refusal_of_block
+from mpsim.interrupts import interrupts_held_back
 from mpsim.state import ArraySpec
 
 PAGE = 4096
@@ -51,77 +54,99 @@ class SharedBlock:
         arrays: views by name; they are dropped by `close`, and never handed out of the engine.
     """
 
-    def __init__(self, memory: SharedMemory, specs: dict[str, ArraySpec], owner: bool):
-        self._memory = memory
-        self._owner = owner
-        self._creator = os.getpid()
-        self.name: str = memory.name
+    def __init__(self, specs: dict[str, ArraySpec], name: str | None = None):
+        """Holds nothing yet, so that its owner knows of the block before there is anything to give back."""
+        self.name: str = name or f"mpsim-{os.getpid()}-{secrets.token_hex(4)}"
         self.specs = specs
         self.nbytes: int = _offsets(specs)[-1]
         self.arrays: dict[str, NDArray[Any]] = {}
-        for (name, spec), offset in zip(specs.items(), _offsets(specs), strict=False):
+        self._memory: SharedMemory | None = None
+        self._owner = False
+        self._creator = os.getpid()
+
+    def create(self) -> None:
+        """Create and reserve the block, filled with zeros. Ctrl-C waits so long.
+
+        Raises:
+            SharedMemoryError: if the machine does not give that much shared memory, with the sizes; nothing is left.
+        """
+        with interrupts_held_back():
+            try:
+                with self.closed_on_error():
+                    self._create()
+            except OSError as error:
+                raise refusal_of_block(self.nbytes, error) from error
+
+    @contextmanager
+    def closed_on_error(self) -> Iterator[None]:
+        """Close the block if what it is filled with in the meantime cannot be had."""
+        try:
+            yield
+        except BaseException:
+            self.close()
+            raise
+
+    def _create(self) -> None:
+        # SharedMemory registers a block that it has made. A kill in between, which threads that wait for each other
+        # make likely, would leave it for ever; a name that never came to be is no harm. (Under `-W error` it is some:
+        # the tracker of CPython then ends at the first name that it cannot find. `remove_stale_blocks` finds the rest.)
+        resource_tracker.register(f"/{self.name}", "shared_memory")
+        self._owner = True
+        self._memory = memory = SharedMemory.__new__(SharedMemory)  # `close` knows of it at every line of what follows
+        try:
+            memory.__init__(self.name, create=True, size=self.nbytes)
+        except BaseException:
+            resource_tracker.register(f"/{self.name}", "shared_memory")  # it may have taken itself off the list
+            raise
+        # Without this a too small /dev/shm would only show later, as SIGBUS at the first write.
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(memory._fd, 0, self.nbytes)  # type: ignore[attr-defined]
+        with suppress(OSError):  # a system without such locks; then the process number alone tells who is dead
+            # Held until the owner closes the block or dies, however that happens and in whatever container.
+            fcntl.flock(memory._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)  # type: ignore[attr-defined]
+        self._map(memory)
+
+    @classmethod
+    def attach(cls, name: str, specs: dict[str, ArraySpec]) -> "SharedBlock":
+        """Map an existing block in a worker, leaving its clean-up to the coordinator."""
+        block = cls(specs, name)
+        if sys.version_info >= (3, 13):
+            block._memory = SharedMemory(name, track=False)
+        else:
+            with _registering_nothing():
+                block._memory = SharedMemory(name)
+        block._map(block._memory)
+        return block
+
+    def _map(self, memory: SharedMemory) -> None:
+        for (name, spec), offset in zip(self.specs.items(), _offsets(self.specs), strict=False):
             # frombuffer holds the block: closing while a view lives raises instead of crashing at the next read.
             flat: NDArray[Any] = np.frombuffer(
                 cast(memoryview, memory.buf), spec.dtype, spec.nbytes // spec.dtype.itemsize, offset
             )
             self.arrays[name] = flat.reshape(spec.shape)
 
-    @classmethod
-    def create(cls, specs: dict[str, ArraySpec]) -> "SharedBlock":
-        """Create and reserve a block, filled with zeros.
-
-        Raises:
-            SharedMemoryError: if the machine has not that much shared memory, with the sizes.
-        """
-        size = _offsets(specs)[-1]
-        name = f"mpsim-{os.getpid()}-{secrets.token_hex(4)}"
-        # SharedMemory registers a block that it has made. A kill in between, which threads that wait for each other
-        # make likely, would leave it for ever; a name that never came to be is no harm. (Under `-W error` it is some:
-        # the tracker of CPython then ends at the first name that it cannot find. `remove_stale_blocks` finds the rest.)
-        resource_tracker.register(f"/{name}", "shared_memory")
-        try:
-            memory = SharedMemory(name, create=True, size=size)
-        except BaseException:
-            resource_tracker.unregister(f"/{name}", "shared_memory")
-            raise
-        try:
-            # Without this a too small /dev/shm would only show later, as SIGBUS at the first write.
-            if hasattr(os, "posix_fallocate"):
-                os.posix_fallocate(memory._fd, 0, size)  # type: ignore[attr-defined]
-        except OSError as error:
-            memory.close()
-            memory.unlink()
-            raise SharedMemoryError(_too_small(size)) from error
-        with suppress(OSError):  # a system without such locks; then the process number alone tells who is dead
-            # Held until the owner closes the block or dies, however that happens and in whatever container.
-            fcntl.flock(memory._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)  # type: ignore[attr-defined]
-        return cls(memory, specs, owner=True)
-
-    @classmethod
-    def attach(cls, name: str, specs: dict[str, ArraySpec]) -> "SharedBlock":
-        """Map an existing block in a worker, leaving its clean-up to the coordinator."""
-        if sys.version_info >= (3, 13):
-            return cls(SharedMemory(name, track=False), specs, owner=False)
-        with _registering_nothing():
-            return cls(SharedMemory(name), specs, owner=False)
-
     def close(self) -> None:
-        """Drop the views and the mapping; the owner also removes the block. May be called again."""
+        """Drop the views and the mapping; the owner also removes the block. May be called again, and at any moment."""
         self.arrays.clear()
-        try:
-            self._memory.close()
-        except BufferError:
-            # The traceback of an exception on its way up still holds a view. The mapping goes when that view goes;
-            # SharedMemory must forget it, or it would complain when it is collected.
-            self._memory._buf = self._memory._mmap = None  # type: ignore[attr-defined]
-            self._memory.close()
+        memory = self._memory
+        if memory is not None:
+            try:
+                memory.close()
+            except BufferError:
+                # The traceback of an exception on its way up still holds a view. The mapping goes when that view goes;
+                # SharedMemory must forget it, or it would complain when it is collected.
+                memory._buf = memory._mmap = None  # type: ignore[attr-defined]
+                memory.close()
         if self._owner and os.getpid() == self._creator:  # a fork of the coordinator must not take its block away
             self._owner = False
             try:
-                self._memory.unlink()
-            except FileNotFoundError:
-                # A foreign Python before 3.13 that attached has removed the name on its exit, taking it for a leak.
-                resource_tracker.unregister(self._memory._name, "shared_memory")  # type: ignore[attr-defined]
+                _posixshmem.shm_unlink(f"/{self.name}")
+            except OSError:
+                if (FOLDER / self.name).exists():
+                    return  # it may not be removed; the tracker says so when the program ends
+                # Never made; or a foreign Python before 3.13 that attached took the name for a leak on its exit.
+            resource_tracker.unregister(f"/{self.name}", "shared_memory")
 
 
 @dataclass(frozen=True)
@@ -208,16 +233,3 @@ def _offsets(specs: dict[str, ArraySpec]) -> list[int]:
         end, place = offsets[-1] + spec.nbytes, index * STAGGER % PAGE
         offsets.append(end + (place - end) % PAGE)
     return offsets
-
-
-def _too_small(size: int) -> str:
-    try:
-        space = os.statvfs("/dev/shm")
-        free = f"{space.f_bavail * space.f_frsize:,} bytes are free in /dev/shm"
-    except OSError:
-        free = "how much is free is unknown"
-    return (
-        f"the shared block needs {size:,} bytes, and {free}. Shared memory must hold the whole block. Use fewer discs "
-        f"or precision='float32', or enlarge it (docker run --shm-size={-(-size // 2**20) + 1}m; "
-        "on Linux: mount -o remount,size=... /dev/shm)."
-    )

@@ -3,11 +3,9 @@
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
-import atexit
 import dataclasses
 import os
 import warnings
-import weakref
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -15,22 +13,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mpsim import checks
 from mpsim.engine import additions, methods, resolution, soundness, watching
 from mpsim.engine import checkpoint as checkpoint_file
+from mpsim.engine.access import Access, exclusive, reading
 from mpsim.engine.emission import Emission
+from mpsim.engine.endings import closing_of
 from mpsim.engine.exact import ExactSolver
 from mpsim.engine.pacing import Pacer
 from mpsim.engine.report import Report, phase_seconds
 from mpsim.engine.running import (
-    MOST_DEATHS,
     Checkpointer,
     Keeper,
     Ledger,
     Observer,
     Onlookers,
-    frames_until,
-    tell_of,
+    frames_wanted,
+    in_spite_of_deaths,
     warn_of_guard,
 )
 from mpsim.engine.stepped import SteppedSolver
@@ -48,27 +46,6 @@ from mpsim.measure.gathering import Gathering, Run, checked
 from mpsim.scene import Scene
 from mpsim.settings import Settings
 from mpsim.state import MOST_FRAMES, State
-
-MOST_FRAMES_OF_A_RUN = 10**12
-
-_open: "weakref.WeakSet[Simulation]" = weakref.WeakSet()
-
-
-@atexit.register
-def _close_all() -> None:
-    """Close what a program leaves open when it ends.
-
-    Registered after multiprocessing's own end, so it runs before that, which would ask the workers to end by SIGTERM,
-    a signal they leave to the coordinator, and wait for them for ever.
-    """
-    for simulation in list(_open):
-        simulation.close()
-
-
-def _close(solver: SteppedSolver | ExactSolver) -> None:
-    """Close a solver, and whole: Ctrl-C pressed once more would leave half of it behind. It takes a bounded time."""
-    with interrupts_held_back():
-        solver.close()
 
 
 class Simulation:
@@ -103,6 +80,7 @@ class Simulation:
             raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
         self._scene = scene
         self._settings = settings
+        self._access = Access()
         resolution.check_precision(scene, settings)
         self._last_frame = 0
         self._emission = Emission(scene, settings)
@@ -114,10 +92,15 @@ class Simulation:
         self._pacer = Pacer(choice.workers, MOST_FRAMES)
         solver = ExactSolver if exact else SteppedSolver
         self._solver: SteppedSolver | ExactSolver = solver(scene, settings, choice)
-        self._closing = weakref.finalize(self, _close, self._solver)
-        _open.add(self)
-        if isinstance(self._solver, SteppedSolver):
-            self._watch.arm(self._solver)
+        self._closing = closing_of(self, self._solver, self._access)  # before there is anything to close
+        try:
+            self._solver.start()
+            if isinstance(self._solver, SteppedSolver):
+                self._watch.arm(self._solver)
+        except BaseException:
+            with interrupts_held_back():
+                self._closing()
+            raise
 
     def __enter__(self) -> "Simulation":
         return self
@@ -126,8 +109,23 @@ class Simulation:
         self.close()
 
     def close(self) -> None:
-        """Stop the workers and free the shared memory. May be called again."""
-        if self._closing.alive:
+        """Stop the workers and free the shared memory. May be called again; in a fork it takes nothing from its parent.
+
+        Raises:
+            BusyError: while another thread is changing the simulation.
+        """
+        if self._access.forked:
+            self._closing()
+        elif self._closing.alive:
+            self._close()
+
+    @exclusive
+    def _close(self) -> None:
+        self._end()
+
+    def _end(self) -> None:
+        """Close the simulation, from within whatever this thread is doing with it; Ctrl-C waits."""
+        with interrupts_held_back(), self._access.whole:
             self._last_frame = self._solver.frame
             self._closing()
 
@@ -142,31 +140,37 @@ class Simulation:
         return self._settings
 
     @property
+    @reading
     def frame(self) -> int:
         """Frames done since the start; after `close`, until then."""
         return self._solver.frame if self._closing.alive else self._last_frame
 
     @property
+    @reading
     def time(self) -> float:
         """Simulated time since the start [time]: frame * dt (of `event` after Ctrl-C inside a frame: a little more)."""
         return self._solver.time if self._closing.alive else self._last_frame * self._settings.dt
 
     @property
+    @reading
     def count(self) -> int:
         """Number of discs now."""
         return self._open_solver().count
 
     @property
+    @reading
     def substeps(self) -> int:
         """Steps of a frame now: as set, or as on_fast="substep" has chosen; 1 for `event`, which has none."""
         return self._open_solver().substeps
 
     @property
+    @reading
     def state(self) -> State:
         """Copies of all positions and velocities, in the order of the scene's discs (added ones follow)."""
         return self._open_solver().state()
 
     @property
+    @reading
     def pids(self) -> list[int]:
         """Process numbers of the worker processes (the coordinator, this process, is not among them)."""
         return self._open_solver().pids
@@ -175,6 +179,7 @@ class Simulation:
         """Hex digest of the state in the order of the scene's discs: equal digests mean equal bits."""
         return self.state.digest()
 
+    @exclusive
     def run(
         self,
         frames: int | None = None,
@@ -211,29 +216,33 @@ class Simulation:
             OutputError: a checkpoint or trajectory cannot be written; the simulation is as it was before that.
         """
         solver = self._open_solver()
-        frames, onlookers = self._frames_wanted(frames, until), Onlookers(observe)
+        frames = frames_wanted(frames, until, self._settings.dt, solver.frame, solver.time)
+        onlookers = Onlookers(observe)
         whole = solver.time == solver.frame * self._settings.dt
-        gathering = Gathering(checked(measures, self._scene, self.count), frames, solver.state, whole)
+        gathering = Gathering(checked(measures, self._scene, solver.count), frames, solver.state, whole)
         self._between_frames(lambda: solver.record(gathering.counting))
         ledger, guarded = Ledger(max(solver.choice.workers), gathering), solver.guarded
         keeper = Keeper(self._snapshot, self._restore, ledger) if self._heals else None
-        with self._checkpointer(checkpoint, checkpoint_every, checkpoint_seconds) as checkpoints:
+        place = None if checkpoint is None else checkpoint_file.checked_place(checkpoint)
+        with Checkpointer(self.save, place, checkpoint_every, checkpoint_seconds) as checkpoints:
             if whole:
                 onlookers.look(self, 0)
             if not frames:
                 checkpoints.look(0, last=True)
             while ledger.done < frames:
+                before = self._open_solver().frame  # which says so if an observer has closed the simulation, or forked
                 ahead = min(frames - ledger.done, checkpoints.frames_ahead(ledger.done))
-                before = self.frame
-                self._advance(min(ahead, onlookers.frames_ahead(before)), ledger, keeper)
-                if self.frame > before:
+                self._access.let_readers_in()
+                with self._access.whole:
+                    self._access.waiting = False
+                    self._advance(min(ahead, onlookers.frames_ahead(before)), ledger, keeper)
+                if solver.frame > before:
                     onlookers.look(self, ledger.collisions)
                 checkpoints.look(ledger.done, last=ledger.done == frames)
                 if progress is not None:
                     progress(ledger.done, frames)
-                    self._open_solver()  # which says so if the callback has closed the simulation
+        memory, block = self._open_solver().resources()
         frame_seconds, phases = phase_seconds(ledger.times)
-        memory, block = solver.resources()
         gathered = gathering.measures(Run(self._scene, solver.count, self._settings.dt))
         guarded = solver.guarded - guarded
         if guarded:
@@ -301,45 +310,37 @@ class Simulation:
     def _snapshot(self) -> tuple[Any, Any]:
         return self._solver.snapshot(), self._emission.progress
 
+    def _renew(self) -> None:
+        self._restore(self._snapshot())
+
     def _restore(self, kept: tuple[Any, Any], new_workers: bool = True) -> None:
         snapshot, progress = kept
         choice = methods.choose(self._solver.count_in(snapshot), self._settings)
-        with interrupts_held_back():
-            self._solver.restore(snapshot, choice, new_workers)
-            self._emission.progress = progress
-            self._pacer = Pacer(choice.workers, MOST_FRAMES)
+        with interrupts_held_back(), self._access.whole:
+            self._access.changing += 1
+            try:
+                self._solver.restore(snapshot, choice, new_workers)
+                self._emission.progress = progress
+                self._pacer = Pacer(choice.workers, MOST_FRAMES)
+            finally:
+                self._access.changing -= 1
 
     def _between_frames(self, deed: Callable[[], None]) -> None:
         """Do what may move the workers to another block; where one has died, again on new ones, if that is wanted.
 
         The state is whole, so nothing is lost by a death. Ctrl-C waits: half a move would be no state at all.
         """
-        died = False
-        with interrupts_held_back():
-            for chances in range(MOST_DEATHS, -1, -1):
-                try:
-                    if died:
-                        self._restore(self._snapshot())
-                    deed()
-                    return
-                except WorkerStalled:
-                    self.close()
-                    raise
-                except WorkerDied as death:
-                    if not (self._heals and chances):
-                        self.close()
-                        raise
-                    tell_of(death, "trying again")
-                    died = True
+        with interrupts_held_back(), self._access.whole:
+            self._access.changing += 1
+            try:
+                in_spite_of_deaths(deed, self._renew if self._heals else None)
+            except (WorkerDied, WorkerStalled):
+                self._end()
+                raise
+            finally:
+                self._access.changing -= 1
 
-    def _checkpointer(self, path: str | os.PathLike[str] | None, every: int | None, seconds: float) -> Checkpointer:
-        if every is not None:
-            checks.whole("checkpoint_every", every, 1, MOST_FRAMES_OF_A_RUN, "Frames between two checkpoints.")
-            if path is None:
-                raise InputError(f"checkpoint_every needs checkpoint, the file to write; got {every!r} and no file.")
-        seconds = checks.positive("checkpoint_seconds", seconds, "[s]")
-        return Checkpointer(self.save, None if path is None else checkpoint_file.checked_place(path), every, seconds)
-
+    @exclusive
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write everything that the next frame depends on to a file; `resume` goes on with the same bits.
 
@@ -400,6 +401,7 @@ class Simulation:
             raise
         return sim
 
+    @exclusive
     def add(
         self,
         position: ArrayLike,
@@ -440,27 +442,36 @@ class Simulation:
             self._pacer = Pacer(choice.workers, MOST_FRAMES)
 
     def __repr__(self) -> str:
+        return f"<Simulation: of process {self._access.creator}>" if self._access.forked else self._described()
+
+    @reading
+    def _described(self) -> str:
         if not self._closing.alive:
-            return f"<Simulation: closed after frame {self.frame}>"
+            return f"<Simulation: closed after frame {self._last_frame}>"
+        solver = self._solver
         return (
-            f"<Simulation: {self.count} discs by {self._solver.choice.method}, frame {self.frame}, time {self.time:g}>"
+            f"<Simulation: {solver.count} discs by {solver.choice.method}, frame {solver.frame}, time {solver.time:g}>"
         )
 
     @property
+    @reading
     def array_names(self) -> tuple[str, ...]:
         """Names of the arrays in the shared block: those of features are there only where the scene has them."""
         return self._open_solver().array_names
 
     @property
+    @reading
     def radii(self) -> NDArray[np.float64]:
         """Radius of each disc, those added included, shape (N,) [length]."""
         return self._open_solver().radii
 
     @property
+    @reading
     def masses(self) -> NDArray[np.float64]:
         """Mass of each disc, those added included, shape (N,) [mass]."""
         return self._open_solver().masses
 
+    @reading
     def columns(self) -> methods.Columns:
         """Column of the grid that each disc is in, the worker that the column belongs to, and how many there are.
 
@@ -470,11 +481,13 @@ class Simulation:
         return self._open_solver().columns()
 
     @property
+    @reading
     def absorbed(self) -> NDArray[np.bool_]:
         """Which discs have left through an absorbing edge, shape (N,): they rest where they left, and meet nobody."""
         return self._open_solver().absorbed
 
     def _open_solver(self) -> SteppedSolver | ExactSolver:
+        self._access.demand_own_process()
         if not self._closing.alive:
             raise ClosedError(
                 f"this simulation was closed after frame {self.frame}. A closed simulation has no state. "
@@ -488,13 +501,3 @@ class Simulation:
         return (
             "grid" if self._settings.method == "auto" and method == "parallel" and workers == 1 else method
         ), workers
-
-    def _frames_wanted(self, frames: int | None, until: float | None) -> int:
-        if (frames is None) == (until is None):
-            raise InputError(f"run needs either frames or until; got frames={frames!r}, until={until!r}.")
-        if frames is not None:
-            return checks.whole("frames", frames, 0, MOST_FRAMES_OF_A_RUN, "Ask for 0 or more frames.")
-        until = checks.non_negative("until", until, "[time]")
-        if until < self.time:
-            raise InputError(f"until must not lie in the past: the time is {self.time:g}; got {until!r}.")
-        return max(frames_until(until, self._settings.dt) - self.frame, 0)

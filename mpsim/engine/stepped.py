@@ -21,11 +21,11 @@ from mpsim.engine.provision import (
     typical_momentum,
     wall_limits,
 )
-from mpsim.engine.report import Slice
+from mpsim.engine.report import Slice, tallied
 from mpsim.engine.running import frames_until
 from mpsim.engine.shared import SharedBlock
-from mpsim.engine.worker import kernel_arguments, load_kernels
-from mpsim.errors import DivergedError, SharedMemoryError
+from mpsim.engine.worker import kernel_arguments, live_discs, load_kernels, naive_arguments
+from mpsim.errors import DivergedError
 from mpsim.features import EDGES
 from mpsim.kernels import layout
 from mpsim.kernels.images import wrap_places
@@ -47,6 +47,7 @@ class SteppedSolver:
     """Runs frames of a scene by `naive`, `grid` or `parallel`.
 
     The state lives in the shared block, in whatever order the last frame sorted it; ids bring it back to the scene's.
+    It holds nothing that would have to be given back until `start`.
     """
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
@@ -63,20 +64,26 @@ class SteppedSolver:
         self._processes = [psutil.Process()]
         self._radii = scene.radii.astype(float)
         self._masses = scene.masses.astype(float)
-        self._block = self._new_block(max(scene.count, 1))
-        try:
-            self._write_state(scene.position, scene.velocity, scene.acceleration)
-            self._configure()
-            self._prepare()
-        except BaseException:
-            self.close()
-            raise
+        self._block = self._next_block(max(scene.count, 1))
+
+    def start(self) -> None:
+        """Make the block and start the workers. Whatever stops this, `close` then gives back what there is.
+
+        Raises:
+            ResourceError, WorkerDied, WorkerStalled: if the block or the workers cannot be had.
+        """
+        self._fill(self._block)
+        scene = self._scene
+        self._write_state(scene.position, scene.velocity, scene.acceleration)
+        self._configure()
+        self._prepare()
 
     def _prepare(self) -> None:
         """Compile or load the kernels, then start the workers: they find the machine code and no frame waits for it."""
         self._load_kernels()
         if self._most_workers > 1:
-            self._pool = WorkerPool(self._most_workers, self._block, self._settings.start_method)
+            self._pool = WorkerPool(self._block, self._settings.start_method)
+            self._pool.start(self._most_workers)
             self._processes += [psutil.Process(pid) for pid in self._pool.pids]
 
     @property
@@ -108,7 +115,7 @@ class SteppedSolver:
         before = int(control[layout.DONE])
         try:
             if self.choice.method == "naive":
-                abort = run_naive(*self._naive_arguments())
+                abort = run_naive(*naive_arguments(self._block))
             else:
                 abort = self._run_grid(self._pool if workers > 1 else None)
         except KeyboardInterrupt:
@@ -118,16 +125,10 @@ class SteppedSolver:
             raise self._failure(abort)
         frames = int(control[layout.FRAMES])
         contacts = int(arrays["team"][:, layout.COLLISIONS].sum())
-        return Slice(times[:, :frames].copy(), contacts, None if tally is None else self._tallied(tally[:, :frames]))
-
-    def _tallied(self, tally: NDArray[np.int64]) -> NDArray[np.float64]:
-        """What all workers counted in each frame, in the scene's units, shape (frames, tallies)."""
-        totals = tally.sum(axis=0).astype(np.float64)
-        totals[:, layout.DEEPEST] = tally[:, :, layout.DEEPEST].max(axis=0)
-        scale = float(self._block.arrays["parameters"][layout.TALLY_SCALE])
-        totals[:, layout.IMPULSES] /= scale
-        totals[:, [layout.DEPTH, layout.DEEPEST]] *= 2 * self._scene.largest_radius / layout.DEPTH_SCALE
-        return totals
+        if tally is not None:
+            scale = float(arrays["parameters"][layout.TALLY_SCALE])
+            tally = tallied(tally[:, :frames], scale, 2 * self._scene.largest_radius)
+        return Slice(times[:, :frames].copy(), contacts, tally)
 
     def pace(self, new: NewDiscs | None = None) -> Pace:
         """How fast the discs are, those that are about to be added included."""
@@ -250,7 +251,7 @@ class SteppedSolver:
 
     def _places_and_speeds(self) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
         """Positions and velocities as they lie in the block, in the order of the scene's discs."""
-        discs = self._live_discs()
+        discs = live_discs(self._block)
         order = discs.id[: self.count]
         position = np.empty((self.count, 2), discs.x.dtype)
         velocity = np.empty_like(position)
@@ -336,17 +337,19 @@ class SteppedSolver:
         most = np.finfo(self._settings.precision).maxexp - 28
         return 2.0 ** float(np.clip(32 - np.frexp(typical)[1], -most, most))
 
-    def _new_block(self, capacity: int) -> SharedBlock:
+    def _next_block(self, capacity: int) -> SharedBlock:
+        """A block for so many discs, which is still to be filled."""
         precision = self._settings.precision
         features = feature_specs(self._scene, capacity, self._most_workers, precision)
         grid = self._grid_for(capacity)
         self._capacity = capacity
-        block = SharedBlock.create(
-            block_arrays(capacity, grid, self._most_workers, precision, features, self._tallying)
-        )
+        return SharedBlock(block_arrays(capacity, grid, self._most_workers, precision, features, self._tallying))
+
+    def _fill(self, block: SharedBlock) -> None:
+        """Make a block, and fill it with what the scene has."""
+        block.create()
         block.arrays["team"][:, layout.BAD_SLOT] = -1
         fill_features(block.arrays, self._scene)
-        return block
 
     def _move(self, capacity: int, choice: Choice) -> None:
         """Move everything to a new block, larger or for another method, and the workers with it."""
@@ -358,10 +361,12 @@ class SteppedSolver:
         loaded = "tally" in old.arrays or not self._tallying
         self.choice = choice
         try:
-            self._block = self._new_block(capacity)
-        except SharedMemoryError:
+            with (new := self._next_block(capacity)).closed_on_error():
+                self._fill(new)
+        except BaseException:
             self.choice, self._capacity = before
             raise
+        self._block = new
         try:
             self._enter(snapshot)
             if new_pool:
@@ -429,7 +434,7 @@ class SteppedSolver:
     def _write_state(self, position: NDArray, velocity: NDArray, acceleration: NDArray | None, first: int = 0) -> None:
         """Write discs `first`, `first + 1`, ... behind those that are there."""
         arrays = self._block.arrays
-        discs = self._live_discs()
+        discs = live_discs(self._block)
         last = first + len(position)
         discs.x[first:last], discs.y[first:last] = position.T
         discs.vx[first:last], discs.vy[first:last] = velocity.T
@@ -481,20 +486,12 @@ class SteppedSolver:
         for index, word in words.items():
             self._block.arrays["control"][index] = word
 
-    def _live_discs(self) -> layout.Discs:
-        """The buffer that holds the state."""
-        return kernel_arguments(self._block, 0)[int(self._block.arrays["control"][layout.LIVE])]
-
-    def _naive_arguments(self) -> tuple[Any, ...]:
-        discs, _, _, _, features, parameters, control, team, _, tally, times, *_ = kernel_arguments(self._block, 0)
-        return discs, features, parameters, control, team, tally, times
-
     def _load_kernels(self) -> None:
         """Compile or load what will run, by running no frame."""
         if self.choice.method != "naive":
             load_kernels(self._block)
             return
-        arguments = list(self._naive_arguments())
+        arguments = list(naive_arguments(self._block))
         arguments[3] = arguments[3].copy()
         arguments[3][layout.FRAMES] = 0
         run_naive(*arguments)

@@ -14,11 +14,8 @@ the same with any number of workers, and however a run is cut into calls, saved 
 """
 
 import math
-import os
-import sys
 import warnings
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mpsim.engine.alarm import Alert
@@ -34,7 +31,7 @@ from mpsim.engine.paces import (
 )
 from mpsim.engine.pressing import SELDOM, is_crowded, may_be_pressed, pressed
 from mpsim.engine.resolution import coarseness
-from mpsim.errors import FastWarning, OverlapWarning, ResolutionWarning, TooFastError
+from mpsim.errors import FastWarning, OverlapWarning, ResolutionWarning, TooFastError, level_of_caller
 from mpsim.scene import Scene
 from mpsim.settings import Settings
 
@@ -197,7 +194,7 @@ class Watch:
         if text:
             self._refuse_or_finish(text)
             self.arm(solver)
-            warnings.warn(text, FastWarning, stacklevel=_stacklevel())
+            warnings.warn(text, FastWarning, stacklevel=level_of_caller())
         return solver.substeps
 
     def look_for_pressed(self, solver: "SteppedSolver | ExactSolver") -> None:
@@ -303,12 +300,3 @@ class Watch:
         if frame <= self._squeezed:
             periods.append(self._squeezing)
         return periods
-
-
-def _stacklevel() -> int:
-    """What makes the caller of mpsim the place of a warning, however deep inside mpsim it is given."""
-    package = f"{Path(__file__).parent.parent}{os.sep}"
-    frame, depth = sys._getframe(1), 1
-    while frame.f_back is not None and frame.f_code.co_filename.startswith(package):
-        frame, depth = frame.f_back, depth + 1
-    return depth

@@ -8,6 +8,7 @@ import signal
 import threading
 import time
 import traceback
+from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import parent_process
 from typing import Any
@@ -50,6 +51,17 @@ def kernel_arguments(block: SharedBlock, worker: int) -> tuple[Any, ...]:
     )
 
 
+def naive_arguments(block: SharedBlock) -> tuple[Any, ...]:
+    """Arguments of `run_naive`, views of the block."""
+    discs, _, _, _, features, parameters, control, team, _, tally, times, *_ = kernel_arguments(block, 0)
+    return discs, features, parameters, control, team, tally, times
+
+
+def live_discs(block: SharedBlock) -> layout.Discs:
+    """The buffer that holds the state."""
+    return kernel_arguments(block, 0)[int(block.arrays["control"][layout.LIVE])]
+
+
 def features_of(block: SharedBlock) -> layout.Features:
     """What the scene has, as the kernels take it; None for the rest."""
     arrays = block.arrays
@@ -68,11 +80,11 @@ def load_kernels(block: SharedBlock) -> None:
     add_to_word(control, layout.ANNOUNCED, load_word(control, layout.MAIL))
 
 
-def worker_main(worker: int, connection: Connection, name: str, specs: dict[str, ArraySpec]) -> None:
-    """Entry point of worker `worker` (1 or above); ends with its coordinator, whatever happens."""
+def worker_main(worker: int, connection: Connection, name: str, specs: dict[str, ArraySpec], coordinator: int) -> None:
+    """Entry point of worker `worker` (1 or above); ends with its coordinator (a process number), whatever happens."""
     for number in (signal.SIGINT, signal.SIGTERM):  # they may reach the whole group; the coordinator alone decides
         signal.signal(number, signal.SIG_IGN)
-    threading.Thread(target=_end_with_coordinator, daemon=True).start()
+    threading.Thread(target=_end_with_coordinator, args=(coordinator,), daemon=True).start()
     try:
         _serve(worker, connection, SharedBlock.attach(name, specs))
     except (EOFError, BrokenPipeError, ConnectionResetError, FileNotFoundError):
@@ -82,15 +94,19 @@ def worker_main(worker: int, connection: Connection, name: str, specs: dict[str,
         raise
 
 
-def _end_with_coordinator() -> None:
+def _end_with_coordinator(pid: int) -> None:
     """Exit at once when the coordinator is gone. Kernels release the GIL, so this also acts in the middle of a frame.
 
     The sentinel is right under every start method; the parent's process number is not (under forkserver it is the
-    fork server's).
+    fork server's). But it is a pipe that forks of the coordinator hold open, too, so where there are such things a
+    descriptor of the process itself is waited on as well.
     """
     coordinator = parent_process()
     if coordinator is not None:
-        wait([coordinator.sentinel])
+        ends = [coordinator.sentinel]
+        with suppress(AttributeError, OSError):  # not on this system; or it is gone by now, which the sentinel tells
+            ends.append(os.pidfd_open(pid))
+        wait(ends)
         os._exit(ORPHANED)
 
 

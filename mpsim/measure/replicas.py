@@ -28,7 +28,7 @@ from mpsim.errors import (
     MpsimError,
     OverlapWarning,
     ResolutionWarning,
-    SharedMemoryError,
+    ResourceError,
     WorkerDied,
     WorkerStalled,
 )
@@ -163,7 +163,7 @@ def long_run(
 
 def failure(error: Exception) -> dict[str, Any]:
     """The result of a run that failed; "machine" where not the candidate but the machine is to blame."""
-    machine = isinstance(error, MemoryError | SharedMemoryError | WorkerDied | WorkerStalled | RunTooLong)
+    machine = isinstance(error, MemoryError | ResourceError | WorkerDied | WorkerStalled | RunTooLong)
     return {"failure": f"{type(error).__name__}: {error}"} | ({"machine": True} if machine else {})
 
 

@@ -93,6 +93,12 @@ def test_a_larger_scene_never_has_a_smaller_grid():
     assert sizes == sorted(sizes)
 
 
+def made(specs):
+    block = SharedBlock(specs)
+    block.create()
+    return block
+
+
 def test_arrays_of_the_block_do_not_overlap_and_are_aligned():
     specs = block_arrays(
         100,
@@ -102,7 +108,7 @@ def test_arrays_of_the_block_do_not_overlap_and_are_aligned():
         {"gravity": ArraySpec(np.dtype(np.float32), (2,))},
         False,
     )
-    block = SharedBlock.create(specs)
+    block = made(specs)
     try:
         places = sorted(
             (array.__array_interface__["data"][0], array.nbytes, name) for name, array in block.arrays.items()
@@ -119,7 +125,7 @@ def test_arrays_of_the_block_do_not_overlap_and_are_aligned():
 
 def test_a_block_can_be_attached_by_name_and_only_its_creator_removes_it():
     specs = {"numbers": ArraySpec(np.dtype(np.int64), (3,))}
-    block = SharedBlock.create(specs)
+    block = made(specs)
     other = SharedBlock.attach(block.name, specs)
     block.arrays["numbers"][1] = 42
     assert other.arrays["numbers"].tolist() == [0, 42, 0]

@@ -1,0 +1,193 @@
+"""Who may use a simulation: the process that made it, and one thread of that process at a time.
+
+Compiled code reads and writes the block without asking, so every public door of a simulation asks here first. What
+changes a simulation is `exclusive`: it is refused at once while another thread is at it. What only reads is `reading`:
+another thread's turn comes between two slices of frames, so that it never sees half of two frames.
+
+Python code can be interrupted by Ctrl-C after any call. So what must be undone is undone by a plain store in a
+`finally`, or is a lock of `threading` in a `with` statement, which Ctrl-C cannot come between.
+"""
+
+import functools
+import os
+import threading
+import time
+from collections.abc import Callable
+from typing import Concatenate, ParamSpec, Protocol, TypeVar
+
+from mpsim.errors import BusyError, ForkedError
+
+R = TypeVar("R")
+
+GIVE_WAY = 0.0002
+"""Seconds between two looks of who would read, but lets a run go on first."""
+
+
+class Use:
+    """One call that is in progress. Attributes: what, thread (identifier), outer (use in which it is nested)."""
+
+    __slots__ = ("outer", "thread", "what")
+
+    def __init__(self, what: str):
+        self.what = what
+        self.thread: int = threading.get_ident()
+        self.outer: Use | None = None
+
+
+class Access:
+    """Who made a simulation, and who is using it now.
+
+    Attributes:
+        use: of the thread that may change the simulation; None: nobody is at it. It ends by a plain store.
+        whole: lock that is held by who moves discs, and by who reads in another thread.
+        turn: lock that is held by who waits for `whole` in another thread; who runs frames comes by between two slices,
+            and so lets it in.
+        queue: identifiers of the threads that wait for their turn to read, or have it.
+        waiting: whether who runs frames waits until those have read; who comes now reads after the next slice, or
+            threads that read again and again would keep the run from going on.
+        changing: above 0 while the thread of `use` moves the simulation to another block, say: then even the same
+            thread, from a signal handler, must not look.
+        reader: identifier of the thread that is reading; 0: none.
+    """
+
+    def __init__(self) -> None:
+        self.creator: int = os.getpid()
+        self.use: Use | None = None
+        self.whole = threading.RLock()
+        self.turn = threading.RLock()
+        self.queue: dict[int, bool] = {}
+        self.waiting = False
+        self.changing = 0
+        self.reader = 0
+        self._claiming = threading.RLock()
+
+    @property
+    def forked(self) -> bool:
+        """Whether this process is a fork of the one that made the simulation."""
+        return os.getpid() != self.creator
+
+    def demand_own_process(self) -> None:
+        """Refuse the use in another process.
+
+        Raises:
+            ForkedError: before anything of the block is looked at, and any lock, whose holder may not exist here.
+        """
+        if os.getpid() != self.creator:
+            raise ForkedError(
+                f"this simulation was made by process {self.creator} and cannot be used in process {os.getpid()}, a "
+                "fork of it: workers and shared memory belong to the process that made them. Take sim.state before "
+                "the fork, make a simulation in the fork, or resume one there from a checkpoint."
+            )
+
+    def claim(self, use: Use) -> None:
+        """Make a use the one in progress.
+
+        Raises:
+            ForkedError: in a fork of the process that made the simulation.
+            BusyError: while another is in progress; callbacks of `run` may do anything but run.
+        """
+        self.demand_own_process()
+        with self._claiming:
+            held = self.use
+            free = held is None and self.reader != use.thread
+            if free or (held is not None and self._may_nest(held, use)):
+                use.outer, self.use = held, use
+                return
+        raise self.busy(use.what)
+
+    def _may_nest(self, held: Use, use: Use) -> bool:
+        return held.thread == use.thread and held.what == "run()" != use.what and not self.changing
+
+    def let_readers_in(self) -> None:
+        """Between two slices of frames: whoever waits for a whole state reads it now.
+
+        Raises:
+            ForkedError: in a fork, made by a callback of the run, to which the callback has returned.
+        """
+        self.demand_own_process()
+        if self.queue:
+            self.waiting = True  # until the next slice has begun
+            with self.turn:
+                pass
+
+    def read_in_turn(self, read: Callable[[], R]) -> R:
+        """Read between two slices of frames that another thread may be running."""
+        here = threading.get_ident()
+        while self.waiting:
+            time.sleep(GIVE_WAY)
+        try:
+            self.queue[here] = True
+            with self.turn, self.whole:
+                before = self.reader
+                try:
+                    self.reader = here
+                    return read()
+                finally:
+                    self.reader = before
+        finally:
+            self.queue.pop(here, None)
+
+    def busy(self, refused: str) -> BusyError:
+        """The error for what was refused, which names both."""
+        here = threading.get_ident()
+        held = self.use or Use("reading")  # of this thread, into which a signal handler has come
+        who = "the same thread" if held.thread == here else f"thread {_name_of(here)!r}"
+        advice = (
+            "A simulation cannot be used from within a call that is changing it: set a flag in a signal handler, and "
+            "act on it when that call has returned."
+            if held.thread == here
+            else "One thread at a time may change a simulation: wait for that call to return, or give each thread a "
+            "simulation of its own. Its state may be read from any thread."
+        )
+        return BusyError(
+            f"{held.what} of thread {_name_of(held.thread)!r} is in progress; {refused} of {who} was refused. {advice}"
+        )
+
+
+class Guarded(Protocol):
+    """What has doors: a simulation."""
+
+    _access: Access
+
+
+S = TypeVar("S", bound=Guarded)
+P = ParamSpec("P")
+
+
+def exclusive(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
+    """A door through which a simulation is changed: by its process alone, and by one thread at a time."""
+    what = f"{method.__name__.strip('_')}()"
+
+    @functools.wraps(method)
+    def door(self: S, *args: P.args, **kwargs: P.kwargs) -> R:
+        access, use = self._access, Use(what)
+        try:
+            access.claim(use)
+            return method(self, *args, **kwargs)
+        finally:
+            if access.use is use:  # no call in here: after one, Ctrl-C could come before the store
+                access.use = use.outer
+                access.waiting = False
+
+    return door
+
+
+def reading(method: Callable[[S], R]) -> Callable[[S], R]:
+    """A door through which a simulation is read: in its process alone, and between two slices of frames."""
+
+    @functools.wraps(method)
+    def door(self: S) -> R:
+        access = self._access
+        access.demand_own_process()
+        use = access.use
+        if use is not None and use.thread == threading.get_ident():  # in a callback: this thread is between two slices
+            if access.changing:
+                raise access.busy(f"reading {method.__name__}")
+            return method(self)
+        return access.read_in_turn(lambda: method(self))
+
+    return door
+
+
+def _name_of(thread: int) -> str:
+    return next((each.name for each in threading.enumerate() if each.ident == thread), str(thread))

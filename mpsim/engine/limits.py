@@ -1,0 +1,87 @@
+"""What the system allows this process, for errors that say in numbers what it has refused."""
+
+import errno
+import os
+import resource
+from contextlib import suppress
+
+import psutil
+
+from mpsim.errors import ResourceError, SharedMemoryError
+
+
+def refusal_of_block(size: int, error: OSError) -> SharedMemoryError:
+    """The error for a shared block that cannot be had.
+
+    Args:
+        size: of the block [bytes].
+        error: of the system.
+    """
+    need = f"the shared block needs {size:,} bytes"
+    if error.errno in (errno.EMFILE, errno.ENFILE):
+        return SharedMemoryError(f"{need} and a file descriptor, {_descriptors(error)}")
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if error.errno == errno.ENOMEM and limit != resource.RLIM_INFINITY:
+        return SharedMemoryError(
+            f"{need} of address space; this process may have {limit:,} bytes, and uses "
+            f"{psutil.Process().memory_info().vms:,}. Use fewer discs or precision='float32', or raise the limit "
+            "(ulimit -v)."
+        )
+    if error.errno in (errno.ENOSPC, errno.ENOMEM):
+        return SharedMemoryError(
+            f"{need}, and {_free()}. Shared memory must hold the whole block. Use fewer discs or precision='float32', "
+            f"or enlarge it (docker run --shm-size={-(-size // 2**20) + 1}m; "
+            "on Linux: mount -o remount,size=... /dev/shm)."
+        )
+    return SharedMemoryError(
+        f"{need}, and cannot be made in /dev/shm ({error.strerror or error}; {_free()}). Shared memory must be there "
+        "and writable for this user (on Linux: mount -o remount,rw /dev/shm; chmod 1777 /dev/shm)."
+    )
+
+
+def refusal_of_worker(worker: int, error: OSError | RuntimeError) -> ResourceError:
+    """The error for a worker, or the thread that watches it, that cannot be started; what it needs came to nothing."""
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+        return ResourceError(f"worker {worker} needs file descriptors, {_descriptors(error)}")
+    processes = resource.getrlimit(resource.RLIMIT_NPROC)[0]
+    most = "any number" if processes == resource.RLIM_INFINITY else f"{processes:,}"
+    return ResourceError(
+        f"worker {worker} could not be started: {error}. Starting one must be allowed; this user may have {most} of "
+        "processes and threads (ulimit -u). Use fewer workers, or method='grid', which starts none."
+    )
+
+
+def demand_descriptors(number: int) -> None:
+    """See that so many descriptors can be had: multiprocessing loses some of those that it has when it gets no more.
+
+    Raises:
+        OSError: if not.
+    """
+    opened: list[int] = []
+    try:
+        for _ in range(number):
+            opened.append(os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC))
+    finally:
+        for descriptor in opened:
+            os.close(descriptor)
+
+
+def _descriptors(error: OSError) -> str:
+    """The rest of a sentence about descriptors."""
+    limit = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    in_use = "an unknown number are"
+    with suppress(psutil.Error, OSError):  # which itself needs one to count them
+        in_use = f"{psutil.Process().num_fds():,} are"
+    if error.errno == errno.EMFILE:
+        of = f"of which this process may have {limit:,} and {in_use} open"
+    else:
+        of = "of which the whole machine has no more"
+    return f"{of} ({error.strerror}). Close files and simulations that are not needed, or raise the limit (ulimit -n)."
+
+
+def _free() -> str:
+    try:
+        space = os.statvfs("/dev/shm")
+    except OSError:
+        return "how much is free is unknown"
+    return f"{space.f_bavail * space.f_frsize:,} bytes are free in /dev/shm"
