@@ -11,6 +11,7 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
+import mpsim.interpreter  # noqa: F401  # isort: skip - it refuses subinterpreters, and must be the first
 from mpsim import measure
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation

@@ -170,9 +170,8 @@ class Simulation:
         return self._open_solver().state()
 
     @property
-    @reading
     def pids(self) -> list[int]:
-        """Process numbers of the worker processes (the coordinator, this process, is not among them)."""
+        """Process numbers of the worker processes (the coordinator, this process, is not among them); at any moment."""
         return self._open_solver().pids
 
     def digest(self) -> str:

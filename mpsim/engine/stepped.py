@@ -314,7 +314,8 @@ class SteppedSolver:
     @property
     def pids(self) -> list[int]:
         """Process numbers of the workers other than the coordinator."""
-        return self._pool.pids if self._pool is not None else []
+        pool = self._pool  # which the thread of a run may just be replacing
+        return pool.pids if pool is not None else []
 
     def close(self) -> None:
         """Stop the workers and remove the block. May be called again."""

@@ -1,0 +1,25 @@
+"""Refuses to be imported in a subinterpreter, before NumPy and Numba are: they keep state that belongs to a process.
+
+NumPy only warns, or fails with words of its own; the first compiled kernel then takes the process down.
+"""
+
+import importlib
+from typing import Any
+
+
+def _in_main() -> bool:
+    """Whether this is the main interpreter of the process; also where Python does not say."""
+    for name in ("_interpreters", "_xxsubinterpreters"):  # from Python 3.13 on, and before
+        try:
+            interpreters: Any = importlib.import_module(name)
+        except ImportError:
+            continue
+        return bool(interpreters.get_current() == interpreters.get_main())
+    return True
+
+
+if not _in_main():
+    raise ImportError(
+        "mpsim cannot be imported in a subinterpreter: NumPy and Numba, on which it rests, belong to the main "
+        "interpreter of a process. Use threads, each with a simulation of its own, or processes."
+    )

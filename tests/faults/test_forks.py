@@ -1,0 +1,234 @@
+"""A fork of the process that made a simulation cannot touch it, and can have its own: nothing is shared by accident."""
+
+import concurrent.futures
+import contextlib
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+import time
+
+import pytest
+from support.processes import Script, assert_clean, assert_nothing_left_of, is_gone, run_script, wait_until
+from support.scenes import digest_after, lattice, simulate
+from support.selection import long_but
+
+import mpsim
+
+pytestmark = pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # 3.12: a fork of a threaded process
+
+METHODS = ["grid", "parallel", "event"]
+PATIENCE = 100
+"""Seconds that a fork may take, on a busy machine, before it counts as hung."""
+
+
+def in_fork(act):
+    """What `act` returns or raises in a fork of this process, which then ends at once, whatever it has open."""
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        signal.alarm(PATIENCE)
+        outcome = None
+        try:
+            outcome = act()
+        except BaseException as error:
+            outcome = error
+        finally:
+            with contextlib.suppress(BaseException), open(writing, "wb") as pipe:
+                pickle.dump(outcome, pipe)
+            os._exit(0)
+    os.close(writing)
+    with open(reading, "rb") as pipe:
+        text = pipe.read()
+    assert os.waitpid(child, 0)[1] == 0, "the fork was ended by a signal"
+    return pickle.loads(text)
+
+
+def fork_executor(act):
+    """The same in a process of a pool that forks."""
+    context = multiprocessing.get_context("fork")
+    with concurrent.futures.ProcessPoolExecutor(1, mp_context=context) as pool:
+        return pool.submit(run_kept).result(PATIENCE)
+
+
+def fork_process(act):
+    """The same in a multiprocessing.Process that is forked."""
+    ours, theirs = multiprocessing.Pipe()
+    child = multiprocessing.get_context("fork").Process(target=lambda: theirs.send(act()))
+    child.start()
+    assert ours.poll(PATIENCE), "the fork hangs"
+    found = ours.recv()
+    child.join(PATIENCE)
+    return found
+
+
+kept = []
+
+
+def run_kept():
+    """What a pool's process runs: it finds the task in what it has inherited, since no task can be pickled."""
+    return kept[-1]()
+
+
+FORKS = {"os.fork": in_fork, "executor": fork_executor, "process": fork_process}
+MATRIX = [(parent, fork, child) for parent in METHODS for fork in FORKS for child in METHODS]
+FEW = [("parallel", "os.fork", "parallel"), ("grid", "process", "event"), ("event", "executor", "parallel")]
+
+
+@pytest.mark.parametrize(("parent", "fork", "child"), long_but(MATRIX, *FEW))
+def test_a_fork_can_have_simulations_of_its_own(parent, fork, child):
+    """Whatever its parent has run: gunicorn --preload, a pool that forks, os.fork."""
+    kept.append(lambda: digest_after(lattice(12, 12), 20, method=child, workers=2))
+    with simulate(lattice(20, 20), method=parent, workers=2) as sim:
+        sim.run(frames=5)
+        found = FORKS[fork](kept[-1])
+        sim.run(frames=5)
+        assert sim.digest() == digest_after(lattice(20, 20), 10, method="event" if parent == "event" else "grid")
+    kept.clear()
+    assert found == digest_after(lattice(12, 12), 20, method="event" if child == "event" else "grid")
+
+
+DOORS = {
+    "run": lambda sim: sim.run(frames=3),
+    "add": lambda sim: sim.add((0.1, 0.1), (0.0, 0.0)),
+    "save": lambda sim: sim.save("/dev/null/never"),
+    "state": lambda sim: sim.state,
+    "digest": lambda sim: sim.digest(),
+    "columns": lambda sim: sim.columns(),
+    "frame": lambda sim: sim.frame,
+    "time": lambda sim: sim.time,
+    "count": lambda sim: sim.count,
+    "substeps": lambda sim: sim.substeps,
+    "pids": lambda sim: sim.pids,
+    "array_names": lambda sim: sim.array_names,
+    "radii": lambda sim: sim.radii,
+    "masses": lambda sim: sim.masses,
+    "absorbed": lambda sim: sim.absorbed,
+}
+
+
+def test_the_doors_are_all_there_are():
+    """A new public name of a simulation must be tried here, too."""
+    harmless = {"close", "scene", "settings", "resume"}
+    assert set(DOORS) | harmless == {name for name in vars(mpsim.Simulation) if not name.startswith("_")}
+
+
+def outcomes_of_doors(sim):
+    found = {}
+    for name, door in DOORS.items():
+        try:
+            found[name] = repr(door(sim))
+        except Exception as error:
+            found[name] = f"{type(error).__name__}: {error}"
+    sim.close()
+    sim.close()
+    return found, repr(sim), repr(sim.scene.count)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_door_is_refused_in_a_fork_and_the_parent_goes_on_as_if_alone(method):
+    with simulate(lattice(20, 20), method=method, workers=2) as sim:
+        sim.run(frames=5)
+        found, words, count = in_fork(lambda: outcomes_of_doors(sim))
+        refused = f"ForkedError: this simulation was made by process {os.getpid()} and cannot be used in process "
+        assert {name: text[: len(refused)] for name, text in found.items()} == dict.fromkeys(DOORS, refused)
+        assert (words, count) == (f"<Simulation: of process {os.getpid()}>", "400")
+        assert sim.frame == 5
+        sim.run(frames=5)
+        assert sim.digest() == digest_after(lattice(20, 20), 10, method="event" if method == "event" else "grid")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_callback_that_forks_cannot_bring_the_fork_back_into_the_run(method):
+    """`if os.fork() == 0: ...` in a callback, without an end: the fork would drive its parent's discs."""
+
+    def fork(done, of):
+        if not children:
+            children.append(os.fork())
+
+    children, parent = [], os.getpid()
+    with simulate(lattice(9, 9), method=method, workers=2) as sim:
+        try:
+            sim.run(frames=50, progress=fork)
+        except mpsim.ForkedError:
+            os._exit(7)
+        finally:
+            if os.getpid() != parent:
+                os._exit(8)
+        assert os.waitstatus_to_exitcode(os.waitpid(children[0], 0)[1]) == 7
+        assert sim.digest() == digest_after(lattice(9, 9), 50, method=method if method == "event" else "grid")
+
+
+def test_a_fork_that_ends_like_a_program_is_silent_and_takes_nothing_away():
+    """Its end runs what is registered for the end of the parent."""
+    outcome = run_script(
+        """
+        import gc, os, sys
+        from support.scenes import lattice, simulate
+
+        sim = simulate(lattice(20, 20), method="parallel", workers=2)
+        sim.run(frames=2)
+        child = os.fork()
+        if child == 0:
+            sys.exit(0)
+        print(os.waitpid(child, 0)[1])
+        child = os.fork()
+        if child == 0:
+            del sim
+            gc.collect()
+            sys.exit(0)
+        print(os.waitpid(child, 0)[1])
+        sim.run(frames=2)
+        print(sim.frame)
+        """,
+        flags=("-W", "error", "-W", "ignore:This process:DeprecationWarning"),
+    )
+    assert_clean(outcome)
+    assert outcome.out == "0\n0\n4\n"
+
+
+def test_workers_end_with_their_coordinator_although_a_fork_of_it_lives_on():
+    """A fork holds the other ends of all pipes open, which would tell workers that their coordinator is gone."""
+    text = """
+    import os, time
+    from support.scenes import lattice, simulate
+
+    sim = simulate(lattice(20, 20), method="parallel", workers=2)
+    sim.run(frames=2)
+    child = os.fork()
+    if child == 0:
+        time.sleep(100)
+    print(child, *sim.pids)
+    time.sleep(100)
+    """
+    with Script(text, flags=("-W", "error", "-W", "ignore:This process:DeprecationWarning")) as script:
+        child, worker = map(int, script.line().split())
+        script.send(signal.SIGKILL)
+        assert wait_until(lambda: is_gone(worker), 5), "the worker has outlived its coordinator"
+        assert not is_gone(child), "the control: the fork lives"
+        os.kill(child, signal.SIGKILL)
+        script.finish(10)
+        assert_nothing_left_of(script.pid)
+
+
+def test_a_fork_while_another_thread_starts_workers_can_start_its_own():
+    """Locks that the other thread holds would never be let go in the fork."""
+    stop, made = threading.Event(), []
+
+    def start_again_and_again():
+        while not stop.is_set():
+            with simulate(lattice(9, 9), method="parallel", workers=2):
+                made.append(1)
+
+    thread = threading.Thread(target=start_again_and_again)
+    thread.start()
+    try:
+        for _ in range(3):
+            time.sleep(0.03)
+            found = in_fork(lambda: digest_after(lattice(9, 9), 5, method="parallel", workers=2))
+            assert found == digest_after(lattice(9, 9), 5, method="grid")
+    finally:
+        stop.set()
+        thread.join()
+    assert made, "the control: the thread has started some"
