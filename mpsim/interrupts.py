@@ -1,4 +1,4 @@
-"""Ctrl-C at moments at which it could only do harm."""
+"""Ctrl-C at moments at which it could only do harm, and SIGTERM where it would leave something behind."""
 
 import signal
 import threading
@@ -27,3 +27,24 @@ def interrupts_held_back() -> Iterator[None]:
             signal.signal(signal.SIGINT, handler)
     if came:
         signal.raise_signal(signal.SIGINT)
+
+
+@contextmanager
+def terminated_by_exit() -> Iterator[None]:
+    """Let SIGTERM end the program by SystemExit(143) in this block, so that what the block has open is closed.
+
+    Only where nobody handles it, so that it would end the process at once; in the main thread, which handles signals.
+    """
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    if not in_main_thread or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, _exit)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _exit(number: int, frame: object) -> None:
+    raise SystemExit(128 + number)

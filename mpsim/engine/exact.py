@@ -63,7 +63,6 @@ class ExactSolver:
         self.torn = False
         self.alarmed = False
         self.substeps = 1
-        self._process = psutil.Process()
         self._counting = False
         self._at_once = 10 * FEWEST_EVENTS
         self._stopped = 0.0
@@ -81,6 +80,7 @@ class ExactSolver:
             SharedMemoryError: if the block cannot be had.
         """
         scene = self._scene
+        self._process = psutil.Process()
         discs = scene.position, scene.velocity, self._radii, self._masses
         self._store = self._placed(self._block, self._box, *discs, 0.0)
         # Compiles or loads the kernel, so that no frame time contains it, and no wait for Ctrl-C.

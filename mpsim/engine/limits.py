@@ -3,11 +3,32 @@
 import errno
 import os
 import resource
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 
 import psutil
 
 from mpsim.errors import ResourceError, SharedMemoryError
+
+
+@contextmanager
+def refusals_named() -> Iterator[None]:
+    """Give what the system refuses while a simulation starts the name of an error of mpsim.
+
+    Raises:
+        ResourceError: in place of an OSError that is none of mpsim's.
+    """
+    try:
+        yield
+    except ResourceError:
+        raise
+    except OSError as error:
+        if error.errno in (errno.EMFILE, errno.ENFILE):
+            raise ResourceError(f"a simulation needs file descriptors, {_descriptors(error)}") from error
+        raise ResourceError(
+            f"the system refuses what a simulation needs: {error}. It must be allowed shared memory, descriptors and "
+            "processes. See what limits this process (ulimit -a), and what is free (free, df /dev/shm)."
+        ) from error
 
 
 def refusal_of_block(size: int, error: OSError) -> SharedMemoryError:

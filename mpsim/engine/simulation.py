@@ -19,6 +19,7 @@ from mpsim.engine.access import Access, exclusive, reading
 from mpsim.engine.emission import Emission
 from mpsim.engine.endings import closing_of
 from mpsim.engine.exact import ExactSolver
+from mpsim.engine.limits import refusals_named
 from mpsim.engine.pacing import Pacer
 from mpsim.engine.report import Report, phase_seconds
 from mpsim.engine.running import (
@@ -94,7 +95,8 @@ class Simulation:
         self._solver: SteppedSolver | ExactSolver = solver(scene, settings, choice)
         self._closing = closing_of(self, self._solver, self._access)  # before there is anything to close
         try:
-            self._solver.start()
+            with refusals_named():
+                self._solver.start()
             if isinstance(self._solver, SteppedSolver):
                 self._watch.arm(self._solver)
         except BaseException:
@@ -309,9 +311,6 @@ class Simulation:
     def _snapshot(self) -> tuple[Any, Any]:
         return self._solver.snapshot(), self._emission.progress
 
-    def _renew(self) -> None:
-        self._restore(self._snapshot())
-
     def _restore(self, kept: tuple[Any, Any], new_workers: bool = True) -> None:
         snapshot, progress = kept
         choice = methods.choose(self._solver.count_in(snapshot), self._settings)
@@ -332,7 +331,7 @@ class Simulation:
         with interrupts_held_back(), self._access.whole:
             self._access.changing += 1
             try:
-                in_spite_of_deaths(deed, self._renew if self._heals else None)
+                in_spite_of_deaths(deed, (lambda: self._restore(self._snapshot())) if self._heals else None)
             except (WorkerDied, WorkerStalled):
                 self._end()
                 raise

@@ -61,7 +61,7 @@ class SteppedSolver:
         self._alert = Alert()
         self.torn: bool = False  # whether a worker died inside a frame and Ctrl-C came before anybody could be told
         self._pool: WorkerPool | None = None
-        self._processes = [psutil.Process()]
+        self._processes: list[psutil.Process] = []
         self._radii = scene.radii.astype(float)
         self._masses = scene.masses.astype(float)
         self._block = self._next_block(max(scene.count, 1))
@@ -72,6 +72,7 @@ class SteppedSolver:
         Raises:
             ResourceError, WorkerDied, WorkerStalled: if the block or the workers cannot be had.
         """
+        self._processes = [psutil.Process()]
         self._fill(self._block)
         scene = self._scene
         self._write_state(scene.position, scene.velocity, scene.acceleration)

@@ -13,6 +13,7 @@ from typing import Any
 from mpsim import atomic, checks
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, MpsimError
+from mpsim.interrupts import terminated_by_exit
 from mpsim.measure import campaign
 from mpsim.measure.campaign import Campaign
 from mpsim.measure.cost import Cost
@@ -227,11 +228,12 @@ def tradeoff(
     checks.whole("replicas", replicas, 2, 100_000, "16 will do for most scenes.")
     how: dict[str, Any] = {"executor": executor, "path": path, "progress": progress, "starts": starts}
     seconds = checks.positive("seconds", seconds, "[s]")
-    run = Campaign(scene, until, names, replicas=replicas, seconds=seconds, **how)
-    settings = ladder(scene, run.pilot.speed) if candidates is None else _checked(scene, candidates)
-    with run:
-        run.assess(settings)
-        run.time(settings)
+    with terminated_by_exit():
+        run = Campaign(scene, until, names, replicas=replicas, seconds=seconds, **how)
+        settings = ladder(scene, run.pilot.speed) if candidates is None else _checked(scene, candidates)
+        with run:
+            run.assess(settings)
+            run.time(settings)
     rows = tuple(row_of(run, each) for each in settings)
     lengths = run.plan.until, run.plan.short
     return Tradeoff(repr(scene), run.pilot.reference_name, *lengths, names, rows, starts_of(names, run.starts.name))

@@ -15,6 +15,7 @@ import numpy as np
 
 from mpsim import checks
 from mpsim.errors import BudgetError, InputError, NotMeasurableError
+from mpsim.interrupts import terminated_by_exit
 from mpsim.measure.campaign import REFERENCE, Campaign, CandidateFailed
 from mpsim.measure.deviations import Deviation
 from mpsim.measure.ladder import families, step
@@ -109,7 +110,8 @@ def tune(
     replicas = checks.whole("replicas", replicas, 2, MOST_REPLICAS, "16 will do for most scenes.")
     seconds = checks.positive("seconds", seconds, "[s]")
     how: dict[str, Any] = {"executor": executor, "path": path, "progress": progress, "starts": starts}
-    with Campaign(scene, until, tuple(budgets), replicas=replicas, seconds=seconds, **how) as run:
+    how |= {"replicas": replicas, "seconds": seconds}
+    with terminated_by_exit(), Campaign(scene, until, tuple(budgets), **how) as run:
         search = Search(run, scene, budgets, seconds)
         search.look_at_the_reference()
         for family in choices:

@@ -1,0 +1,252 @@
+"""Ctrl-C at every line and every call inside a constructor: nothing is held by nobody, at once, not at the exit."""
+
+import contextlib
+import gc
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+from support.processes import Script, assert_nothing_left_of, blocks_of, run_script
+from support.scenes import gas, lattice, simulate
+from support.selection import long_but
+
+import mpsim
+from mpsim.engine import shared
+
+METHODS = ["grid", "parallel", "event"]
+SAMPLES = {"grid": 120, "event": 60, "parallel": 12}
+"""Moments that the default suite tries, spread evenly; --long tries all of them."""
+
+
+class CtrlC:
+    """Presses Ctrl-C once, at the `number`-th line, call or return of Python code in the `with` block.
+
+    A return of a function in C counts, too: that is when Python really looks for signals. The signal is a real one, so
+    that it waits where signals are held back. Attribute count: of such moments so far.
+    """
+
+    def __init__(self, number):
+        self.count = 0
+        self._number = number
+
+    def __enter__(self):
+        sys.setprofile(self._in_c)
+        sys.settrace(self._in_python)
+        return self
+
+    def __exit__(self, *exception):
+        sys.settrace(None)
+        sys.setprofile(None)
+
+    def _in_python(self, frame, event, argument):
+        self._moment()
+        return self._in_python
+
+    def _in_c(self, frame, event, argument):
+        if event in ("c_call", "c_return"):
+            self._moment()
+
+    def _moment(self):
+        self.count += 1
+        if self.count == self._number:
+            signal.raise_signal(signal.SIGINT)
+
+
+def resources():
+    """What a process could be left with."""
+    descriptors = {name: read_link(name) for name in os.listdir("/proc/self/fd")}
+    return (
+        blocks_of(os.getpid()),
+        {child.pid for child in multiprocessing.active_children()},
+        {name: link for name, link in descriptors.items() if link},
+        signal.getsignal(signal.SIGINT),
+        signal.pthread_sigmask(signal.SIG_BLOCK, ()),
+        {thread.name for thread in threading.enumerate()},
+        sys.modules["__main__"],
+    )
+
+
+def read_link(descriptor):
+    """What a descriptor leads to; None for that of the listing itself."""
+    with contextlib.suppress(FileNotFoundError):
+        return os.readlink(f"/proc/self/fd/{descriptor}")
+
+
+def moments_of(act):
+    """How many moments there are."""
+    with CtrlC(0) as counter:
+        act()
+    return counter.count
+
+
+def pressed_at(number, act):
+    """Press Ctrl-C at a moment of `act`, which must end by KeyboardInterrupt. Returns what is left, and was left then.
+
+    Of a view of the block that the traceback holds the mapping lives as long as that, and with it its descriptor; its
+    name is gone before.
+    """
+    try:
+        with CtrlC(number):
+            act()
+        pytest.fail(f"Ctrl-C at moment {number} was lost")
+    except KeyboardInterrupt:
+        blocks, children, *_ = resources()
+    now = resources()
+    return now[0] | blocks, now[1] | children, *now[2:]
+
+
+def tried(moments, samples, request):
+    """Which moments are tried."""
+    if request.config.getoption("--long"):
+        return range(1, moments + 1)
+    return sorted({1 + index * (moments - 1) // (samples - 1) for index in range(samples)})
+
+
+@pytest.mark.timeout(3000)
+@pytest.mark.parametrize("method", METHODS)
+def test_ctrl_c_at_any_line_of_a_constructor_leaves_nothing(method, request, figures):
+    scene, kept = lattice(9, 9), []
+
+    def construct():
+        kept.append(mpsim.Simulation(scene, settings))
+
+    settings = mpsim.Settings(method=method, workers=2)
+    simulate(scene, method=method, workers=2).close()  # compiles, and starts the fork server and the tracker
+    gc.collect()
+    before = resources()
+    moments = moments_of(construct)
+    kept.pop().close()
+    assert resources() == before, "the control: closed, it leaves nothing"
+    numbers = tried(moments, SAMPLES[method], request)
+    for number in numbers:
+        left = pressed_at(number, construct)
+        if kept:  # the last moments come after the constructor
+            kept.pop().close()
+            left = resources()
+        assert left == before, f"Ctrl-C at moment {number} of {moments}"
+    with simulate(scene, method=method, workers=2) as sim:
+        assert sim.run(frames=2).frames == 2
+    figures.note(
+        "R18", method, "Ctrl-C at lines and calls of a constructor", "nothing is left", f"{len(numbers)} of {moments}"
+    )
+
+
+def test_control_a_block_that_nobody_owns_yet_is_noticed(monkeypatch):
+    """A constructor that makes the block before anybody knows of it."""
+
+    def construct():
+        block = shared.SharedBlock({})
+        block._owner = False
+        (Path("/dev/shm") / f"mpsim-{os.getpid()}-0123abcd").touch()
+        (Path("/dev/shm") / f"mpsim-{os.getpid()}-0123abcd").unlink()
+
+    before, moments = resources(), moments_of(construct)
+    try:
+        assert any(pressed_at(number, construct) != before for number in range(1, moments + 1))
+    finally:
+        (Path("/dev/shm") / f"mpsim-{os.getpid()}-0123abcd").unlink(missing_ok=True)
+
+
+@pytest.mark.parametrize("method", long_but(METHODS, "grid"))
+def test_ctrl_c_at_any_line_of_a_run_lets_the_simulation_go(method, request):
+    """Whoever comes next can use it: another thread, too."""
+
+    def in_another_thread():
+        found.append(sim.run(frames=1).frames)
+
+    found = []
+    with simulate(lattice(9, 9), method=method, workers=2) as sim:
+        moments = moments_of(lambda: sim.run(frames=1))
+        for number in tried(moments, 80, request):
+            with contextlib.suppress(KeyboardInterrupt), CtrlC(number):
+                sim.run(frames=1)
+            thread = threading.Thread(target=in_another_thread)
+            thread.start()
+            thread.join(100)
+            assert found.pop() == 1, f"Ctrl-C at moment {number} of {moments}"
+
+
+@pytest.mark.parametrize("where", ["posix_fallocate", "fill_features"])
+def test_ctrl_c_where_it_used_to_leave_the_block_until_the_exit(where, monkeypatch):
+    """Each of the two raises by itself, as a time limit of the user would."""
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(f"os.{where}" if where == "posix_fallocate" else f"mpsim.engine.stepped.{where}", interrupt)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        simulate(lattice(9, 9), method="grid")
+    assert blocks_of(os.getpid()) == set(), "looked at while the traceback lives"
+    del caught
+
+
+TUNING = """
+import mpsim
+from mpsim.measure import campaign
+from support.scenes import gas
+
+run = campaign.long_run
+campaign.long_run = lambda *given: print("running") or run(*given)
+mpsim.{call}
+print("over")
+"""
+CALLS = {
+    "tune": "tune(gas(20, 0.3), {'pressure': 0.01}, until=1e6)",
+    "tradeoff": "tradeoff(gas(20, 0.3), [mpsim.Settings(dt=0.1, method='grid')], until=1e6, replicas=2)",
+}
+
+
+@pytest.mark.parametrize("call", long_but(CALLS, "tune"))
+def test_sigterm_to_a_search_of_settings_closes_what_it_has_open(call):
+    """The resource tracker would complain of blocks that nobody has removed."""
+    with Script(TUNING.format(call=CALLS[call])) as script:
+        while script.line() != "running":
+            pass
+        script.send(signal.SIGTERM)
+        outcome = script.finish(60)
+        assert_nothing_left_of(script.pid)
+    assert (outcome.code, outcome.err) == (143, "")
+    assert "over" not in outcome.out
+
+
+def test_sigterm_is_left_alone_where_somebody_handles_it():
+    caught = []
+    before = signal.signal(signal.SIGTERM, lambda *_: caught.append(1))
+    try:
+        mpsim.tradeoff(
+            gas(20, 0.3),
+            [mpsim.Settings(dt=0.1, method="grid")],
+            until=2.0,
+            replicas=2,
+            measures=["overlap"],
+            progress=lambda *_: caught or signal.raise_signal(signal.SIGTERM),
+        )
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert caught == [1]
+    assert signal.getsignal(signal.SIGTERM) == before
+
+
+def test_a_program_that_is_interrupted_while_it_makes_simulations_ends_without_a_word_of_the_tracker():
+    outcome = run_script(
+        """
+        import signal
+        import mpsim
+        from support.scenes import lattice
+
+        for number in range(30):
+            signal.setitimer(signal.ITIMER_REAL, 0.0005 * number + 1e-6)
+            try:
+                signal.signal(signal.SIGALRM, signal.default_int_handler)
+                sim = mpsim.Simulation(lattice(9, 9), mpsim.Settings(method="grid"))
+            except KeyboardInterrupt:
+                pass
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        print("over")
+        """
+    )
+    assert (outcome.code, outcome.out, outcome.err) == (0, "over\n", "")

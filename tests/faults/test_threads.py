@@ -1,0 +1,340 @@
+"""One thread at a time changes a simulation; others are refused at once, and may read whole states meanwhile."""
+
+import asyncio
+import contextlib
+import gc
+import os
+import threading
+import time
+
+import pytest
+from support.processes import assert_clean, blocks_of, run_script
+from support.scenes import digest_after, lattice, simulate
+from support.selection import long_but
+
+import mpsim
+from mpsim.engine import pacing
+
+METHODS = ["grid", "parallel", "event"]
+PATIENCE = 100
+"""Seconds after which a thread counts as hung, on a busy machine."""
+
+CHANGES = {
+    "run": lambda sim: sim.run(frames=1),
+    "add": lambda sim: sim.add((0.1, 0.1), (0.0, 0.0)),
+    "save": lambda sim: sim.save("/dev/null/never"),
+    "close": lambda sim: sim.close(),
+}
+
+
+class Running:
+    """A simulation that another thread runs in the `with` block, which ends that run; then `error` is what ended it."""
+
+    def __init__(self, sim):
+        self.error = None
+        self._sim, self._stop, self._begun = sim, threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name="runner", daemon=True)
+
+    def __enter__(self):
+        self._thread.start()
+        assert self._begun.wait(PATIENCE)
+        return self
+
+    def __exit__(self, *exception):
+        self._stop.set()
+        self._thread.join(PATIENCE)
+        assert not self._thread.is_alive(), "the run hangs"
+
+    def _run(self):
+        try:
+            self._sim.run(frames=10**9, progress=self._progress)
+        except BaseException as error:
+            self.error = error
+
+    def _progress(self, done, of):
+        self._begun.set()
+        if self._stop.is_set():
+            raise ZeroDivisionError
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_change_from_another_thread_is_refused_at_once_and_names_both(method):
+    with simulate(lattice(20, 20), method=method, workers=2) as sim:
+        with Running(sim) as running:
+            for name, change in CHANGES.items():
+                started = time.perf_counter()
+                with pytest.raises(mpsim.BusyError) as caught:
+                    change(sim)
+                assert time.perf_counter() - started < 5, "it waited"
+                assert str(caught.value).startswith(
+                    f"run() of thread 'runner' is in progress; {name}() of thread 'MainThread' was refused. "
+                )
+        assert isinstance(running.error, ZeroDivisionError), f"the run was disturbed by {running.error!r}"
+        frame = sim.frame  # and the lock was let go by the exception
+        sim.run(frames=3)
+        assert sim.digest() == digest_after(lattice(20, 20), frame + 3, method="event" if method == "event" else "grid")
+
+
+@pytest.mark.parametrize("method", long_but(METHODS, "parallel", "event"))
+def test_threads_that_all_want_to_run_lose_no_frame(method):
+    """They did: counts of frames that nobody had run, hangs, and segmentation faults."""
+    done, refused = [], []
+
+    def run_often(sim):
+        for _ in range(50):
+            try:
+                sim.run(frames=5)
+                done.append(5)
+            except mpsim.BusyError as error:
+                refused.append(error)
+                time.sleep(0.0005)
+
+    with simulate(lattice(12, 12), method=method, workers=2) as sim:
+        threads = [threading.Thread(target=run_often, args=(sim,)) for _ in range(3)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(PATIENCE)
+        assert sim.frame == sum(done) > 0
+        assert sim.digest() == digest_after(lattice(12, 12), sum(done), method="event" if method == "event" else "grid")
+    assert len(done) + len(refused) == 150
+
+
+FRAMES = 300
+
+
+@pytest.fixture(scope="module")
+def whole_frames():
+    """Digests of each frame of a scene, by method."""
+    found = {}
+    for method in ("grid", "event"):
+        with simulate(lattice(40, 40), method=method) as sim:
+            found[method] = {sim.digest()} | {sim.run(frames=1) and sim.digest() for _ in range(FRAMES)}
+    return found
+
+
+def digests_read(sim, read):
+    """What a second thread reads while the simulation runs FRAMES frames; and at how many slices the run stopped."""
+
+    def look():
+        while not over:
+            digests.append(read(sim))
+
+    digests, over, slices = [], [], []
+    reader = threading.Thread(target=look)
+    reader.start()
+    try:
+        sim.run(frames=FRAMES, progress=lambda done, of: slices.append(done))
+    finally:
+        over.append(True)
+        reader.join(PATIENCE)
+    return digests, slices
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_state_that_another_thread_reads_is_never_half_of_two_frames(method, whole_frames, monkeypatch):
+    monkeypatch.setattr(pacing, "MOST_SECONDS", 0.002)
+    whole = whole_frames["event" if method == "event" else "grid"]
+    with simulate(lattice(40, 40), method=method, workers=2) as sim:
+        digests, slices = digests_read(sim, lambda sim: sim.digest())
+    assert len(set(digests)) > 2, "too few were read while it ran"
+    assert set(digests) <= whole
+    assert slices[-1] == FRAMES, "readers have kept the run from going on"
+
+
+@pytest.mark.parametrize("method", ["grid", "parallel"])
+def test_control_arrays_that_are_read_past_the_lock_are_torn(method, whole_frames):
+    def read_past_the_lock(sim):
+        return sim._solver.state().digest()
+
+    for _ in range(20):
+        with simulate(lattice(40, 40), method=method, workers=2) as sim:
+            if not set(digests_read(sim, read_past_the_lock)[0]) <= whole_frames["grid"]:
+                return
+    pytest.fail("no torn state was read: the test above would notice nothing")
+
+
+def test_many_readers_do_not_keep_a_run_from_going_on():
+    def read():
+        while not over:
+            sim.state  # noqa: B018
+            reads.append(1)
+
+    over, reads = [], []
+    with simulate(lattice(12, 12), method="grid") as sim:
+        readers = [threading.Thread(target=read) for _ in range(4)]
+        for reader in readers:
+            reader.start()
+        try:
+            sim.run(frames=20_000)
+        finally:
+            over.append(True)
+            for reader in readers:
+                reader.join(PATIENCE)
+        assert sim.frame == 20_000
+    assert reads, "the control: somebody has read"
+
+
+class Observing:
+    """An observer that does something with the simulation."""
+
+    every = 5
+
+    def __init__(self, act):
+        self.act, self.found = act, []
+
+    def look(self, sim, collisions):
+        self.found.append(self.act(sim))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_what_callbacks_may_do_and_what_they_may_not(method, tmp_path):
+    with simulate(lattice(9, 9), method=method, workers=2) as sim:
+        reading = Observing(lambda sim: (sim.frame, sim.count, sim.time, len(sim.radii), sim.digest()))
+        saving = Observing(lambda sim: sim.save(tmp_path / "run"))
+        sim.run(frames=10, observe=[reading, saving])
+        assert [found[0] for found in reading.found] == [0, 5, 10]
+        with pytest.raises(
+            mpsim.BusyError, match=r"^run\(\) of thread 'MainThread' is in progress; run\(\) of the same"
+        ):
+            sim.run(frames=10, observe=Observing(lambda sim: sim.run(frames=1)))
+        assert sim.run(frames=5).frames == 5, "it was let go"
+        with pytest.raises(mpsim.ClosedError):
+            sim.run(frames=10, observe=Observing(lambda sim: sim.close()))
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError, KeyboardInterrupt, SystemExit])
+@pytest.mark.parametrize("where", ["observe", "progress"])
+def test_whatever_a_callback_raises_the_next_thread_can_go_on(where, error):
+    def fail(*_):
+        raise error
+
+    found = []
+    with simulate(lattice(9, 9), method="grid") as sim:
+        with pytest.raises(error):
+            sim.run(frames=50, **{where: Observing(fail) if where == "observe" else fail})
+        frame = sim.frame
+        thread = threading.Thread(target=lambda: found.append(sim.run(frames=2).frames))
+        thread.start()
+        thread.join(PATIENCE)
+        assert found == [2]
+        assert sim.digest() == digest_after(lattice(9, 9), frame + 2, method="grid")
+
+
+def test_the_callback_of_a_run_may_wait_for_a_thread_that_reads():
+    """In a callback a run is between two slices: the other thread must not wait for it."""
+    found = []
+
+    def wait_for_a_reader(done, of):
+        thread = threading.Thread(target=lambda: found.append(sim.frame))
+        thread.start()
+        thread.join(PATIENCE)
+
+    with simulate(lattice(9, 9), method="grid") as sim:
+        sim.run(frames=3, progress=wait_for_a_reader)
+    assert found
+    assert found[-1] == 3
+
+
+def test_asyncio_runs_in_a_thread_and_reads_in_the_loop():
+    async def main():
+        frames = []
+        with simulate(lattice(20, 20), method="parallel", workers=2) as sim:
+            run = asyncio.create_task(asyncio.to_thread(sim.run, frames=3000))
+            while not run.done():
+                frames.append(await asyncio.to_thread(lambda: sim.frame))
+                with contextlib.suppress(mpsim.BusyError):
+                    sim.close() if not run.done() else None
+                await asyncio.sleep(0.01)
+            report = await run
+            return frames, report.frames, sim.digest()
+
+    frames, ran, digest = asyncio.run(main())
+    assert frames == sorted(frames)
+    assert (ran, digest) == (3000, digest_after(lattice(20, 20), 3000, method="grid"))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_garbage_that_another_thread_collects_is_closed_there(method):
+    sim = simulate(lattice(9, 9), method=method, workers=2)
+    sim.run(frames=2)
+    sim.itself = sim  # a cycle: only the collector finds it
+    assert blocks_of(os.getpid())
+    del sim
+    thread = threading.Thread(target=gc.collect)
+    thread.start()
+    thread.join(PATIENCE)
+    assert blocks_of(os.getpid()) == set()
+
+
+AT_THE_END = """
+import atexit, faulthandler, os, signal, sys, threading, time
+import mpsim
+from support.scenes import digest_after, lattice, simulate
+
+faulthandler.dump_traceback_later(0.05, repeat=True, file=open(os.devnull, "w"))
+sim, other = (simulate(lattice(20, 20), method="{method}", workers=2) for _ in range(2))
+atexit.register(lambda: print("at exit", other.run(frames=5).frames, other.digest() == expected))
+expected = digest_after(lattice(20, 20), 5, method="event" if "{method}" == "event" else "grid")
+begun = threading.Event()
+threading.Thread(target=lambda: sim.run(frames=10**9, progress=lambda *_: begun.set()), daemon=True).start()
+threading.Thread(target=lambda: [sim.state for _ in iter(int, 1)], daemon=True).start()
+signal.signal(signal.SIGUSR1, lambda *_: print("frame", sim.frame > 0))
+begun.wait()
+signal.raise_signal(signal.SIGUSR1)
+time.sleep(0.2)
+"""
+
+
+@pytest.mark.parametrize("method", long_but(METHODS, "parallel"))
+def test_a_program_may_end_while_daemon_threads_run_and_read(method):
+    """With faulthandler's dumps, a handler of a signal that reads, and something left to do at exit."""
+    outcome = run_script(AT_THE_END.format(method=method))
+    assert_clean(outcome)
+    assert outcome.out == "frame True\nat exit 5 True\n"
+
+
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of a disc that is added where others are
+def test_a_signal_handler_may_not_look_into_a_move_to_another_block(monkeypatch):
+    """A handler runs in the middle of whatever its thread is doing; between frames it may do anything."""
+    found = []
+
+    def look_and_add(solver, new, choice):
+        with pytest.raises(mpsim.BusyError, match=r"^add\(\) of thread 'MainThread' is in progress; reading state of"):
+            sim.state  # noqa: B018
+        with pytest.raises(mpsim.BusyError, match=r"close\(\) of the same thread was refused"):
+            sim.close()
+        found.append("refused")
+        return add(solver, new, choice)
+
+    with simulate(lattice(9, 9), method="grid") as sim:
+        solver = type(sim._solver)
+        add = solver.add
+        monkeypatch.setattr(solver, "add", look_and_add)
+        sim.add((1.0, 1.0), (0.0, 0.0))
+        assert (found, sim.count) == (["refused"], 82)
+
+
+def test_a_subinterpreter_is_refused_by_name():
+    """NumPy only warns there, and the first kernel took the process down."""
+    outcome = run_script(
+        """
+        try:
+            import _interpreters as interpreters
+        except ImportError:
+            import _xxsubinterpreters as interpreters
+        import sys
+
+        other = interpreters.create("legacy") if sys.version_info >= (3, 13) else interpreters.create(isolated=False)
+        text = f"import sys; sys.path[:] = {sys.path!r}; import mpsim"
+        try:
+            run = interpreters.exec if sys.version_info >= (3, 13) else interpreters.run_string
+            print(run(other, text))
+        except Exception as error:
+            print(error)
+        interpreters.destroy(other)
+        """,
+        flags=(),
+    )
+    assert outcome.code == 0, outcome.err
+    assert "mpsim cannot be imported in a subinterpreter" in outcome.out
