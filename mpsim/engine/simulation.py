@@ -59,7 +59,8 @@ class Simulation:
     Raises:
         InputError: if the numbers of the scene do not fit the precision of the run.
         TooFastError: as settings.on_fast says; also during a run, which can then go on.
-        SharedMemoryError, WorkerDied: if the block or the workers cannot be had.
+        ResourceError, WorkerDied: if the block (SharedMemoryError) or the workers cannot be had.
+        BusyError, ForkedError: at any use, while another thread changes it, or in a fork of the process that made it.
 
     Warns:
         OverlapWarning: if discs of the start overlap.

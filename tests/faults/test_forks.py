@@ -19,7 +19,7 @@ import mpsim
 pytestmark = pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # 3.12: a fork of a threaded process
 
 METHODS = ["grid", "parallel", "event"]
-PATIENCE = 100
+PATIENCE = 150
 """Seconds that a fork may take, on a busy machine, before it counts as hung."""
 
 
@@ -212,6 +212,8 @@ def test_workers_end_with_their_coordinator_although_a_fork_of_it_lives_on():
         assert_nothing_left_of(script.pid)
 
 
+@pytest.mark.long
+@pytest.mark.timeout(600)
 def test_a_fork_while_another_thread_starts_workers_can_start_its_own():
     """Locks that the other thread holds would never be let go in the fork."""
     stop, made = threading.Event(), []
