@@ -17,14 +17,18 @@ def interrupts_held_back() -> Iterator[None]:
     """
     came: list[int] = []
     in_main_thread = threading.current_thread() is threading.main_thread()
-    handler = signal.signal(signal.SIGINT, lambda *_: came.append(1)) if in_main_thread else None
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    handler, before = signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, ())
     try:
+        if in_main_thread:
+            signal.signal(signal.SIGINT, lambda *_: came.append(1))
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        if in_main_thread:
-            signal.signal(signal.SIGINT, handler)
+        try:  # whatever other signal comes now, and raises: Ctrl-C must work again
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        finally:
+            if in_main_thread:
+                signal.signal(signal.SIGINT, handler)
     if came:
         signal.raise_signal(signal.SIGINT)
 

@@ -9,7 +9,8 @@ import subprocess
 
 import psutil
 import pytest
-from support.processes import assert_clean, blocks_of, run_script
+from support.internals import block_name
+from support.processes import SHARED_MEMORY, assert_clean, blocks_of, run_script
 from support.scenes import lattice, simulate
 from support.selection import long_but
 
@@ -27,6 +28,22 @@ def limited(kind, soft):
         yield
     finally:
         resource.setrlimit(kind, before)
+
+
+@contextlib.contextmanager
+def descriptors_to_spare(number):
+    """Leave this process so many descriptors and no more; gives the limit that does it."""
+    highest = max(int(name) for name in os.listdir("/proc/self/fd") if os.path.exists(f"/proc/self/fd/{name}"))
+    fillers = [os.open(os.devnull, os.O_RDONLY)]
+    while fillers[-1] < highest:
+        fillers.append(os.open(os.devnull, os.O_RDONLY))
+    os.close(fillers.pop())  # the first beyond
+    try:
+        with limited(resource.RLIMIT_NOFILE, highest + 1 + number):
+            yield highest + 1 + number
+    finally:
+        for filler in fillers:
+            os.close(filler)
 
 
 def left():
@@ -55,8 +72,7 @@ def test_too_few_descriptors_are_an_error_with_numbers_and_nothing_leaks(method)
     before = started_before(method)
     refusals, spare = 0, 0
     while True:
-        limit = max(map(int, os.listdir("/proc/self/fd"))) + 1 + spare
-        with limited(resource.RLIMIT_NOFILE, limit):
+        with descriptors_to_spare(spare) as limit:
             text = refusal_of(lattice(9, 9), method)
         assert left() == before, f"with {spare} descriptors to spare"
         if text is None:
@@ -72,7 +88,9 @@ def test_too_few_descriptors_are_an_error_with_numbers_and_nothing_leaks(method)
 @pytest.mark.parametrize("method", ["grid", "event"])
 def test_too_little_address_space_is_an_error_with_sizes_and_nothing_leaks(method):
     before, scene = started_before(method), lattice(1000, 300)
-    limit = psutil.Process().memory_info().vms + 16 * 2**20 + 6 * scene.position.nbytes
+    with simulate(scene, method=method) as sim:
+        size = (SHARED_MEMORY / block_name(sim)).stat().st_size
+    limit = psutil.Process().memory_info().vms + size // 2
     with limited(resource.RLIMIT_AS, limit):
         text = refusal_of(scene, method)
     assert text is not None, "the control: the limit was too high"
