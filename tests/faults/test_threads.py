@@ -248,7 +248,7 @@ def test_the_callback_of_a_run_may_wait_for_a_thread_that_reads():
 def test_asyncio_runs_in_a_thread_and_reads_in_the_loop():
     async def main():
         frames = []
-        with simulate(lattice(20, 20), method="parallel", workers=2) as sim:
+        with simulate(lattice(20, 20), method="grid") as sim:
             run = asyncio.create_task(asyncio.to_thread(sim.run, frames=3000))
             while not run.done():
                 frames.append(await asyncio.to_thread(lambda: sim.frame))
