@@ -11,7 +11,7 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
-import mpsim.interpreter  # noqa: F401  # isort: skip - it refuses subinterpreters, and must be the first
+import mpsim.interpreter  # noqa: F401  # pyright: ignore[reportUnusedImport]  # isort: skip
 from mpsim import measure
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
