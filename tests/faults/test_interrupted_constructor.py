@@ -250,7 +250,8 @@ def test_a_program_that_is_interrupted_while_it_makes_simulations_ends_without_a
             try:
                 timer.start()
                 for _ in range(1000):
-                    sim = mpsim.Simulation(lattice(9, 9), mpsim.Settings(method="grid"))
+                    with mpsim.Simulation(lattice(9, 9), mpsim.Settings(method="grid")):
+                        pass
             except KeyboardInterrupt:
                 pressed += 1
         print(pressed)
