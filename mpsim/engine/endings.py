@@ -11,7 +11,8 @@ from mpsim.interrupts import interrupts_held_back
 
 assert multiprocessing.util
 
-_open: "weakref.WeakKeyDictionary[Any, tuple[weakref.finalize[Any, Any], Access]]" = weakref.WeakKeyDictionary()
+_open: "dict[Access, weakref.finalize[Any, Any]]" = {}
+"""What closes each open simulation. Not by weak references: Ctrl-C in a callback of one is printed, and lost."""
 
 
 class Closable(Protocol):
@@ -24,16 +25,17 @@ class Closable(Protocol):
 
 def closing_of(simulation: Any, solver: Closable, access: Access) -> "weakref.finalize[Any, Any]":
     """What closes a solver once: when called, when its simulation is collected, or at the end of the program."""
-    closing = weakref.finalize(simulation, _close, solver)
+    closing = weakref.finalize(simulation, _close, solver, access)
     closing.atexit = False  # `_close_all` does it
-    _open[simulation] = closing, access
+    _open[access] = closing
     return closing
 
 
-def _close(solver: Closable) -> None:
+def _close(solver: Closable, access: Access) -> None:
     """Close a solver, and whole: Ctrl-C pressed once more would leave half of it behind. It takes a bounded time."""
     with interrupts_held_back():
         solver.close()
+        _open.pop(access, None)
 
 
 @atexit.register
@@ -44,7 +46,7 @@ def _close_all() -> None:
     a signal they leave to the coordinator, and wait for them for ever.
     """
     with interrupts_held_back():
-        for closing, access in list(_open.values()):
+        for access, closing in list(_open.items()):
             if not access.forked:
                 # Never let go: a daemon thread that runs the simulation stops here, between two slices, and the
                 # interpreter ends while it waits.
@@ -55,7 +57,7 @@ def _close_all() -> None:
 
 def _drop_copies() -> None:
     """In a fork: unmap what belongs to the parent, so that the fork does not keep it alive."""
-    for closing, _ in list(_open.values()):
+    for closing in list(_open.values()):
         closing()
 
 

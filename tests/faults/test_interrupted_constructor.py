@@ -255,6 +255,7 @@ def test_a_program_that_is_interrupted_while_it_makes_simulations_ends_without_a
             except KeyboardInterrupt:
                 pressed += 1
         print(pressed)
-        """
+        """,
+        flags=(),  # of files that other libraries had open a warning would tell
     )
     assert (outcome.code, outcome.out, outcome.err) == (0, "30\n", "")
