@@ -244,6 +244,7 @@ def test_a_program_that_is_interrupted_while_it_makes_simulations_ends_without_a
         import mpsim
         from support.scenes import lattice
 
+        mpsim.Simulation(lattice(9, 9), mpsim.Settings(method="grid")).close()  # Ctrl-C in an import may be lost
         pressed = 0
         for number in range(30):
             timer = threading.Timer(0.0003 * number, os.kill, (os.getpid(), signal.SIGINT))
