@@ -219,8 +219,7 @@ class Simulation:
         """
         solver = self._open_solver()
         frames = frames_wanted(frames, until, self._settings.dt, solver.frame, solver.time)
-        onlookers = Onlookers(observe)
-        whole = solver.time == solver.frame * self._settings.dt
+        onlookers, whole = Onlookers(observe), solver.time == solver.frame * self._settings.dt
         gathering = Gathering(checked(measures, self._scene, solver.count), frames, solver.state, whole)
         self._between_frames(lambda: solver.record(gathering.counting))
         ledger, guarded = Ledger(max(solver.choice.workers), gathering), solver.guarded
@@ -489,7 +488,7 @@ class Simulation:
         self._access.demand_own_process()
         if not self._closing.alive:
             raise ClosedError(
-                f"this simulation was closed after frame {self.frame}. A closed simulation has no state. "
+                f"this simulation was closed after frame {self._last_frame}. A closed simulation has no state. "
                 "Use it inside its `with` block, take sim.state before, or make a new one."
             )
         return self._solver
@@ -497,6 +496,5 @@ class Simulation:
     def _what_ran(self) -> tuple[str, int]:
         """Method and workers for the report; `auto` may have found one worker to be faster."""
         method, workers = self._solver.choice.method, self._pacer.best
-        return (
-            "grid" if self._settings.method == "auto" and method == "parallel" and workers == 1 else method
-        ), workers
+        alone = self._settings.method == "auto" and method == "parallel" and workers == 1
+        return "grid" if alone else method, workers
