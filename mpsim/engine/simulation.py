@@ -87,12 +87,11 @@ class Simulation:
         self._last_frame = 0
         self._emission = Emission(scene, settings)
         choice = methods.choose(scene.count, settings)
-        exact = choice.method == "event"
-        self._watch = watching.Watch(scene, settings, exact)
+        solver = ExactSolver if choice.method == "event" else SteppedSolver
+        self._watch = watching.Watch(scene, settings, exact=solver is ExactSolver)
         for text, kind in self._watch.at_start():
             warnings.warn(text, kind, stacklevel=2)
         self._pacer = Pacer(choice.workers, MOST_FRAMES)
-        solver = ExactSolver if exact else SteppedSolver
         self._solver: SteppedSolver | ExactSolver = solver(scene, settings, choice)
         self._closing = closing_of(self, self._solver, self._access)  # before there is anything to close
         try:

@@ -214,7 +214,7 @@ class Watch:
             raise TooFastError(f"{text} on_fast='warn' runs it all the same.")
         if text:
             self._pressing_done = True
-            warnings.warn(text, FastWarning, stacklevel=_stacklevel())
+            warnings.warn(text, FastWarning, stacklevel=level_of_caller())
 
     def substeps_for(self, pace: Pace, frame: int) -> int:
         """Sub-steps that keep speeds and meetings at AIM of their bounds, and below the bounds until the next look.

@@ -194,7 +194,8 @@ def _with_room_for_workers(sim):
     solver = sim._solver
     solver.choice = type(solver.choice)("grid", (WORKERS,))
     snapshot = solver.snapshot()
-    old, solver._block = solver._block, solver._new_block(max(solver.count, 1))
+    old, solver._block = solver._block, solver._next_block(max(solver.count, 1))
+    solver._fill(solver._block)
     old.close()
     solver._enter(snapshot)
     return Watched(sim)

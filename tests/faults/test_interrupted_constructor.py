@@ -137,7 +137,7 @@ def test_ctrl_c_at_any_line_of_a_constructor_leaves_nothing(method, request, fig
     with simulate(scene, method=method, workers=2) as sim:
         assert sim.run(frames=2).frames == 2
     figures.note(
-        "R18", method, "Ctrl-C at lines and calls of a constructor", "nothing is left", f"{len(numbers)} of {moments}"
+        "R20", method, "Ctrl-C at lines and calls of a constructor", "nothing is left", f"{len(numbers)} of {moments}"
     )
 
 
