@@ -13,7 +13,7 @@ import os
 import threading
 import time
 from collections.abc import Callable
-from typing import Concatenate, ParamSpec, Protocol, TypeVar
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
 from mpsim.errors import BusyError, ForkedError
 
@@ -29,7 +29,7 @@ class Use:
     __slots__ = ("outer", "thread", "what")
 
     def __init__(self, what: str):
-        self.what = what
+        self.what: str = what
         self.thread: int = threading.get_ident()
         self.outer: Use | None = None
 
@@ -53,12 +53,12 @@ class Access:
     def __init__(self) -> None:
         self.creator: int = os.getpid()
         self.use: Use | None = None
-        self.whole = threading.RLock()
-        self.turn = threading.RLock()
+        self.whole: Any = threading.RLock()
+        self.turn: Any = threading.RLock()
         self.queue: dict[int, bool] = {}
-        self.waiting = False
-        self.changing = 0
-        self.reader = 0
+        self.waiting: bool = False
+        self.changing: int = 0
+        self.reader: int = 0
         self._claiming = threading.RLock()
 
     @property
