@@ -27,28 +27,27 @@ class Taken:
     """What stands in the box already.
 
     Attributes:
-        position: centres, shape (N, 2) [length].
-        radius: shape (N,) [length].
-        capsules: obstacles as segments with a radius, shape (K, 5) [length].
+        capsules: obstacles, and discs as obstacles of no length: segments with a radius, shape (K, 5) [length].
+        count: number of discs among them.
     """
 
-    position: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))
-    radius: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     capsules: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 5)))
+    count: int = 0
+    _new: list[NDArray[np.float64]] = field(default_factory=lambda: [])
 
     def add(self, position: NDArray[np.float64], radius: NDArray[np.float64]) -> None:
         """Note more discs."""
-        self.position = np.concatenate([self.position, position])
-        self.radius = np.concatenate([self.radius, radius])
+        self._new.append(np.column_stack([position, position, radius]))
+        self.count += len(position)
 
     def near(self, room: Region) -> NDArray[np.float64]:
         """Obstacles, and discs as obstacles of no length, that reach into a part of the box, shape (K, 5) [length]."""
-        discs = np.column_stack([self.position, self.position, self.radius])
-        capsules = np.concatenate([self.capsules, discs])
-        (ax, ay, bx, by, radius), (x_low, y_low, x_high, y_high) = capsules.T, room
+        self.capsules = np.concatenate([self.capsules, *self._new])
+        self._new = []
+        (ax, ay, bx, by, radius), (x_low, y_low, x_high, y_high) = self.capsules.T, room
         apart_x = (np.maximum(ax, bx) + radius <= x_low) | (np.minimum(ax, bx) - radius >= x_high)
         apart_y = (np.maximum(ay, by) + radius <= y_low) | (np.minimum(ay, by) - radius >= y_high)
-        return capsules[~(apart_x | apart_y)]
+        return self.capsules[~(apart_x | apart_y)]
 
 
 def side_for(packing: float, area: float, largest: float, boundary: tuple[str, str]) -> float:

@@ -3,6 +3,7 @@
 import difflib
 import math
 import numbers
+import reprlib
 from collections.abc import Iterable
 from typing import Any
 
@@ -17,9 +18,10 @@ def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: 
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:  # the last of a whole number beyond float64
-        raise InputError(f"{name} must be numbers of shape {meaning}; got {_brief(value)} ({error}).") from None
-    bad = np.argwhere(~np.isfinite(array))
-    if len(bad):
+        raise InputError(f"{name} must be numbers of shape {meaning}; got {brief(value)} ({error!s:.200}).") from None
+    finite = np.isfinite(array)
+    if not finite.all():
+        bad = np.argwhere(~finite)
         at = tuple(int(index) for index in bad[0])
         raise InputError(
             f"{name} must be finite; {name}{list(at)} is {array[at]} ({len(bad)} such values). "
@@ -53,7 +55,7 @@ def positive(name: str, value: Any, unit: str) -> float:
     """A finite number above 0."""
     number = _number(name, value, f"a number > 0 {unit}")
     if not (math.isfinite(number) and number > 0):
-        raise InputError(f"{name} must be a finite number > 0 {unit}; got {value!r}.")
+        raise InputError(f"{name} must be a finite number > 0 {unit}; got {brief(value)}.")
     return number
 
 
@@ -69,7 +71,7 @@ def non_negative(name: str, value: Any, unit: str) -> float:
     """A finite number, 0 or above."""
     number = _number(name, value, f"a number >= 0 {unit}")
     if not (math.isfinite(number) and number >= 0):
-        raise InputError(f"{name} must be a finite number >= 0 {unit}; got {value!r}.")
+        raise InputError(f"{name} must be a finite number >= 0 {unit}; got {brief(value)}.")
     return number
 
 
@@ -77,7 +79,7 @@ def fraction(name: str, value: Any) -> float:
     """A number from 0 to 1."""
     number = _number(name, value, "a number from 0 to 1")
     if not 0 <= number <= 1:
-        raise InputError(f"{name} must be a number from 0 to 1; got {value!r}.")
+        raise InputError(f"{name} must be a number from 0 to 1; got {brief(value)}.")
     return number
 
 
@@ -103,14 +105,14 @@ def masses(value: Any, count: int) -> NDArray[np.float64] | None:
 def whole(name: str, value: Any, low: int, high: int, remedy: str) -> int:
     """A whole number in [low, high]."""
     if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not low <= int(value) <= high:
-        raise InputError(f"{name} must be a whole number from {low} to {high}; got {value!r}. {remedy}")
+        raise InputError(f"{name} must be a whole number from {low} to {high}; got {brief(value)}. {remedy}")
     return int(value)
 
 
 def truth(name: str, value: Any) -> bool:
     """True or False, not something that merely counts as one."""
     if not isinstance(value, bool | np.bool_):
-        raise InputError(f"{name} must be True or False; got {_brief(value)}.")
+        raise InputError(f"{name} must be True or False; got {brief(value)}.")
     return bool(value)
 
 
@@ -130,7 +132,7 @@ def not_vanishing(name: str, value: float, least: float, precision: str) -> None
     """Refuse a positive value that the precision of the run would lose."""
     if value < least:
         raise InputError(
-            f"{name} must be at least {least:.3g} in {precision}, below which it counts as 0; got {value!r}. "
+            f"{name} must be at least {least:.3g} in {precision}, below which it counts as 0; got {brief(value)}. "
             "Use other units or precision='float64'."
         )
 
@@ -140,20 +142,56 @@ def choice(name: str, value: Any, allowed: Iterable[str]) -> str:
     words = list(allowed)
     if value in words:
         return str(value)
-    near = difflib.get_close_matches(str(value), words, n=1)
-    hint = f" Did you mean {near[0]!r}?" if near else ""
-    raise InputError(f"{name} must be one of {', '.join(map(repr, words))}; got {value!r}.{hint}")
+    meant = near(value, words)
+    hint = f" Did you mean {meant!r}?" if meant else ""
+    raise InputError(f"{name} must be one of {', '.join(map(repr, words))}; got {brief(value)}.{hint}")
 
 
 def _number(name: str, value: Any, rule: str) -> float:
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
-        raise InputError(f"{name} must be {rule}; got {_brief(value)}.")
+        raise InputError(f"{name} must be {rule}; got {brief(value)}.")
     try:
         return float(value)
     except OverflowError:
-        raise InputError(f"{name} must be {rule}, finite in float64; got {_brief(value)}.") from None
+        raise InputError(f"{name} must be {rule}, finite in float64; got {brief(value)}.") from None
 
 
-def _brief(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+MOST_BITS = 2**13
+"""Bits of whole numbers that are written out: Python refuses to write out those of more than some 14,000."""
+
+LONGEST = 60
+"""Characters of a value in a message at most."""
+
+
+class _Brief(reprlib.Repr):
+    """What repr would say, but of some of it only where it is large or deep; and of any whole number."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel = 6
+        self.maxlist = self.maxtuple = self.maxdict = self.maxset = self.maxfrozenset = 20
+        self.maxstring = self.maxother = 200
+
+    def repr_int(self, x: int, level: int) -> str:
+        if x.bit_length() < MOST_BITS:
+            return repr(x)
+        return f"a whole number of {int(math.log10(abs(x))) + 1:,} digits"
+
+
+_words = _Brief().repr
+
+
+def brief(value: Any) -> str:
+    """A value for a message, in at most LONGEST characters, however large or deep it is.
+
+    >>> brief("word"), brief(10**5000), len(brief([[1.5] * 1000] * 1000))
+    ("'word'", 'a whole number of 5,001 digits', 60)
+    """
+    text = _words(value)
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+
+
+def near(value: Any, words: Iterable[str]) -> str | None:
+    """The word that was probably meant, if any is like the value."""
+    likely = isinstance(value, str) and len(value) <= LONGEST
+    return next(iter(difflib.get_close_matches(value, list(words), n=1)), None) if likely else None

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim import capsules
 from mpsim.errors import InputError
-from mpsim.features import Obstacle, capsules_of, discs_in_obstacles
+from mpsim.features import Obstacle, capsules_of, owner_of
 
 if TYPE_CHECKING:
     from mpsim.scene import Scene
@@ -164,6 +165,29 @@ def _loss(hole: Floats, low: Floats, high: Floats, diameter: float) -> float:
     return 2 * area / (math.sqrt(3) * diameter**2) - gained
 
 
+def discs_in_obstacles(
+    scene: "Scene", position: NDArray[np.float64], radius: NDArray[np.float64]
+) -> tuple[int, int, int, float]:
+    """Discs that overlap an obstacle: how many, the deepest one, the index of its obstacle, its depth [length].
+
+    Discs that touch one to within rounding of the box's coordinates do not count. Images of obstacles beyond periodic
+    borders count as they do.
+
+    Args:
+        scene: whose obstacles they are.
+        position: in the box, shape (N, 2) [length].
+        radius: shape (N,) [length].
+    """
+    size = (scene.width, scene.height)
+    depth = capsules.depths(position, radius, scene.capsules, size, scene.periodic)
+    number = int((depth > 8 * np.finfo(np.float64).eps * max(size)).sum())
+    if not number:
+        return 0, 0, 0, 0.0
+    worst = int(depth.argmax())
+    nearest = capsules.nearest(position[worst], scene.capsules, size, scene.periodic)
+    return number, worst, owner_of(nearest, scene.obstacles), float(depth[worst])
+
+
 def check_clear(scene: "Scene", name: str, position: Floats, radius: Floats) -> None:
     """Refuse discs that overlap an obstacle, which would put them beside it.
 
@@ -176,13 +200,31 @@ def check_clear(scene: "Scene", name: str, position: Floats, radius: Floats) -> 
     Raises:
         InputError: naming the disc that is deepest in an obstacle.
     """
-    size = (scene.width, scene.height)
-    discs, disc, owner, depth = discs_in_obstacles(position, radius, scene.obstacles, size, scene.periodic)
+    discs, disc, owner, depth = discs_in_obstacles(scene, position, radius)
     if discs:
         raise InputError(
             f"{name}[{disc}] must be one radius from every obstacle; got {tuple(position[disc].tolist())}, "
             f"{depth:.3g} inside obstacles[{owner}] with radius {radius[disc]:g}. Move the disc or the obstacle."
         )
+
+
+def check_emitters(scene: "Scene") -> None:
+    """Refuse emitters that do not know the radius or mass of their discs, or that stand where there is no room.
+
+    Raises:
+        InputError: naming an emitter, the rule and what it has.
+    """
+    for name, common in (("radius", np.ndim(scene.radius) == 0), ("mass", scene.mass is None)):
+        lacking = [] if common else [index for index, each in enumerate(scene.emitters) if getattr(each, name) is None]
+        if lacking:
+            raise InputError(
+                f"emitters[{lacking[0]}] must have a {name}, as the discs of this scene have one each; got None."
+            )
+    if scene.emitters:
+        position = np.array([each.position for each in scene.emitters])
+        radius = np.array([scene.radius if each.radius is None else each.radius for each in scene.emitters])
+        scene.check_inside("the position of emitters", position, radius)
+        check_clear(scene, "the position of emitters", position, radius)
 
 
 def check_end(scene: "Scene", name: str, radius: Floats, number: Floats) -> None:

@@ -101,8 +101,7 @@ class Scene:
         self.duration: float | None = None if duration is None else checks.positive("duration", duration, "[time]")
         self._check_room()
         self.check_inside("position", self.position, self.radius)
-        for index, emitter in enumerate(self.emitters):
-            self._check_emitter(index, emitter)
+        room.check_emitters(self)
 
     def _check_room(self) -> None:
         """The box must hold its largest disc; along a periodic axis, two of them."""
@@ -121,17 +120,6 @@ class Scene:
             radii = [emitter.radius or largest for emitter in self.emitters if emitter.limit is not None]
             number = np.concatenate([np.ones(self.count), np.array(limits, float)])
             room.check_end(self, "stop of the piston", np.concatenate([self.radii, np.array(radii, float)]), number)
-
-    def _check_emitter(self, index: int, emitter: Emitter) -> None:
-        """An emitter must know the radius and mass of its discs, and stand in the box."""
-        which = f"emitters[{index}]"
-        for name, common in (("radius", np.ndim(self.radius) == 0), ("mass", self.mass is None)):
-            if getattr(emitter, name) is None and not common:
-                raise InputError(f"{which} must have a {name}, as the discs of this scene have one each; got None.")
-        radius = self.radius if emitter.radius is None else emitter.radius
-        place = np.array([emitter.position])
-        self.check_inside(f"the position of {which}", place, radius)
-        room.check_clear(self, f"the position of {which}", place, np.array([radius]))
 
     def walls_at(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Corners (x, y) of the box at a time, the least and the largest: a piston may have made it smaller [length].
@@ -238,7 +226,7 @@ class Scene:
 
     def __getstate__(self) -> dict[str, Any]:
         """All that the scene holds; how it was made stays behind."""
-        return {name: value for name, value in vars(self).items() if name != "_others"}
+        return {name: value for name, value in vars(self).items() if name not in ("_others", "capsules")}
 
     @property
     def has_others(self) -> bool:
@@ -306,10 +294,12 @@ class Scene:
         """Mass of each disc, shape (N,) [mass]."""
         return np.ones(self.count) if self.mass is None else self.mass
 
-    @property
+    @functools.cached_property
     def capsules(self) -> NDArray[np.float64]:
         """Obstacles as segments with a radius, shape (K, 5): ax, ay, bx, by, radius [length]."""
-        return features.capsules_of(self.obstacles)
+        found = features.capsules_of(self.obstacles)
+        found.flags.writeable = False
+        return found
 
     @property
     def count(self) -> int:
@@ -390,9 +380,7 @@ class Scene:
         )
         if pairs:
             words.append(f"{pairs} pairs of discs overlap at the start, discs {i} and {j} deepest, by {depth:.3g}")
-        discs, disc, owner, depth = features.discs_in_obstacles(
-            self.position, self.radii, self.obstacles, (self.width, self.height), self.periodic
-        )
+        discs, disc, owner, depth = room.discs_in_obstacles(self, self.position, self.radii)
         if discs:
             words.append(
                 f"{discs} discs overlap an obstacle at the start, disc {disc} and obstacles[{owner}] deepest, "

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from mpsim import atomic, checks
+from mpsim import atomic, checks, untrusted
+from mpsim.archive import DAMAGE, ArrayFile
 from mpsim.errors import InputError, OutputError
 from mpsim.kernels import layout
 
@@ -243,11 +244,17 @@ class State:
         """
         source = _npz(path)
         try:
-            with np.load(source, allow_pickle=False) as file:
-                known: dict[str, Any] = {name: file[name] for name in STATE_ARRAYS if name in file}
+            with untrusted.opened(source) as file:
+                arrays = ArrayFile(file)
+                known: dict[str, Any] = {
+                    name: arrays.read(name).copy() for name in STATE_ARRAYS if name in arrays.names
+                }
                 state = cls(**known)
-        except Exception as error:  # what a damaged zip file can raise has no end
-            raise InputError(f"a state must be a .npz with position and velocity; {str(source)!r}: {error}.") from None
+        except (OSError, *DAMAGE) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise InputError(
+                f"a state must be a .npz with position and velocity; {str(source)!r}: {reason!s:.200}."
+            ) from None
         shapes, kinds = (
             {getattr(each, name) for each in (state.position, state.velocity)} for name in ("shape", "dtype")
         )

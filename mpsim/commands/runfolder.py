@@ -17,7 +17,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from mpsim import atomic
+from mpsim import atomic, untrusted
 from mpsim.engine import checkpoint, soundness
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
@@ -27,6 +27,13 @@ from mpsim.scene import Scene
 
 FORMAT = 1
 RECORD = "run.json"
+
+MOST_BYTES = 2**26
+"""Bytes of that file at most, to which each part of a run adds some hundred."""
+
+MOST_TIMINGS = 2**32
+"""Bytes of the table of times at most, to which each frame adds a row."""
+
 CHECKPOINT = "checkpoint.mpsim"
 MEASURES = "measures.csv"
 TIMINGS = "timings.csv"
@@ -115,16 +122,17 @@ class RunFolder:
         """
         folder = Path(path)
         try:
-            record = json.loads((folder / RECORD).read_text("utf-8"))
+            record = json.loads(untrusted.text(folder / RECORD, MOST_BYTES))
             found = int(record["format"])
-        except (OSError, ValueError, TypeError, KeyError) as error:
+        except (OSError, ValueError, OverflowError, TypeError, KeyError, RecursionError) as error:
             raise InputError(
-                f"the folder of a run must hold {RECORD}; {str(folder)!r} does not ({type(error).__name__}: {error}). "
-                "Give a folder that `mpsim run --out` has made."
+                f"the folder of a run must hold {RECORD}; {str(folder)!r} does not "
+                f"({type(error).__name__}: {error!s:.200}). Give a folder that `mpsim run --out` has made."
             ) from None
         if found > FORMAT:
             raise InputError(f"{str(folder)!r} is of format {found}; this mpsim reads up to {FORMAT}. Use a newer one.")
         missing = {"scene", "target", "every", "trajectory", "measures", "status", "parts"} - record.keys()
+        missing |= {name for name in ("scene", "trajectory", "status") if not isinstance(record.get(name), str)}
         if missing:
             raise InputError(f"{RECORD} must hold {', '.join(sorted(missing))}; that in {str(folder)!r} does not.")
         return cls(folder, record)
@@ -166,7 +174,7 @@ class RunFolder:
         head, _, lines = table.partition("\n")
         timings = self[TIMINGS]
         try:
-            old = timings.read_text("utf-8") if timings.exists() else ""
+            old = untrusted.text(timings, MOST_TIMINGS) if timings.exists() else ""
             if old.partition("\n")[0] != head:  # another number of workers, so other columns: a file of its own
                 number = len(self.record["parts"])
                 timings, old = (self[TIMINGS] if not old else self[f"timings-{number}.csv"]), ""

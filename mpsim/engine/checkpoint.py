@@ -23,7 +23,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from mpsim import atomic
-from mpsim.engine.archive import DAMAGE, ArrayFile, Arrays, write_arrays
+from mpsim.archive import DAMAGE, ArrayFile, Arrays, write_arrays
 from mpsim.errors import CheckpointError, CheckpointWarning, InputError, OutputError
 from mpsim.features import Emitter, FixedDisc, Piston, Polyline
 from mpsim.scene import Scene
@@ -208,7 +208,7 @@ def scene_from(plain: dict[str, Any], arrays: Arrays) -> Scene:
 
 
 def _plain(feature: Any) -> list[Any]:
-    return [type(feature).__name__, dataclasses.asdict(feature)]
+    return [type(feature).__name__, dict(vars(feature))]
 
 
 def _made(pair: list[Any]) -> Any:

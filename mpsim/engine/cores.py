@@ -18,8 +18,9 @@ def usable_cores() -> int:
     if hasattr(process, "cpu_affinity"):
         limits.append(len(process.cpu_affinity() or [0]))
     limits.extend(math.ceil(quota) for quota in _cgroup_quotas())
-    if os.environ.get("PYTHON_CPU_COUNT", "").isdigit():
-        limits.append(int(os.environ["PYTHON_CPU_COUNT"]))
+    wanted = os.environ.get("PYTHON_CPU_COUNT", "")
+    if wanted.isdecimal() and len(wanted) < 10:
+        limits.append(int(wanted))
     return max(min(limits), 1)
 
 

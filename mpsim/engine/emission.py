@@ -1,6 +1,7 @@
 """Emitters: discs that enter a running scene."""
 
 import copy
+import heapq
 import math
 import warnings
 from collections.abc import Callable
@@ -53,6 +54,7 @@ class Emission:
         self._scene = scene
         self._precision = settings.precision
         self._emitters = scene.emitters
+        self._common_radius = scene.largest_radius
         self._emitted = [0] * len(scene.emitters)
         self._due = [emitter.every or TRIES for emitter in scene.emitters]
         self._warned = False
@@ -86,13 +88,15 @@ class Emission:
 
     def _enter(self, solver: Solver, insert: Insert, count_frames: bool) -> None:
         """Add all discs that are due, oldest first, where their places are free."""
-        if self._earliest(solver, count_frames) is None:
+        due = [found for index in self._open() if (found := self._is_due(index, solver, count_frames))]
+        if not due:
             return
+        heapq.heapify(due)
         plan, crowd, now = copy.copy(self), _Crowd(self._scene, solver), solver.time
         plan.progress = self.progress
         entering: list[tuple[Emitter, Landing]] = []
-        while (found := plan._earliest(solver, count_frames)) is not None:
-            time, index = found
+        while due:
+            time, index = heapq.heappop(due)
             emitter = self._emitters[index]
             radius, _ = self._kind(emitter)
             landing = launched(self._scene, emitter, radius, max(now - time, 0.0), now)
@@ -104,21 +108,20 @@ class Emission:
             else:
                 self._warn(index, emitter, solver.frame if emitter.every else time, hindered)
             plan._note(index, solver.frame, free)
+            if again := plan._is_due(index, solver, count_frames):
+                heapq.heappush(due, again)
         with interrupts_held_back():  # else a disc could be in the simulation, but not in the books
             if entering:
                 insert(self._discs(solver, entering))
             self.progress = plan.progress
 
-    def _earliest(self, solver: Solver, count_frames: bool) -> tuple[float, int] | None:
-        """Time and index of the emitter that is due first by now, the lower index of several; None without one."""
-        due: list[tuple[float, int]] = []
-        for index in self._open():
-            if self._emitters[index].every:
-                if count_frames and self._due[index] <= solver.frame:
-                    due.append((solver.time, index))
-            elif solver.reached(self._time(index)):
-                due.append((self._time(index), index))
-        return min(due, default=None)
+    def _is_due(self, index: int, solver: Solver, count_frames: bool) -> tuple[float, int] | None:
+        """The time at which an emitter is due, and its index, by which several are put in order; None if it is not."""
+        if not self._has_left(index):
+            return None
+        if self._emitters[index].every:
+            return (solver.time, index) if count_frames and self._due[index] <= solver.frame else None
+        return (self._time(index), index) if solver.reached(self._time(index)) else None
 
     def _note(self, index: int, frame: int, entered: bool) -> None:
         """Put an emitter's count on."""
@@ -148,13 +151,16 @@ class Emission:
 
     def _kind(self, emitter: Emitter) -> tuple[float, float]:
         """Radius and mass of an emitter's discs."""
-        radius = emitter.radius if emitter.radius is not None else self._scene.largest_radius
+        radius = emitter.radius if emitter.radius is not None else self._common_radius
         return radius, emitter.mass if emitter.mass is not None else 1.0
 
     def _open(self) -> list[int]:
         """Emitters that have discs left."""
-        limits = [math.inf if emitter.limit is None else emitter.limit for emitter in self._emitters]
-        return [index for index, limit in enumerate(limits) if self._emitted[index] < limit]
+        return [index for index in range(len(self._emitters)) if self._has_left(index)]
+
+    def _has_left(self, index: int) -> bool:
+        limit = self._emitters[index].limit
+        return limit is None or self._emitted[index] < limit
 
     def _time(self, index: int) -> float:
         """When an emitter that has an interval is due [time]."""

@@ -1,13 +1,13 @@
 """The flight of a disc that entered inside a frame, up to its end: free, under gravity, to the first obstacle."""
 
 import math
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.features import EDGES, Emitter, distance_to_capsules
+from mpsim import capsules
+from mpsim.features import EDGES, Emitter
 from mpsim.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -92,6 +92,6 @@ def _clear(scene: Scene, radius: float, places: Floats, time: float) -> NDArray[
     clear: NDArray[np.bool_] = np.all((places >= low) & (places <= high), axis=1)
     if scene.obstacles:
         wrapped = np.where(periodic, places % size, places)
-        for shift in product(*((-1, 0, 1) if wraps else (0,) for wraps in scene.periodic)):
-            clear &= np.all(distance_to_capsules(wrapped + shift * size, scene.capsules) >= radius, axis=1)
+        sizes = np.full(len(places), radius)
+        clear &= capsules.depths(wrapped, sizes, scene.capsules, (scene.width, scene.height), scene.periodic) == 0
     return clear

@@ -168,12 +168,14 @@ def pace_in_equilibrium(pace: Pace, scene: Scene) -> Pace:
 
 def pace_of_emitters(scene: Scene) -> Pace:
     """How fast the fastest disc of an emitter enters, for what it may be."""
-    paces: list[Pace] = []
-    for index, emitter in enumerate(scene.emitters):
-        radius = scene.largest_radius if emitter.radius is None else emitter.radius
-        velocity: Any = emitter.velocity
-        paces.append(Pace(speed=math.hypot(*velocity), limit=radius, when=f"from emitters[{index}]"))
-    return max(paces, key=lambda pace: pace.part(1.0), default=Pace())
+    if not scene.emitters:
+        return Pace()
+    common = scene.largest_radius
+    limits = [common if emitter.radius is None else emitter.radius for emitter in scene.emitters]
+    velocities: Any = [emitter.velocity for emitter in scene.emitters]
+    speeds = [math.hypot(*velocity) for velocity in velocities]
+    index = int((np.array(speeds) / limits).argmax())
+    return Pace(speed=speeds[index], limit=limits[index], when=f"from emitters[{index}]")
 
 
 def pace_of_the_pushed(pace: Pace, scene: Scene) -> Pace:

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.features import discs_in_obstacles
 from mpsim.measure.observables import Overlap, overlap
 from mpsim.placement import overlaps
+from mpsim.room import discs_in_obstacles
 from mpsim.scene import Scene
 from mpsim.settings import Settings
 from mpsim.state import State
@@ -114,9 +114,8 @@ def _into_obstacles(state: State, scene: Scene, radii: Floats, displacement: Flo
     if not scene.obstacles:
         return None
     discs = np.flatnonzero(state.present)
-    size = (scene.width, scene.height)
     position = state.position[discs].astype(np.float64)
-    _, worst, owner, depth = discs_in_obstacles(position, radii[discs], scene.obstacles, size, scene.periodic)
+    _, worst, owner, depth = discs_in_obstacles(scene, position, radii[discs])
     disc = int(discs[worst])
     if depth <= DEEP * radii[disc] + STEPS * max(mean, float(displacement[disc])):
         return None

@@ -1,12 +1,14 @@
 """The arrays that a scene's features need in the shared block, and what stands in them at the start."""
 
 import math
+import weakref
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.features import EDGES, distance_to_capsules
+from mpsim import capsules
+from mpsim.features import EDGES
 from mpsim.kernels import layout
 from mpsim.scene import Scene
 from mpsim.state import ArraySpec, Box
@@ -19,8 +21,9 @@ GIANTS_PER = 500
 GIANT = 2.0
 """A giant's radius is more than this times that of the largest disc of the grid: below, larger cells cost less."""
 
-OBSTACLE_CELLS = 16
-"""Cells of the obstacles' grid for each obstacle, about."""
+
+_made: "weakref.WeakKeyDictionary[Scene, dict[str, NDArray[Any]]]" = weakref.WeakKeyDictionary()
+"""`obstacle_arrays` of scenes that are in use: each block of a simulation asks for them twice."""
 
 
 def has_radii(scene: Scene) -> bool:
@@ -123,53 +126,19 @@ def obstacle_arrays(scene: Scene) -> dict[str, NDArray[Any]]:
     The same grid whatever the method and the number of discs. A cell lists every capsule that a disc with its centre in
     the cell can touch.
     """
-    capsules = _with_images(scene)
-    if not len(capsules):
+    if scene not in _made:
+        _made[scene] = _obstacle_arrays(scene)
+    return _made[scene]
+
+
+def _obstacle_arrays(scene: Scene) -> dict[str, NDArray[Any]]:
+    size = (scene.width, scene.height)
+    images = capsules.with_images(scene.capsules, size, scene.periodic, scene.largest_radius)
+    if not len(images.capsule):
         return {}
-    reach = scene.largest_radius
-    side = max(2 * reach, math.sqrt(scene.width * scene.height / (OBSTACLE_CELLS * (len(capsules) + 1))))
-    columns, rows = (max(int(length / side), 1) for length in (scene.width, scene.height))
-    per_length = np.array([columns / scene.width, rows / scene.height])
-    # A disc may be a rounding outside its cell; a thousandth of the cell is far more than that.
-    margin = reach + math.hypot(*(0.5 / per_length)) * 1.001
-    cells = [_cells_near(capsule, margin, per_length, columns, rows) for capsule in capsules]
-    cell, index = np.concatenate(cells), np.repeat(np.arange(len(capsules)), [len(each) for each in cells])
-    order = np.lexsort((index, cell))
-    return {
-        "capsule": capsules,
-        "near": np.searchsorted(cell[order], np.arange(columns * rows + 1)).astype(np.int32),
-        "index": np.append(index[order], 0).astype(np.int32),
-        "grid": np.array([columns, rows], np.int64),
-        "per_length": per_length,
-    }
-
-
-def _cells_near(
-    capsule: NDArray[np.float64], margin: float, per_length: NDArray[np.float64], columns: int, rows: int
-) -> NDArray[np.int64]:
-    """Numbers, column-major, of the cells whose middle is at most `margin` from the surface of a capsule."""
-    ends, reach = capsule[:4].reshape(2, 2), margin + capsule[4]
-    first = np.maximum(((ends.min(axis=0) - reach) * per_length).astype(int), 0)
-    last = np.minimum(((ends.max(axis=0) + reach) * per_length).astype(int) + 1, [columns, rows])
-    column, row = (np.arange(low, max(low, high)) for low, high in zip(first, last, strict=True))
-    column, row = np.repeat(column, len(row)), np.tile(row, len(column))
-    centres = (np.stack([column, row], axis=1) + 0.5) / per_length
-    near = distance_to_capsules(centres, capsule[None])[:, 0] <= margin
-    return (column * rows + row)[near]
-
-
-def _with_images(scene: Scene) -> NDArray[np.float64]:
-    """Capsules, and their images one period away along periodic axes if a disc in the box can touch them."""
-    capsules = scene.capsules
-    for axis, length in enumerate((scene.width, scene.height)):
-        if scene.boundary[axis] == "periodic" and len(capsules):
-            step = np.zeros(5)
-            step[[axis, axis + 2]] = length
-            capsules = np.concatenate([capsules, capsules + step, capsules - step])
-            ends, margin = capsules[:, [axis, axis + 2]], scene.largest_radius + capsules[:, 4]
-            near = (ends.max(axis=1) > -margin) & (ends.min(axis=1) < length + margin)
-            capsules = capsules[near]
-    return capsules
+    lists = capsules.cell_lists(images.capsule, size, scene.largest_radius)
+    grid = {"near": lists.near, "index": lists.listed, "grid": lists.grid, "per_length": lists.per_length}
+    return {"capsule": images.capsule, **grid}
 
 
 def typical_momentum(scene: Scene, dt: float) -> float:
@@ -184,8 +153,9 @@ def typical_momentum(scene: Scene, dt: float) -> float:
     fall = math.sqrt(pull * max(scene.width, scene.height))
     speeds = [fall] if scene.piston is None else [fall, abs(scene.piston.speed)]
     momenta = [math.sqrt(float(((scene.velocity * scene.masses[:, None]) ** 2).mean())) if scene.count else 0.0]
-    for emitter in scene.emitters:
-        own = 1.0 if emitter.mass is None else emitter.mass
-        momenta += [own * float(np.hypot(*np.array(emitter.velocity))), own * max(speeds)]
+    if scene.emitters:
+        masses = np.array([1.0 if emitter.mass is None else emitter.mass for emitter in scene.emitters])
+        velocities = np.array([emitter.velocity for emitter in scene.emitters], float)
+        momenta += [float((masses * np.hypot(*velocities.T)).max()), float(masses.max()) * max(speeds)]
     momenta += [mass * speed for speed in speeds if scene.count]
     return max(momenta) or mass * (scene.largest_radius or 1.0) / dt

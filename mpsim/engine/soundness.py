@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.engine.archive import Arrays
+from mpsim.archive import Arrays
 from mpsim.engine.checkpoint import Checkpoint
 from mpsim.engine.provision import has_masses, has_radii
 from mpsim.engine.watching import MOST_SUBSTEPS

@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from mpsim import atomic
+from mpsim import atomic, untrusted
 from mpsim.errors import InputError
 
 FORMAT = 3
@@ -13,6 +13,10 @@ FORMAT = 3
 
 SAVE_EVERY = 1.0
 """Seconds between two writes of the file that keeps what is finished."""
+
+
+MOST_BYTES = 2**26
+"""Bytes of that file at most: thousands of runs with all their errors."""
 
 
 class Kept:
@@ -70,11 +74,11 @@ def _checked(path: str | Path) -> Path:
 
 def _loaded(path: Path, title: dict[str, Any]) -> tuple[str, str, dict[str, Any]]:
     try:
-        kept = json.loads(path.read_text())
+        kept = json.loads(untrusted.text(path, MOST_BYTES))
         found, plan, reference, results = kept["title"], kept["plan"], kept["reference"], dict(kept["results"])
-    except (OSError, ValueError, TypeError, KeyError) as error:
+    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
         raise InputError(
-            f"path must be a file of an earlier trade, or none yet; {path} cannot be read as one ({error}). "
+            f"path must be a file of an earlier trade, or none yet; {path} cannot be read as one ({error!s:.200}). "
             "Remove it, or give another path."
         ) from None
     if found != title:

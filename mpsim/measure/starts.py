@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from mpsim import placement
+from mpsim import placement, room
 from mpsim.errors import InputError
-from mpsim.features import Emitter, discs_in_obstacles
+from mpsim.features import Emitter
 from mpsim.scene import Scene
 from mpsim.state import State
 
@@ -103,7 +103,8 @@ def varied(scene: Scene, seed: int) -> Scene:
     if energy > 0:
         velocity *= np.sqrt(float((masses * scene.velocity**2).sum()) / energy)
     other = scene.starting_from(State(position, velocity))
-    other.emitters = tuple(_varied_emitter(scene, emitter, rng) for emitter in scene.emitters)
+    common = scene.largest_radius
+    other.emitters = tuple(_varied_emitter(scene, emitter, common, rng) for emitter in scene.emitters)
     return other
 
 
@@ -121,13 +122,12 @@ def _piston_as_capsule(scene: Scene) -> list[list[float]]:
     return [[*ends[scene.piston.wall], 0.0]]
 
 
-def _varied_emitter(scene: Scene, emitter: Emitter, rng: np.random.Generator) -> Emitter:
+def _varied_emitter(scene: Scene, emitter: Emitter, common: float, rng: np.random.Generator) -> Emitter:
     """The emitter with its place and the velocity of its discs varied; it stays where an obstacle is too near."""
-    radius = scene.largest_radius if emitter.radius is None else emitter.radius
+    radius = common if emitter.radius is None else emitter.radius
     before, speed = np.array(emitter.position), np.array(emitter.velocity)
     place = np.clip(before + rng.uniform(-1, 1, 2) * VARIATION * 2 * radius, *scene.limits(radius))
-    size = (scene.width, scene.height)
-    if discs_in_obstacles(place[None], np.array([radius]), scene.obstacles, size, scene.periodic)[0]:
+    if room.discs_in_obstacles(scene, place[None], np.array([radius]))[0]:
         place = before
     return dataclasses.replace(emitter, position=place, velocity=speed * (1 + VARIATION * rng.normal(size=2)))
 

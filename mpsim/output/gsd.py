@@ -109,11 +109,32 @@ class GsdReader:
 
     def number(self, index: int) -> int:
         """The frame of the simulation that is at an index."""
-        step = self._chunk(index, "configuration/step")
-        return 0 if step is None else int(step[0])
+        try:
+            step = self._chunk(index, "configuration/step")
+            return 0 if step is None else int(step[0])
+        except Exception as error:  # likewise
+            raise self._damaged(f"the number of frame {index} of", error) from None
 
     def read(self, index: int) -> Frame:
-        """One frame: what mpsim wrote, or, from another program, what its standard fields hold."""
+        """One frame: what mpsim wrote, or, from another program, what its standard fields hold.
+
+        Raises:
+            TrajectoryError: if the file does not hold what it declares.
+        """
+        try:
+            return self._read(index)
+        except TrajectoryError:
+            raise
+        except Exception as error:  # what the library makes of a damaged file has no end
+            raise self._damaged(f"frame {index} of", error) from None
+
+    def _damaged(self, what: str, error: Exception) -> TrajectoryError:
+        return TrajectoryError(
+            f"a trajectory that ends in .gsd must be a whole GSD file; {what} {str(self._path)!r} cannot be read "
+            f"({type(error).__name__}: {error!s:.200}). If it was copied while it was written, copy it again."
+        )
+
+    def _read(self, index: int) -> Frame:
         box = self._chunk(index, "log/mpsim/box")
         if box is not None:
             return self._of_mpsim(index, *map(float, box))

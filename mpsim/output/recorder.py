@@ -9,12 +9,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim import atomic, checks
+from mpsim import atomic, checks, untrusted
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError, OutputError
 from mpsim.measure.observables import overlap
 from mpsim.output.ownership import Ownership
 from mpsim.state import State
+
+MOST_BYTES = 2**30
+"""Bytes of a table at most: some ten million rows."""
 
 COLUMNS: tuple[str, ...] = (
     "frame",
@@ -110,8 +113,14 @@ def _rows(path: Path) -> list[list[str]]:
     """Whole rows of a file, without the head; none where there is no file."""
     if not path.exists():
         return []
-    whole = path.read_text("utf-8", errors="replace").rpartition("\n")[0]
-    rows = list(csv.reader(io.StringIO(whole)))
+    try:
+        whole = untrusted.content(path, MOST_BYTES).decode("utf-8", "replace").rpartition("\n")[0]
+        rows = list(csv.reader(io.StringIO(whole)))
+    except (OSError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(
+            f"{str(path)!r} must be a table that a run has written; it cannot be read: {reason}."
+        ) from None
     if rows and tuple(rows[0]) != COLUMNS:
         raise InputError(
             f"{str(path)!r} must begin with the columns {','.join(COLUMNS)}; got {','.join(rows[0])[:80]!r}."

@@ -144,6 +144,8 @@ class TrajectoryWriter:
                 f"the trajectory {str(self.path)!r} is there already, and is not overwritten. Choose another name, or "
                 "use mode='w' to replace it, mode='a' to go on with it."
             )
+        if self.path.exists() and not self.path.is_file():
+            raise OutputError(f"a trajectory must be a file; {str(self.path)!r} is none. Choose another name.")
         if mode != "x":
             Claim(self.path).release()  # before the file is emptied, if nobody writes it
         self._unchecked = mode == "a" and self.path.exists() and self.path.stat().st_size > 0

@@ -5,16 +5,18 @@ gives the same bits. A frame is whole if all its lines are there, each with its 
 file is what a kill has left, and is dropped.
 """
 
+import functools
 import os
 import re
 import warnings
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim import untrusted
 from mpsim.errors import TrajectoryError, TrajectoryWarning
 from mpsim.output.frames import Frame
 
@@ -44,8 +46,11 @@ _VECTORS = ("position", "velocity", "image")
 
 _WHOLE = ("image", "ids")
 
-_LONGEST_COUNT = 20
-"""Characters of the line that holds the number of discs at most: a longer one is no trajectory."""
+_LONGEST_COUNT = 18
+"""Bytes of the line that holds the number of discs at most: a longer one is no trajectory."""
+
+_LONGEST_LINE = 2**20
+"""Bytes of any other line at most."""
 
 
 class XyzWriter:
@@ -133,7 +138,7 @@ class XyzReader:
 
     def _number(self, keys: dict[str, str], index: int) -> int:
         text = keys.get("Frame", "")
-        return int(text) if text.isdecimal() else index
+        return int(text) if text.isdecimal() and len(text) < _LONGEST_COUNT else index
 
 
 def text_of(frame: Frame) -> str:
@@ -167,26 +172,43 @@ def scan(path: Path) -> tuple[list[int], int]:
         TrajectoryError: if it is no XYZ file.
     """
     offsets = [0]
-    with path.open("rb") as file:
+    with untrusted.opened(path) as file:
         size = file.seek(0, os.SEEK_END)
         file.seek(0)
         while offsets[-1] < size:
-            head = file.readline(_LONGEST_COUNT)
+            head = file.readline(_LONGEST_COUNT + 1)
             if not head.strip() and not file.read(_LONGEST_COUNT).strip() and file.tell() == size:
                 return offsets, 0  # blank lines at the end, as some programs leave them
             if not head.endswith(b"\n") and file.tell() == size and head.strip().isdigit():
                 break
-            if not head.strip().isdigit():
+            if not head.strip().isdigit() or len(head) > _LONGEST_COUNT:
                 raise TrajectoryError(
                     f"a trajectory in XYZ must give the number of discs where a frame begins; {str(path)!r} holds "
                     f"{head!r} at byte {offsets[-1]}, frame {len(offsets) - 1}. Give a file of extended XYZ."
                 )
             lines = 1 + int(head)
-            # Only the last line of a file can lack its end, so whole lines are those that have one.
-            if sum(line.endswith(b"\n") for line in islice(file, lines)) < lines:
+            if not _skipped(file, lines, path):
                 break
             offsets.append(file.tell())
     return offsets, size - offsets[-1]
+
+
+def _skipped(file: BinaryIO, lines: int, path: Path) -> bool:
+    """Go on behind so many lines; False where the file ends before.
+
+    Raises:
+        TrajectoryError: for a line that is longer than any line of a trajectory.
+    """
+    for line in islice(iter(functools.partial(file.readline, _LONGEST_LINE), b""), lines):
+        if not line.endswith(b"\n"):  # as only the last line of a file may
+            if len(line) == _LONGEST_LINE:
+                raise TrajectoryError(
+                    f"a trajectory in XYZ must have lines of less than {_LONGEST_LINE:,} bytes; "
+                    f"{str(path)!r} has a longer one at byte {file.tell() - len(line)}. Give a file of extended XYZ."
+                )
+            return False
+        lines -= 1
+    return not lines
 
 
 def keys_of(comment: str) -> dict[str, str]:
@@ -201,9 +223,9 @@ def keys_of(comment: str) -> dict[str, str]:
 def _columns(lines: list[str], properties: str, where: str) -> dict[str, Any]:
     """The columns that mpsim knows, by its names for them."""
     parts = properties.split(":")
-    if len(parts) % 3 or not all(width.isdecimal() for width in parts[2::3]):
+    if len(parts) % 3 or not all(width.isdecimal() and len(width) < 5 for width in parts[2::3]):
         raise TrajectoryError(
-            f"{where} must name its columns as name:type:width, again and again; got Properties={properties}."
+            f"{where} must name its columns as name:type:width, again and again; got Properties={properties:.80}."
         )
     widths = [int(width) for width in parts[2::3]]
     tokens = [line.split() for line in lines]
@@ -219,7 +241,7 @@ def _columns(lines: list[str], properties: str, where: str) -> dict[str, Any]:
             found[_NAMES[name]] = _read_columns(tokens, slice(first, first + width), name, where)
         first += width
     if "position" not in found:
-        raise TrajectoryError(f"{where} must have the column pos:R:3, the places; its Properties are {properties}.")
+        raise TrajectoryError(f"{where} must have the column pos:R:3, the places; its Properties are {properties:.80}.")
     return found
 
 
@@ -229,10 +251,13 @@ def _read_columns(tokens: list[list[str]], which: slice, name: str, where: str) 
     wide, whole = ours in _VECTORS, ours in _WHOLE
     try:
         values = [(int if whole else float)(value) for row in tokens for value in row[which]]
-    except ValueError as error:
-        raise TrajectoryError(f"{where} must hold numbers in its column {name}; got this error: {error}.") from None
+        table = np.array(values, np.int64 if whole else np.float64)
+    except (ValueError, OverflowError) as error:
+        raise TrajectoryError(
+            f"{where} must hold numbers in its column {name}; got this error: {error!s:.120}."
+        ) from None
     shape = (len(tokens), which.stop - which.start)
-    table = np.array(values, np.int64 if whole else np.float64).reshape(shape)
+    table = table.reshape(shape)
     if shape[1] < (2 if wide else 1):
         raise TrajectoryError(f"{where} must have a column {name} of 2 numbers or 3; got {shape[1]}.")
     return np.ascontiguousarray(table[:, :2]) if wide else table[:, 0]
@@ -242,7 +267,7 @@ def _box(lattice: str, where: str) -> tuple[float, float]:
     numbers = [_number(text, where, "Lattice") for text in lattice.split()]
     if len(numbers) != 9 or any(numbers[index] for index in (1, 2, 3, 5, 6, 7)):
         raise TrajectoryError(
-            f"{where} must have an upright rectangular box, Lattice='width 0 0 0 height 0 0 0 z'; got {lattice!r}."
+            f"{where} must have an upright rectangular box, Lattice='width 0 0 0 height 0 0 0 z'; got {lattice!r:.80}."
         )
     return numbers[0], numbers[4]
 
@@ -250,7 +275,7 @@ def _box(lattice: str, where: str) -> tuple[float, float]:
 def _origin(corner: str, where: str) -> tuple[float, float]:
     numbers = [_number(text, where, "Origin") for text in corner.split()]
     if len(numbers) < 2:
-        raise TrajectoryError(f"{where} must have the corner of its box under Origin, 'x y z'; got {corner!r}.")
+        raise TrajectoryError(f"{where} must have the corner of its box under Origin, 'x y z'; got {corner!r:.80}.")
     return numbers[0], numbers[1]
 
 
@@ -258,4 +283,4 @@ def _number(text: str, where: str, key: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise TrajectoryError(f"{where} must hold numbers under {key}; got {text!r}.") from None
+        raise TrajectoryError(f"{where} must hold numbers under {key}; got {text!r:.80}.") from None

@@ -1,16 +1,21 @@
 """Arrays of a scene file: numbers in the file itself, or a .npy or .csv file beside it. Nothing is ever executed."""
 
 import csv
+import io
 import logging
+import math
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim import checks
+from mpsim import checks, untrusted
+from mpsim.archive import read_array
 from mpsim.errors import InputError
+from mpsim.scenefile.limits import MOST_ARRAYS, MOST_CSV
 
 logger: logging.Logger = logging.getLogger("mpsim")
 
@@ -25,10 +30,22 @@ class Source:
     Attributes:
         folder: that of the scene file; arrays lie in it or below.
         read: array files read so far.
+        length: of all of them [bytes].
     """
 
     folder: Path
     read: list[Path] = field(default_factory=list)
+    length: int = 0
+
+    def note(self, name: str, path: Path, length: int) -> None:
+        """One more array file, if all of them together are not too long."""
+        self.read.append(path)
+        self.length += length
+        if self.length > MOST_ARRAYS:
+            raise InputError(
+                f"{name} must leave the array files of a scene at most {MOST_ARRAYS:,} bytes together; got "
+                f"{self.length:,} with {path.name}. Use fewer or smaller arrays."
+            )
 
 
 def array(
@@ -55,65 +72,68 @@ def from_file(name: str, path: str, source: Source) -> NDArray[Any]:
     Raises:
         InputError: if there is none, or none that can be read without running code.
     """
-    full = source.folder / path
+    full, shown = source.folder / path, checks.brief(path)
     suffix = full.suffix.lower()
     if suffix not in (".npy", ".csv"):
-        raise InputError(f"{name} must be numbers or the name of a .npy or .csv file; got {path!r}.")
+        raise InputError(f"{name} must be numbers or the name of a .npy or .csv file; got {shown}.")
     try:
         inside = full.resolve().is_relative_to(source.folder.resolve())
-    except (OSError, ValueError, RuntimeError):  # a null byte, a ring of links
+    except (OSError, ValueError, RuntimeError):  # a name too long, a null byte, a ring of links
         inside = False
     if not inside or Path(path).is_absolute():
         raise InputError(
-            f"{name} must be a file in the folder of the scene file, or below; got {path!r}, which is not. "
+            f"{name} must be a file in the folder of the scene file, or below; got {shown}, which is not. "
             "Move the file there, or make the scene in Python."
         )
-    if not full.is_file():
-        what = "a folder" if full.is_dir() else "no such file"
-        raise InputError(f"{name} must be a file that exists; got {path!r}: {what} in {source.folder}.")
     logger.info("mpsim: reading %s", full)
-    source.read.append(full)
     try:
-        return _from_npy(name, full) if suffix == ".npy" else _from_csv(name, full)
+        with untrusted.opened(full) as file:
+            length = os.fstat(file.fileno()).st_size
+            source.note(name, full, length)
+            return _from_npy(name, full.name, file, length) if suffix == ".npy" else _from_csv(name, full)
+    except FileNotFoundError:
+        raise InputError(f"{name} must be a file that exists; got {shown}: no such file in {source.folder}.") from None
+    except IsADirectoryError:
+        raise InputError(f"{name} must be a file that exists; got {shown}: a folder in {source.folder}.") from None
     except OSError as error:
-        raise InputError(f"{name} must be a file that can be read; got {path!r} ({error.strerror or error}).") from None
+        raise InputError(f"{name} must be a file that can be read; got {shown} ({error.strerror or error}).") from None
 
 
-def _from_npy(name: str, path: Path) -> NDArray[Any]:
+def _from_npy(name: str, label: str, file: BinaryIO, length: int) -> NDArray[Any]:
     try:
-        loaded = np.load(path, allow_pickle=False)  # a pickle could run code
-    except (ValueError, EOFError, SyntaxError, MemoryError) as error:
+        loaded = read_array(file, length, label)  # a pickle, which could run code, is none
+    except (ValueError, MemoryError) as error:
         raise InputError(
-            f"{name} must be an array of numbers as numpy.save writes it; {path.name} is not ({error}). Save it anew."
+            f"{name} must be an array of numbers as numpy.save writes it; {label} is not ({error!s:.200}). "
+            "Save it anew."
         ) from None
-    if not isinstance(loaded, np.ndarray) or loaded.dtype.kind not in "fiu":
-        kind = loaded.dtype if isinstance(loaded, np.ndarray) else "several arrays"
-        raise InputError(f"{name} must be one array of real numbers; {path.name} holds {kind}. Save it anew.")
+    if loaded.dtype.kind not in "fiu":
+        raise InputError(f"{name} must be one array of real numbers; {label} holds {loaded.dtype}. Save it anew.")
     return loaded
 
 
 def _from_csv(name: str, path: Path) -> NDArray[np.float64]:
     """One row per line, one line of headings at the top if there is any."""
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = [(number, row) for number, row in enumerate(csv.reader(file), 1) if any(map(str.strip, row))]
+        text = io.StringIO(untrusted.content(path, MOST_CSV).decode("utf-8-sig"), newline="")
+        lines = [(number, row) for number, row in enumerate(csv.reader(text), 1) if any(map(str.strip, row))]
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{name} must be a text file of numbers; {path.name} is not ({error}).") from None
     if lines and not any(_is_number(cell) for cell in lines[0][1]):
         del lines[0]
-    rows: list[list[float]] = []
+    width = len(lines[0][1]) if lines else 0
     for number, row in lines:
-        if len(row) != len(lines[0][1]):
+        if len(row) != width:
             raise InputError(
                 f"{name} must have as many numbers in every row; line {number} of {path.name} has {len(row)}, and "
-                f"line {lines[0][0]} has {len(lines[0][1])}."
+                f"line {lines[0][0]} has {width}."
             )
-        bad = [cell for cell in row if not _is_number(cell)]
-        if bad:
-            raise InputError(f"{name} must be numbers; line {number} of {path.name} has {bad[0]!r}.")
-        rows.append([float(cell) for cell in row])
-    table = np.array(rows, dtype=np.float64)
-    return table[:, 0] if table.ndim == 2 and table.shape[1] == 1 else table
+    try:
+        numbers = np.fromiter((float(cell) for _, row in lines for cell in row), np.float64)
+    except ValueError:
+        number, cell = next((number, cell) for number, row in lines for cell in row if not _is_number(cell))
+        raise InputError(f"{name} must be numbers; line {number} of {path.name} has {checks.brief(cell)}.") from None
+    return numbers if width == 1 else numbers.reshape(-1, width) if width else numbers
 
 
 def _is_number(cell: str) -> bool:
@@ -131,12 +151,12 @@ def demand_numbers(name: str, value: Any) -> None:
             demand_numbers(f"{name}[{index}]", part)
         return
     if isinstance(value, bool) or not isinstance(value, int | float):
-        text = repr(value)
-        raise InputError(f"{name} must be a number; got {text if len(text) <= 60 else text[:57] + '...'}.")
+        raise InputError(f"{name} must be a number; got {checks.brief(value)}.")
     try:
         float(value)
     except OverflowError:
-        raise InputError(f"{name} must be finite in float64; got a number of {len(str(value))} digits.") from None
+        digits = int(math.log10(abs(value))) + 1
+        raise InputError(f"{name} must be finite in float64; got a number of {digits:,} digits.") from None
 
 
 def _array_of(name: str, value: Any, meaning: str) -> NDArray[np.float64]:

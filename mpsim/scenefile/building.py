@@ -2,6 +2,8 @@
 
 import functools
 import math
+from collections.abc import Callable, Iterator
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -9,8 +11,9 @@ from numpy.typing import NDArray
 
 from mpsim.arrangement import Taken, demand_area, lattice_sites, random_places, side_for, thermal_velocities
 from mpsim.errors import InputError
-from mpsim.features import Obstacle, capsules_of
-from mpsim.scene import Scene
+from mpsim.features import LARGEST_OBSTACLES, Obstacle, capsules_of
+from mpsim.scene import LARGEST_COUNT, Scene
+from mpsim.scenefile.limits import MOST_PROBLEMS
 from mpsim.scenefile.schema import Discs, SceneTable
 
 Problem = tuple[str, str]
@@ -40,14 +43,17 @@ def build(table: SceneTable, variation: int | None = None) -> Scene:
     """
     problems: list[Problem] = []
     sides = _box(table, problems)
-    obstacles = _obstacles(table, problems)
+    obstacles, owners = _obstacles(table, problems)
     periodic = table.boundary[0] == "periodic", table.boundary[1] == "periodic"
-    taken = Taken(capsules=capsules_of(tuple(each for _, each in obstacles)))
+    taken = Taken(capsules=capsules_of(tuple(obstacles)))
     groups: list[Arguments] = []
     width, height = sides or (1.0, 1.0)
     for index, discs in enumerate(table.discs):
         if sides is None and discs.places is not None:
             continue  # nobody knows yet where
+        if taken.count + (discs.count or 0) > LARGEST_COUNT:
+            problems.append((f"discs[{index}]", f"all discs must be at most {LARGEST_COUNT:,}; got more. Use fewer."))
+            break
         try:
             groups.append(_group(discs, (width, height), taken, periodic, variation))
         except InputError as error:
@@ -56,8 +62,8 @@ def build(table: SceneTable, variation: int | None = None) -> Scene:
         raise ProblemsError(problems)
     box = {"width": width, "height": height, "boundary": table.boundary}
     parts = {
-        "obstacles": [each for _, each in obstacles],
-        "emitters": [each.made() for each in table.emitters],
+        "obstacles": obstacles,
+        "emitters": [emitter for each in table.emitters for emitter in each.made()],
         "absorbing": table.absorbing,
         "piston": None if table.piston is None else table.piston.made(),
     }
@@ -68,7 +74,11 @@ def build(table: SceneTable, variation: int | None = None) -> Scene:
             scene.drawn_by(functools.partial(build, table))
         return scene
     except InputError as error:
-        found = _all_problems(box, groups, parts, [index for index, _ in obstacles])
+        tables = {
+            "obstacles": owners,
+            "emitters": [index for index, each in enumerate(table.emitters) for _ in each.made()],
+        }
+        found = list(islice(_all_problems(box, groups, parts, tables), MOST_PROBLEMS + 1))
         raise ProblemsError(found or [("", str(error))]) from None
 
 
@@ -105,15 +115,23 @@ def _box(table: SceneTable, problems: list[Problem]) -> tuple[float, float] | No
     return side, side
 
 
-def _obstacles(table: SceneTable, problems: list[Problem]) -> list[tuple[int, Obstacle]]:
-    """All obstacles, each with the number of its table."""
-    made: list[tuple[int, Obstacle]] = []
+def _obstacles(table: SceneTable, problems: list[Problem]) -> tuple[list[Obstacle], list[int]]:
+    """All obstacles, and the number of the table of each."""
+    made: list[Obstacle] = []
+    owners: list[int] = []
     for index, each in enumerate(table.obstacles):
         try:
-            made += [(index, obstacle) for obstacle in each.made()]
+            if len(made) + each.number > LARGEST_OBSTACLES:
+                text = f"obstacles must be at most {LARGEST_OBSTACLES:,}; got more. Use fewer, or a larger spacing."
+                problems.append(("obstacles", text))
+                return [], []
+            some = each.made()
         except InputError as error:
             problems.append((f"obstacles[{index}]", str(error)))
-    return made
+            continue
+        made += some
+        owners += [index] * len(some)
+    return made, owners
 
 
 def _group(
@@ -194,29 +212,47 @@ def _joined(groups: list[Arguments]) -> Arguments:
     return joined
 
 
-def _all_problems(box: Arguments, groups: list[Arguments], parts: Arguments, tables: list[int]) -> list[Problem]:
+def _all_problems(
+    box: Arguments, groups: list[Arguments], parts: Arguments, tables: dict[str, list[int]]
+) -> Iterator[Problem]:
     """What is wrong with a scene that was refused: each part is tried in the box by itself.
 
-    tables: number of the table that each obstacle comes from.
+    tables: number of the table that each obstacle, and each emitter, comes from.
     """
     bare: Arguments = {**box, **_joined([])}
-    trials: list[tuple[str, Arguments]] = [(f"discs[{index}]", {**box, **group}) for index, group in enumerate(groups)]
-    for index, obstacle in zip(tables, parts["obstacles"], strict=True):
-        trials.append((f"obstacles[{index}]", {**bare, "obstacles": obstacle}))
     every = _joined(groups)
-    for index, emitter in enumerate(parts["emitters"]):
-        # It may rely on the radius and the mass of the discs.
-        few = {name: value for name, value in every.items() if name in ("radius", "mass") and not np.ndim(value)}
-        trials.append((f"emitters[{index}]", {**bare, **few, "emitters": emitter}))
-    trials.append(("absorbing", {**bare, "absorbing": parts["absorbing"]}))
-    trials.append(("piston", {**bare, "piston": parts["piston"]}))
-    trials.append(("piston", {**bare, "absorbing": parts["absorbing"], "piston": parts["piston"]}))
-    problems: list[Problem] = []
-    for key, arguments in trials:
-        try:
-            Scene(**arguments)
-        except InputError as error:
-            text = str(error).replace("obstacles[0]", key).replace("emitters[0]", key)
-            if all(text != known for _, known in problems):
-                problems.append((key, text))
-    return problems
+    # An emitter may rely on the radius and the mass of the discs.
+    few = {name: value for name, value in every.items() if name in ("radius", "mass") and not np.ndim(value)}
+    trials: list[tuple[str, list[int], list[Any], Callable[[list[Any]], Arguments]]] = [
+        ("discs", [*range(len(groups))], groups, lambda some: {**box, **_joined(some)}),
+        ("obstacles", tables["obstacles"], parts["obstacles"], lambda some: {**bare, "obstacles": some}),
+        ("emitters", tables["emitters"], parts["emitters"], lambda some: {**bare, **few, "emitters": some}),
+        ("absorbing", [], [()], lambda _: {**bare, "absorbing": parts["absorbing"]}),
+        ("piston", [], [()], lambda _: {**bare, "piston": parts["piston"]}),
+        ("piston", [], [()], lambda _: {**bare, "absorbing": parts["absorbing"], "piston": parts["piston"]}),
+    ]
+    known: set[str] = set()
+    for name, numbers, members, arguments in trials:
+        for at, error in islice(_refused(members, arguments), MOST_PROBLEMS + 1):
+            key = f"{name}[{numbers[at]}]" if numbers else name
+            text = str(error).replace(f"{name}[0]", key) if numbers else str(error)
+            if text not in known:
+                known.add(text)
+                yield key, text
+
+
+def _refused(
+    members: list[Any], arguments: Callable[[list[Any]], Arguments], first: int = 0
+) -> Iterator[tuple[int, InputError]]:
+    """Members that Scene refuses, by their index, with what it says. Many without any of them take one trial."""
+    if not members:
+        return
+    try:
+        Scene(**arguments(members))
+    except InputError as error:
+        if len(members) == 1:
+            yield first, error
+            return
+        half = len(members) // 2
+        yield from _refused(members[:half], arguments, first)
+        yield from _refused(members[half:], arguments, first + half)

@@ -1,6 +1,6 @@
 """From a name or a path to a scene: find the file, check all of it, say all that is wrong at once."""
 
-import difflib
+import errno
 import logging
 import os
 import re
@@ -13,17 +13,30 @@ from typing import Any
 
 import pydantic
 
+from mpsim import checks, untrusted
 from mpsim.errors import InputError, SceneFileError
 from mpsim.scene import Scene
 from mpsim.scenefile import schema
 from mpsim.scenefile.arrays import Source
 from mpsim.scenefile.building import ProblemsError, build
+from mpsim.scenefile.limits import MOST_BYTES, MOST_PARTS, MOST_PROBLEMS, MOST_TABLES
 from mpsim.settings import Settings
 
 logger: logging.Logger = logging.getLogger("mpsim")
 
 _OF_WHAT = re.compile(r"(?<=\w) of (a|an|the) (FixedDisc|Polyline|Emitter|Piston|piston)(?= must)")
 _FIRST_WORD = re.compile(r"\w+(?=[ \[])")
+
+_TEXTS = re.compile(
+    r'"""(?:[^"\\]|\\.|"(?!""))*+"""|' r"'''(?:[^']|'(?!''))*+'''|" r'"(?:[^"\\\n]|\\.)*+"|' r"'[^'\n]*+'|#[^\n]*+",
+    re.DOTALL,
+)
+"""What no key is in: texts and comments."""
+
+_MANY_PARTS = re.compile(rf"(?:\.[^.=,\n\[\]{{}}]*+){{{MOST_PARTS},}}")
+
+_TOO_DEEP = "the file must be TOML; got tables or lists nested too deeply."
+_TOO_LARGE = "Put long arrays into .npy files beside it, as Scene.save does."
 
 PACKAGED = Path(str(resources.files("mpsim"))) / "scenes"
 
@@ -81,9 +94,11 @@ def load(source: str | os.PathLike[str]) -> SceneFile:
         table = schema.SceneTable.model_validate(tables, context=arrays)
         scene = build(table)
     except pydantic.ValidationError as error:
-        raise SceneFileError(label, list(_sentences(error))) from None
+        raise SceneFileError(label, _sentences(error)) from None
     except ProblemsError as error:
-        raise SceneFileError(label, [_at(key, text) for key, text in error.problems]) from None
+        raise SceneFileError(label, _some([_at(key, text) for key, text in error.problems])) from None
+    except RecursionError:
+        raise SceneFileError(label, [_TOO_DEEP]) from None
     chosen = None if table.settings is None else Settings(**dict(table.settings))
     about = table.about or schema.About(title="")
     return SceneFile(path.stem, scene, chosen, about.title, about.text, about.look_for, (path, *arrays.read))
@@ -99,29 +114,42 @@ def _find(source: Any) -> Path:
         return PACKAGED / f"{text}.toml"
     path = Path(text)
     if path.suffix != ".toml":
-        near = difflib.get_close_matches(text, known, n=1)
-        hint = f" Did you mean {near[0]!r}?" if near else ""
-        raise InputError(f"scene must be a path that ends in .toml or one of {', '.join(known)}; got {text!r}.{hint}")
+        near = checks.near(text, known)
+        hint = f" Did you mean {near!r}?" if near else ""
+        words = ", ".join(known)
+        raise InputError(f"scene must be a path that ends in .toml or one of {words}; got {checks.brief(text)}.{hint}")
     return path
 
 
 def _parsed(path: Path, label: str) -> dict[str, Any]:
     """The file as nested tables."""
     try:
-        text = path.read_bytes().decode()
+        text = untrusted.text(path, MOST_BYTES)
     except UnicodeDecodeError as error:
         raise SceneFileError(
             label, [f"the file must be text in UTF-8; got byte {error.start} ({error.reason})."]
         ) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise InputError(f"scene must be a file that can be read; got {str(path)!r} ({reason}).") from None
+        hint = "" if getattr(error, "errno", None) != errno.EFBIG else f" {_TOO_LARGE}"
+        raise InputError(
+            f"scene must be a file that can be read; got {checks.brief(str(path))} ({reason}).{hint}"
+        ) from None
+    if _MANY_PARTS.search(_TEXTS.sub("", text)):
+        raise SceneFileError(label, [f"keys must have at most {MOST_PARTS} parts with dots between them; got more."])
     try:
         tables = tomllib.loads(text)
     except RecursionError:
-        raise SceneFileError(label, ["the file must be TOML; got tables or lists nested too deeply."]) from None
+        raise SceneFileError(label, [_TOO_DEEP]) from None
     except ValueError as error:
-        raise SceneFileError(label, [f"the file must be TOML; got this error: {error}."]) from None
+        raise SceneFileError(label, [f"the file must be TOML; got this error: {error!s:.200}."]) from None
+    for name in ("discs", "obstacles", "emitters"):
+        listed = tables.get(name)
+        if isinstance(listed, list) and len(listed) > MOST_TABLES:
+            problem = (
+                f"{name} must be at most {MOST_TABLES:,} tables; got {len(listed):,}. One may hold many: give arrays."
+            )
+            raise SceneFileError(label, [problem])
     version = tables.get("schema")
     if isinstance(version, int) and version != schema.SCHEMA:  # then nothing else can be judged
         problem = schema.version_problem(version)
@@ -129,11 +157,20 @@ def _parsed(path: Path, label: str) -> dict[str, Any]:
     return tables
 
 
-def _sentences(error: pydantic.ValidationError) -> Iterable[str]:
-    """What is wrong, a sentence each."""
-    for each in error.errors(include_url=False):
+def _sentences(error: pydantic.ValidationError) -> list[str]:
+    """What is wrong, a sentence each; of very many problems, of the first."""
+    sentences: list[str] = []
+    found = error.errors(include_url=False)
+    for each in found[:MOST_PROBLEMS]:
         location = tuple(part for part in each["loc"] if part not in schema.OBSTACLES)
-        yield _at(_path(location), _sentence(location, each["type"], each.get("input"), each))
+        sentences.append(_at(_path(location), _sentence(location, each["type"], each.get("input"), each)))
+    return _some(sentences, len(found))
+
+
+def _some(sentences: list[str], number: int = 0) -> list[str]:
+    """The first sentences, and how many there are besides, if they are very many."""
+    more = max(number, len(sentences)) - MOST_PROBLEMS
+    return [*sentences[:MOST_PROBLEMS], f"and at least {more:,} more."] if more > 0 else sentences
 
 
 def _sentence(location: tuple[int | str, ...], kind: str, value: Any, details: Any) -> str:
@@ -141,19 +178,20 @@ def _sentence(location: tuple[int | str, ...], kind: str, value: Any, details: A
     match kind:
         case "extra_forbidden":
             keys = _keys_beside(location)
-            near = difflib.get_close_matches(name, keys, n=1)
-            hint = f"Did you mean {near[0]!r}?" if near else f"Keys there: {', '.join(keys)}."
-            return f"{name} must be a key of a scene file; this one is unknown, with the value {_brief(value)}. {hint}"
+            near = checks.near(name, keys)
+            hint = f"Did you mean {near!r}?" if near else f"Keys there: {', '.join(keys)}."
+            known = f"{name} must be a key of a scene file; this one is unknown, with the value"
+            return f"{known} {checks.brief(value)}. {hint}"
         case "missing":
             example = f"schema = {schema.SCHEMA}" if name == "schema" else ""
             return f"{name} must be given; got nothing.{f' Write {example!r} at the top.' if example else ''}"
         case "list_type":
-            return f"{name} must be a list of tables, [[{name}]] for each; got {_brief(value)}."
+            return f"{name} must be a list of tables, [[{name}]] for each; got {checks.brief(value)}."
         case "model_type" | "model_attributes_type" | "dict_type":
-            return f"{name} must be a table; got {_brief(value)}."
+            return f"{name} must be a table; got {checks.brief(value)}."
         case "value_error":
             return str(details["ctx"]["error"])
-    return f"{name}: {details['msg']}; got {_brief(value)}."
+    return f"{name}: {details['msg']}; got {checks.brief(value)}."
 
 
 def _keys_beside(location: tuple[int | str, ...]) -> list[str]:
@@ -171,7 +209,8 @@ def _path(location: Iterable[int | str]) -> str:
     """A key path such as discs[0].radius."""
     text = ""
     for part in location:
-        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
+        word = str(part) if len(str(part)) <= checks.LONGEST else f"{str(part)[: checks.LONGEST - 3]}..."
+        text += f"[{part}]" if isinstance(part, int) else f".{word}" if text else word
     return text
 
 
@@ -190,8 +229,3 @@ def _at(key: str, text: str) -> str:
     if not own and level in (*schema.LEVELS, "obstacles") and word in _keys_of(level):
         return f"{key}.{text}"
     return f"{key}: {text}"
-
-
-def _brief(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import numpy as np
 import pydantic
 from numpy.typing import NDArray
-from pydantic import Discriminator, Field, PlainValidator, Tag, ValidationInfo, model_validator
+from pydantic import Discriminator, Field, PlainValidator, PrivateAttr, Tag, ValidationInfo, model_validator
 
 from mpsim import checks
 from mpsim.arrangement import LATTICES, lattice_sites
 from mpsim.errors import InputError
-from mpsim.features import Emitter, FixedDisc, Obstacle, Piston, Polyline
+from mpsim.features import LARGEST_OBSTACLES, Emitter, FixedDisc, Obstacle, Piston, Polyline, fixed_discs
 from mpsim.scene import LARGEST_COUNT, Scene
 from mpsim.scenefile import arrays
 from mpsim.settings import Settings
@@ -45,17 +45,25 @@ def _plain(check: Callable[..., Any], *rule: Any) -> PlainValidator:
     return _checked(lambda name, value, _: check(name, value, *rule))
 
 
-def _as_in(*examples: Any, words: bool = False) -> PlainValidator:
+def _as_in(*examples: Any, words: bool = False, rows: tuple[int | None, ...] = ()) -> PlainValidator:
+    """The rule that a class of mpsim has for this argument: see `_rule_of`."""
+    return _checked(_rule_of(*examples, words=words, rows=rows))
+
+
+def _rule_of(*examples: Any, words: bool = False, rows: tuple[int | None, ...] = ()) -> Check:
     """The rule that a class of mpsim has for this argument.
 
     It is asked by making the class with this one argument exchanged in arguments that are right. Where an argument is
     right only beside some values of another there are several examples, and one that accepts it will do.
     words: whether it is a word or a list of words.
+    rows: shape of an array that a file may hold instead; () for none.
     """
 
-    def check(name: str, value: Any, _: ValidationInfo) -> Any:
+    def check(name: str, value: Any, info: ValidationInfo) -> Any:
+        if rows and isinstance(value, str):
+            value = arrays.array(name, value, (rows,), str(rows).replace("None", "K"), _source(info))
         if words and not isinstance(value, str | list):
-            raise InputError(f"{name} must be a word or a list of words; got {value!r}.")
+            raise InputError(f"{name} must be a word or a list of words; got {checks.brief(value)}.")
         if isinstance(value, list) and not words:
             arrays.demand_numbers(name, value)
         refused = None
@@ -66,6 +74,20 @@ def _as_in(*examples: Any, words: bool = False) -> PlainValidator:
                 refused = refused or error
         assert refused is not None
         raise refused
+
+    return check
+
+
+def _one_or_many(*examples: Any, row: tuple[int, ...] = ()) -> Any:
+    """The rule of a class for this argument; or an array of such arguments, one each, of numbers or in a file."""
+    one = _rule_of(*examples)
+
+    def check(name: str, value: Any, info: ValidationInfo) -> Any:
+        listed = isinstance(value, list) and (not row or any(isinstance(part, list) for part in value))
+        if not listed and not isinstance(value, str):
+            return one(name, value, info)
+        shape = (None, *row)
+        return arrays.array(name, value, (shape,), str(shape).replace("None", "K"), _source(info))
 
     return _checked(check)
 
@@ -92,14 +114,14 @@ def _source(info: ValidationInfo) -> arrays.Source:
 
 def _text(name: str, value: Any) -> str:
     if not isinstance(value, str):
-        raise InputError(f"{name} must be a text in quotation marks; got {value!r}.")
+        raise InputError(f"{name} must be a text in quotation marks; got {checks.brief(value)}.")
     return value
 
 
 def version_problem(value: Any) -> str:
     """What is wrong with a version that is not SCHEMA."""
     return (
-        f"schema must be {SCHEMA}, the version of scene files that this mpsim reads; got {value!r}. "
+        f"schema must be {SCHEMA}, the version of scene files that this mpsim reads; got {checks.brief(value)}. "
         "A newer mpsim may read it."
     )
 
@@ -229,12 +251,30 @@ _SCENE = (Scene, {"width": 1.0, "height": 1.0, "position": (), "velocity": (), "
 class PegTable(Table):
     """A FixedDisc."""
 
-    position: Annotated[Any, _as_in(_PEG), Field(description="centre [x, y]")]
-    radius: Annotated[float, _as_in(_PEG), Field(description="> 0")]
+    position: Annotated[
+        Numbers,
+        _array((2,), (None, 2), meaning="(2,) or (K, 2)"),
+        Field(description="centre [x, y]; of many discs [[x, y], ...], or a file"),
+    ]
+    radius: Annotated[
+        float | Numbers,
+        _array((), (None,), meaning="() or (K,)", unit="[length]"),
+        Field(description="> 0; one for all, one each, or a file"),
+    ]
+
+    @property
+    def number(self) -> int:
+        """How many obstacles `made` makes."""
+        return np.size(self.position) // 2
 
     def made(self) -> list[Obstacle]:
         """The obstacles of this table."""
-        return [FixedDisc(self.position, self.radius)]
+        places = np.reshape(self.position, (-1, 2))
+        if np.ndim(self.radius) and np.shape(self.radius) != (len(places),):
+            raise InputError(
+                f"radius must be one number or {len(places)}, one per row of position; got {np.size(self.radius)}."
+            )
+        return [*fixed_discs(places, self.radius)]
 
 
 class PegsTable(Table):
@@ -245,16 +285,36 @@ class PegsTable(Table):
     spacing: Annotated[Spacing, Field(description="between neighbours")]
     radius: Annotated[float, _as_in(_PEG), Field(description="> 0")]
 
+    @property
+    def number(self) -> int:
+        """How many obstacles `made` makes."""
+        return len(self._sites)
+
     def made(self) -> list[Obstacle]:
         """The obstacles of this table."""
-        return [FixedDisc(place, self.radius) for place in lattice_sites(self.places, self.region, self.spacing)]
+        return [*fixed_discs(self._sites, self.radius)]
+
+    @property
+    def _sites(self) -> Numbers:
+        sites = lattice_sites(self.places, self.region, self.spacing)
+        if len(sites) > LARGEST_OBSTACLES:
+            raise InputError(
+                f"spacing must leave at most {LARGEST_OBSTACLES:,} obstacles in the region; got {len(sites):,}. "
+                "Use a larger spacing or a smaller region."
+            )
+        return sites
 
 
 class LineTable(Table):
     """A Polyline."""
 
-    points: Annotated[Any, _as_in(_LINE), Field(description="corners [[x, y], [x, y], ...]")]
+    points: Annotated[Any, _as_in(_LINE, rows=(None, 2)), Field(description="corners [[x, y], [x, y], ...], or a file")]
     thickness: Annotated[float, _as_in(_LINE), Field(description=">= 0")] = 0.0
+
+    @property
+    def number(self) -> int:
+        """How many obstacles `made` makes."""
+        return 1
 
     def made(self) -> list[Obstacle]:
         """The obstacles of this table."""
@@ -274,30 +334,53 @@ ObstacleTable = Annotated[
 
 
 class EmitterTable(Table):
-    """An Emitter."""
+    """An Emitter, or several, of which each value may be an array, one row per row of position."""
 
-    position: Annotated[Any, _as_in(*_EMITTERS), Field(description="centre of the new disc [x, y]")]
-    velocity: Annotated[Any, _as_in(*_EMITTERS), Field(description="of the new disc [vx, vy]")]
+    position: Annotated[
+        Any,
+        _one_or_many(*_EMITTERS, row=(2,)),
+        Field(description="centre of the new disc [x, y]; of many emitters [[x, y], ...], or a file"),
+    ]
+    velocity: Annotated[
+        Any, _one_or_many(*_EMITTERS, row=(2,)), Field(description="of the new disc [vx, vy], or likewise")
+    ]
     interval: Annotated[
-        float | None, _as_in(*_EMITTERS), Field(description="time between two discs; this or every is needed")
+        Any, _one_or_many(*_EMITTERS), Field(description="time between two discs; this or every is needed")
     ] = None
     every: Annotated[
-        int | None,
-        _as_in(*reversed(_EMITTERS)),
+        Any,
+        _one_or_many(*reversed(_EMITTERS)),
         Field(description="instead of interval: frames between two discs, so another scene for each dt"),
     ] = None
-    limit: Annotated[int | None, _as_in(*_EMITTERS), Field(description="discs in all; left out: no end")] = None
-    radius: Annotated[float | None, _as_in(*_EMITTERS), Field(description="left out: that of all discs")] = None
-    mass: Annotated[float | None, _as_in(*_EMITTERS), Field(description="left out: 1, if all discs have that")] = None
+    limit: Annotated[Any, _one_or_many(*_EMITTERS), Field(description="discs in all; left out: no end")] = None
+    radius: Annotated[Any, _one_or_many(*_EMITTERS), Field(description="left out: that of all discs")] = None
+    mass: Annotated[Any, _one_or_many(*_EMITTERS), Field(description="left out: 1, if all discs have that")] = None
+
+    _made: list[Emitter] = PrivateAttr(default_factory=list)
 
     @model_validator(mode="after")
     def _has_its_times(self) -> "EmitterTable":
-        self.made()
+        self._made = self._emitters()
         return self
 
-    def made(self) -> Emitter:
-        """The emitter."""
-        return Emitter(**dict(self))
+    def made(self) -> list[Emitter]:
+        """The emitters."""
+        return self._made
+
+    def _emitters(self) -> list[Emitter]:
+        each: dict[str, Any] = {name: value for name, value in dict(self).items() if value is not None}
+        many = {name for name, value in each.items() if isinstance(value, np.ndarray)}
+        if not many:
+            return [Emitter(**each)]
+        count = len(self.position) if "position" in many else 1
+        for name in sorted(many):
+            if len(each[name]) != count:
+                raise InputError(f"{name} must have {count} rows, one per row of position; got {len(each[name])}.")
+            values = each[name].tolist()
+            whole = name in ("every", "limit") and all(value.is_integer() for value in values)
+            each[name] = [int(value) for value in values] if whole else values
+        rows = zip(*(each[name] if name in many else [each[name]] * count for name in each), strict=True)
+        return [Emitter(**dict(zip(each, row, strict=True))) for row in rows]
 
 
 class PistonTable(Table):

@@ -5,6 +5,7 @@ import functools
 import json
 import os
 from collections.abc import Callable
+from itertools import groupby
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -12,11 +13,15 @@ import numpy as np
 
 from mpsim import atomic
 from mpsim.errors import InputError, OutputError
-from mpsim.features import Emitter, FixedDisc
+from mpsim.features import FixedDisc
 from mpsim.scene import Scene
-from mpsim.scenefile.arrays import is_small, text_of
+from mpsim.scenefile.arrays import INLINE, is_small, text_of
+from mpsim.scenefile.limits import MOST_BYTES, MOST_TABLES
 from mpsim.scenefile.schema import SCHEMA
 from mpsim.settings import Settings
+
+Files = list[tuple[Path, Callable[[BinaryIO], object]]]
+"""Files to write, each with what writes it."""
 
 
 def save(
@@ -53,7 +58,10 @@ def save(
         changed = {name: value for name, value in chosen.items() if value != getattr(defaults, name)}
         lines += ["[settings]", *_pairs(changed), ""]
     discs, arrays = _disc_lines(scene, target)
-    lines += [*discs, *_feature_lines(scene)]
+    lines += [*discs, *_obstacle_lines(scene, target, arrays), *_emitter_lines(scene, target, arrays)]
+    if scene.piston is not None:
+        lines += ["[piston]", *_pairs(vars(scene.piston)), ""]
+    _demand_readable(target, lines)
     try:
         _write([(target, lambda file: file.write("\n".join(lines).encode())), *arrays])
     except (OSError, UnicodeEncodeError) as error:
@@ -74,40 +82,77 @@ def _scene_lines(scene: Scene) -> list[str]:
     return _pairs(values)
 
 
-def _disc_lines(scene: Scene, target: Path) -> tuple[list[str], list[tuple[Path, Callable[[BinaryIO], object]]]]:
+def _disc_lines(scene: Scene, target: Path) -> tuple[list[str], Files]:
     """The discs as one group, and the files of its arrays."""
-    lines: list[str] = ["[[discs]]"]
-    files: list[tuple[Path, Callable[[BinaryIO], object]]] = []
-    for name in ("position", "velocity", "radius", "mass", "acceleration"):
-        value = getattr(scene, name)
-        if value is None:
-            continue
+    files: Files = []
+    names = ("position", "velocity", "radius", "mass", "acceleration")
+    arrays = {name: value for name in names if (value := getattr(scene, name)) is not None}
+    return ["[[discs]]", *_array_lines(arrays, target, "", files), ""], files
+
+
+def _array_lines(arrays: dict[str, Any], target: Path, prefix: str, files: Files) -> list[str]:
+    """Arrays by name as lines of a table. Large ones become files beside the target, named by their prefix and name."""
+    lines: list[str] = []
+    for name, value in arrays.items():
         numbers = np.asarray(value, dtype=np.float64)
         if is_small(numbers):
             lines.append(f"{name} = {text_of(numbers)}")
             continue
-        file = target.with_name(f"{target.stem}.{name}.npy")
+        file = target.with_name(f"{target.stem}.{prefix}{name}.npy")
         files.append((file, functools.partial(np.save, arr=numbers.astype("<f8"), allow_pickle=False)))
         lines.append(f"{name} = {_text(file.name)}")
-    return [*lines, ""], files
-
-
-def _feature_lines(scene: Scene) -> list[str]:
-    lines: list[str] = []
-    for obstacle in scene.obstacles:
-        values = _fields(obstacle)
-        if not isinstance(obstacle, FixedDisc) and obstacle.thickness == 0:
-            del values["thickness"]
-        lines += ["[[obstacles]]", *_pairs(values), ""]
-    for emitter in scene.emitters:
-        lines += ["[[emitters]]", *_pairs(_fields(emitter)), ""]
-    if scene.piston is not None:
-        lines += ["[piston]", *_pairs(_fields(scene.piston)), ""]
     return lines
 
 
-def _fields(feature: FixedDisc | Emitter | Any) -> dict[str, Any]:
-    return {field.name: getattr(feature, field.name) for field in dataclasses.fields(feature)}
+def _obstacle_lines(scene: Scene, target: Path, files: Files) -> list[str]:
+    """A table for each obstacle; one for many discs that follow each other."""
+    lines: list[str] = []
+    for kind, group in groupby(scene.obstacles, type):
+        alike = list(group)
+        if kind is FixedDisc and len(alike) > INLINE:
+            arrays = {name: [getattr(each, name) for each in alike] for name in ("position", "radius")}
+            lines += ["[[obstacles]]", *_array_lines(arrays, target, f"obstacles-{len(files)}.", files), ""]
+            continue
+        for obstacle in alike:
+            values = dict(vars(obstacle))
+            if values.get("thickness") == 0:
+                del values["thickness"]
+            points = {name: values.pop(name) for name in ("points",) if len(values.get(name, ())) > INLINE}
+            lines += ["[[obstacles]]", *_array_lines(points, target, f"obstacles-{len(files)}.", files)]
+            lines += [*_pairs(values), ""]
+    return lines
+
+
+def _emitter_lines(scene: Scene, target: Path, files: Files) -> list[str]:
+    """A table for each emitter; one for many that follow each other and have values for the same keys."""
+    lines: list[str] = []
+    for names, group in groupby(
+        scene.emitters, lambda each: [name for name, value in vars(each).items() if value is not None]
+    ):
+        alike = list(group)
+        if len(alike) > INLINE:
+            arrays = {name: [getattr(each, name) for each in alike] for name in names}
+            lines += ["[[emitters]]", *_array_lines(arrays, target, f"emitters-{len(files)}.", files), ""]
+            continue
+        for emitter in alike:
+            lines += ["[[emitters]]", *_pairs(vars(emitter)), ""]
+    return lines
+
+
+def _demand_readable(target: Path, lines: list[str]) -> None:
+    """Refuse to write what `load` would refuse to read.
+
+    Raises:
+        OutputError: for a scene of very many obstacles or emitters that are not alike.
+    """
+    length = sum(len(line) + 1 for line in lines)
+    tables = max(lines.count("[[obstacles]]"), lines.count("[[emitters]]"))
+    if length > MOST_BYTES or tables > MOST_TABLES:
+        raise OutputError(
+            f"a scene file must have at most {MOST_BYTES:,} bytes and {MOST_TABLES:,} tables of a kind; "
+            f"{str(target)!r} would have {length:,} and {tables:,}. Let discs follow discs among the obstacles, and "
+            "emitters those with the same keys, which makes arrays of them; or keep the scene in Python."
+        )
 
 
 def _pairs(values: dict[str, Any]) -> list[str]:

@@ -19,7 +19,8 @@ KILLED = """
 import json, os, resource, shutil, signal, sys, tempfile, warnings
 from pathlib import Path
 import mpsim
-from mpsim.engine import archive, checkpoint, soundness
+from mpsim import archive
+from mpsim.engine import checkpoint, soundness
 from support.checkpoints import frame_in
 from support.scenes import simulate, zoo
 

@@ -16,7 +16,8 @@ from support.checkpoints import frame_in, rewrite_members, saved, two
 from support.scenes import lattice
 
 import mpsim
-from mpsim.engine import archive, checkpoint, soundness
+from mpsim import archive
+from mpsim.engine import checkpoint, soundness
 
 
 class ImpatienceError(Exception):

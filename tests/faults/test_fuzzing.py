@@ -5,6 +5,7 @@ number, so a failure names the one to try again.
 """
 
 import contextlib
+import os
 import random
 import tracemalloc
 import warnings
@@ -122,6 +123,8 @@ def executions(request):
 def test_damaged_scene_files(request, tmp_path, figures):
     texts = [SAYS_WHERE, *((PACKAGED / f"{name}.toml").read_text() for name in SCENES)]
     texts = [text.replace("count = 800", "count = 80") for text in texts]
+    os.mkfifo(tmp_path / "pipe.npy")
+    (tmp_path / "zero.csv").symlink_to("/dev/zero")
 
     def trial(rng):
         text = rng.choice(texts)

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 import mpsim
-from mpsim.engine import archive, checkpoint, soundness
+from mpsim import archive
+from mpsim.engine import checkpoint, soundness
 from support.scenes import simulate, zoo
 
 Change = Callable[[dict[str, Any], dict[str, np.ndarray]], None]

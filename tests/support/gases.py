@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 import mpsim
-from mpsim.features import EDGES, distance_to_capsules
+from mpsim.capsules import distance
+from mpsim.features import EDGES
 from support.transforms import features_of
 
 
@@ -65,7 +66,7 @@ def any_room(seed: int, *, stepped: bool) -> mpsim.Scene:
         stop = float(binary(size[axis] * (0.8 if high else 0.2)))
         features["piston"] = mpsim.Piston(walls[0], (-0.5 if high else 0.5) * unit, stop)
     capsules = [part for obstacle in features.get("obstacles", []) for part in obstacle.capsules()]
-    gaps = distance_to_capsules(scene.position, np.reshape(capsules, (-1, 5))).min(axis=1, initial=np.inf)
+    gaps = distance(scene.position[:, None], np.reshape(capsules, (-1, 5))).min(axis=1, initial=np.inf)
     others = features_of(without(scene, gaps <= scene.radii))
     for left_out in ((), ("emitters",), ("piston",), ("emitters", "piston")):  # where there is no room for them
         kept = {name: value for name, value in features.items() if name not in left_out}

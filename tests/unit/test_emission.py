@@ -133,7 +133,7 @@ def test_added_discs_of_a_mixed_scene_take_one_value_or_one_each():
             r"emitters\[0\] must have a radius, as the discs of this scene have one each; got None",
         ),
         ({"radius": 0.5, "mass": [1, 2]}, r"emitters\[0\] must have a mass, as the discs of this scene have one each"),
-        ({"radius": 3.5}, r"the position of emitters\[0\]\[0\] must lie in \[3.5, 6.5\] x \[3.5, 6.5\]"),
+        ({"radius": 3.5}, r"the position of emitters\[0\] must lie in \[3.5, 6.5\] x \[3.5, 6.5\]"),
     ],
 )
 def test_an_emitter_that_does_not_fit_the_scene_is_refused_by_name(features, text):

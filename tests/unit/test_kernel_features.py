@@ -11,8 +11,8 @@ from support.internals import machine_code, wall_impulses
 from support.scenes import simulate
 
 import mpsim
+from mpsim.capsules import distance
 from mpsim.engine import provision
-from mpsim.features import distance_to_capsules
 from mpsim.kernels import falling, layout, motion, obstacles
 from mpsim.kernels.exits import absorb
 from mpsim.kernels.falling import fall
@@ -258,7 +258,7 @@ def test_the_grid_of_obstacles_lists_all_that_a_disc_can_touch(boundary):
     )
     arrays = provision.obstacle_arrays(scene)
     places = rng.uniform(0, 20, (4000, 2))
-    touches = distance_to_capsules(places, arrays["capsule"]) < 0.5
+    touches = distance(places[:, None], arrays["capsule"]) < 0.5
     columns, rows = arrays["grid"]
     column, row = (np.minimum((places * arrays["per_length"]).astype(int), [columns - 1, rows - 1])).T
     listed = 0
@@ -270,7 +270,7 @@ def test_the_grid_of_obstacles_lists_all_that_a_disc_can_touch(boundary):
     assert listed < 4 * touches.sum() + len(places), "the grid lists far more than what is near"
     steps = [(-20, 0, 20) if word == "periodic" else (0,) for word in scene.boundary]
     wraps = [np.array(step) for step in itertools.product(*steps)]
-    images = np.min([distance_to_capsules(places + s, scene.capsules).min(axis=1) for s in wraps], axis=0)
+    images = np.min([distance((places + s)[:, None], scene.capsules).min(axis=1) for s in wraps], axis=0)
     assert np.array_equal(images < 0.5, touches.any(axis=1)), "what lies beyond a border must be felt"
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from support.scenes import gas
 
-from mpsim import Emitter, FixedDisc, InputError, Piston, Polyline, Scene, features
+from mpsim import Emitter, FixedDisc, InputError, Piston, Polyline, Scene
+from mpsim.capsules import distance
 
 PLACES = [[2.0, 2.0], [4.0, 3.0]]
 
@@ -40,7 +41,7 @@ WRONG = {
     "an emitter of another kind": ({"emitters": [1]}, ["emitters[0] must be an mpsim.Emitter", "int"]),
     "an emitter outside": (
         {"emitters": Emitter((0.2, 3), (1, 0), every=1)},
-        ["the position of emitters[0][0] must lie in [0.5, 7.5]", "(0.2, 3.0)"],
+        ["the position of emitters[0] must lie in [0.5, 7.5]", "(0.2, 3.0)"],
     ),
     "an emitter without a radius": (
         {"radius": [0.5, 0.4], "emitters": Emitter((2, 3), (1, 0), every=1)},
@@ -138,7 +139,7 @@ def deepest(scene):
             r[..., axis] -= length * np.round(r[..., axis] / length)
     depth = scene.radii[:, None] + scene.radii[None] - np.hypot(r[..., 0], r[..., 1])
     np.fill_diagonal(depth, -np.inf)
-    walls = scene.radii[:, None] - features.distance_to_capsules(scene.position, scene.capsules)
+    walls = scene.radii[:, None] - distance(scene.position[:, None], scene.capsules)
     return max(depth.max(initial=-np.inf), walls.max(initial=-np.inf))
 
 

@@ -159,12 +159,12 @@ def test_groups_at_random_places_keep_clear_of_each_other_and_of_obstacles(load)
         temperature = 1.0
         """
     ).scene
-    from mpsim.features import distance_to_capsules  # noqa: PLC0415
+    from mpsim.capsules import distance  # noqa: PLC0415
 
     assert scene.count == 61
     assert not len(overlapping_pairs(scene.position[1:], 0.5)[0])
     assert np.hypot(*(scene.position[1:] - scene.position[0]).T).min() >= 1.25
-    assert distance_to_capsules(scene.position, scene.capsules)[1:].min() >= 0.25
+    assert distance(scene.position[:, None], scene.capsules)[1:].min() >= 0.25
     assert scene.velocity[0].tolist() == [0, 0]
 
 

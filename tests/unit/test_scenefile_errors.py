@@ -139,7 +139,7 @@ def test_parts_that_do_not_fit_the_box_are_told_at_once(problems):
     assert [text.split(" must ")[0] for text in found] == [
         "discs[1].position[1]",
         "obstacles[1]",
-        "emitters[0]: the position of emitters[0][0]",
+        "emitters[0]: the position of emitters[0]",
         "absorbing",
         "piston.stop",
     ]

@@ -32,15 +32,21 @@ DAMAGE = (
 )
 """What reading a damaged file raises; all else (no memory, no right, an interrupt) says nothing about the file."""
 
+MOST_DIRECTORY = 2**16
+"""Bytes of the directory at the end of a file, which names its arrays, at most: each takes some 70."""
+
+# The end of a zip file: a record of 22 bytes; in large ones behind a record of 56 bytes and its locator, of 20.
+_END, _END_64, _LOCATOR = b"PK\x05\x06", b"PK\x06\x06", b"PK\x06\x07"
+
 _ENCRYPTED = 1
 """Bit among the flags of a member of a zip file."""
 
 _LENGTH = rb"\d{1,19}"
 _HEADER = re.compile(
-    rb"\{'descr': '([<>|]?[fiub]\d{1,2})', 'fortran_order': False, "
+    rb"\{'descr': '([<>|]?[fiubcU]\d{1,9})', 'fortran_order': (True|False), "
     rb"'shape': \(((?:%b, ?)*(?:%b)?)\),? ?\}\s*" % (_LENGTH, _LENGTH)
 )
-"""The header of an array of plain numbers: floating, signed, unsigned, bool. NumPy's reader evaluates the text, where
+"""The header of an array without objects. NumPy's reader evaluates the text, where
 9000 minus signs lead to a MemoryError."""
 
 
@@ -50,6 +56,35 @@ def write_arrays(file: BinaryIO, arrays: Arrays) -> None:
         for name, array in arrays.items():
             with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
                 np.lib.format.write_array(member, np.asarray(array, order="C"), (1, 0), allow_pickle=False)
+
+
+_PLAIN = "fiub"
+"""Kinds of dtype that such a file may hold: floating, signed, unsigned, bool."""
+
+
+def read_array(file: Any, length: int, name: str) -> NDArray[Any]:
+    """An array as numpy.save writes it, read-only: `length` bytes, of which a header declares the shape.
+
+    Nothing is allocated before that is known to be the shape of the bytes that follow.
+
+    Raises:
+        ValueError: if it is not, or for an array of objects.
+    """
+    if np.lib.format.read_magic(file) != (1, 0):
+        raise ValueError(f"{name!r} is of another version of the .npy format")
+    header = file.read(int.from_bytes(file.read(2), "little"))
+    found = _HEADER.fullmatch(header)
+    if not found:
+        raise ValueError(f"{name!r} is no plain array; its header is {header[:80]!r}")
+    dtype = np.dtype(found[1].decode())
+    shape = tuple(int(length) for length in re.findall(_LENGTH, found[3]))
+    rest = length - file.tell()
+    if math.prod(shape) * dtype.itemsize != rest:
+        raise ValueError(f"{name!r} declares shape {shape!s:.60} of {dtype}, and has {rest} bytes")
+    content = file.read(rest)
+    if len(content) != rest:
+        raise ValueError(f"{name!r} is cut off")
+    return np.frombuffer(content, dtype).reshape(shape, order="F" if found[2] == b"True" else "C")
 
 
 class ArrayFile:
@@ -62,6 +97,8 @@ class ArrayFile:
 
     def __init__(self, file: BinaryIO):
         length = os.fstat(file.fileno()).st_size
+        if _directory_bytes(file, length) > MOST_DIRECTORY:
+            raise ValueError(f"its directory is longer than {MOST_DIRECTORY:,} bytes; {MOST_ARRAYS} arrays are allowed")
         try:
             self._zip = zipfile.ZipFile(file)
         except zipfile.BadZipFile as error:
@@ -74,11 +111,11 @@ class ArrayFile:
             raise ValueError(f"it holds {len(members)} arrays, or one twice; {MOST_ARRAYS} different ones are allowed")
         for member in members:
             if member.compress_type != zipfile.ZIP_STORED or member.compress_size != member.file_size:
-                raise ValueError(f"{member.filename!r} in it is compressed, which no checkpoint is")
+                raise ValueError(f"{member.filename!r} in it is compressed, as mpsim writes none")
             if not 0 <= member.header_offset < length:  # where the system would refuse to look, as if it were at fault
                 raise ValueError(f"{member.filename!r} in it begins outside of it")
             if member.flag_bits & _ENCRYPTED:
-                raise ValueError(f"{member.filename!r} in it is encrypted, which no checkpoint is")
+                raise ValueError(f"{member.filename!r} in it is encrypted, as mpsim writes none")
         # Members may overlap in a zip file: only the sum tells that what is read is no more than what is there.
         if sum(member.file_size for member in members) > length:
             raise ValueError("it declares more bytes than it has")
@@ -92,18 +129,23 @@ class ArrayFile:
         """One array, read-only. Its declared shape must be that of the bytes that follow."""
         info = self._members[name]
         with self._zip.open(info) as member:
-            if np.lib.format.read_magic(member) != (1, 0):
-                raise ValueError(f"{name!r} in it is of another version of the .npy format")
-            header = member.read(int.from_bytes(member.read(2), "little"))
-            found = _HEADER.fullmatch(header)
-            if not found:
-                raise ValueError(f"{name!r} in it is no plain array; its header is {header[:80]!r}")
-            dtype = np.dtype(found[1].decode())
-            shape = tuple(int(length) for length in re.findall(_LENGTH, found[2]))
-            rest = info.file_size - member.tell()
-            if math.prod(shape) * dtype.itemsize != rest:
-                raise ValueError(f"{name!r} in it declares shape {shape} of {dtype}, and has {rest} bytes")
-            content = member.read(rest)
-        if len(content) != rest:
-            raise ValueError(f"{name!r} in it is cut off")
-        return np.frombuffer(content, dtype).reshape(shape)
+            found = read_array(member, info.file_size, name)
+        if found.dtype.kind not in _PLAIN:
+            raise ValueError(f"{name!r} in it is no array of plain numbers ({found.dtype}, shape {found.shape})")
+        return found
+
+
+def _directory_bytes(file: BinaryIO, length: int) -> int:
+    """Bytes of the directory of a zip file, as its end declares them: zipfile would read all of it at once."""
+    file.seek(max(length - 98, 0))
+    end = file.read(98)[-98:].rjust(98, b"\0")
+    file.seek(0)
+    if not end[76:].startswith(_END):
+        raise ValueError("it does not end as a file of arrays does")
+    declared = [int.from_bytes(end[88:92], "little")]
+    if end[56:].startswith(_LOCATOR):
+        where = int.from_bytes(end[64:72], "little")
+        if not end.startswith(_END_64) or where != length - 98:
+            raise ValueError("it does not end as a large file of arrays does")
+        declared = [int.from_bytes(end[40:48], "little"), *(size for size in declared if size != 2**32 - 1)]
+    return max(declared)

@@ -1,0 +1,398 @@
+"""Files and values made to do harm, or by mistake: each is refused at once, by an error of mpsim that says why.
+
+No more than LONGEST of processor time and SPARE of memory for any of them, and no message that fills a screen. What
+must fail is how each was read before: the memory of a device without end, the time of a pipe that nobody writes to.
+"""
+
+import io
+import json
+import os
+import resource
+import time
+import zipfile
+
+import numpy as np
+import psutil
+import pytest
+from click.testing import CliRunner
+
+import mpsim
+from mpsim import checks, scenefile
+from mpsim.archive import MOST_DIRECTORY
+from mpsim.cli import main
+from mpsim.commands.runfolder import RunFolder
+from mpsim.engine.cores import usable_cores
+from mpsim.measure.kept import Kept
+from mpsim.output.recorder import COLUMNS, read_table
+from mpsim.scenefile.limits import MOST_BYTES, MOST_PROBLEMS, MOST_TABLES
+
+LONGEST = 6.0
+"""Seconds of processor time to refuse anything: two on a calm core."""
+
+SPARE = 2**30
+"""Bytes of address space beyond what the process has already."""
+
+LONGEST_MESSAGE = 40_000
+"""Characters of a message with as many problems as are named."""
+
+HEAD = "schema = 1\nwidth = 10.0\nheight = 8.0\n"
+
+
+@pytest.fixture(autouse=True)
+def little_memory():
+    """What would fill the memory fails early instead."""
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (psutil.Process().memory_info().vms + SPARE, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+def refused(call, *arguments, match, kind=mpsim.InputError):
+    """The error with which a call ends, soon and in words."""
+    before = time.process_time()
+    with pytest.raises(kind, match=match) as caught:
+        call(*arguments)
+    assert time.process_time() - before < LONGEST
+    assert len(str(caught.value)) < LONGEST_MESSAGE
+    return caught.value
+
+
+def many(line, count):
+    """A list in one line."""
+    return f"[{line * count}]\n"
+
+
+SCENES = {
+    "an array name of 5,000 letters": (
+        lambda: f"[[discs]]\nradius = 1\nposition = '{'a' * 5000}.npy'\n",
+        r"must be a file .*; got 'a{50,56}\.\.\.",
+    ),
+    "a key nested 30,000 deep": (lambda: "a." * 30_000 + "a = 1\n", "at most 16 parts"),
+    "a table nested 30,000 deep": (lambda: "[" + "a." * 30_000 + "a]\n", "at most 16 parts"),
+    "a quoted key of 50,000 parts": (lambda: '"a".' * 50_000 + "a = 1\n", "at most 16 parts"),
+    "a key of 50,000 parts with blanks": (lambda: "a . " * 50_000 + "a = 1\n", "at most 16 parts"),
+    "tables in tables": (lambda: "x = " + "{a = " * 30_000 + "1" + "}" * 30_000, "nested too deeply"),
+    "lists in lists": (lambda: "x = " + "[" * 30_000 + "]" * 30_000, "nested too deeply"),
+    "300,000 unknown keys": (lambda: "".join(f"k{i} = 1\n" for i in range(300_000)), "bytes, and at most 1,048,576"),
+    "70,000 unknown keys": (lambda: "".join(f"k{i} = 1\n" for i in range(70_000)), r"and at least 69,900 more"),
+    "70,000 unknown tables": (lambda: "".join(f"[k{i}]\n" for i in range(70_000)), r"and at least 69,900 more"),
+    "800,000 pegs": (lambda: "[[obstacles]]\nposition=[1,1]\nradius=1\n" * 800_000, "bytes, and at most 1,048,576"),
+    "20,000 pegs": (lambda: "[[obstacles]]\nposition=[1,1]\nradius=1\n" * 20_000, "at most 10,000 tables; got 20,000"),
+    "empty obstacles": (lambda: "obstacles = " + many("{},", 300_000), "obstacles must be at most 10,000 tables"),
+    "bad obstacles": (lambda: "obstacles = " + many("{radius=-1},", 10_000), "and at least 19,900 more"),
+    "pegs outside": (lambda: "obstacles = " + many("{position=[1,9],radius=1},", 10_000), "and at least 1 more"),
+    "the last peg outside": (
+        lambda: "obstacles = [" + "{position=[1,1],radius=1}," * 9999 + "{position=[1,9],radius=1}]\n",
+        r"obstacles\[9999\] must lie in the box",
+    ),
+    "emitters outside": (
+        lambda: "emitters = " + many("{position=[1,9],velocity=[0,1],interval=1,radius=1},", 10_000),
+        "and at least 1 more",
+    ),
+    "groups outside": (lambda: "discs = " + many("{position=[[1,9]],radius=1},", 10_000), r"must lie in \[1, 9\]"),
+    "a lattice of nine million pegs": (
+        lambda: "[[obstacles]]\nplaces='square'\nspacing=0.003\nradius=1e-5\nregion=[0,0,9,8]\n",
+        "spacing must leave at most 1,000,000 obstacles in the region; got 8,00",
+    ),
+    "a thousand lattices": (
+        lambda: "[[obstacles]]\nplaces='square'\nspacing=0.02\nradius=1e-5\nregion=[0,0,9,8]\n" * 1000,
+        "obstacles must be at most 1,000,000; got more",
+    ),
+    "a wall of one point": (
+        lambda: "[[obstacles]]\npoints = " + many("[1,1],", 150_000),
+        "neighbours at different places",
+    ),
+    "a width of 6,000 digits": (lambda: "", "width must be"),
+    "a place of 6,000 digits": (lambda: f"[[discs]]\nradius=1\nposition=[[0x{'f' * 6000},1]]\n", "7,22[45] digits"),
+    "a count of 6,000 digits": (
+        lambda: f"[[discs]]\nradius=1\nplaces='random'\ncount=0x{'f' * 6000}\n", "a whole number of 7,22[45] digits"
+    ),
+    "a word of a megabyte": (lambda: f"boundary = '{'w' * 1_000_000}'\n", r"got 'w{50,60}\.\.\."),
+    "a key of a megabyte": (lambda: f"{'w' * 1_000_000} = 1\n", r"w{50,60}\.\.\. must be a key"),
+    "numbers in 200 lists": (lambda: f"gravity = {'[' * 200}1{']' * 200}\n", "gravity.*must"),
+    "a row too short": (lambda: "[[discs]]\nradius=1\nposition=[" + "[1,1]," * 150_000 + "[1]]\n", "1 to 2"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_hostile_scene_file_is_refused(name, tmp_path):
+    make, expected = SCENES[name]
+    head = HEAD.replace("10.0", f"0x{'f' * 6000}") if name == "a width of 6,000 digits" else HEAD
+    path = tmp_path / "scene.toml"
+    path.write_text(head + make())
+    refused(scenefile.load, path, match=expected)
+
+
+@pytest.mark.parametrize(
+    "text", ['"""a"""""', "'''.'..'''", r'"\"......................"', "'.....................'", "'''\n''''' # ......"]
+)
+def test_dots_in_texts_and_comments_are_no_parts_of_a_key(text, tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(f"{HEAD}# {'.' * 99}\n[about]\ntitle = {text}\nlook_for = '{'a.' * 99}'\n")
+    assert scenefile.load(path).title
+
+
+def test_many_problems_are_named_up_to_a_number(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(HEAD + "".join(f"k{i} = 1\n" for i in range(MOST_PROBLEMS)))
+    error = refused(scenefile.load, path, match="k0 must be a key", kind=mpsim.SceneFileError)
+    assert len(error.problems) == MOST_PROBLEMS
+    path.write_text(HEAD + "".join(f"k{i} = 1\n" for i in range(MOST_PROBLEMS + 7)))
+    error = refused(scenefile.load, path, match="k0 must be a key", kind=mpsim.SceneFileError)
+    assert error.problems[MOST_PROBLEMS:] == ("and at least 7 more.",)
+
+
+def pipe(path):
+    os.mkfifo(path)
+
+
+def endless(path):
+    path.symlink_to("/dev/zero")
+
+
+def folder(path):
+    path.mkdir()
+
+
+IRREGULAR = {pipe: "a named pipe, not a file", endless: "a device, not a file", folder: "folder|directory|is none"}
+
+DOORS = {
+    "scene.toml": (scenefile.load, mpsim.InputError),
+    "state.npz": (mpsim.State.load, mpsim.InputError),
+    "run.xyz": (mpsim.Trajectory, mpsim.TrajectoryError),
+    "run.gsd": (mpsim.Trajectory, mpsim.TrajectoryError),
+    "run.mpsim": (mpsim.Simulation.resume, mpsim.CheckpointError),
+    "kept.json": (lambda path: Kept(path, "scene"), mpsim.InputError),
+    "run.json": (lambda path: RunFolder.open(path.parent), mpsim.InputError),
+    "measures.csv": (read_table, mpsim.InputError),
+}
+
+
+@pytest.mark.parametrize("make", IRREGULAR)
+@pytest.mark.parametrize("door", DOORS)
+def test_nothing_but_a_file_is_read(door, make, tmp_path):
+    read, kind = DOORS[door]
+    make(tmp_path / door)
+    general = {
+        "run.xyz": "is none",
+        "run.gsd": "is none",
+        "run.mpsim": "not a file",
+        "kept.json": "path must be a file",
+    }
+    refused(read, tmp_path / door, match=f"{IRREGULAR[make]}|{general.get(door, IRREGULAR[make])}", kind=kind)
+
+
+@pytest.mark.parametrize("make", IRREGULAR)
+@pytest.mark.parametrize("ending", ["npy", "csv"])
+def test_an_array_of_a_scene_is_a_file(ending, make, tmp_path):
+    (tmp_path / "scene.toml").write_text(f"{HEAD}[[discs]]\nradius = 1\nposition = 'a.{ending}'\n")
+    make(tmp_path / f"a.{ending}")
+    refused(scenefile.load, tmp_path / "scene.toml", match=f"{IRREGULAR[make]}|which is not")
+
+
+def test_the_writer_of_a_trajectory_is_not_held_up_by_a_pipe(tmp_path):
+    os.mkfifo(tmp_path / "run.xyz")
+    refused(lambda: mpsim.Trajectory.write(tmp_path / "run.xyz", mode="a"), match="is none", kind=mpsim.OutputError)
+
+
+def npy(shape, content=b"", descr="<f8"):
+    """A .npy that declares what it likes."""
+    file = io.BytesIO()
+    np.lib.format.write_array_header_1_0(file, {"descr": descr, "fortran_order": False, "shape": shape})
+    return file.getvalue() + content
+
+
+NO_ARRAYS = {
+    "more than there is": npy((10**12, 2), b"\0" * 64),
+    "less than there is": npy((1, 2), b"\0" * 640),
+    "a size of 4,000 digits": npy((10**4000, 2)),
+    "a size below 0": npy((-1, 2), b"\0" * 16),
+    "a header of brackets": b"\x93NUMPY\1\0\x10\x27" + b"(" * 10_000,
+    "a header of minus signs": b"\x93NUMPY\1\0\x10\x27" + b"-" * 9_999 + b"1",
+    "a header of 4 GiB": b"\x93NUMPY\2\0\xff\xff\xff\xff" + b" " * 100,
+}
+
+
+@pytest.mark.parametrize("name", NO_ARRAYS)
+def test_an_array_file_holds_what_it_declares(name, tmp_path):
+    (tmp_path / "scene.toml").write_text(f"{HEAD}[[discs]]\nradius = 1\nposition = 'a.npy'\n")
+    (tmp_path / "a.npy").write_bytes(NO_ARRAYS[name])
+    refused(scenefile.load, tmp_path / "scene.toml", match="must be an array of numbers as numpy.save writes it")
+    with zipfile.ZipFile(tmp_path / "state.npz", "w") as archive:
+        archive.writestr("position.npy", NO_ARRAYS[name])
+        archive.writestr("velocity.npy", npy((1, 2), b"\0" * 16))
+    refused(mpsim.State.load, tmp_path / "state.npz", match="a state must be a .npz with position and velocity")
+
+
+def test_a_large_csv_is_refused_before_it_is_read(tmp_path):
+    (tmp_path / "scene.toml").write_text(f"{HEAD}[[discs]]\nradius = 1\nposition = 'a.csv'\n")
+    with (tmp_path / "a.csv").open("wb") as file:
+        file.truncate(2**32)  # sparse: it takes no room
+    refused(scenefile.load, tmp_path / "scene.toml", match="4,294,967,296 bytes, and at most 8,388,608 are read")
+    (tmp_path / "a.csv").write_text("1,1\n" * 400_000 + "1,x\n")
+    refused(scenefile.load, tmp_path / "scene.toml", match="line 400001 of a.csv has 'x'")
+
+
+def test_a_state_that_unpacks_to_much_more_than_its_file_is_refused(tmp_path):
+    zeros = np.zeros((1_000_000, 2))
+    np.savez_compressed(tmp_path / "bomb.npz", position=zeros, velocity=zeros)
+    assert (tmp_path / "bomb.npz").stat().st_size < zeros.nbytes / 100
+    refused(mpsim.State.load, tmp_path / "bomb.npz", match="compressed")
+
+
+def test_a_state_of_very_many_arrays_is_refused_before_they_are_listed(tmp_path):
+    with zipfile.ZipFile(tmp_path / "many.npz", "w") as archive:
+        for number in range(2000):
+            archive.writestr(f"position{number}.npy", b"")
+    assert len((tmp_path / "many.npz").read_bytes()) > MOST_DIRECTORY
+    refused(mpsim.State.load, tmp_path / "many.npz", match="directory is longer than 65,536 bytes")
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_states_that_numpy_has_written_are_read_and_may_be_changed(order, tmp_path):
+    place = np.array([[1.0, 2.0], [3.0, 4.0]], order=order)
+    np.savez(tmp_path / "state.npz", position=place, velocity=place)
+    found = mpsim.State.load(tmp_path / "state.npz")
+    assert np.array_equal(found.position, place)
+    found.position[0] = 5
+
+
+XYZ = 'Lattice="9 0 0 0 9 0 0 0 1" Properties=pos:R:3:id:I:1'
+TRAJECTORIES = {
+    "a count of 5,000 digits": ("9" * 5000 + "\n", "must give the number of discs"),
+    "a count of 20 digits": ("9" * 20 + "\n", "must give the number of discs"),
+    "a line without end": (f"2\n{'x' * (2**20 + 5)}", "lines of less than 1,048,576 bytes"),
+    "an id of 30 digits": (f"1\n{XYZ}\n1 1 0 {'9' * 30}\n", "must hold numbers in its column id"),
+    "an id of 5,000 digits": (f"1\n{XYZ}\n1 1 0 {'9' * 5000}\n", "must hold numbers in its column id"),
+    "a width of 5,000 digits": (f"1\n{XYZ.replace('I:1', 'I:' + '9' * 5000)}\n1 1 0 1\n", "must name its columns"),
+    "a box of 5,000 letters": (f"1\n{XYZ.replace('9 0', 'x' * 5000)}\n1 1 0 1\n", "must hold numbers under Lattice"),
+}
+
+
+@pytest.mark.parametrize("name", TRAJECTORIES)
+def test_a_hostile_trajectory_is_refused(name, tmp_path):
+    text, expected = TRAJECTORIES[name]
+    path = tmp_path / "run.xyz"
+    path.write_text(text)
+    error = refused(lambda: mpsim.Trajectory(path)[0], match=expected, kind=mpsim.TrajectoryError)
+    assert len(str(error)) < 1000
+
+
+def test_a_frame_number_of_5_000_digits_is_none(tmp_path):
+    (tmp_path / "run.xyz").write_text(f"1\n{XYZ} Frame={'9' * 5000}\n1 1 0 1\n")
+    assert mpsim.Trajectory(tmp_path / "run.xyz")[0].frame == 0
+
+
+def test_a_damaged_gsd_is_refused(tmp_path):
+    hoomd = pytest.importorskip("gsd.hoomd")
+    path = tmp_path / "run.gsd"
+    with hoomd.open(str(path), "w") as file:
+        frame = hoomd.Frame()
+        frame.configuration.box = [9, 9, 0, 0, 0, 0]
+        frame.particles.N, frame.particles.position = 1, [[1, 1, 0]]
+        file.append(frame)
+    content, outcomes = path.read_bytes(), set()
+    for at in range(256, len(content), 97):
+        path.write_bytes(content[:at] + b"\xff" * 8 + content[at + 8 :])
+        try:
+            with mpsim.Trajectory(path) as trajectory:
+                outcomes |= {type(frame.box) for frame in trajectory}
+        except mpsim.TrajectoryError as error:
+            outcomes.add(type(error))
+    assert mpsim.TrajectoryError in outcomes
+
+
+@pytest.mark.parametrize("text", ["[" * 200_000, '{"format": 1e999}', f'{{"format": {"9" * 5000}}}', "\xff", "[]"])
+def test_records_that_are_none_are_refused(text, tmp_path):
+    (tmp_path / "run.json").write_text(text, "latin-1")
+    refused(RunFolder.open, tmp_path, match="the folder of a run must hold run.json")
+    refused(Kept, tmp_path / "run.json", "scene", match="path must be a file of an earlier trade")
+
+
+def test_a_record_whose_file_names_are_none_is_refused(tmp_path):
+    keys = ("target", "every", "trajectory", "measures", "parts")
+    record = {"format": 1, "scene": "gas", "status": "done", **dict.fromkeys(keys, 1)}
+    (tmp_path / "run.json").write_text(json.dumps(record))
+    refused(RunFolder.open, tmp_path, match="run.json must hold trajectory")
+
+
+def test_a_table_with_a_cell_of_a_megabyte_is_refused(tmp_path):
+    (tmp_path / "measures.csv").write_text(f"{','.join(COLUMNS)}\n{'9' * 1_000_000}\n")
+    refused(read_table, tmp_path / "measures.csv", match="must be a table")
+
+
+@pytest.mark.parametrize("value", ["9" * 5000, "\u00b2", "-1", "x" * 5000])
+def test_a_number_of_cores_that_is_none_is_left_out(value, monkeypatch):
+    monkeypatch.delenv("PYTHON_CPU_COUNT", raising=False)
+    there = usable_cores()
+    monkeypatch.setenv("PYTHON_CPU_COUNT", value)
+    assert usable_cores() == there
+
+
+def nested(depth):
+    value = []
+    for _ in range(depth):
+        value = [value]
+    return value
+
+
+VALUES = [10**6000, -(10**6000), "w" * 10**6, nested(100_000), [[1.5] * 1000] * 1000, {"a" * 10**6: 1}]
+
+
+@pytest.mark.parametrize("value", VALUES, ids=range(len(VALUES)))
+def test_a_value_of_any_size_is_refused_in_a_short_text(value):
+    for name in ("dt", "method", "workers", "substeps"):
+        assert len(str(refused(lambda name=name: mpsim.Settings(**{name: value}), match=f"{name} must be"))) < 1000
+    box = {"width": 9, "height": 9, "position": [[1, 1]], "velocity": [[0, 0]], "radius": 0.5}
+    for name in ("width", "restitution", "duration"):
+        assert len(str(refused(lambda name=name: mpsim.Scene(**{**box, name: value}), match=f"{name} must be"))) < 1000
+
+
+def test_values_are_written_out_where_they_are_short():
+    for value in (1, True, None, "word", [1, 2.5], (1,), {"a": [1]}, {1}, 10**50, np.float64(1.5), b"x", [[]] * 14):
+        assert checks.brief(value) == repr(value)
+    assert checks.brief("a" * 100) == f"'{'a' * 56}..."
+    assert all(len(checks.brief(value)) <= checks.LONGEST for value in VALUES)
+
+
+def test_the_command_says_so_too(tmp_path):
+    os.mkfifo(tmp_path / "pipe.toml")
+    for argument in (tmp_path / "pipe.toml", "x" * 5000, f"{'x' * 5000}.toml"):
+        before = time.process_time()
+        outcome = CliRunner().invoke(main, ["show", str(argument)])
+        assert outcome.exit_code == 2
+        assert "must be" in outcome.output + str(outcome.exception)
+        assert time.process_time() - before < LONGEST
+
+
+def test_what_is_saved_can_be_read_however_much_it_is(tmp_path):
+    rng = np.random.default_rng(1)
+    pegs = [mpsim.FixedDisc(place, 0.001) for place in rng.uniform(0, 9, (MOST_TABLES + 5, 2))]
+    walls = [mpsim.Polyline(rng.uniform(0, 9, (length, 2)), 0.001) for length in (2, 500, 3)]
+    spouts = [mpsim.Emitter(place, (0, 1), every=3 + k) for k, place in enumerate(rng.uniform(10, 19, (100, 2)))]
+    others = [mpsim.Emitter((15, 15), (1, 1e-300 * k), interval=1 + k, limit=4, mass=2) for k in range(70)]
+    emitters = [*spouts, *others, mpsim.Emitter((15, 15), (1, 1), interval=1)]
+    scene = mpsim.Scene(
+        width=20,
+        height=20,
+        position=[],
+        velocity=[],
+        radius=0.1,
+        obstacles=[*pegs, *walls, *pegs[:2]],
+        emitters=emitters,
+    )
+    scene.save(tmp_path / "scene.toml")
+    assert (tmp_path / "scene.toml").stat().st_size < 10_000
+    found = mpsim.Scene.load(tmp_path / "scene.toml")
+    assert (found.obstacles, found.emitters) == (scene.obstacles, scene.emitters)
+    assert found.digest() == scene.digest()
+
+
+def test_what_could_not_be_read_is_not_written(tmp_path):
+    mixed = [mpsim.FixedDisc((1, 1), 1), mpsim.Polyline([(0, 0), (1, 0)])] * (MOST_TABLES // 2 + 1)
+    scene = mpsim.Scene(width=9, height=9, position=[], velocity=[], radius=1, obstacles=mixed)
+    refused(
+        scene.save, tmp_path / "scene.toml", match="at most 1,048,576 bytes and 10,000 tables", kind=mpsim.OutputError
+    )
+    assert not list(tmp_path.iterdir())
+    assert MOST_BYTES == 2**20

@@ -1,0 +1,139 @@
+"""Setting up a scene takes time that grows with what is in it: 100,000 obstacles or emitters within seconds.
+
+Growth is counted, not timed: of comparisons of a disc or a cell with an obstacle, and of looks at emitters.
+"""
+
+import itertools
+import time
+
+import numpy as np
+import pytest
+
+import mpsim
+from mpsim import capsules
+
+LONGEST = 20.0
+"""Seconds of processor time that setting up 100,000 of anything may take: ten times what it takes on a calm core."""
+
+
+def lattice(count, spacing=3.0):
+    """Places on a square lattice, and the side of the box that it fills."""
+    side = int(np.ceil(np.sqrt(count)))
+    return spacing * (np.stack(np.divmod(np.arange(count), side), axis=1) + 0.5), spacing * side
+
+
+def pegs(count):
+    """As many pegs as discs, none of which touch."""
+    places, side = lattice(count)
+    made = tuple(mpsim.FixedDisc(place, 0.5) for place in places)
+    return {"width": side, "height": side, "position": places + 1, "obstacles": made, "radius": 0.4}
+
+
+def chain(count):
+    """One wall of many short pieces, and as many discs beside it."""
+    places, side = lattice(count)
+    corners = np.stack([np.linspace(0, side, count + 1), np.full(count + 1, side)], axis=1)
+    return {"width": side, "height": side, "position": places, "obstacles": mpsim.Polyline(corners), "radius": 0.4}
+
+
+def emitters(count):
+    places, side = lattice(count)
+    made = tuple(mpsim.Emitter(place, (1, 0), interval=10) for place in places)  # of the common radius
+    return {"width": side, "height": side, "position": places + 1, "emitters": made, "radius": 0.4}
+
+
+def simulated(arguments):
+    scene = mpsim.Scene(**arguments, velocity=np.zeros_like(arguments["position"]))
+    return mpsim.Simulation(scene, mpsim.Settings(method="grid"))
+
+
+@pytest.mark.parametrize("make", [pegs, chain])
+def test_comparisons_with_obstacles_grow_with_their_number(make, monkeypatch):
+    def compared(count):
+        arguments, numbers, hypot = make(count), [], np.hypot
+
+        def counting(*values, **options):
+            numbers.append(np.size(values[0]))
+            return hypot(*values, **options)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(np, "hypot", counting)
+            simulated(arguments).close()
+        return sum(numbers)
+
+    simulated(make(4)).close()  # its kernels are loaded, which needs the hypot of NumPy
+    few, many = compared(400), compared(1600)
+    assert 0 < few < many < 6 * few, "linear would be 4, quadratic 16"
+
+
+def test_looks_at_emitters_grow_with_their_number(monkeypatch):
+    def looks(count):
+        arguments, reads = emitters(count), [0]
+
+        def counting(self, name):
+            reads[0] += 1
+            return object.__getattribute__(self, name)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(mpsim.Emitter, "__getattribute__", counting)
+            simulated(arguments).close()
+        return reads[0]
+
+    few, many = looks(100), looks(400)
+    assert 0 < few < many < 6 * few, "linear would be 4, quadratic 16"
+
+
+@pytest.mark.parametrize("make", [pegs, chain, emitters])
+def test_a_hundred_thousand_are_set_up_in_seconds(make):
+    arguments = make(100_000)
+    before = time.process_time()
+    with simulated(arguments) as sim:
+        assert sim.count == 100_000
+    assert time.process_time() - before < LONGEST
+
+
+def test_a_checkpoint_of_many_emitters_is_written_and_read_in_seconds(tmp_path):
+    arguments = {**emitters(20_000), "position": np.ones((1, 2))}
+    with simulated(arguments) as sim:
+        before = time.process_time()
+        path = sim.save(tmp_path / "run")
+    with mpsim.Simulation.resume(path) as sim:
+        assert sim.scene.emitters == arguments["emitters"]
+    assert time.process_time() - before < LONGEST / 2
+
+
+@pytest.mark.parametrize("boundary", ["walls", "periodic", ("walls", "periodic")])
+@pytest.mark.parametrize("count", [5, 300])
+def test_depths_are_those_of_all_comparisons(count, boundary):
+    """The twin: every disc with every image of every capsule. Few discs and many take different ways."""
+    rng = np.random.default_rng(count)
+    size, periodic = (30.0, 20.0), tuple(word == "periodic" for word in np.broadcast_to(boundary, 2))
+    ends = rng.uniform(0, 1, (40, 4)) * np.tile(size, 2)
+    ends[::3, 2:] = ends[::3, :2]  # discs
+    ends[1::3, 2] = ends[1::3, 0]  # upright walls
+    walls = np.column_stack([ends, 10 ** rng.uniform(-3, 0.5, 40)])
+    position, radius = rng.uniform(0, 1, (count, 2)) * size, 10 ** rng.uniform(-3, 0.5, count)
+    shifts = itertools.product(
+        *((-length, 0, length) if wraps else (0,) for length, wraps in zip(size, periodic, strict=True))
+    )
+    gaps = np.min([capsules.distance((position + shift)[:, None], walls) for shift in shifts], axis=0)
+    found = capsules.depths(position, radius, walls, size, periodic)
+    assert np.array_equal(found, np.maximum(radius - gaps.min(axis=1), 0))
+    assert 0 < (found > 0).sum() < count, "some discs overlap, some do not"
+    for disc in range(min(count, 20)):
+        assert capsules.nearest(position[disc], walls, size, periodic) == gaps[disc].argmin()
+
+
+@pytest.mark.parametrize("slope", [0.0, 1e-13, 0.3, 1.0, -1.0, 1e13])
+def test_a_long_wall_is_listed_in_the_cells_along_it_alone(slope):
+    size, reach = (50.0, 50.0), 0.25
+    run = np.array([1.0, slope]) / np.hypot(1.0, slope) * 30
+    wall = np.array([[25 - run[0] / 2, 25 - run[1] / 2, 25 + run[0] / 2, 25 + run[1] / 2, 0.1]])
+    many = np.repeat(wall, 60, axis=0)
+    lists = capsules.cell_lists(many, size, reach)
+    columns, rows = lists.grid
+    middle = (np.stack(np.divmod(np.arange(columns * rows), rows), axis=1) + 0.5) / lists.per_length
+    margin = reach + np.hypot(*(0.5 / lists.per_length)) * 1.001
+    expected = np.where(capsules.distance(middle, wall[0]) <= margin, 60, 0)
+    assert np.array_equal(np.diff(lists.near), expected)
+    assert lists.listed[:60].tolist() == list(range(60)), "each cell's in ascending order"
