@@ -58,17 +58,17 @@ def write_arrays(file: BinaryIO, arrays: Arrays) -> None:
                 np.lib.format.write_array(member, np.asarray(array, order="C"), (1, 0), allow_pickle=False)
 
 
-_PLAIN = "fiub"
-"""Kinds of dtype that such a file may hold: floating, signed, unsigned, bool."""
+REAL = "fiu"
+"""Kinds of dtype that are real numbers: floating, signed, unsigned."""
 
 
-def read_array(file: Any, length: int, name: str) -> NDArray[Any]:
-    """An array as numpy.save writes it, read-only: `length` bytes, of which a header declares the shape.
+def read_array(file: Any, length: int, name: str, kinds: str) -> NDArray[Any]:
+    """An array as numpy.save writes it, read-only: `length` bytes, of which a header declares kind and shape.
 
-    Nothing is allocated before that is known to be the shape of the bytes that follow.
+    Nothing is read or allocated before that is known to be of one of the kinds, and the shape of the bytes that follow.
 
     Raises:
-        ValueError: if it is not, or for an array of objects.
+        ValueError: if it is not.
     """
     if np.lib.format.read_magic(file) != (1, 0):
         raise ValueError(f"{name!r} is of another version of the .npy format")
@@ -76,7 +76,12 @@ def read_array(file: Any, length: int, name: str) -> NDArray[Any]:
     found = _HEADER.fullmatch(header)
     if not found:
         raise ValueError(f"{name!r} is no plain array; its header is {header[:80]!r}")
-    dtype = np.dtype(found[1].decode())
+    try:
+        dtype = np.dtype(found[1].decode())
+    except TypeError:
+        raise ValueError(f"{name!r} is of a type that NumPy does not know, {found[1].decode()}") from None
+    if dtype.kind not in kinds:
+        raise ValueError(f"{name!r} holds {dtype}")
     shape = tuple(int(length) for length in re.findall(_LENGTH, found[3]))
     rest = length - file.tell()
     if math.prod(shape) * dtype.itemsize != rest:
@@ -129,10 +134,7 @@ class ArrayFile:
         """One array, read-only. Its declared shape must be that of the bytes that follow."""
         info = self._members[name]
         with self._zip.open(info) as member:
-            found = read_array(member, info.file_size, name)
-        if found.dtype.kind not in _PLAIN:
-            raise ValueError(f"{name!r} in it is no array of plain numbers ({found.dtype}, shape {found.shape})")
-        return found
+            return read_array(member, info.file_size, name, f"{REAL}b")
 
 
 def _directory_bytes(file: BinaryIO, length: int) -> int:

@@ -156,8 +156,8 @@ def _number(name: str, value: Any, rule: str) -> float:
         raise InputError(f"{name} must be {rule}, finite in float64; got {brief(value)}.") from None
 
 
-MOST_BITS = 2**13
-"""Bits of whole numbers that are written out: Python refuses to write out those of more than some 14,000."""
+MOST_BITS = 200
+"""Bits of whole numbers that are written out: those are LONGEST digits."""
 
 LONGEST = 60
 """Characters of a value in a message at most."""
@@ -187,7 +187,11 @@ def brief(value: Any) -> str:
     >>> brief("word"), brief(10**5000), len(brief([[1.5] * 1000] * 1000))
     ("'word'", 'a whole number of 5,001 digits', 60)
     """
-    text = _words(value)
+    return shortened(_words(value))
+
+
+def shortened(text: str) -> str:
+    """A text of at most LONGEST characters."""
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 

@@ -15,6 +15,11 @@ def level_of_caller() -> int:
     return depth
 
 
+def is_of_the_system(error: OSError) -> bool:
+    """Whether the system has refused something: else a program raised it by itself, as a time limit of its own."""
+    return error.errno is not None and not isinstance(error, TimeoutError)
+
+
 class MpsimError(Exception):
     """Base of all exceptions of mpsim: `except mpsim.MpsimError` catches every one of them."""
 

@@ -53,6 +53,7 @@ class Scene:
     """
 
     _others: Callable[[int], "Scene"] | None = None
+    _capsules: tuple[tuple[Obstacle, ...], NDArray[np.float64]] | None = None  # and what they were made of
 
     def __init__(
         self,
@@ -226,7 +227,7 @@ class Scene:
 
     def __getstate__(self) -> dict[str, Any]:
         """All that the scene holds; how it was made stays behind."""
-        return {name: value for name, value in vars(self).items() if name not in ("_others", "capsules")}
+        return {name: value for name, value in vars(self).items() if name not in ("_others", "_capsules")}
 
     @property
     def has_others(self) -> bool:
@@ -294,12 +295,14 @@ class Scene:
         """Mass of each disc, shape (N,) [mass]."""
         return np.ones(self.count) if self.mass is None else self.mass
 
-    @functools.cached_property
+    @property
     def capsules(self) -> NDArray[np.float64]:
-        """Obstacles as segments with a radius, shape (K, 5): ax, ay, bx, by, radius [length]."""
-        found = features.capsules_of(self.obstacles)
-        found.flags.writeable = False
-        return found
+        """Obstacles as segments with a radius, read-only, shape (K, 5): ax, ay, bx, by, radius [length]."""
+        if self._capsules is None or self._capsules[0] is not self.obstacles:
+            found = features.capsules_of(self.obstacles)
+            found.flags.writeable = False
+            self._capsules = self.obstacles, found
+        return self._capsules[1]
 
     @property
     def count(self) -> int:

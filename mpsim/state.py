@@ -15,7 +15,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from mpsim import atomic, checks, untrusted
 from mpsim.archive import DAMAGE, ArrayFile
-from mpsim.errors import InputError, OutputError
+from mpsim.errors import InputError, OutputError, is_of_the_system
 from mpsim.kernels import layout
 
 MOST_FRAMES = 4096
@@ -251,6 +251,8 @@ class State:
                 }
                 state = cls(**known)
         except (OSError, *DAMAGE) as error:
+            if isinstance(error, OSError) and not is_of_the_system(error):
+                raise
             reason = getattr(error, "strerror", None) or error
             raise InputError(
                 f"a state must be a .npz with position and velocity; {str(source)!r}: {reason!s:.200}."

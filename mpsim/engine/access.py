@@ -12,7 +12,8 @@ import functools
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
 from mpsim.errors import BusyError, ForkedError
@@ -20,7 +21,7 @@ from mpsim.errors import BusyError, ForkedError
 R = TypeVar("R")
 
 GIVE_WAY = 0.0002
-"""Seconds between two looks of who would read, but lets a run go on first."""
+"""Seconds between checks by a reader that lets a run continue first."""
 
 
 class Use:
@@ -38,16 +39,17 @@ class Access:
     """Who made a simulation, and who is using it now.
 
     Attributes:
-        use: of the thread that may change the simulation; None: nobody is at it. It ends by a plain store.
-        whole: lock that is held by who moves discs, and by who reads in another thread.
-        turn: lock that is held by who waits for `whole` in another thread; who runs frames comes by between two slices,
-            and so lets it in.
-        queue: identifiers of the threads that wait for their turn to read, or have it.
+        use: of the thread that may change the simulation; None: it is not in use. It ends by a plain store.
+        whole: lock that is held by whoever moves discs or reads from another thread.
+        turn: lock that is held by whoever waits for `whole` in another thread; a run takes it between two slices, and
+            so lets the reader in.
+        readers: identifiers of the threads that wait for their turn to read, or have it.
         waiting: whether who runs frames waits until those have read; who comes now reads after the next slice, or
-            threads that read again and again would keep the run from going on.
+            threads that read again and again would stop the run.
         changing: above 0 while the thread of `use` moves the simulation to another block, say: then even the same
             thread, from a signal handler, must not look.
         reader: identifier of the thread that is reading; 0: none.
+        over: whether the program is ending, by a thread that holds `turn` for good.
     """
 
     def __init__(self) -> None:
@@ -55,10 +57,11 @@ class Access:
         self.use: Use | None = None
         self.whole: Any = threading.RLock()
         self.turn: Any = threading.RLock()
-        self.queue: dict[int, bool] = {}
+        self.readers: dict[int, bool] = {}
         self.waiting: bool = False
         self.changing: int = 0
         self.reader: int = 0
+        self.over: bool = False
         self._claiming = threading.RLock()
 
     @property
@@ -93,10 +96,20 @@ class Access:
             if free or (held is not None and self._may_nest(held, use)):
                 use.outer, self.use = held, use
                 return
-        raise self.busy(use.what)
+        raise self.busy(use.what, held)
 
     def _may_nest(self, held: Use, use: Use) -> bool:
         return held.thread == use.thread and held.what == "run()" != use.what and not self.changing
+
+    @contextmanager
+    def moving(self) -> Iterator[None]:
+        """Hold `whole` while nobody may look, not even this thread in a signal handler."""
+        with self.whole:
+            self.changing += 1
+            try:
+                yield
+            finally:
+                self.changing -= 1
 
     def let_readers_in(self) -> None:
         """Between two slices of frames: whoever waits for a whole state reads it now.
@@ -105,18 +118,25 @@ class Access:
             ForkedError: in a fork, made by a callback of the run, to which the callback has returned.
         """
         self.demand_own_process()
-        if self.queue:
+        if self.readers:
             self.waiting = True  # until the next slice has begun
+            with self.turn:
+                pass
+
+    def stop_if_over(self) -> None:
+        """Stop this thread here for good if another one is ending the program."""
+        if self.over:
             with self.turn:
                 pass
 
     def read_in_turn(self, read: Callable[[], R]) -> R:
         """Read between two slices of frames that another thread may be running."""
         here = threading.get_ident()
-        while self.waiting:
+        nested = here in self.readers  # a signal handler, in the middle of what this thread is reading
+        while self.waiting and not nested:
             time.sleep(GIVE_WAY)
         try:
-            self.queue[here] = True
+            self.readers[here] = True
             with self.turn, self.whole:
                 before = self.reader
                 try:
@@ -125,12 +145,13 @@ class Access:
                 finally:
                     self.reader = before
         finally:
-            self.queue.pop(here, None)
+            if not nested:
+                self.readers.pop(here, None)
 
-    def busy(self, refused: str) -> BusyError:
-        """The error for what was refused, which names both."""
+    def busy(self, refused: str, held: Use | None) -> BusyError:
+        """The error for what was refused, which names both; None: this thread is reading, in a signal handler now."""
         here = threading.get_ident()
-        held = self.use or Use("reading")  # of this thread, into which a signal handler has come
+        held = held or Use("reading")
         who = "the same thread" if held.thread == here else f"thread {_name_of(here)!r}"
         advice = (
             "A simulation cannot be used from within a call that is changing it: set a flag in a signal handler, and "
@@ -182,7 +203,7 @@ def reading(method: Callable[[S], R]) -> Callable[[S], R]:
         use = access.use
         if use is not None and use.thread == threading.get_ident():  # in a callback: this thread is between two slices
             if access.changing:
-                raise access.busy(f"reading {method.__name__}")
+                raise access.busy(f"reading {method.__name__}", use)
             return method(self)
         return access.read_in_turn(lambda: method(self))
 

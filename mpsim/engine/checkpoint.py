@@ -13,18 +13,17 @@ import json
 import os
 import platform
 import shutil
-import stat
 import warnings
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
-from mpsim import atomic
+from mpsim import atomic, untrusted
 from mpsim.archive import DAMAGE, ArrayFile, Arrays, write_arrays
-from mpsim.errors import CheckpointError, CheckpointWarning, InputError, OutputError
+from mpsim.errors import CheckpointError, CheckpointWarning, InputError, OutputError, is_of_the_system
 from mpsim.features import Emitter, FixedDisc, Piston, Polyline
 from mpsim.scene import Scene
 from mpsim.settings import Settings
@@ -303,7 +302,7 @@ def _damage_reported(path: Path) -> Iterator[None]:
     except OSError as error:
         if error.errno in DAMAGED_DISK:
             raise _DamagedError(f"it cannot be read ({error.strerror})") from None
-        if error.errno is None or isinstance(error, TimeoutError):  # not of the system
+        if not is_of_the_system(error):
             raise
         raise CheckpointError(
             f"the checkpoint {str(path)!r} must be a file that can be read; got: {error.strerror}. It may be whole, so "
@@ -313,7 +312,7 @@ def _damage_reported(path: Path) -> Iterator[None]:
 
 def _unpacked(path: Path) -> tuple[dict[str, Any], Arrays]:
     """Header and arrays of a file whose digest is right."""
-    with _damage_reported(path), _opened(path) as file:
+    with _damage_reported(path), untrusted.opened(path) as file:
         archive = ArrayFile(file)
         header = _header_of(archive)
         format_version, said = int(header["format"]), str(header["digest"])
@@ -326,20 +325,6 @@ def _unpacked(path: Path) -> tuple[dict[str, Any], Arrays]:
         f"the checkpoint {str(path)!r} is of format {format_version}; this version of mpsim reads up to {FORMAT}. Use "
         "a newer mpsim."
     )
-
-
-def _opened(path: Path) -> BinaryIO:
-    """The file, open for reading; a pipe is not waited for.
-
-    Raises:
-        CheckpointError: if it is no file.
-        OSError: if it cannot be opened.
-    """
-    file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK))  # noqa: SIM115 - returned
-    if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-        return file
-    file.close()
-    raise CheckpointError(f"a checkpoint must be a file; got {str(path)!r}, and it is not a file. Give another path.")
 
 
 def _of_format_1(arrays: Arrays) -> Arrays:

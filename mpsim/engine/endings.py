@@ -48,8 +48,9 @@ def _close_all() -> None:
     with interrupts_held_back():
         for access, closing in list(_open.items()):
             if not access.forked:
-                # Never let go: a daemon thread that runs the simulation stops here, between two slices, and the
+                # Never let go: a daemon thread that runs the simulation stops at these, between two slices, and the
                 # interpreter ends while it waits.
+                access.over = True
                 access.turn.acquire()
                 access.whole.acquire()
                 closing()

@@ -8,12 +8,12 @@ from contextlib import contextmanager, suppress
 
 import psutil
 
-from mpsim.errors import ResourceError, SharedMemoryError
+from mpsim.errors import ResourceError, SharedMemoryError, is_of_the_system
 
 
 @contextmanager
 def refusals_named() -> Iterator[None]:
-    """Give what the system refuses while a simulation starts the name of an error of mpsim.
+    """Turn a refusal of the system during the start of a simulation into a ResourceError.
 
     Raises:
         ResourceError: in place of an OSError that is none of mpsim's.
@@ -23,6 +23,8 @@ def refusals_named() -> Iterator[None]:
     except ResourceError:
         raise
     except OSError as error:
+        if not is_of_the_system(error):
+            raise
         if error.errno in (errno.EMFILE, errno.ENFILE):
             raise ResourceError(f"a simulation needs file descriptors, {_descriptors(error)}") from error
         raise ResourceError(
@@ -60,20 +62,20 @@ def refusal_of_block(size: int, error: OSError) -> SharedMemoryError:
     )
 
 
-def refusal_of_worker(worker: int, error: OSError | RuntimeError) -> ResourceError:
-    """The error for a worker, or the thread that watches it, that cannot be started; what it needs came to nothing."""
+def refusal_of_worker(what: str, error: OSError | RuntimeError) -> ResourceError:
+    """The error for a worker, or the thread that watches them, that cannot be started."""
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
-        return ResourceError(f"worker {worker} needs file descriptors, {_descriptors(error)}")
+        return ResourceError(f"{what} needs file descriptors, {_descriptors(error)}")
     processes = resource.getrlimit(resource.RLIMIT_NPROC)[0]
     most = "any number" if processes == resource.RLIM_INFINITY else f"{processes:,}"
     return ResourceError(
-        f"worker {worker} could not be started: {error}. Starting one must be allowed; this user may have {most} of "
+        f"{what} could not be started: {error}. Starting one must be allowed; this user may have {most} of "
         "processes and threads (ulimit -u). Use fewer workers, or method='grid', which starts none."
     )
 
 
 def demand_descriptors(number: int) -> None:
-    """See that so many descriptors can be had: multiprocessing loses some of those that it has when it gets no more.
+    """Check that so many descriptors are available: multiprocessing leaks some when it runs out.
 
     Raises:
         OSError: if not.

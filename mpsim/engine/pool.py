@@ -18,7 +18,7 @@ import psutil
 from mpsim.engine.limits import demand_descriptors, refusal_of_worker
 from mpsim.engine.shared import SharedBlock
 from mpsim.engine.worker import worker_main
-from mpsim.errors import WorkerDied, WorkerStalled
+from mpsim.errors import WorkerDied, WorkerStalled, is_of_the_system
 from mpsim.interrupts import interrupts_held_back
 from mpsim.kernels import layout
 from mpsim.kernels.waiting import add_to_word, load_word, store_word
@@ -83,7 +83,7 @@ class WorkerPool:
                 self._watch_end, self._watched_end = os.pipe()
                 self._watcher.start()
             except (OSError, RuntimeError) as error:
-                raise refusal_of_worker(0, error) from error
+                raise refusal_of_worker("the thread that watches the workers", error) from error
 
     @property
     def pids(self) -> list[int]:
@@ -152,7 +152,7 @@ class WorkerPool:
         self._control = self._team = None
 
     def _start(self, worker: int) -> None:
-        """Start one worker. Ctrl-C waits until it is in the books."""
+        """Start one worker. Ctrl-C waits until it is recorded."""
         with interrupts_held_back():
             try:
                 demand_descriptors(ENOUGH_DESCRIPTORS)
@@ -170,7 +170,9 @@ class WorkerPool:
                 finally:
                     theirs.close()
             except OSError as error:
-                raise refusal_of_worker(worker, error) from error
+                if not is_of_the_system(error):
+                    raise
+                raise refusal_of_worker(f"worker {worker}", error) from error
             self._processes.append(process)
             self._pids.append(process.pid)
 

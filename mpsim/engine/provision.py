@@ -22,8 +22,8 @@ GIANT = 2.0
 """A giant's radius is more than this times that of the largest disc of the grid: below, larger cells cost less."""
 
 
-_made: "weakref.WeakKeyDictionary[Scene, dict[str, NDArray[Any]]]" = weakref.WeakKeyDictionary()
-"""`obstacle_arrays` of scenes that are in use: each block of a simulation asks for them twice."""
+_made: "weakref.WeakKeyDictionary[Scene, tuple[Any, dict[str, NDArray[Any]]]]" = weakref.WeakKeyDictionary()
+"""`obstacle_arrays` of scenes that are in use, and what they were made of: each block asks for them twice."""
 
 
 def has_radii(scene: Scene) -> bool:
@@ -126,9 +126,10 @@ def obstacle_arrays(scene: Scene) -> dict[str, NDArray[Any]]:
     The same grid whatever the method and the number of discs. A cell lists every capsule that a disc with its centre in
     the cell can touch.
     """
-    if scene not in _made:
-        _made[scene] = _obstacle_arrays(scene)
-    return _made[scene]
+    made_of = (id(scene.capsules), scene.width, scene.height, scene.periodic, scene.largest_radius)
+    if scene not in _made or _made[scene][0] != made_of:
+        _made[scene] = made_of, _obstacle_arrays(scene)
+    return _made[scene][1]
 
 
 def _obstacle_arrays(scene: Scene) -> dict[str, NDArray[Any]]:

@@ -25,6 +25,7 @@ import psutil
 from numpy.typing import NDArray
 
 from mpsim.engine.limits import refusal_of_block
+from mpsim.errors import is_of_the_system
 from mpsim.interrupts import interrupts_held_back
 from mpsim.state import ArraySpec
 
@@ -75,6 +76,8 @@ class SharedBlock:
                 with self.closed_on_error():
                     self._create()
             except OSError as error:
+                if not is_of_the_system(error):
+                    raise
                 raise refusal_of_block(self.nbytes, error) from error
 
     @contextmanager

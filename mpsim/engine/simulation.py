@@ -282,6 +282,7 @@ class Simulation:
         if part.times.shape[1]:
             self._pacer.note(workers, part.times.shape[1], float(np.median(part.times[0].sum(axis=1))) * 1e-9)
         ledger.take(part, self._scene)
+        self._last_frame = self._solver.frame
         if self._solver.alarmed:  # look now: the run may end here, or be saved
             self._solver.divide(self._look())
         self._watch.look_for_pressed(self._solver)
@@ -313,29 +314,22 @@ class Simulation:
     def _restore(self, kept: tuple[Any, Any], new_workers: bool = True) -> None:
         snapshot, progress = kept
         choice = methods.choose(self._solver.count_in(snapshot), self._settings)
-        with interrupts_held_back(), self._access.whole:
-            self._access.changing += 1
-            try:
-                self._solver.restore(snapshot, choice, new_workers)
-                self._emission.progress = progress
-                self._pacer = Pacer(choice.workers, MOST_FRAMES)
-            finally:
-                self._access.changing -= 1
+        with interrupts_held_back(), self._access.moving():
+            self._solver.restore(snapshot, choice, new_workers)
+            self._emission.progress = progress
+            self._pacer = Pacer(choice.workers, MOST_FRAMES)
 
-    def _between_frames(self, deed: Callable[[], None]) -> None:
+    def _between_frames(self, action: Callable[[], None]) -> None:
         """Do what may move the workers to another block; where one has died, again on new ones, if that is wanted.
 
         The state is whole, so nothing is lost by a death. Ctrl-C waits: half a move would be no state at all.
         """
-        with interrupts_held_back(), self._access.whole:
-            self._access.changing += 1
+        with interrupts_held_back(), self._access.moving():
             try:
-                in_spite_of_deaths(deed, (lambda: self._restore(self._snapshot())) if self._heals else None)
+                in_spite_of_deaths(action, (lambda: self._restore(self._snapshot())) if self._heals else None)
             except (WorkerDied, WorkerStalled):
                 self._end()
                 raise
-            finally:
-                self._access.changing -= 1
 
     @exclusive
     def save(self, path: str | os.PathLike[str]) -> Path:
@@ -446,9 +440,7 @@ class Simulation:
         if not self._closing.alive:
             return f"<Simulation: closed after frame {self._last_frame}>"
         solver = self._solver
-        return (
-            f"<Simulation: {solver.count} discs by {solver.choice.method}, frame {solver.frame}, time {solver.time:g}>"
-        )
+        return f"<Simulation: {solver.count} discs by {solver.choice.method}, frame {self.frame}, time {self.time:g}>"
 
     @property
     @reading
@@ -486,6 +478,7 @@ class Simulation:
     def _open_solver(self) -> SteppedSolver | ExactSolver:
         self._access.demand_own_process()
         if not self._closing.alive:
+            self._access.stop_if_over()
             raise ClosedError(
                 f"this simulation was closed after frame {self._last_frame}. A closed simulation has no state. "
                 "Use it inside its `with` block, take sim.state before, or make a new one."

@@ -112,7 +112,9 @@ class GsdReader:
         try:
             step = self._chunk(index, "configuration/step")
             return 0 if step is None else int(step[0])
-        except Exception as error:  # likewise
+        except TimeoutError:  # of the user
+            raise
+        except Exception as error:  # what the library makes of a damaged file has no end
             raise self._damaged(f"the number of frame {index} of", error) from None
 
     def read(self, index: int) -> Frame:
@@ -123,9 +125,9 @@ class GsdReader:
         """
         try:
             return self._read(index)
-        except TrajectoryError:
+        except (TrajectoryError, TimeoutError):
             raise
-        except Exception as error:  # what the library makes of a damaged file has no end
+        except Exception as error:  # likewise
             raise self._damaged(f"frame {index} of", error) from None
 
     def _damaged(self, what: str, error: Exception) -> TrajectoryError:

@@ -3,7 +3,6 @@
 import csv
 import io
 import logging
-import math
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim import checks, untrusted
-from mpsim.archive import read_array
-from mpsim.errors import InputError
+from mpsim.archive import REAL, read_array
+from mpsim.errors import InputError, is_of_the_system
 from mpsim.scenefile.limits import MOST_ARRAYS, MOST_CSV
 
 logger: logging.Logger = logging.getLogger("mpsim")
@@ -96,20 +95,19 @@ def from_file(name: str, path: str, source: Source) -> NDArray[Any]:
     except IsADirectoryError:
         raise InputError(f"{name} must be a file that exists; got {shown}: a folder in {source.folder}.") from None
     except OSError as error:
-        raise InputError(f"{name} must be a file that can be read; got {shown} ({error.strerror or error}).") from None
+        if not is_of_the_system(error):
+            raise
+        raise InputError(f"{name} must be a file that can be read; got {shown} ({error.strerror}).") from None
 
 
 def _from_npy(name: str, label: str, file: BinaryIO, length: int) -> NDArray[Any]:
     try:
-        loaded = read_array(file, length, label)  # a pickle, which could run code, is none
-    except (ValueError, MemoryError) as error:
+        return read_array(file, length, label, REAL)  # a pickle, which could run code, is none
+    except ValueError as error:
         raise InputError(
-            f"{name} must be an array of numbers as numpy.save writes it; {label} is not ({error!s:.200}). "
+            f"{name} must be an array of real numbers as numpy.save writes it; {label} is not ({error!s:.200}). "
             "Save it anew."
         ) from None
-    if loaded.dtype.kind not in "fiu":
-        raise InputError(f"{name} must be one array of real numbers; {label} holds {loaded.dtype}. Save it anew.")
-    return loaded
 
 
 def _from_csv(name: str, path: Path) -> NDArray[np.float64]:
@@ -155,8 +153,7 @@ def demand_numbers(name: str, value: Any) -> None:
     try:
         float(value)
     except OverflowError:
-        digits = int(math.log10(abs(value))) + 1
-        raise InputError(f"{name} must be finite in float64; got a number of {digits:,} digits.") from None
+        raise InputError(f"{name} must be finite in float64; got {checks.brief(value)}.") from None
 
 
 def _array_of(name: str, value: Any, meaning: str) -> NDArray[np.float64]:

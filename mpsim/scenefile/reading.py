@@ -14,7 +14,7 @@ from typing import Any
 import pydantic
 
 from mpsim import checks, untrusted
-from mpsim.errors import InputError, SceneFileError
+from mpsim.errors import InputError, SceneFileError, is_of_the_system
 from mpsim.scene import Scene
 from mpsim.scenefile import schema
 from mpsim.scenefile.arrays import Source
@@ -130,6 +130,8 @@ def _parsed(path: Path, label: str) -> dict[str, Any]:
             label, [f"the file must be text in UTF-8; got byte {error.start} ({error.reason})."]
         ) from None
     except (OSError, ValueError) as error:
+        if isinstance(error, OSError) and not is_of_the_system(error):
+            raise
         reason = getattr(error, "strerror", None) or error
         hint = "" if getattr(error, "errno", None) != errno.EFBIG else f" {_TOO_LARGE}"
         raise InputError(
@@ -209,7 +211,7 @@ def _path(location: Iterable[int | str]) -> str:
     """A key path such as discs[0].radius."""
     text = ""
     for part in location:
-        word = str(part) if len(str(part)) <= checks.LONGEST else f"{str(part)[: checks.LONGEST - 3]}..."
+        word = checks.shortened(str(part))
         text += f"[{part}]" if isinstance(part, int) else f".{word}" if text else word
     return text
 

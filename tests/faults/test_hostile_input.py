@@ -209,6 +209,7 @@ NO_ARRAYS = {
     "a size below 0": npy((-1, 2), b"\0" * 16),
     "a header of brackets": b"\x93NUMPY\1\0\x10\x27" + b"(" * 10_000,
     "a header of minus signs": b"\x93NUMPY\1\0\x10\x27" + b"-" * 9_999 + b"1",
+    "a type of 3 bytes": npy((1, 2), b"\0" * 6).replace(b"<f8", b"<f3"),
     "a header of 4 GiB": b"\x93NUMPY\2\0\xff\xff\xff\xff" + b" " * 100,
 }
 
@@ -217,7 +218,7 @@ NO_ARRAYS = {
 def test_an_array_file_holds_what_it_declares(name, tmp_path):
     (tmp_path / "scene.toml").write_text(f"{HEAD}[[discs]]\nradius = 1\nposition = 'a.npy'\n")
     (tmp_path / "a.npy").write_bytes(NO_ARRAYS[name])
-    refused(scenefile.load, tmp_path / "scene.toml", match="must be an array of numbers as numpy.save writes it")
+    refused(scenefile.load, tmp_path / "scene.toml", match="must be an array of real numbers as numpy.save writes it")
     with zipfile.ZipFile(tmp_path / "state.npz", "w") as archive:
         archive.writestr("position.npy", NO_ARRAYS[name])
         archive.writestr("velocity.npy", npy((1, 2), b"\0" * 16))

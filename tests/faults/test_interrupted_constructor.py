@@ -176,15 +176,16 @@ def test_ctrl_c_at_any_line_of_a_run_lets_the_simulation_go(method, request):
             assert found.pop() == 1, f"Ctrl-C at moment {number} of {moments}"
 
 
+@pytest.mark.parametrize("what", [KeyboardInterrupt, TimeoutError, MemoryError])
 @pytest.mark.parametrize("where", ["posix_fallocate", "fill_features"])
-def test_ctrl_c_where_it_used_to_leave_the_block_until_the_exit(where, monkeypatch):
-    """Each of the two raises by itself, as a time limit of the user would."""
+def test_ctrl_c_where_it_used_to_leave_the_block_until_the_exit(where, what, monkeypatch):
+    """Each of the two raises by itself; a time limit of the user is not taken for a refusal of the system."""
 
     def interrupt(*_):
-        raise KeyboardInterrupt
+        raise what
 
     monkeypatch.setattr(f"os.{where}" if where == "posix_fallocate" else f"mpsim.engine.stepped.{where}", interrupt)
-    with pytest.raises(KeyboardInterrupt) as caught:
+    with pytest.raises(what) as caught:
         simulate(lattice(9, 9), method="grid")
     assert blocks_of(os.getpid()) == set(), "looked at while the traceback lives"
     del caught

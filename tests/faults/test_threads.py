@@ -281,6 +281,39 @@ def test_garbage_that_another_thread_collects_is_closed_there(method):
     assert blocks_of(os.getpid()) == set()
 
 
+def test_a_signal_handler_may_read_while_its_thread_is_reading():
+    """The run waited for the reader, and the reader, in its handler, for the run."""
+    outcome = run_script(
+        """
+        import signal, threading, time
+        from support.scenes import lattice, simulate
+
+        def handler(*_):
+            if not stop:
+                seen.append(sim.frame)
+                signal.setitimer(signal.ITIMER_REAL, 0.001)
+
+        def run_until_seen():
+            while len(seen) < 30:
+                sim.run(frames=500)
+
+        seen, stop = [], []
+        with simulate(lattice(30, 30), method="grid") as sim:
+            thread = threading.Thread(target=run_until_seen)
+            thread.start()
+            signal.signal(signal.SIGALRM, handler)
+            signal.setitimer(signal.ITIMER_REAL, 0.001)
+            while thread.is_alive():
+                sim.state
+            stop.append(True)
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            print(sim.frame % 500, seen == sorted(seen))
+        """
+    )
+    assert_clean(outcome)
+    assert outcome.out == "0 True\n"
+
+
 AT_THE_END = """
 import atexit, faulthandler, os, signal, sys, threading, time
 import mpsim
@@ -294,6 +327,9 @@ expected = digest_after(lattice(20, 20), 5, method="event" if "{method}" == "eve
 begun = threading.Event()
 threading.Thread(target=lambda: sim.run(frames=10**9, progress=lambda *_: begun.set()), daemon=True).start()
 threading.Thread(target=lambda: [sim.state for _ in iter(int, 1)], daemon=True).start()
+third = simulate(lattice(20, 20), method="{method}", workers=2)
+slow = lambda *_: [time.sleep(0.01) or third.frame for _ in range(50)]
+threading.Thread(target=lambda: third.run(frames=10**9, progress=slow), daemon=True).start()
 signal.signal(signal.SIGUSR1, lambda *_: print("frame", sim.frame > 0))
 begun.wait()
 signal.raise_signal(signal.SIGUSR1)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support.scenes import gas
 
-from mpsim import Emitter, FixedDisc, InputError, Piston, Polyline, Scene
+from mpsim import Emitter, FixedDisc, InputError, Piston, Polyline, Scene, Settings, Simulation
 from mpsim.capsules import distance
 
 PLACES = [[2.0, 2.0], [4.0, 3.0]]
@@ -261,3 +261,23 @@ def test_packing_and_repr_are_of_the_box_at_the_start():
     )  # fmt: skip
     assert scene.packing == pytest.approx(2 * np.pi * 0.25 / 50)
     assert repr(scene) == "<Scene: 2 discs of radius 0.5 in 5 x 10 of 20 x 10, packing 0.0314, piston>"
+
+
+def test_what_is_kept_of_obstacles_is_of_those_that_a_scene_has():
+    """Attributes of a scene may be replaced; what was computed of the earlier ones must not stay."""
+
+    def start(x):
+        peg = FixedDisc((x, 2), 0.5)
+        return Scene(width=9, height=4, position=[[1, 2]], velocity=[[1, 0]], radius=0.5, obstacles=peg)
+
+    scene, other = start(4), start(6)
+    with Simulation(scene, Settings(method="grid")) as sim:
+        sim.run(until=4)
+    scene.obstacles = other.obstacles
+    assert scene.capsules.tolist() == other.capsules.tolist()
+    with Simulation(scene, Settings(method="grid")) as sim:
+        sim.run(until=4)
+        replaced = sim.digest()
+    with Simulation(other, Settings(method="grid")) as sim:
+        sim.run(until=4)
+        assert sim.digest() == replaced
