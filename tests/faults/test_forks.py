@@ -18,7 +18,17 @@ import mpsim
 
 pytestmark = pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # 3.12: a fork of a threaded process
 
-METHODS = ["grid", "parallel", "event"]
+METHODS = ["naive", "grid", "parallel", "event"]
+ALONE = {method: "grid" if method == "parallel" else method for method in METHODS}
+"""Methods of one process that give the same bits."""
+
+CHILDREN = {
+    **{method: {"method": method} for method in METHODS},
+    "parallel by fork": {"method": "parallel", "start_method": "fork"},
+    "parallel by spawn": {"method": "parallel", "start_method": "spawn"},
+}
+"""Settings of what a fork runs, by name."""
+
 PATIENCE = 150
 """Seconds that a fork may take, on a busy machine, before it counts as hung."""
 
@@ -72,21 +82,28 @@ def run_kept():
 
 
 FORKS = {"os.fork": in_fork, "executor": fork_executor, "process": fork_process}
-MATRIX = [(parent, fork, child) for parent in METHODS for fork in FORKS for child in METHODS]
-FEW = [("parallel", "os.fork", "parallel"), ("grid", "process", "event"), ("event", "executor", "parallel")]
+MATRIX = [(parent, fork, child) for parent in METHODS for fork in FORKS for child in CHILDREN]
+FEW = [
+    ("parallel", "os.fork", "parallel"),
+    ("parallel", "os.fork", "parallel by fork"),
+    ("grid", "process", "event"),
+    ("event", "executor", "parallel"),
+    ("naive", "os.fork", "naive"),
+]
 
 
 @pytest.mark.parametrize(("parent", "fork", "child"), long_but(MATRIX, *FEW))
 def test_a_fork_can_have_simulations_of_its_own(parent, fork, child):
     """Whatever its parent has run: gunicorn --preload, a pool that forks, os.fork."""
-    kept.append(lambda: digest_after(lattice(12, 12), 20, method=child, workers=2))
+    settings = CHILDREN[child]
+    kept.append(lambda: digest_after(lattice(12, 12), 20, workers=2, **settings))
     with simulate(lattice(20, 20), method=parent, workers=2) as sim:
         sim.run(frames=5)
         found = FORKS[fork](kept[-1])
         sim.run(frames=5)
-        assert sim.digest() == digest_after(lattice(20, 20), 10, method="event" if parent == "event" else "grid")
+        assert sim.digest() == digest_after(lattice(20, 20), 10, method=ALONE[parent])
     kept.clear()
-    assert found == digest_after(lattice(12, 12), 20, method="event" if child == "event" else "grid")
+    assert found == digest_after(lattice(12, 12), 20, method=ALONE[settings["method"]])
 
 
 DOORS = {
@@ -127,7 +144,7 @@ def outcomes_of_doors(sim):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_every_door_is_refused_in_a_fork_and_the_parent_goes_on_as_if_alone(method):
+def test_every_door_is_refused_in_a_fork_and_the_parent_continues_as_if_alone(method):
     with simulate(lattice(20, 20), method=method, workers=2) as sim:
         sim.run(frames=5)
         found, words, count = in_fork(lambda: outcomes_of_doors(sim))
@@ -136,7 +153,7 @@ def test_every_door_is_refused_in_a_fork_and_the_parent_goes_on_as_if_alone(meth
         assert (words, count) == (f"<Simulation: of process {os.getpid()}>", "400")
         assert sim.frame == 5
         sim.run(frames=5)
-        assert sim.digest() == digest_after(lattice(20, 20), 10, method="event" if method == "event" else "grid")
+        assert sim.digest() == digest_after(lattice(20, 20), 10, method=ALONE[method])
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -157,7 +174,7 @@ def test_a_callback_that_forks_cannot_bring_the_fork_back_into_the_run(method):
             if os.getpid() != parent:
                 os._exit(8)
         assert os.waitstatus_to_exitcode(os.waitpid(children[0], 0)[1]) == 7
-        assert sim.digest() == digest_after(lattice(9, 9), 50, method=method if method == "event" else "grid")
+        assert sim.digest() == digest_after(lattice(9, 9), 50, method=ALONE[method])
 
 
 def test_a_fork_that_ends_like_a_program_is_silent_and_takes_nothing_away():

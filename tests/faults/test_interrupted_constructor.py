@@ -17,23 +17,28 @@ from support.selection import long_but
 import mpsim
 from mpsim.engine import shared
 
-METHODS = ["grid", "parallel", "event"]
-SAMPLES = {"grid": 120, "event": 60, "parallel": 12}
+METHODS = ["naive", "grid", "parallel", "event"]
+SAMPLES = {"naive": 40, "grid": 120, "event": 60, "parallel": 12}
 """Moments that the default suite tries, spread evenly."""
 
-MOST = 8000
-"""Moments that --long tries: all of grid and event. While workers start, they are as many as there is time for."""
+MOST = {"naive": 8000, "grid": 8000, "event": 8000, "parallel": 400}
+"""Moments that --long tries, spread evenly, too: of parallel, whose workers take a while to start, as time allows."""
 
 
 class CtrlC:
     """Presses Ctrl-C once, at the `number`-th line, call or return of Python code in the `with` block.
 
     A return of a function in C counts, too: that is when Python really looks for signals. The signal is a real one, so
-    that it waits where signals are held back. Attribute count: of such moments so far.
+    that it waits where signals are held back.
+
+    Attributes:
+        count: of such moments so far.
+        made: whether a simulation was whole before: who catches the exception then holds it.
     """
 
     def __init__(self, number):
         self.count = 0
+        self.made = False
         self._number = number
 
     def __enter__(self):
@@ -46,6 +51,8 @@ class CtrlC:
         sys.setprofile(None)
 
     def _in_python(self, frame, event, argument):
+        if event == "return" and frame.f_code is mpsim.Simulation.__init__.__code__ and self.count + 1 <= self._number:
+            self.made = True
         self._moment()
         return self._in_python
 
@@ -92,7 +99,7 @@ def pressed_at(number, act):
     None if `act` had fewer moments this time.
 
     Of a view of the block that the traceback holds the mapping lives as long as that, and with it its descriptor; its
-    name is gone before.
+    name is gone before. A whole simulation that the traceback holds goes with it.
     """
     counter = CtrlC(number)
     try:
@@ -101,44 +108,60 @@ def pressed_at(number, act):
         assert counter.count < number, f"Ctrl-C at moment {number} was lost"
         return None
     except KeyboardInterrupt:
-        blocks, children, *_ = resources()
+        blocks, children, *_ = ((), ()) if counter.made else resources()
     now = resources()
-    return now[0] | blocks, now[1] | children, *now[2:]
+    return now[0].union(blocks), now[1].union(children), *now[2:]
 
 
-def tried(moments, samples, request):
-    """Which moments are tried."""
-    samples = min(moments, MOST if request.config.getoption("--long") else samples)
+def tried(moments, samples, most, request):
+    """Which moments are tried, the last one included."""
+    samples = min(moments, most if request.config.getoption("--long") else samples)
     return sorted({1 + index * (moments - 1) // (samples - 1) for index in range(samples)})
 
 
+def constructor(how, scene, settings, folder):
+    """A way to a simulation, whose kernels are compiled, and whose fork server and tracker run.
+
+    `resume` reads a file, and moves to another block.
+    """
+    with mpsim.Simulation(scene, settings) as sim:
+        sim.run(frames=2)
+        path = sim.save(folder / "run.mpsim")
+    if how == "resume":
+        return lambda: mpsim.Simulation.resume(path, workers=settings.workers)
+    return lambda: mpsim.Simulation(scene, settings)
+
+
+CONSTRUCTORS = [(how, method) for how in ("Simulation", "resume") for method in METHODS]
+
+
 @pytest.mark.timeout(3000)
-@pytest.mark.parametrize("method", METHODS)
-def test_ctrl_c_at_any_line_of_a_constructor_leaves_nothing(method, request, figures):
-    scene, kept = lattice(9, 9), []
+@pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")  # opened by the call at whose return it came
+@pytest.mark.parametrize(("how", "method"), long_but(CONSTRUCTORS, *CONSTRUCTORS[:4], ("resume", "grid"), ("resume", "event")))
+def test_ctrl_c_at_any_line_of_a_constructor_leaves_nothing(how, method, request, tmp_path, figures):
+    kept = []
 
     def construct():
-        kept.append(mpsim.Simulation(scene, settings))
+        kept.append(make())
 
-    settings = mpsim.Settings(method=method, workers=2)
-    simulate(scene, method=method, workers=2).close()  # compiles, and starts the fork server and the tracker
+    make = constructor(how, lattice(9, 9), mpsim.Settings(method=method, workers=2), tmp_path)
+    make().close()
     gc.collect()
     before = resources()
     moments = moments_of(construct)
     kept.pop().close()
     assert resources() == before, "the control: closed, it leaves nothing"
-    numbers = tried(moments, SAMPLES[method], request)
+    numbers = tried(moments, SAMPLES[method] // (1 if how == "Simulation" else 2), MOST[method], request)
     for number in numbers:
         left = pressed_at(number, construct)
         if kept:  # it came after the constructor, or not at all
             kept.pop().close()
             left = resources()
         assert left == before, f"Ctrl-C at moment {number} of {moments}"
-    with simulate(scene, method=method, workers=2) as sim:
+    with make() as sim:
         assert sim.run(frames=2).frames == 2
-    figures.note(
-        "R20", method, "Ctrl-C at lines and calls of a constructor", "nothing is left", f"{len(numbers)} of {moments}"
-    )
+    what = f"Ctrl-C at lines and calls of {'a constructor' if how == 'Simulation' else 'resume'}"
+    figures.note("R20", method, what, "nothing is left", f"nothing; {len(numbers)} of {moments} moments tried")
 
 
 def test_control_a_block_that_nobody_owns_yet_is_noticed(monkeypatch):
@@ -167,7 +190,7 @@ def test_ctrl_c_at_any_line_of_a_run_lets_the_simulation_go(method, request):
     found = []
     with simulate(lattice(9, 9), method=method, workers=2) as sim:
         moments = moments_of(lambda: sim.run(frames=1))
-        for number in tried(moments, 80, request):
+        for number in tried(moments, 80, MOST[method], request):
             with contextlib.suppress(KeyboardInterrupt), CtrlC(number):
                 sim.run(frames=1)
             thread = threading.Thread(target=in_another_thread)

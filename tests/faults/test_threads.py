@@ -5,6 +5,7 @@ import gc
 import os
 import threading
 import time
+from functools import cache
 
 import pytest
 from support.compare import overlapping_pairs
@@ -15,7 +16,10 @@ from support.selection import long_but
 import mpsim
 from mpsim.engine import exact, pacing
 
-METHODS = ["grid", "parallel", "event"]
+METHODS = ["naive", "grid", "parallel", "event"]
+ALONE = {method: "grid" if method == "parallel" else method for method in METHODS}
+"""Methods of one process that give the same bits."""
+
 PATIENCE = 100
 """Seconds after which a thread counts as hung, on a busy machine."""
 
@@ -72,7 +76,7 @@ def test_a_change_from_another_thread_is_refused_at_once_and_names_both(method):
         assert isinstance(running.error, ZeroDivisionError), f"the run was disturbed by {running.error!r}"
         frame = sim.frame  # and the lock was let go by the exception
         sim.run(frames=3)
-        assert sim.digest() == digest_after(lattice(20, 20), frame + 3, method="event" if method == "event" else "grid")
+        assert sim.digest() == digest_after(lattice(20, 20), frame + 3, method=ALONE[method])
 
 
 @pytest.mark.parametrize("method", long_but(METHODS, "parallel", "event"))
@@ -96,18 +100,43 @@ def test_threads_that_all_want_to_run_lose_no_frame(method):
         for thread in threads:
             thread.join(PATIENCE)
         assert sim.frame == sum(done) > 0
-        assert sim.digest() == digest_after(lattice(12, 12), sum(done), method="event" if method == "event" else "grid")
+        assert sim.digest() == digest_after(lattice(12, 12), sum(done), method=ALONE[method])
     assert len(done) + len(refused) == 150
 
 
 FRAMES = 300
 
 
-@pytest.fixture(scope="module")
-def whole_frames():
+@cache
+def whole_frames(method):
     """Digests of each frame of a scene."""
-    with simulate(lattice(40, 40), method="grid") as sim:
+    with simulate(lattice(40, 40), method=ALONE[method]) as sim:
         return {sim.digest()} | {sim.run(frames=1) and sim.digest() for _ in range(FRAMES)}
+
+
+def is_whole(state, method):
+    """Whether a state is one of those of the scene; of `event` one of an instant, which may lie inside a frame.
+
+    Then no two discs overlap, and no energy is missing.
+    """
+    if method != "event":
+        return state.digest() in whole_frames(method)
+    energy = (lattice(40, 40).velocity ** 2).sum()
+    overlaps = len(overlapping_pairs(state.position, 1 - 1e-11)[0])
+    return not overlaps and (state.velocity**2).sum() == pytest.approx(energy, rel=1e-11)
+
+
+def one_of_each(states):
+    """States without repetitions."""
+    return {state.digest(): state for state in states}.values()
+
+
+@pytest.fixture
+def short_slices(monkeypatch):
+    """Readers come by more often."""
+    monkeypatch.setattr(pacing, "MOST_SECONDS", 0.002)
+    monkeypatch.setattr(exact, "FEWEST_EVENTS", 50)
+    monkeypatch.setattr(exact, "SECONDS_AT_ONCE", 0.002)
 
 
 def read_in_a_run(sim, read):
@@ -135,42 +164,28 @@ def read_in_a_run(sim, read):
     return found, slices
 
 
-@pytest.mark.parametrize("method", ["grid", "parallel"])
-def test_a_state_that_another_thread_reads_is_never_half_of_two_frames(method, whole_frames, monkeypatch):
-    monkeypatch.setattr(pacing, "MOST_SECONDS", 0.002)
+@pytest.mark.parametrize("method", long_but(METHODS, "grid", "parallel", "event"))
+def test_a_state_that_another_thread_reads_is_whole(method, short_slices):
+    """Never half of two frames, nor of two instants."""
     with simulate(lattice(40, 40), method=method, workers=2) as sim:
-        digests, slices = read_in_a_run(sim, lambda sim: sim.digest())
-    assert len(set(digests)) > 2, "too few were read while it ran"
-    assert set(digests) <= whole_frames
-    assert slices[-1] == FRAMES, "readers have kept the run from going on"
+        states, slices = read_in_a_run(sim, lambda sim: sim.state)
+    found = one_of_each(states)
+    assert len(found) > 2, "too few were read while it ran"
+    assert all(is_whole(state, method) for state in found)
+    assert slices[-1] == FRAMES, "readers have stopped the run from continuing"
 
 
-def test_a_state_that_another_thread_reads_of_an_exact_run_is_of_one_instant(monkeypatch):
-    """Which may lie inside a frame: no two discs overlap, and no energy is missing."""
-    monkeypatch.setattr(exact, "FEWEST_EVENTS", 50)
-    monkeypatch.setattr(exact, "SECONDS_AT_ONCE", 0.002)
-    scene = lattice(40, 40)
-    with simulate(scene, method="event") as sim:
-        states = read_in_a_run(sim, lambda sim: sim.state)[0]
-    assert len({state.digest() for state in states}) > 2, "too few were read while it ran"
-    for state in states:
-        assert len(overlapping_pairs(state.position, 1 - 1e-11)[0]) == 0
-        assert (state.velocity**2).sum() == pytest.approx((scene.velocity**2).sum(), rel=1e-11)
-
-
-@pytest.mark.parametrize("method", ["grid", "parallel"])
-def test_control_arrays_that_are_read_past_the_lock_are_torn(method, whole_frames):
-    def read_past_the_lock(sim):
-        return sim._solver.state().digest()
-
+@pytest.mark.parametrize("method", long_but(METHODS, "grid", "parallel", "event"))
+def test_control_arrays_that_are_read_past_the_lock_are_torn(method):
     for _ in range(20):
         with simulate(lattice(40, 40), method=method, workers=2) as sim:
-            if not set(read_in_a_run(sim, read_past_the_lock)[0]) <= whole_frames:
-                return
+            states = read_in_a_run(sim, lambda sim: sim._solver.state())[0]
+        if not all(is_whole(state, method) for state in one_of_each(states)):
+            return
     pytest.fail("no torn state was read: the test above would notice nothing")
 
 
-def test_many_readers_do_not_keep_a_run_from_going_on():
+def test_many_readers_do_not_stop_a_run_from_continuing():
     def read():
         while not over:
             sim.state  # noqa: B018
@@ -219,9 +234,32 @@ def test_what_callbacks_may_do_and_what_they_may_not(method, tmp_path):
             sim.run(frames=10, observe=Observing(lambda sim: sim.close()))
 
 
+@pytest.mark.parametrize("where", ["observe", "progress"])
+@pytest.mark.parametrize("method", METHODS)
+def test_discs_that_a_callback_adds_are_those_that_are_added_between_two_runs(method, where):
+    def add(sim):
+        k = len(added)
+        sim.add((2.5 + 4 * k, 2.5), (0.25, 1.0))  # where nobody is
+        added.append(sim.frame)
+
+    scene, added = lattice(9, 9, pitch=4.0), []
+    with simulate(scene, method=method, workers=2) as sim:
+        given = Observing(add) if where == "observe" else lambda *_: len(added) < 3 and add(sim)
+        sim.run(frames=30, **{where: given})
+        found, count = sim.digest(), sim.count
+    assert count == 81 + len(added) > 81
+    with simulate(scene, method=ALONE[method]) as sim:
+        frames, added = added, []
+        for frame in frames:
+            sim.run(frames=frame - sim.frame)
+            add(sim)
+        sim.run(frames=30 - sim.frame)
+        assert sim.digest() == found
+
+
 @pytest.mark.parametrize("error", [ZeroDivisionError, KeyboardInterrupt, SystemExit])
 @pytest.mark.parametrize("where", ["observe", "progress"])
-def test_whatever_a_callback_raises_the_next_thread_can_go_on(where, error):
+def test_whatever_a_callback_raises_the_next_thread_can_continue(where, error):
     def fail(*_):
         raise error
 
@@ -252,20 +290,21 @@ def test_the_callback_of_a_run_may_wait_for_a_thread_that_reads():
     assert found[-1] == 3
 
 
-def test_asyncio_runs_in_a_thread_and_reads_in_the_loop():
+@pytest.mark.parametrize("method", long_but(METHODS, "grid"))
+def test_asyncio_runs_in_a_thread_and_reads_in_the_loop(method):
     async def main():
-        frames = []
-        with simulate(lattice(20, 20), method="grid") as sim:
+        read = []
+        with simulate(lattice(20, 20), method=method, workers=2) as sim:
             run = asyncio.create_task(asyncio.to_thread(sim.run, frames=3000))
             while not run.done():
-                frames.append(await asyncio.to_thread(lambda: sim.frame))
+                read.append(await asyncio.to_thread(lambda: sim.frame))
                 await asyncio.sleep(0.01)
             report = await run
-            return frames, report.frames, sim.digest()
+            return read, report.frames, sim.digest()
 
-    frames, ran, digest = asyncio.run(main())
-    assert frames == sorted(frames)
-    assert (ran, digest) == (3000, digest_after(lattice(20, 20), 3000, method="grid"))
+    read, ran, digest = asyncio.run(main())
+    assert read == sorted(read)
+    assert (ran, digest) == (3000, digest_after(lattice(20, 20), 3000, method=ALONE[method]))
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -323,7 +362,7 @@ faulthandler.enable()
 nowhere = open(os.devnull, "w")
 sim, other = (simulate(lattice(20, 20), method="{method}", workers=2) for _ in range(2))
 atexit.register(lambda: print("at exit", other.run(frames=5).frames, other.digest() == expected))
-expected = digest_after(lattice(20, 20), 5, method="event" if "{method}" == "event" else "grid")
+expected = digest_after(lattice(20, 20), 5, method="{alone}")
 begun = threading.Event()
 threading.Thread(target=lambda: sim.run(frames=10**9, progress=lambda *_: begun.set()), daemon=True).start()
 threading.Thread(target=lambda: [sim.state for _ in iter(int, 1)], daemon=True).start()
@@ -346,7 +385,7 @@ def test_a_program_may_end_while_daemon_threads_run_and_read(method):
     The dumps are asked for by a thread that holds the interpreter. Those of `dump_traceback_later` do not: they look
     into frames that are running, and then end a program of two counting threads by SIGSEGV now and then, too.
     """
-    outcome = run_script(AT_THE_END.format(method=method))
+    outcome = run_script(AT_THE_END.format(method=method, alone=ALONE[method]))
     assert_clean(outcome)
     assert outcome.out == "frame True\nat exit 5 True\n"
 
