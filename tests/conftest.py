@@ -71,9 +71,9 @@ def pytest_sessionfinish(session, exitstatus):
         session.config.stash[_figures].write(path)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def figures(request) -> Figures:
-    """Where a physics test notes what it expected and found."""
+    """Where a test notes what it expected and found."""
     return request.config.stash[_figures]
 
 

@@ -8,13 +8,13 @@ import io
 import json
 import os
 import resource
-import time
 import zipfile
 
 import numpy as np
 import psutil
 import pytest
 from click.testing import CliRunner
+from support.seconds import quickest
 
 import mpsim
 from mpsim import checks, scenefile
@@ -26,8 +26,11 @@ from mpsim.measure.kept import Kept
 from mpsim.output.recorder import COLUMNS, read_table
 from mpsim.scenefile.limits import MOST_BYTES, MOST_PROBLEMS, MOST_TABLES
 
-LONGEST = 6.0
-"""Seconds of processor time to refuse anything: two on a calm core."""
+LONGEST = 2.0
+"""Seconds of processor time to refuse anything."""
+
+FELT = 0.05
+"""Seconds from which on a refusal has a row of its own among the figures."""
 
 SPARE = 2**30
 """Bytes of address space beyond what the process has already."""
@@ -47,14 +50,52 @@ def little_memory():
     resource.setrlimit(resource.RLIMIT_AS, before)
 
 
+spent = []
+"""Seconds that the refusals of the running test took."""
+
+
+@pytest.fixture(scope="module")
+def seconds_of(figures):
+    """Seconds by test and case; figures are those that can be felt, and the longest of the others."""
+    found = {}
+    yield found
+    felt = {name: seconds for name, seconds in found.items() if seconds >= FELT}
+    rest = {name: seconds for name, seconds in found.items() if seconds < FELT}
+    for name, seconds in felt.items():
+        figures.note("R21", "files", name, f"refused in {LONGEST:g} s", f"{seconds:.2f} s")
+    if rest:
+        what = f"{len(rest)} other cases" if felt else f"{len(rest)} cases"
+        figures.note("R21", "files", what, f"refused in {LONGEST:g} s", f"{max(rest.values()):.3f} s at most")
+
+
+@pytest.fixture(autouse=True)
+def seconds_noted(request, seconds_of):
+    """Takes down what the refusals of a test took."""
+    spent.clear()
+    yield
+    if spent:
+        test, _, case = request.node.name.removesuffix("]").partition("[")
+        seconds_of[case or test.removeprefix("test_").replace("_", " ")] = max(spent)
+
+
+def in_time(call):
+    """Call what refuses something, which must take a bounded time."""
+    spent.append(quickest(call, LONGEST))
+    assert spent[-1] < LONGEST
+
+
 def refused(call, *arguments, match, kind=mpsim.InputError):
     """The error with which a call ends, soon and in words."""
-    before = time.process_time()
-    with pytest.raises(kind, match=match) as caught:
-        call(*arguments)
-    assert time.process_time() - before < LONGEST
-    assert len(str(caught.value)) < LONGEST_MESSAGE
-    return caught.value
+    errors = []
+
+    def attempt():
+        with pytest.raises(kind, match=match) as caught:
+            call(*arguments)
+        errors.append(caught.value)
+
+    in_time(attempt)
+    assert len(str(errors[-1])) < LONGEST_MESSAGE
+    return errors[-1]
 
 
 def many(line, count):
@@ -359,11 +400,14 @@ def test_values_are_written_out_where_they_are_short():
 def test_the_command_says_so_too(tmp_path):
     os.mkfifo(tmp_path / "pipe.toml")
     for argument in (tmp_path / "pipe.toml", "x" * 5000, f"{'x' * 5000}.toml"):
-        before = time.process_time()
-        outcome = CliRunner().invoke(main, ["show", str(argument)])
-        assert outcome.exit_code == 2
-        assert "must be" in outcome.output + str(outcome.exception)
-        assert time.process_time() - before < LONGEST
+        outcomes = []
+        in_time(
+            lambda argument=argument, outcomes=outcomes: outcomes.append(
+                CliRunner().invoke(main, ["show", str(argument)])
+            )
+        )
+        assert outcomes[-1].exit_code == 2
+        assert "must be" in outcomes[-1].output + str(outcomes[-1].exception)
 
 
 def test_what_is_saved_can_be_read_however_much_it_is(tmp_path):

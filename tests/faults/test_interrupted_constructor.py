@@ -137,7 +137,9 @@ CONSTRUCTORS = [(how, method) for how in ("Simulation", "resume") for method in 
 
 @pytest.mark.timeout(3000)
 @pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")  # opened by the call at whose return it came
-@pytest.mark.parametrize(("how", "method"), long_but(CONSTRUCTORS, *CONSTRUCTORS[:4], ("resume", "grid"), ("resume", "event")))
+@pytest.mark.parametrize(
+    ("how", "method"), long_but(CONSTRUCTORS, *CONSTRUCTORS[:4], ("resume", "grid"), ("resume", "event"))
+)
 def test_ctrl_c_at_any_line_of_a_constructor_leaves_nothing(how, method, request, tmp_path, figures):
     kept = []
 
