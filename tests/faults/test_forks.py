@@ -11,17 +11,14 @@ import time
 
 import pytest
 from support.processes import Script, assert_clean, assert_nothing_left_of, is_gone, run_script, wait_until
-from support.scenes import digest_after, lattice, simulate
+from support.scenes import ALONE, digest_after, lattice, simulate
 from support.selection import long_but
 
 import mpsim
 
 pytestmark = pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # 3.12: a fork of a threaded process
 
-METHODS = ["naive", "grid", "parallel", "event"]
-ALONE = {method: "grid" if method == "parallel" else method for method in METHODS}
-"""Methods of one process that give the same bits."""
-
+METHODS = list(ALONE)
 CHILDREN = {
     **{method: {"method": method} for method in METHODS},
     "parallel by fork": {"method": "parallel", "start_method": "fork"},

@@ -85,7 +85,7 @@ def test_too_few_descriptors_are_an_error_with_numbers_and_nothing_leaks(method)
         assert sim.run(frames=2).frames == 2
 
 
-@pytest.mark.parametrize("method", ["grid", "event"])
+@pytest.mark.parametrize("method", long_but(METHODS, "grid", "event", "parallel"))
 def test_too_little_address_space_is_an_error_with_sizes_and_nothing_leaks(method):
     before, scene = started_before(method), lattice(1000, 300)
     with simulate(scene, method=method) as sim:
@@ -97,6 +97,21 @@ def test_too_little_address_space_is_an_error_with_sizes_and_nothing_leaks(metho
     assert f"may have {limit:,} bytes" in text
     assert re.match(r"the shared block needs [\d,]+ bytes of address space; ", text), text
     assert "ulimit -v" in text
+    assert left() == before
+
+
+def test_too_little_address_space_for_a_worker_is_an_error_of_mpsim_and_nothing_leaks():
+    """A worker that is forked has all that its coordinator has, and maps the block once more."""
+    before, scene = started_before("parallel"), lattice(1000, 300)
+    with simulate(scene, method="grid") as sim:
+        size = (SHARED_MEMORY / block_name(sim)).stat().st_size
+    limit = psutil.Process().memory_info().vms + size + size // 2
+    with (
+        limited(resource.RLIMIT_AS, limit),
+        pytest.raises(mpsim.MpsimError, match=r"(?s)worker 1.*Cannot allocate") as caught,
+    ):
+        simulate(scene, method="parallel", workers=3, start_method="fork")
+    del caught
     assert left() == before
 
 

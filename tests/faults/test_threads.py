@@ -10,16 +10,13 @@ from functools import cache
 import pytest
 from support.compare import overlapping_pairs
 from support.processes import assert_clean, blocks_of, run_script
-from support.scenes import digest_after, lattice, simulate
+from support.scenes import ALONE, digest_after, lattice, simulate
 from support.selection import long_but
 
 import mpsim
 from mpsim.engine import exact, pacing
 
-METHODS = ["naive", "grid", "parallel", "event"]
-ALONE = {method: "grid" if method == "parallel" else method for method in METHODS}
-"""Methods of one process that give the same bits."""
-
+METHODS = list(ALONE)
 PATIENCE = 100
 """Seconds after which a thread counts as hung, on a busy machine."""
 

@@ -151,6 +151,10 @@ def struck(**features: Any) -> mpsim.Scene:
     )
 
 
+ALONE = {"naive": "naive", "grid": "grid", "parallel": "grid", "event": "event"}
+"""For each method one of a single process that gives the same bits."""
+
+
 def simulate(scene: mpsim.Scene, **settings: Any) -> mpsim.Simulation:
     """A simulation, without the warnings about its start: overlaps, fast discs, lost digits.
 
