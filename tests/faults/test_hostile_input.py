@@ -112,6 +112,14 @@ SCENES = {
     "a table nested 30,000 deep": (lambda: "[" + "a." * 30_000 + "a]\n", "at most 16 parts"),
     "a quoted key of 50,000 parts": (lambda: '"a".' * 50_000 + "a = 1\n", "at most 16 parts"),
     "a key of 50,000 parts with blanks": (lambda: "a . " * 50_000 + "a = 1\n", "at most 16 parts"),
+    "a key of 50,000 parts behind a text": (
+        lambda: "x = {a = '''b'''', " + "c." * 50_000 + "c = 1}\n", "at most 16 parts"
+    ),
+    "escaped quotation marks without an end": (lambda: 'x = "' + '\\"' * 500_000, "must be TOML"),
+    "escaped quotation marks in threes": (lambda: 'x = """\n' + '\\"""\n' * 170_000, "must be TOML"),
+    "a backslash at the end": (lambda: 'x = """\n' + '\\"""\n' * 170_000 + "\\", "must be TOML"),
+    "quotation marks in threes": (lambda: "x = " + '"""\\' * 250_000, "must be TOML"),
+    "single quotation marks": (lambda: "x = " + "'''a''" * 170_000, "must be TOML"),
     "tables in tables": (lambda: "x = " + "{a = " * 30_000 + "1" + "}" * 30_000, "nested too deeply"),
     "lists in lists": (lambda: "x = " + "[" * 30_000 + "]" * 30_000, "nested too deeply"),
     "300,000 unknown keys": (lambda: "".join(f"k{i} = 1\n" for i in range(300_000)), "bytes, and at most 1,048,576"),
