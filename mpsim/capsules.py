@@ -11,11 +11,24 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.errors import InputError
+
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 CELLS_PER_CAPSULE = 16
 """Cells of a grid for each capsule, about."""
+
+MOST_LISTED = 2**23
+"""Entries of all cell lists together, about: more only where there are very many capsules (LISTED_EACH). They take less
+than a second; only where capsules fill the box several hundred times over, or thousands cross all of it, are there more
+in a grid of CELLS_PER_CAPSULE."""
+
+LISTED_EACH = 32
+"""Entries for each capsule that there may be besides: as many as discs on a lattice have that touch each other."""
+
+MOST_COMPARED = 2**31
+"""Pairs of a disc and a capsule near it that are compared in all: a few minutes."""
 
 MOST_PAIRS = 1_000_000
 """Pairs, of a cell or a disc and a capsule, that are looked at in one go: some 100 MB."""
@@ -94,16 +107,48 @@ def cell_lists(capsules: Floats, size: tuple[float, float], reach: float) -> Cel
         size: width and height of the box [length].
         reach: radius of the largest disc [length].
     """
-    side = max(2 * reach, math.sqrt(size[0] * size[1] / (CELLS_PER_CAPSULE * (len(capsules) + 1))))
-    columns, rows = (max(int(length / side), 1) for length in size)
-    per_length = np.array([columns / size[0], rows / size[1]])
-    # A disc may be a rounding outside its cell; a thousandth of the cell is far more than that.
-    margin = reach + math.hypot(*(0.5 / per_length)) * 1.001
+    columns, rows, per_length, margin = _grid(capsules, size, reach)
     pairs = [cell * len(capsules) + index for index, cell in _cells_near(capsules, margin, per_length, columns, rows)]
-    cell, index = np.divmod(np.sort(np.concatenate([np.zeros(0, np.int64), *pairs])), max(len(capsules), 1))
+    every = np.concatenate([np.zeros(0, np.int64), *pairs])
+    del pairs
+    every.sort()
+    cell, index = np.divmod(every, max(len(capsules), 1))
     near = np.append(0, np.cumsum(np.bincount(cell, minlength=columns * rows)))
     ordered = np.append(index, 0).astype(np.int32)
     return CellLists(near.astype(np.int32), ordered, np.array([columns, rows], np.int64), per_length)
+
+
+def _grid(capsules: Floats, size: tuple[float, float], reach: float) -> tuple[int, int, Floats, float]:
+    """Columns, rows, cells per length and the distance from a cell's middle in which capsules are listed.
+
+    Cells are twice as long until their lists are short enough: where capsules lie on each other, smaller ones would
+    each list nearly all of them.
+    """
+    most = MOST_LISTED + LISTED_EACH * len(capsules)
+    side = max(2 * reach, math.sqrt(size[0] * size[1] / (CELLS_PER_CAPSULE * (len(capsules) + 1))))
+    while True:
+        columns, rows = (max(int(length / side), 1) for length in size)
+        per_length = np.array([columns / size[0], rows / size[1]])
+        # A disc may be a rounding outside its cell; a thousandth of the cell is far more than that.
+        margin = reach + math.hypot(*(0.5 / per_length)) * 1.001
+        if columns * rows == 1 or _cells_in_reach(capsules, margin, per_length, np.array([columns, rows])) <= most:
+            return columns, rows, per_length, margin
+        side *= 2
+
+
+def _cells_in_reach(capsules: Floats, margin: float, per_length: Floats, number: Integers) -> int:
+    """About how many cells are within `margin` of the surfaces of all capsules, each capsule counted by itself.
+
+    The area of each, grown by the margin, or that of the rectangle round it in the box, if that is less. The sum of
+    whole numbers, each found with operations that are rounded alike on every machine: so is the grid.
+    """
+    with np.errstate(over="ignore"):  # a radius may be as large as a float can be
+        reach = np.minimum((margin + capsules[:, 4:]) * per_length, number)
+    ends = capsules[:, :4].reshape(-1, 2, 2) * per_length
+    inside = np.clip([ends.min(axis=1) - reach, ends.max(axis=1) + reach], 0, number)
+    across = (ends[:, 1] - ends[:, 0]) * reach[:, ::-1]
+    grown = math.pi * reach.prod(axis=1) + 2 * np.sqrt(across[:, 0] ** 2 + across[:, 1] ** 2)
+    return int(np.ceil(np.minimum((inside[1] - inside[0]).prod(axis=1), grown)).astype(np.int64).sum())
 
 
 def depths(
@@ -117,6 +162,9 @@ def depths(
         capsules: shape (K, 5) [length].
         size: width and height of the box [length].
         periodic: along x and along y.
+
+    Raises:
+        InputError: if that would take comparisons of more than MOST_COMPARED discs and capsules.
     """
     depth = np.zeros(len(position))
     binary = np.frexp(radius)[1]
@@ -153,6 +201,12 @@ def _disc_pairs(
     column, row = np.clip(position * lists.per_length, 0, lists.grid - 1).astype(np.int64).T
     cell = column * lists.grid[1] + row
     first, last = (lists.near[each].astype(np.int64) for each in (cell, cell + 1))
+    compared = int((last - first).sum())
+    if compared > MOST_COMPARED:
+        raise InputError(
+            f"obstacles must not lie on each other so much that more than {MOST_COMPARED:,} pairs of a disc and "
+            f"an obstacle are near; got {compared:,} of {len(position):,} discs. Use fewer or smaller obstacles."
+        )
     for chosen in _chunks(last - first):
         disc, place = _expanded(first[chosen], last[chosen])
         yield np.arange(len(position))[chosen][disc], lists.listed[place].astype(np.int64)

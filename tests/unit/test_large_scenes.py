@@ -1,6 +1,7 @@
 """Setting up a scene takes time that grows with what is in it: 100,000 obstacles or emitters within seconds.
 
-Growth is counted, not timed: of comparisons of a disc or a cell with an obstacle, and of looks at emitters.
+Growth is counted, not timed: of comparisons of a disc or a cell with an obstacle, and of looks at emitters. Obstacles
+that all lie on each other take no more than those that do not.
 """
 
 import itertools
@@ -11,7 +12,7 @@ from support.seconds import quickest
 from support.selection import long_but
 
 import mpsim
-from mpsim import capsules
+from mpsim import capsules, features
 
 LONGEST = 2e-5
 """Seconds of processor time per obstacle or emitter, from the scene to the end of the first frame."""
@@ -157,3 +158,80 @@ def test_a_long_wall_is_listed_in_the_cells_along_it_alone(slope):
     expected = np.where(capsules.distance(middle, wall[0]) <= margin, 60, 0)
     assert np.array_equal(np.diff(lists.near), expected)
     assert lists.listed[:60].tolist() == list(range(60)), "each cell's in ascending order"
+
+
+def thick(count):
+    """Pegs each of which covers the box of 10 x 10."""
+    return features.fixed_discs(np.random.default_rng(2).uniform(0, 10, (count, 2)), 20.0)
+
+
+def zigzag(count):
+    """A wall whose pieces each cross the box of 10 x 10."""
+    corners = np.stack([np.linspace(0, 10, count + 1), 10.0 * (np.arange(count + 1) % 2)], axis=1)
+    return mpsim.Polyline(corners)
+
+
+@pytest.mark.parametrize(("make", "each"), [(thick, 40_000), (zigzag, 200)])
+def test_cells_list_no_more_where_obstacles_lie_on_each_other(make, each, monkeypatch):
+    """In the grid of those that do not each would stand in more than `each` lists, and in more the more there are."""
+    count, room = 3000, {"width": 10, "height": 10, "position": [], "velocity": [], "radius": 0.001}
+    scene = mpsim.Scene(**room, obstacles=make(count))
+    monkeypatch.setattr(capsules, "MOST_LISTED", 2**62)
+    finest = capsules._grid(scene.capsules, (10, 10), 0.001)
+    monkeypatch.setattr(capsules, "MOST_LISTED", 2**18)
+    most = capsules.MOST_LISTED + capsules.LISTED_EACH * count
+    per_length, grid = finest[2], np.array(finest[:2])
+    assert capsules._cells_in_reach(scene.capsules, finest[3], per_length, grid) > each * count
+    lists = capsules.cell_lists(scene.capsules, (10, 10), 0.001)
+    assert most / 8 < len(lists.listed) < 1.2 * most
+    with mpsim.Simulation(scene, mpsim.Settings(method="grid")) as sim:
+        assert sim.count == 0
+
+
+@pytest.mark.parametrize("boundary", ["walls", "periodic"])
+def test_coarser_cells_give_the_same_bits(boundary, monkeypatch):
+    """A cell lists all that a disc in it can touch, in one order, so what else it lists is never met."""
+    places, side = lattice(400)
+    pegs = features.fixed_discs(places[::3], 0.5)
+    walls = [mpsim.Polyline([(1, 1), (side - 1, side / 2), (side / 2, side - 1)], 0.1)]
+    box = {"width": side, "height": side, "radius": 0.4, "boundary": boundary, "obstacles": [*pegs, *walls]}
+    inside = capsules.depths(
+        places + 1, np.full(400, 0.4), features.capsules_of((*pegs, *walls)), (side, side), (True, True)
+    )
+    position = places[inside == 0] + 1
+    velocity = np.random.default_rng(3).normal(size=position.shape)
+
+    def run():
+        scene = mpsim.Scene(**box, position=position, velocity=velocity)
+        with mpsim.Simulation(scene, mpsim.Settings(method="grid", dt=0.01)) as sim:
+            sim.run(frames=200)
+            return capsules.cell_lists(scene.capsules, (side, side), 0.4).grid.tolist(), sim.digest()
+
+    grid, digest = run()
+    monkeypatch.setattr(capsules, "MOST_LISTED", 0)
+    monkeypatch.setattr(capsules, "LISTED_EACH", 4)
+    coarse, same = run()
+    assert np.prod(coarse) < np.prod(grid) / 3
+    assert same == digest
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.3, 1.0])
+def test_the_number_of_entries_is_known_beforehand(slope):
+    """By which a grid is chosen: about so many, of pegs and walls within the box, at its border and beyond."""
+    rng = np.random.default_rng(4)
+    ends = np.tile(rng.uniform(-3, 23, (200, 2)), 2)
+    ends[:100, 2:] += 5 * np.array([1, slope])
+    many = np.column_stack([ends, 10 ** rng.uniform(-2, 1.5, 200)])
+    lists = capsules.cell_lists(many, (20.0, 20.0), 0.1)
+    columns, rows, per_length, margin = capsules._grid(many, (20.0, 20.0), 0.1)
+    assert [columns, rows] == lists.grid.tolist()
+    expected = capsules._cells_in_reach(many, margin, per_length, lists.grid)
+    assert len(lists.listed) < expected < 1.3 * len(lists.listed)
+
+
+def test_more_comparisons_than_can_be_made_are_refused_with_their_number(monkeypatch):
+    monkeypatch.setattr(capsules, "MOST_COMPARED", 10_000)
+    arguments = {"width": 10, "height": 10, "obstacles": thick(200), "radius": 0.001}
+    position = np.random.default_rng(5).uniform(1, 9, (100, 2))
+    with pytest.raises(mpsim.InputError, match=r"more than 10,000 pairs .* got 20,000 of 100 discs. Use fewer"):
+        simulated({**arguments, "position": position})
