@@ -77,11 +77,7 @@ class Polyline:
 
     def __post_init__(self) -> None:
         points = checks.finite_array("points of a Polyline", self.points, (None, 2), "(K, 2)")
-        if len(points) < 2 or (np.diff(points, axis=0) == 0).all(axis=1).any():
-            raise InputError(
-                "points of a Polyline must be at least two, neighbours at different places; got "
-                f"{checks.brief(points[:20].tolist())}. Use a FixedDisc for a point."
-            )
+        check_lines(points, np.array([len(points)]))
         thickness = checks.non_negative("thickness of a Polyline", self.thickness, "[length]")
         object.__setattr__(self, "points", tuple((float(x), float(y)) for x, y in points))
         object.__setattr__(self, "thickness", thickness)
@@ -140,7 +136,7 @@ class Emitter:
         if (self.interval is None) == (self.every is None):
             raise InputError(
                 "an Emitter must have either interval, the time between two discs, or every, the frames between two; "
-                f"got interval={self.interval!r}, every={self.every!r}."
+                f"got interval={checks.brief(self.interval)}, every={checks.brief(self.every)}."
             )
         if self.interval is not None:
             object.__setattr__(self, "interval", checks.positive("interval of an Emitter", self.interval, "[time]"))
@@ -224,6 +220,55 @@ def fixed_discs(position: NDArray[np.float64], radius: float | NDArray[np.float6
             disc = object.__new__(FixedDisc)
             vars(disc).update(position=(x, y), radius=each)
             made.append(disc)
+    return made
+
+
+def check_lines(points: NDArray[np.float64], lengths: NDArray[Any]) -> None:
+    """Refuse points that are no Polylines, one after the other.
+
+    Args:
+        points: of all, finite, shape (K, 2) [length].
+        lengths: how many of them each has, shape (L,): whole numbers >= 2 that add up to K.
+
+    Raises:
+        InputError: naming points or lengths, the rule and the values received.
+    """
+    wrong = (lengths > len(points)) | (lengths != np.floor(lengths)) | ((lengths < 2) & (len(lengths) > 1))
+    if wrong.any() or lengths.sum() != len(points):
+        raise InputError(
+            f"lengths must be whole numbers >= 2 that add up to {len(points)}, the rows of points; got "
+            f"{checks.brief(lengths[:20].tolist())}. Correct them, or leave them out for one line."
+        )
+    ends = np.cumsum(lengths.astype(np.int64))
+    same = (points[1:] == points[:-1]).all(axis=1)
+    same[ends[:-1] - 1] = False  # where the next one begins
+    if same.any() or (lengths < 2).any():
+        line = int(np.searchsorted(ends, np.append(np.flatnonzero(same), 0)[0], "right"))
+        some = points[np.append(0, ends)[line] : ends[line]][:20].tolist()
+        raise InputError(
+            "points of a Polyline must be at least two, neighbours at different places; got "
+            f"{checks.brief(some)}. Use a FixedDisc for a point."
+        )
+
+
+def polylines(
+    points: NDArray[np.float64], lengths: NDArray[Any], thickness: float | NDArray[np.float64]
+) -> list[Polyline]:
+    """Many Polylines of numbers that are checked already, at once.
+
+    Args:
+        points, lengths: as of `check_lines`.
+        thickness: >= 0, of all or of each, shape (L,) [length].
+    """
+    made: list[Polyline] = []
+    ends = np.cumsum(lengths.astype(np.int64)).tolist()
+    thick = np.broadcast_to(thickness, len(lengths)).tolist()
+    with _collector_at_rest():
+        corners = list(map(tuple, points.tolist()))
+        for first, last, each in zip([0, *ends], ends, thick, strict=False):  # one beginning more than ends
+            line = object.__new__(Polyline)
+            vars(line).update(points=tuple(corners[first:last]), thickness=each)
+            made.append(line)
     return made
 
 

@@ -25,7 +25,7 @@ from mpsim.settings import Settings
 logger: logging.Logger = logging.getLogger("mpsim")
 
 _OF_WHAT = re.compile(r"(?<=\w) of (a|an|the) (FixedDisc|Polyline|Emitter|Piston|piston)(?= must)")
-_FIRST_WORD = re.compile(r"\w+(?=[ \[])")
+_FIRST_WORD = re.compile(r"(?:\w+|'')(?=[ \[])")
 
 _TEXTS = re.compile(
     r'"""(?:[^"\\]|\\.?|"(?!""))*+(?:"{3,5}|\Z)|'
@@ -215,7 +215,7 @@ def _path(location: Iterable[int | str]) -> str:
     """A key path such as discs[0].radius."""
     text = ""
     for part in location:
-        word = checks.shortened(str(part))
+        word = checks.shortened(str(part)) or "''"
         text += f"[{part}]" if isinstance(part, int) else f".{word}" if text else word
     return text
 

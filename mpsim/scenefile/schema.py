@@ -1,27 +1,34 @@
 """What a scene file may hold: a table of keys per level. Every rule is that of the Python class it stands for."""
 
 import dataclasses
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 import pydantic
 from numpy.typing import NDArray
-from pydantic import Discriminator, Field, PlainValidator, PrivateAttr, Tag, ValidationInfo, model_validator
+from pydantic import Discriminator, Field, PrivateAttr, Tag, ValidationInfo, model_validator
 
 from mpsim import checks
 from mpsim.arrangement import LATTICES, lattice_sites
 from mpsim.errors import InputError
-from mpsim.features import LARGEST_OBSTACLES, Emitter, FixedDisc, Obstacle, Piston, Polyline, fixed_discs
+from mpsim.features import (
+    LARGEST_OBSTACLES,
+    Emitter,
+    FixedDisc,
+    Obstacle,
+    Piston,
+    Polyline,
+    check_lines,
+    fixed_discs,
+    polylines,
+)
 from mpsim.scene import LARGEST_COUNT, Scene
 from mpsim.scenefile import arrays
+from mpsim.scenefile.rules import Numbers, array, as_in, checked, one_or_many, plain, source_of
 from mpsim.settings import Settings
 
 SCHEMA = 1
 """Version of this format."""
-
-Numbers = NDArray[np.float64]
-Check = Callable[[str, Any, ValidationInfo], Any]
 
 
 class Table(pydantic.BaseModel):
@@ -30,86 +37,6 @@ class Table(pydantic.BaseModel):
     model_config: ClassVar[pydantic.ConfigDict] = pydantic.ConfigDict(
         extra="forbid", strict=True, frozen=True, arbitrary_types_allowed=True
     )
-
-
-def _checked(check: Check) -> PlainValidator:
-    """The key goes through one of mpsim's own checks, which raise InputError with a text."""
-
-    def validate(value: Any, info: ValidationInfo) -> Any:
-        return check(str(info.field_name), value, info)
-
-    return PlainValidator(validate)
-
-
-def _plain(check: Callable[..., Any], *rule: Any) -> PlainValidator:
-    return _checked(lambda name, value, _: check(name, value, *rule))
-
-
-def _as_in(*examples: Any, words: bool = False, rows: tuple[int | None, ...] = ()) -> PlainValidator:
-    """The rule that a class of mpsim has for this argument: see `_rule_of`."""
-    return _checked(_rule_of(*examples, words=words, rows=rows))
-
-
-def _rule_of(*examples: Any, words: bool = False, rows: tuple[int | None, ...] = ()) -> Check:
-    """The rule that a class of mpsim has for this argument.
-
-    It is asked by making the class with this one argument exchanged in arguments that are right. Where an argument is
-    right only beside some values of another there are several examples, and one that accepts it will do.
-    words: whether it is a word or a list of words.
-    rows: shape of an array that a file may hold instead; () for none.
-    """
-
-    def check(name: str, value: Any, info: ValidationInfo) -> Any:
-        if rows and isinstance(value, str):
-            value = arrays.array(name, value, (rows,), str(rows).replace("None", "K"), _source(info))
-        if words and not isinstance(value, str | list):
-            raise InputError(f"{name} must be a word or a list of words; got {checks.brief(value)}.")
-        if isinstance(value, list) and not words:
-            arrays.demand_numbers(name, value)
-        refused = None
-        for kind, arguments in examples:
-            try:
-                return getattr(kind(**{**arguments, name: value}), name)
-            except InputError as error:
-                refused = refused or error
-        assert refused is not None
-        raise refused
-
-    return check
-
-
-def _one_or_many(*examples: Any, row: tuple[int, ...] = ()) -> Any:
-    """The rule of a class for this argument; or an array of such arguments, one each, of numbers or in a file."""
-    one = _rule_of(*examples)
-
-    def check(name: str, value: Any, info: ValidationInfo) -> Any:
-        listed = isinstance(value, list) and (not row or any(isinstance(part, list) for part in value))
-        if not listed and not isinstance(value, str):
-            return one(name, value, info)
-        shape = (None, *row)
-        return arrays.array(name, value, (shape,), str(shape).replace("None", "K"), _source(info))
-
-    return _checked(check)
-
-
-def _array(*shapes: tuple[int | None, ...], meaning: str, unit: str | None = None) -> PlainValidator:
-    """Numbers, or a file of them; > 0 in a unit, if one is given."""
-
-    def check(name: str, value: Any, info: ValidationInfo) -> Any:
-        if unit is not None and isinstance(value, int | float):
-            return checks.positive(name, value, unit)
-        numbers = arrays.array(name, value, shapes, meaning, _source(info))
-        if unit is not None:
-            arrays.positive(name, numbers, unit)
-        return float(numbers) if numbers.ndim == 0 else numbers
-
-    return _checked(check)
-
-
-def _source(info: ValidationInfo) -> arrays.Source:
-    """Where arrays may come from: what the file is validated with."""
-    assert isinstance(info.context, arrays.Source)
-    return info.context
 
 
 def _text(name: str, value: Any) -> str:
@@ -133,18 +60,18 @@ def _version(_: str, value: Any) -> int:
 
 
 def _region(name: str, value: Any, info: ValidationInfo) -> tuple[float, float, float, float]:
-    numbers = arrays.array(name, value, ((4,),), "(4,): x_low, y_low, x_high, y_high", _source(info)).tolist()
+    numbers = arrays.array(name, value, ((4,),), "(4,): x_low, y_low, x_high, y_high", source_of(info)).tolist()
     if numbers[0] > numbers[2] or numbers[1] > numbers[3]:
         raise InputError(f"{name} must be [x_low, y_low, x_high, y_high], low before high; got {numbers}.")
     return tuple(numbers)
 
 
-Text = Annotated[str, _plain(_text)]
-Positive = Annotated[float, _plain(checks.positive, "[length]")]
-Region = Annotated[tuple[float, float, float, float], _checked(_region)]
-Spacing = Annotated[float, _plain(checks.positive, "[length]")]
-Count = Annotated[int, _plain(checks.whole, 0, LARGEST_COUNT, "Simulate fewer discs.")]
-Seed = Annotated[int, _plain(checks.whole, 0, 2**63 - 1, "Any whole number will do.")]
+Text = Annotated[str, plain(_text)]
+Positive = Annotated[float, plain(checks.positive, "[length]")]
+Region = Annotated[tuple[float, float, float, float], checked(_region)]
+Spacing = Annotated[float, plain(checks.positive, "[length]")]
+Count = Annotated[int, plain(checks.whole, 0, LARGEST_COUNT, "Simulate fewer discs.")]
+Seed = Annotated[int, plain(checks.whole, 0, 2**63 - 1, "Any whole number will do.")]
 
 
 class About(Table):
@@ -156,7 +83,8 @@ class About(Table):
 
 
 _SETTINGS: dict[str, Any] = {
-    field.name: (Annotated[Any, _as_in((Settings, {}))], field.default) for field in dataclasses.fields(Settings)
+    field.name: (Annotated[Any, as_in((Settings, {}), numbers=False)], field.default)
+    for field in dataclasses.fields(Settings)
 }
 if TYPE_CHECKING:
 
@@ -171,11 +99,11 @@ class Discs(Table):
     """A group of discs: where they start, how fast, how large."""
 
     position: Annotated[
-        Numbers | None, _array((None, 2), meaning="(N, 2)"), Field(description="centres [[x, y], ...], or a file")
+        Numbers | None, array((None, 2), meaning="(N, 2)"), Field(description="centres [[x, y], ...], or a file")
     ] = None
     places: Annotated[
         str | None,
-        _plain(checks.choice, ("random", *LATTICES)),
+        plain(checks.choice, ("random", *LATTICES)),
         Field(description="instead of position: random, square or hexagonal (a lattice)"),
     ] = None
     count: Annotated[Count | None, Field(description="number of discs; of a lattice also left out: all that fit")] = (
@@ -191,27 +119,27 @@ class Discs(Table):
     seed: Annotated[Seed, Field(description="of random places and thermal velocities")] = 0
     radius: Annotated[
         float | Numbers,
-        _array((), (None,), meaning="() or (N,)", unit="[length]"),
+        array((), (None,), meaning="() or (N,)", unit="[length]"),
         Field(description="one for all, one each, or a file"),
     ]
     mass: Annotated[
         float | Numbers | None,
-        _array((), (None,), meaning="() or (N,)", unit="[mass]"),
+        array((), (None,), meaning="() or (N,)", unit="[mass]"),
         Field(description="one for all, one each, or a file; left out: 1"),
     ] = None
     velocity: Annotated[
         Numbers | None,
-        _array((2,), (None, 2), meaning="(2,) or (N, 2)"),
+        array((2,), (None, 2), meaning="(2,) or (N, 2)"),
         Field(description="[vx, vy] for all, one row each, or a file; left out: at rest"),
     ] = None
     temperature: Annotated[
         float | None,
-        _plain(checks.non_negative, "[mass length^2/time^2]"),
+        plain(checks.non_negative, "[mass length^2/time^2]"),
         Field(description="instead of velocity: kT of normally distributed ones, without drift, scaled to be exact"),
     ] = None
     acceleration: Annotated[
         Numbers | None,
-        _array((2,), (None, 2), meaning="(2,) or (N, 2)"),
+        array((2,), (None, 2), meaning="(2,) or (N, 2)"),
         Field(description="[ax, ay] for all, one row each, or a file; left out: none"),
     ] = None
 
@@ -253,12 +181,12 @@ class PegTable(Table):
 
     position: Annotated[
         Numbers,
-        _array((2,), (None, 2), meaning="(2,) or (K, 2)"),
+        array((2,), (None, 2), meaning="(2,) or (K, 2)"),
         Field(description="centre [x, y]; of many discs [[x, y], ...], or a file"),
     ]
     radius: Annotated[
         float | Numbers,
-        _array((), (None,), meaning="() or (K,)", unit="[length]"),
+        array((), (None,), meaning="() or (K,)", unit="[length]"),
         Field(description="> 0; one for all, one each, or a file"),
     ]
 
@@ -280,10 +208,10 @@ class PegTable(Table):
 class PegsTable(Table):
     """FixedDiscs on a lattice."""
 
-    places: Annotated[str, _plain(checks.choice, LATTICES), Field(description="square or hexagonal")]
+    places: Annotated[str, plain(checks.choice, LATTICES), Field(description="square or hexagonal")]
     region: Annotated[Region, Field(description="[x_low, y_low, x_high, y_high], where the centres lie")]
     spacing: Annotated[Spacing, Field(description="between neighbours")]
-    radius: Annotated[float, _as_in(_PEG), Field(description="> 0")]
+    radius: Annotated[float, as_in(_PEG), Field(description="> 0")]
 
     @property
     def number(self) -> int:
@@ -306,24 +234,49 @@ class PegsTable(Table):
 
 
 class LineTable(Table):
-    """A Polyline."""
+    """Polylines, one after the other."""
 
-    points: Annotated[Any, _as_in(_LINE, rows=(None, 2)), Field(description="corners [[x, y], [x, y], ...], or a file")]
-    thickness: Annotated[float, _as_in(_LINE), Field(description=">= 0")] = 0.0
+    points: Annotated[
+        Numbers,
+        array((None, 2), meaning="(K, 2)"),
+        Field(description="corners [[x, y], [x, y], ...], or a file"),
+    ]
+    lengths: Annotated[
+        Numbers | None,
+        array((None,), meaning="(L,)"),
+        Field(description="of many lines that follow each other in points: rows of each, or a file"),
+    ] = None
+    thickness: Annotated[Any, one_or_many(_LINE), Field(description=">= 0; one for all lines, one each, or a file")] = (
+        0.0
+    )
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> "LineTable":
+        check_lines(self.points, self._lengths)
+        if np.ndim(self.thickness):
+            if len(self.thickness) != self.number:
+                count = len(self.thickness)
+                raise InputError(f"thickness must be one number or {self.number}, one per line; got {count}.")
+            checks.non_negative("thickness", float(np.min(self.thickness, initial=0.0)), "[length]")
+        return self
+
+    @property
+    def _lengths(self) -> NDArray[Any]:
+        return np.array([len(self.points)]) if self.lengths is None else self.lengths
 
     @property
     def number(self) -> int:
         """How many obstacles `made` makes."""
-        return 1
+        return len(self._lengths)
 
     def made(self) -> list[Obstacle]:
         """The obstacles of this table."""
-        return [Polyline(self.points, self.thickness)]
+        return [*polylines(self.points, self._lengths, self.thickness)]
 
 
 def _obstacle_kind(value: Any) -> str:
     keys = value if isinstance(value, dict) else {}
-    return "line" if {"points", "thickness"} & set(keys) else "pegs" if "places" in keys else "peg"
+    return "line" if {"points", "lengths", "thickness"} & set(keys) else "pegs" if "places" in keys else "peg"
 
 
 OBSTACLES: dict[str, type[Table]] = {"peg": PegTable, "pegs": PegsTable, "line": LineTable}
@@ -338,23 +291,23 @@ class EmitterTable(Table):
 
     position: Annotated[
         Any,
-        _one_or_many(*_EMITTERS, row=(2,)),
+        one_or_many(*_EMITTERS, row=(2,)),
         Field(description="centre of the new disc [x, y]; of many emitters [[x, y], ...], or a file"),
     ]
     velocity: Annotated[
-        Any, _one_or_many(*_EMITTERS, row=(2,)), Field(description="of the new disc [vx, vy], or likewise")
+        Any, one_or_many(*_EMITTERS, row=(2,)), Field(description="of the new disc [vx, vy], or likewise")
     ]
     interval: Annotated[
-        Any, _one_or_many(*_EMITTERS), Field(description="time between two discs; this or every is needed")
+        Any, one_or_many(*_EMITTERS), Field(description="time between two discs; this or every is needed")
     ] = None
     every: Annotated[
         Any,
-        _one_or_many(*reversed(_EMITTERS)),
+        one_or_many(*reversed(_EMITTERS)),
         Field(description="instead of interval: frames between two discs, so another scene for each dt"),
     ] = None
-    limit: Annotated[Any, _one_or_many(*_EMITTERS), Field(description="discs in all; left out: no end")] = None
-    radius: Annotated[Any, _one_or_many(*_EMITTERS), Field(description="left out: that of all discs")] = None
-    mass: Annotated[Any, _one_or_many(*_EMITTERS), Field(description="left out: 1, if all discs have that")] = None
+    limit: Annotated[Any, one_or_many(*_EMITTERS), Field(description="discs in all; left out: no end")] = None
+    radius: Annotated[Any, one_or_many(*_EMITTERS), Field(description="left out: that of all discs")] = None
+    mass: Annotated[Any, one_or_many(*_EMITTERS), Field(description="left out: 1, if all discs have that")] = None
 
     _made: list[Emitter] = PrivateAttr(default_factory=list)
 
@@ -386,12 +339,12 @@ class EmitterTable(Table):
 class PistonTable(Table):
     """A Piston."""
 
-    wall: Annotated[str, _as_in(*_PISTONS), Field(description="left, right, bottom or top")]
-    speed: Annotated[float, _as_in(*_PISTONS), Field(description="along x or y, into the box")]
-    stop: Annotated[float, _as_in(*_PISTONS), Field(description="coordinate at which it comes to rest")]
+    wall: Annotated[str, as_in(*_PISTONS, numbers=False), Field(description="left, right, bottom or top")]
+    speed: Annotated[float, as_in(*_PISTONS), Field(description="along x or y, into the box")]
+    stop: Annotated[float, as_in(*_PISTONS), Field(description="coordinate at which it comes to rest")]
     start: Annotated[
         float | None,
-        _as_in(*_PISTONS),
+        as_in(*_PISTONS),
         Field(description="coordinate at which it begins; left out: at its wall"),
     ] = None
 
@@ -408,29 +361,29 @@ class PistonTable(Table):
 class SceneTable(Table):
     """A scene file."""
 
-    schema_: Annotated[int, _plain(_version), Field(alias="schema", description=f"version of the format, {SCHEMA}")]
+    schema_: Annotated[int, plain(_version), Field(alias="schema", description=f"version of the format, {SCHEMA}")]
     width: Annotated[Positive | None, Field(description="of the box")] = None
     height: Annotated[Positive | None, Field(description="of the box")] = None
     packing: Annotated[
         float | None,
-        _plain(checks.positive, "(a fraction of the area)"),
+        plain(checks.positive, "(a fraction of the area)"),
         Field(description="instead of width and height: of a square box, made to fit the discs"),
     ] = None
     boundary: Annotated[
         Any,
-        _as_in(_SCENE, words=True),
+        as_in(_SCENE, words=True),
         Field(description='"walls", "periodic", or one for x and one for y: ["periodic", "walls"]'),
     ] = "walls"
-    gravity: Annotated[Any, _as_in(_SCENE), Field(description="[gx, gy], one acceleration for all discs")] = None
-    restitution: Annotated[float, _as_in(_SCENE), Field(description="of two discs, 0 to 1")] = 1.0
-    wall_restitution: Annotated[float, _as_in(_SCENE), Field(description="of a disc and a wall or obstacle")] = 1.0
+    gravity: Annotated[Any, as_in(_SCENE), Field(description="[gx, gy], one acceleration for all discs")] = None
+    restitution: Annotated[float, as_in(_SCENE), Field(description="of two discs, 0 to 1")] = 1.0
+    wall_restitution: Annotated[float, as_in(_SCENE), Field(description="of a disc and a wall or obstacle")] = 1.0
     absorbing: Annotated[
         Any,
-        _as_in(_SCENE, words=True),
+        as_in(_SCENE, words=True),
         Field(description='edges at which discs leave: a list of "left", "right", "bottom", "top"'),
     ] = ()
     duration: Annotated[
-        float | None, _as_in(_SCENE), Field(description="how long it should run to show what it is about")
+        float | None, as_in(_SCENE), Field(description="how long it should run to show what it is about")
     ] = None
     about: Annotated[About | None, Field(description="for people")] = None
     settings: Annotated[SettingsTable | None, Field(description="recommended ones")] = None
@@ -471,7 +424,7 @@ def reference() -> str:
     titles = {"": "The file itself", **{name: f"`[{name}]`" for name in ("about", "settings", "piston")}}
     titles |= {name: f"`[[{name}]]`" for name in ("discs", "emitters")}
     parts = [(titles[name], table) for name, table in LEVELS.items() if name != "settings"]
-    kinds = {"peg": "a disc", "pegs": "discs on a lattice", "line": "a chain of walls"}
+    kinds = {"peg": "a disc", "pegs": "discs on a lattice", "line": "chains of walls"}
     parts[3:3] = [(f"`[[obstacles]]`: {kinds[name]}", table) for name, table in OBSTACLES.items()]
     lines: list[str] = []
     for title, table in parts:

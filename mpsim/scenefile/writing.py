@@ -5,7 +5,7 @@ import functools
 import json
 import os
 from collections.abc import Callable
-from itertools import groupby
+from itertools import chain, groupby
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -105,12 +105,12 @@ def _array_lines(arrays: dict[str, Any], target: Path, prefix: str, files: Files
 
 
 def _obstacle_lines(scene: Scene, target: Path, files: Files) -> list[str]:
-    """A table for each obstacle; one for many discs that follow each other."""
+    """A table for each obstacle; one for many discs, or many Polylines, that follow each other."""
     lines: list[str] = []
     for kind, group in groupby(scene.obstacles, type):
         alike = list(group)
-        if kind is FixedDisc and len(alike) > INLINE:
-            arrays = {name: [getattr(each, name) for each in alike] for name in ("position", "radius")}
+        if len(alike) > INLINE:
+            arrays = _discs_together(alike) if kind is FixedDisc else _lines_together(alike)
             lines += ["[[obstacles]]", *_array_lines(arrays, target, f"obstacles-{len(files)}.", files), ""]
             continue
         for obstacle in alike:
@@ -121,6 +121,20 @@ def _obstacle_lines(scene: Scene, target: Path, files: Files) -> list[str]:
             lines += ["[[obstacles]]", *_array_lines(points, target, f"obstacles-{len(files)}.", files)]
             lines += [*_pairs(values), ""]
     return lines
+
+
+def _discs_together(discs: list[Any]) -> dict[str, Any]:
+    """Arrays of a table of many FixedDiscs."""
+    return {name: [getattr(each, name) for each in discs] for name in ("position", "radius")}
+
+
+def _lines_together(polylines: list[Any]) -> dict[str, Any]:
+    """Arrays of a table of many Polylines."""
+    points = list(chain.from_iterable(each.points for each in polylines))
+    arrays: dict[str, Any] = {"points": points, "lengths": [len(each.points) for each in polylines]}
+    if any(each.thickness for each in polylines):
+        arrays["thickness"] = [each.thickness for each in polylines]
+    return arrays
 
 
 def _emitter_lines(scene: Scene, target: Path, files: Files) -> list[str]:
@@ -143,15 +157,16 @@ def _demand_readable(target: Path, lines: list[str]) -> None:
     """Refuse to write what `load` would refuse to read.
 
     Raises:
-        OutputError: for a scene of very many obstacles or emitters that are not alike.
+        OutputError: for a scene of very many obstacles or emitters that differ in kind from one to the next.
     """
     length = sum(len(line) + 1 for line in lines)
     tables = max(lines.count("[[obstacles]]"), lines.count("[[emitters]]"))
     if length > MOST_BYTES or tables > MOST_TABLES:
         raise OutputError(
             f"a scene file must have at most {MOST_BYTES:,} bytes and {MOST_TABLES:,} tables of a kind; "
-            f"{str(target)!r} would have {length:,} and {tables:,}. Let discs follow discs among the obstacles, and "
-            "emitters those with the same keys, which makes arrays of them; or keep the scene in Python."
+            f"{str(target)!r} would have {length:,} and {tables:,}. Let discs follow discs and lines follow "
+            "lines among the obstacles, and emitters those with the same keys, which makes arrays of them; or keep the "
+            "scene in Python."
         )
 
 

@@ -20,8 +20,10 @@ import mpsim
 from mpsim import checks, scenefile
 from mpsim.archive import MOST_DIRECTORY
 from mpsim.cli import main
+from mpsim.commands import runfolder
 from mpsim.commands.runfolder import RunFolder
 from mpsim.engine.cores import usable_cores
+from mpsim.measure import kept
 from mpsim.measure.kept import Kept
 from mpsim.output.recorder import COLUMNS, read_table
 from mpsim.scenefile.limits import MOST_BYTES, MOST_PROBLEMS, MOST_TABLES
@@ -151,10 +153,20 @@ SCENES = {
         lambda: "[[obstacles]]\npoints = " + many("[1,1],", 150_000),
         "neighbours at different places",
     ),
+    "many lines of no points": (
+        lambda: f"[[obstacles]]\npoints = [[1,1],[2,2]]\nlengths = [{'2,-2,' * 100_000}2]\n", "whole numbers >= 2"
+    ),
+    "a line longer than its points": (
+        lambda: "[[obstacles]]\npoints = [[1,1],[2,2]]\nlengths = [1e300, 1e300]\n", "add up to 2, the rows of points"
+    ),
     "a width of 6,000 digits": (lambda: "", "width must be"),
     "a place of 6,000 digits": (lambda: f"[[discs]]\nradius=1\nposition=[[0x{'f' * 6000},1]]\n", "7,22[45] digits"),
     "a count of 6,000 digits": (
         lambda: f"[[discs]]\nradius=1\nplaces='random'\ncount=0x{'f' * 6000}\n", "a whole number of 7,22[45] digits"
+    ),
+    "a number of frames of 10,000 digits": (
+        lambda: f"[[emitters]]\nposition=[1,1]\nvelocity=[1,1]\ninterval=1\nevery=0x{'f' * 10_000}\n",
+        "every must be a whole number from .* got a whole number of 12,042 digits",
     ),
     "a word of a megabyte": (lambda: f"boundary = '{'w' * 1_000_000}'\n", r"got 'w{50,60}\.\.\."),
     "a key of a megabyte": (lambda: f"{'w' * 1_000_000} = 1\n", r"w{50,60}\.\.\. must be a key"),
@@ -359,6 +371,15 @@ def test_records_that_are_none_are_refused(text, tmp_path):
     refused(Kept, tmp_path / "run.json", "scene", match="path must be a file of an earlier trade")
 
 
+def test_records_of_very_many_empty_lists_are_refused(tmp_path):
+    """Which take most time to read for their length: 4 s for 64 MiB."""
+    assert kept.MOST_BYTES == runfolder.MOST_BYTES == 2**24
+    for count, match in ((2**24 // 3, "16,777,21[0-9] bytes, and at most 16,777,216 are read"), (5_500_000, "must")):
+        (tmp_path / "run.json").write_text("[" + "[]," * count + "[]]")
+        refused(Kept, tmp_path / "run.json", "scene", match=match)
+        refused(RunFolder.open, tmp_path, match=match)
+
+
 def test_a_record_whose_file_names_are_none_is_refused(tmp_path):
     keys = ("target", "every", "trajectory", "measures", "parts")
     record = {"format": 1, "scene": "gas", "status": "done", **dict.fromkeys(keys, 1)}
@@ -441,11 +462,36 @@ def test_what_is_saved_can_be_read_however_much_it_is(tmp_path):
     assert found.digest() == scene.digest()
 
 
+def test_many_lines_are_saved_as_arrays_and_come_back(tmp_path):
+    """500 circles of 61 points in the text of a scene file would be more than is read of it."""
+    turn, rng = np.linspace(0, 2 * np.pi, 61), np.random.default_rng(6)
+    circles = [mpsim.Polyline(20 + rng.uniform(1, 9) * np.stack([np.cos(turn), np.sin(turn)], 1)) for _ in range(500)]
+    pieces = [mpsim.Polyline(rng.uniform(0, 40, (2 + k % 3, 2)), k % 2 / 8) for k in range(MOST_TABLES + 5)]
+    obstacles = [*circles, mpsim.FixedDisc((1, 1), 1), *pieces]
+    scene = mpsim.Scene(width=40, height=40, position=[], velocity=[], radius=0.1, obstacles=obstacles)
+    scene.save(tmp_path / "scene.toml")
+    assert (tmp_path / "scene.toml").stat().st_size < 1000
+    found = mpsim.Scene.load(tmp_path / "scene.toml")
+    assert found.obstacles == scene.obstacles
+    assert found.digest() == scene.digest()
+
+
 def test_what_could_not_be_read_is_not_written(tmp_path):
     mixed = [mpsim.FixedDisc((1, 1), 1), mpsim.Polyline([(0, 0), (1, 0)])] * (MOST_TABLES // 2 + 1)
     scene = mpsim.Scene(width=9, height=9, position=[], velocity=[], radius=1, obstacles=mixed)
     refused(
         scene.save, tmp_path / "scene.toml", match="at most 1,048,576 bytes and 10,000 tables", kind=mpsim.OutputError
     )
+    mpsim.Scene(
+        width=9,
+        height=9,
+        position=[],
+        velocity=[],
+        radius=1,
+        obstacles=sorted(mixed, key=lambda each: type(each).__name__),
+    ).save(tmp_path / "advice.toml")  # discs follow discs and lines follow lines
+    for path in tmp_path.iterdir():
+        path.unlink()
+    refused(scene.save, tmp_path / "scene.toml", match="lines follow lines", kind=mpsim.OutputError)
     assert not list(tmp_path.iterdir())
     assert MOST_BYTES == 2**20

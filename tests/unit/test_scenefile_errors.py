@@ -8,6 +8,7 @@ import pytest
 
 import mpsim
 from mpsim import scenefile
+from mpsim.scenefile import schema
 
 HEAD = "schema = 1\nwidth = 10.0\nheight = 8.0\n"
 ONE = "[[discs]]\nposition = [[2.0, 3.0]]\nradius = 0.5\n"
@@ -229,6 +230,19 @@ WRONG = {
     HEAD
     + "obstacles = [{ places = 'random', region = [0, 0, 1, 1], spacing = 1, radius = 1 }]": "obstacles[0].places must "
     "be one of 'square', 'hexagonal'; got 'random'.",
+    HEAD
+    + "[piston]\nwall = ['left']\nspeed = 1\nstop = 5": "piston.wall must be one of 'left', 'right', 'bottom', 'top'; "
+    "got ['left'].",
+    HEAD + "settings = { method = ['grid'] }": "settings.method must be one of 'naive', 'grid', 'parallel', 'event', "
+    "'auto'; got ['grid'].",
+    HEAD
+    + "emitters = [{ position = [1, 1], velocity = [1, 0], radius = 1, interval = 1, every = 1 }]": "emitters[0]: an "
+    "Emitter must have either interval, the time between two discs, or every, the frames between two; got "
+    "interval=1.0, every=1.",
+    HEAD + "'' = 1": "'' must be a key of a scene file; this one is unknown, with the value 1. Keys there: "
+    f"{', '.join(schema.keys_of(schema.SceneTable))}.",
+    HEAD + "about = { title = 'x', '' = 1 }": "about.'' must be a key of a scene file; this one is unknown, with the "
+    "value 1. Keys there: title, text, look_for.",
     "schema = " + "[" * 5000: "the file must be TOML; got tables or lists nested too deeply.",
 }
 
