@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mpsim import capsules
 from mpsim.errors import InputError
-from mpsim.features import Obstacle, capsules_of, owner_of
+from mpsim.features import owner_of
 
 if TYPE_CHECKING:
     from mpsim.scene import Scene
@@ -75,10 +75,7 @@ def shortest_box(radius: Floats, number: Floats, across: float, walls: bool) -> 
     return length
 
 
-@functools.lru_cache(maxsize=64)
-def most_equal(
-    radius: float, low: tuple[float, float], high: tuple[float, float], obstacles: tuple[Obstacle, ...]
-) -> float:
+def most_equal(radius: float, low: tuple[float, float], high: tuple[float, float], capsules: Floats) -> float:
     """Number of equal discs above which no arrangement of them between four walls and among obstacles exists.
 
     Folkman and Graham (Canad. Math. Bull. 12, 745, 1969; of regions with holes Graham, Witsenhausen and Zassenhaus,
@@ -90,27 +87,42 @@ def most_equal(
     Args:
         radius: of all discs [length].
         low, high: corners (x, y) of the box [length].
-        obstacles: in it.
+        capsules: of the obstacles in it, shape (K, 5) [length].
 
-    >>> import mpsim
-    >>> pegs = (mpsim.FixedDisc((2, 3), 1.9),)
-    >>> round(most_equal(0.5, (0, 0), (6, 6), ()), 2), round(most_equal(0.5, (0, 0), (6, 6), pegs), 2)
+    >>> peg = np.array([[2, 3, 2, 3, 1.9]])
+    >>> round(most_equal(0.5, (0, 0), (6, 6), peg[:0]), 2), round(most_equal(0.5, (0, 0), (6, 6), peg), 2)
     (39.87, 25.23)
     """
+    return _most_equal(radius, low, high, _largest(capsules).tobytes())
+
+
+def _largest(capsules: Floats) -> Floats:
+    """The HOLES longest and thickest capsules, shape (K, 5), the largest first."""
+    extent = np.hypot(*(capsules[:, 2:4] - capsules[:, :2]).T) + capsules[:, 4]
+    return np.asarray(capsules[np.argsort(-extent, kind="stable")[:HOLES]], np.float64)
+
+
+@functools.lru_cache(maxsize=64)
+def _most_equal(radius: float, low: tuple[float, float], high: tuple[float, float], capsules: bytes) -> float:
+    """`most_equal` among few capsules, which emitters and additions ask for again and again."""
     diameter, sides = 2 * radius, np.subtract(high, low) - 2 * radius
     if (sides < 0).any():
         return 0.0
     corners = np.add(low, radius), np.subtract(high, radius)
     most = 2 * float(sides.prod()) / (math.sqrt(3) * diameter**2) + float(sides.sum()) / diameter + 1
-    capsules = capsules_of(obstacles)
-    extent = np.hypot(*(capsules[:, 2:4] - capsules[:, :2]).T) + capsules[:, 4]
-    largest = capsules[np.argsort(-extent, kind="stable")[:HOLES]]
+    largest = np.frombuffer(capsules).reshape(-1, 5)
     holes = [clipped(grown(capsule, radius * (1 - SHRUNK)), *corners) for capsule in largest]
     losses = [(_loss(hole, *corners, diameter), index) for index, hole in enumerate(holes) if len(hole) > 2]
-    counted: list[Floats] = []
+    ends = np.array([[*hole.min(axis=0), *hole.max(axis=0)] if len(hole) else [math.inf] * 4 for hole in holes])
+    touch = TOUCH * float(np.abs(corners).max())
+    counted: list[int] = []
     for loss, index in sorted(losses, reverse=True):
-        if loss > 0 and all(apart(holes[index], other) for other in counted):
-            counted.append(holes[index])
+        if loss <= 0:
+            break
+        lows, highs = ends[counted, :2], ends[counted, 2:]
+        beside = ((lows > ends[index, 2:] + touch) | (highs < ends[index, :2] - touch)).any(axis=1)
+        if all(apart(holes[index], holes[counted[other]]) for other in np.flatnonzero(~beside)):
+            counted.append(index)
             most -= loss
     return most
 
@@ -126,6 +138,9 @@ def grown(capsule: Floats, radius: float) -> Floats:
 def clipped(polygon: Floats, low: Floats, high: Floats) -> Floats:
     """What of a convex polygon, shape (K, 2), anticlockwise, lies in a rectangle: corners cut off lie on its sides."""
     for axis, limit, sign in ((0, low[0], 1), (0, high[0], -1), (1, low[1], 1), (1, high[1], -1)):
+        beyond = sign * (polygon[:, axis] - limit) < 0
+        if not beyond.any():
+            continue
         kept: list[Floats] = []
         for start, end in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
             if sign * (start[axis] - limit) >= 0:
@@ -264,9 +279,9 @@ def _check_among_obstacles(
     Of several radii, those as large as one of them or larger have no more room than equal discs of that radius.
     """
     assert scene.piston is not None
-    radii = np.unique(radius[number > 0])
+    radii, largest = np.unique(radius[number > 0]), _largest(scene.capsules)
     for least in radii[:: math.ceil(len(radii) / RADII) or 1].tolist():
-        count, most = float(number[radius >= least].sum()), most_equal(least, low, high, scene.obstacles)
+        count, most = float(number[radius >= least].sum()), most_equal(least, low, high, largest)
         if count > most * (1 + 1e-9):
             kind = f"radius {least:g}" + (" or more" if len(radii) > 1 else "")
             raise InputError(
