@@ -28,6 +28,12 @@ Insert = Callable[[NewDiscs], None]
 TRIES = 8
 """Times in an interval at which the place of a waiting disc is looked at. A power of two: k TRIES / TRIES is k."""
 
+FEW_LOOKS = 32
+"""Discs of one frame that are compared with all others, which is quicker than sorting those."""
+
+MOST_STRIPS = 2**16
+"""Strips of the box into which discs are sorted, at most."""
+
 Progress = dict[str, list[int]]
 
 
@@ -183,22 +189,66 @@ class Emission:
 
 
 class _Crowd:
-    """Where discs are: those of a simulation, and those that are to enter. Attribute radius: shape (N,) [length]."""
+    """Where discs are: those of a simulation, and those that are to enter.
+
+    After a few looks discs are sorted into strips across the longer side of the box, so broad that what overlaps a disc
+    is in its own strip or in one beside it.
+    """
 
     def __init__(self, scene: Scene, solver: Solver):
         here = ~solver.absorbed
         self._scene = scene
         self._position = solver.state().position[here]
-        self.radius = solver.radii[here]
+        self._radius = solver.radii[here]
+        self._count = len(self._radius)
+        self._looks = 0
+        self._axis = int(scene.height > scene.width)
+        length = (scene.width, scene.height)[self._axis]
+        self._number = max(int(min(length / (2 * scene.largest_radius * (1 + 1e-6)), MOST_STRIPS)), 1)
+        self._per_length = self._number / length
+        self._strips: list[list[int]] = []  # made when there are looks enough
+
+    @property
+    def radius(self) -> NDArray[np.float64]:
+        """Of each disc, shape (N,) [length]."""
+        return self._radius[: self._count]
 
     def admits(self, place: NDArray[np.float64], radius: float) -> bool:
         """Whether a disc overlaps none; it is then one of them."""
-        offset = np.abs(self._position - place)
+        near = self._near(place)
+        offset = np.abs(self._position[near] - place)
         for axis, length in enumerate((self._scene.width, self._scene.height)):
             if self._scene.periodic[axis]:
                 offset[:, axis] = np.minimum(offset[:, axis], length - offset[:, axis])
-        free = not ((offset**2).sum(axis=1) < (self.radius + radius) ** 2).any()
+        free = not ((offset**2).sum(axis=1) < (self._radius[near] + radius) ** 2).any()
         if free:
-            self._position = np.append(self._position, place[None].astype(self._position.dtype), axis=0)
-            self.radius = np.append(self.radius, radius)
+            self._add(place, radius)
         return free
+
+    def _near(self, place: NDArray[np.float64]) -> slice | NDArray[np.int64]:
+        """Discs that may overlap one at a place."""
+        self._looks += 1
+        if self._looks < FEW_LOOKS:
+            return slice(0, self._count)
+        if not self._strips:
+            self._strips = [[] for _ in range(self._number)]
+            for index, strip in enumerate(self._strip(self._position[: self._count]).tolist()):
+                self._strips[strip].append(index)
+        strip = int(self._strip(place[None])[0])
+        beside = {each % self._number for each in (strip - 1, strip, strip + 1)}
+        return np.array([index for each in beside for index in self._strips[each]], np.int64)
+
+    def _strip(self, position: NDArray[np.floating]) -> NDArray[np.int64]:
+        """The strip of each place, shape (N,)."""
+        along = position[:, self._axis].astype(np.float64) * self._per_length
+        return np.clip(along, 0, self._number - 1).astype(np.int64)
+
+    def _add(self, place: NDArray[np.float64], radius: float) -> None:
+        if self._count == len(self._radius):
+            more = self._count + 16
+            self._position = np.concatenate([self._position, np.empty((more, 2), self._position.dtype)])
+            self._radius = np.concatenate([self._radius, np.empty(more)])
+        self._position[self._count], self._radius[self._count] = place, radius
+        if self._strips:
+            self._strips[int(self._strip(self._position[self._count, None])[0])].append(self._count)
+        self._count += 1

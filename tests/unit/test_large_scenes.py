@@ -5,6 +5,7 @@ that all lie on each other take no more than those that do not.
 """
 
 import itertools
+import warnings
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from support.selection import long_but
 
 import mpsim
 from mpsim import capsules, features
+from mpsim.engine import emission
 
 LONGEST = 2e-5
 """Seconds of processor time per obstacle or emitter, from the scene to the end of the first frame."""
@@ -235,3 +237,38 @@ def test_more_comparisons_than_can_be_made_are_refused_with_their_number(monkeyp
     position = np.random.default_rng(5).uniform(1, 9, (100, 2))
     with pytest.raises(mpsim.InputError, match=r"more than 10,000 pairs .* got 20,000 of 100 discs. Use fewer"):
         simulated({**arguments, "position": position})
+
+
+@pytest.mark.parametrize("boundary", ["walls", "periodic"])
+def test_discs_that_enter_together_are_those_of_all_comparisons(boundary, monkeypatch):
+    """Which of 300 emitters find their places free: by comparison with all discs, and with some."""
+    rng = np.random.default_rng(8)
+    spouts = [mpsim.Emitter(place, (0, 0), every=1, limit=3) for place in rng.uniform(1, 59, (300, 2))]
+    arguments = {"position": rng.uniform(1, 59, (40, 2)), "width": 60, "height": 60, "radius": 1, "boundary": boundary}
+
+    def entered(few):
+        monkeypatch.setattr(emission, "FEW_LOOKS", few)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with simulated({**arguments, "emitters": spouts}) as sim:
+                sim.run(frames=3)
+                return sim.count, sim.digest()
+
+    every = entered(10**9)
+    assert 100 < every[0] < 340
+    assert entered(32) == entered(1) == every
+
+
+def test_looks_at_discs_grow_with_the_number_that_enter_together(monkeypatch):
+    def compared(count):
+        numbers, absolute = [], np.abs
+        arguments = {**emitters(count), "position": np.zeros((0, 2))}
+        spouts = tuple(mpsim.Emitter(each.position, (0, 0), every=1, limit=1) for each in arguments["emitters"])
+        with simulated({**arguments, "emitters": spouts}) as sim, monkeypatch.context() as patch:
+            patch.setattr(emission.np, "abs", lambda values: numbers.append(len(values)) or absolute(values))
+            sim.run(frames=2)
+            assert sim.count == count
+        return sum(numbers)
+
+    few, many = compared(400), compared(1600)
+    assert 0 < few < many < 10 * few, "quadratic would be 16, in strips it is 8"
