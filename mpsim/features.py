@@ -77,7 +77,7 @@ class Polyline:
 
     def __post_init__(self) -> None:
         points = checks.finite_array("points of a Polyline", self.points, (None, 2), "(K, 2)")
-        check_lines(points, np.array([len(points)]))
+        check_lines(points, np.array([points.shape[0]]))
         thickness = checks.non_negative("thickness of a Polyline", self.thickness, "[length]")
         object.__setattr__(self, "points", tuple((float(x), float(y)) for x, y in points))
         object.__setattr__(self, "thickness", thickness)
@@ -243,7 +243,7 @@ def check_lines(points: NDArray[np.float64], lengths: NDArray[Any]) -> None:
     same = (points[1:] == points[:-1]).all(axis=1)
     same[ends[:-1] - 1] = False  # where the next one begins
     if same.any() or (lengths < 2).any():
-        line = int(np.searchsorted(ends, np.append(np.flatnonzero(same), 0)[0], "right"))
+        line = min(int(np.searchsorted(ends, int(same.argmax()) if same.any() else 0, "right")), len(ends) - 1)
         some = points[np.append(0, ends)[line] : ends[line]][:20].tolist()
         raise InputError(
             "points of a Polyline must be at least two, neighbours at different places; got "
@@ -264,7 +264,7 @@ def polylines(
     ends = np.cumsum(lengths.astype(np.int64)).tolist()
     thick = np.broadcast_to(thickness, len(lengths)).tolist()
     with _collector_at_rest():
-        corners = list(map(tuple, points.tolist()))
+        corners: list[tuple[float, float]] = [(x, y) for x, y in points.tolist()]
         for first, last, each in zip([0, *ends], ends, thick, strict=False):  # one beginning more than ends
             line = object.__new__(Polyline)
             vars(line).update(points=tuple(corners[first:last]), thickness=each)
