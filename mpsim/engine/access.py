@@ -25,14 +25,23 @@ GIVE_WAY = 0.0002
 
 
 class Use:
-    """One call that is in progress. Attributes: what, thread (identifier), outer (use in which it is nested)."""
+    """One call that is in progress.
 
-    __slots__ = ("outer", "thread", "what")
+    Attributes:
+        what: name of the call.
+        thread: identifier of the thread that makes it.
+        outer: use in which it is nested.
+        in_callback: whether it stands in a callback, where the same thread may use the simulation, too. It dies with
+            the use, so that no exception of a callback leaves it behind.
+    """
+
+    __slots__ = ("in_callback", "outer", "thread", "what")
 
     def __init__(self, what: str):
         self.what: str = what
         self.thread: int = threading.get_ident()
         self.outer: Use | None = None
+        self.in_callback: bool = False
 
 
 class Access:
@@ -99,7 +108,16 @@ class Access:
         raise self.busy(use.what, held)
 
     def _may_nest(self, held: Use, use: Use) -> bool:
-        return held.thread == use.thread and held.what == "run()" != use.what and not self.changing
+        return held.thread == use.thread and held.in_callback and use.what != held.what
+
+    @contextmanager
+    def callbacks(self) -> Iterator[None]:
+        """Between two slices of a run: what is called here may use the simulation, as a signal handler may."""
+        use = self.use
+        assert use is not None
+        use.in_callback = True
+        yield
+        use.in_callback = False
 
     @contextmanager
     def moving(self) -> Iterator[None]:
@@ -155,7 +173,7 @@ class Access:
         who = "the same thread" if held.thread == here else f"thread {_name_of(here)!r}"
         advice = (
             "A simulation cannot be used from within a call that is changing it: set a flag in a signal handler, and "
-            "act on it when that call has returned."
+            "act on it in a callback of the run, or when that call has returned."
             if held.thread == here
             else "One thread at a time may change a simulation: wait for that call to return, or give each thread a "
             "simulation of its own. Its state may be read from any thread."

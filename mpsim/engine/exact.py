@@ -9,6 +9,7 @@ import psutil
 from numpy.typing import NDArray
 
 from mpsim.engine.additions import NewDiscs
+from mpsim.engine.alarm import Alert
 from mpsim.engine.methods import Choice, Columns, no_columns
 from mpsim.engine.provision import has_masses, has_radii
 from mpsim.engine.report import Slice
@@ -109,13 +110,14 @@ class ExactSolver:
 
     def _play(self, times: NDArray[np.int64], counts: NDArray[np.float64], stop: float) -> int:
         """One call of the kernel. Returns the frames it finished."""
-        before, started = int(self._store.counter[events.EVENTS]), time.perf_counter()
+        before, started, most = int(self._store.counter[events.EVENTS]), time.perf_counter(), len(times)
+        # No call among the arguments: in a signal handler after it the process may fork, and the block be another's.
         finished, status, particle = events.advance_frames(
             self._store,
             self._box,
             self._law,
             self._settings.dt,
-            len(times),
+            most,
             self._at_once,
             stop,
             self._progress,
@@ -191,6 +193,9 @@ class ExactSolver:
 
     def divide(self, substeps: int) -> None:
         """Nothing: there are no steps."""
+
+    def set_alert(self, alert: Alert) -> None:
+        """Nothing: no disc is too fast."""
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
         """Append discs at the present time; refused if they overlap.

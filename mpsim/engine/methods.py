@@ -55,6 +55,18 @@ def choose(count: int, settings: Settings) -> Choice:
     return Choice(method, (workers, 1)) if workers > 1 else Choice("grid", (1,))
 
 
+def what_ran(choice: Choice, best: int, settings: Settings) -> tuple[str, int]:
+    """Method and workers for a report.
+
+    Args:
+        choice: what runs.
+        best: of its numbers of workers, the fastest so far; `auto` may have found one to be faster than many.
+        settings: as they were given.
+    """
+    alone = settings.method == "auto" and choice.method == "parallel" and best == 1
+    return "grid" if alone else choice.method, best
+
+
 class Columns(NamedTuple):
     """Who is where in the grid.
 

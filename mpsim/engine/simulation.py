@@ -34,6 +34,7 @@ from mpsim.engine.running import (
 )
 from mpsim.engine.stepped import SteppedSolver
 from mpsim.errors import (
+    BusyError,
     CheckpointError,
     ClosedError,
     FastWarning,
@@ -97,8 +98,7 @@ class Simulation:
         try:
             with refusals_named():
                 self._solver.start()
-            if isinstance(self._solver, SteppedSolver):
-                self._watch.arm(self._solver)
+            self._watch.arm(self._solver)
         except BaseException:
             with interrupts_held_back():
                 self._closing()
@@ -127,9 +127,10 @@ class Simulation:
 
     def _end(self) -> None:
         """Close the simulation, from within whatever this thread is doing with it; Ctrl-C waits."""
-        with interrupts_held_back(), self._access.whole:
-            self._last_frame = self._solver.frame
-            self._closing()
+        with interrupts_held_back(), self._access.moving():
+            if self._closing.alive:
+                self._last_frame = self._solver.frame
+                self._closing()
 
     @property
     def scene(self) -> Scene:
@@ -169,7 +170,10 @@ class Simulation:
     @reading
     def state(self) -> State:
         """Copies of all positions and velocities, in the order of the scene's discs (added ones follow)."""
-        return self._open_solver().state()
+        solver = self._open_solver()
+        if solver.torn:  # in a signal handler, just after a worker has died
+            raise self._access.busy("reading state", self._access.use)
+        return solver.state()
 
     @property
     def pids(self) -> list[int]:
@@ -222,13 +226,14 @@ class Simulation:
         gathering = Gathering(checked(measures, self._scene, solver.count), frames, solver.state, whole)
         self._between_frames(lambda: solver.record(gathering.counting))
         ledger, guarded = Ledger(max(solver.choice.workers), gathering), solver.guarded
-        keeper = Keeper(self._snapshot, self._restore, ledger) if self._heals else None
+        keeper = Keeper(self._snapshot, self._restore, ledger) if self._settings.on_worker_death == "restart" else None
         place = None if checkpoint is None else checkpoint_file.checked_place(checkpoint)
         with Checkpointer(self.save, place, checkpoint_every, checkpoint_seconds) as checkpoints:
-            if whole:
-                onlookers.look(self, 0)
-            if not frames:
-                checkpoints.look(0, last=True)
+            with self._access.callbacks():
+                if whole:
+                    onlookers.look(self, 0)
+                if not frames:
+                    checkpoints.look(0, last=True)
             while ledger.done < frames:
                 before = self._open_solver().frame  # which says so if an observer has closed the simulation, or forked
                 ahead = min(frames - ledger.done, checkpoints.frames_ahead(ledger.done))
@@ -236,77 +241,85 @@ class Simulation:
                 with self._access.whole:
                     self._access.waiting = False
                     self._advance(min(ahead, onlookers.frames_ahead(before)), ledger, keeper)
-                if solver.frame > before:
-                    onlookers.look(self, ledger.collisions)
-                checkpoints.look(ledger.done, last=ledger.done == frames)
-                if progress is not None:
-                    progress(ledger.done, frames)
+                with self._access.callbacks():
+                    if solver.frame > before:
+                        onlookers.look(self, ledger.collisions)
+                    checkpoints.look(ledger.done, last=ledger.done == frames)
+                    if progress is not None:
+                        progress(ledger.done, frames)
         memory, block = self._open_solver().resources()
-        frame_seconds, phases = phase_seconds(ledger.times)
+        counts = (ledger.collisions, *methods.what_ran(solver.choice, self._pacer.best, self._settings), memory, block)
         gathered = gathering.measures(Run(self._scene, solver.count, self._settings.dt))
         guarded = solver.guarded - guarded
         if guarded:
             warn_of_guard(guarded)
-        counts = (ledger.collisions, *self._what_ran(), memory, block)
-        return Report(frame_seconds, phases, *counts, gathered, guarded, onlookers.seconds)
+        return Report(*phase_seconds(ledger.times), *counts, gathered, guarded, onlookers.seconds)
 
     def _advance(self, most: int, ledger: Ledger, keeper: Keeper | None) -> None:
         """One slice of frames: what emitters add, a command of the solver, and, where wanted, the way back."""
-        self._solver.divide(self._look())
+        solver = self._solver
+        self._adapt()
         try:
-            self._emission.before_frame(self._solver, self._insert)
-            if keeper is not None and self._solver.pids:
+            self._emit(self._emission.before_frame)
+            if keeper is not None and solver.pids:
                 keeper.keep()
             ahead = min(
                 ledger.gathering.frames_to_sample(ledger.done),
-                self._emission.frames_ahead(self.frame),
-                self._watch.frames_ahead(self.frame, self.count),
+                self._emission.frames_ahead(solver.frame),
+                self._watch.frames_ahead(solver.frame, solver.count),
             )
             workers, size = self._pacer.next_slice(int(min(most, ahead)))
-            part = self._solver.advance(size, workers, self._emission.next_time)
+            part = solver.advance(size, workers, self._emission.next_time)
         except WorkerDied as death:
             if keeper is None or not self._closing.alive:
-                self.close()
+                self._end()
                 raise
             try:
                 with interrupts_held_back():
                     keeper.go_back(death)
             except Exception:
-                self.close()
+                self._end()
                 raise
             return
         except BaseException as error:
-            if isinstance(error, Exception) or self._solver.torn:
-                self.close()
+            refused = isinstance(error, BusyError)  # by a signal handler, which has changed nothing
+            if solver.torn or (isinstance(error, Exception) and not refused):
+                self._end()
             raise
         if part.times.shape[1]:
             self._pacer.note(workers, part.times.shape[1], float(np.median(part.times[0].sum(axis=1))) * 1e-9)
         ledger.take(part, self._scene)
-        self._last_frame = self._solver.frame
-        if self._solver.alarmed:  # look now: the run may end here, or be saved
-            self._solver.divide(self._look())
-        self._watch.look_for_pressed(self._solver)
-        self._emission.in_time(self._solver, self._insert)
+        self._last_frame = solver.frame
+        if solver.alarmed:  # look now: the run may end here, or be saved
+            self._adapt()
+        self._watch.look_for_pressed(solver)
+        self._emit(self._emission.in_time)
+
+    def _emit(self, enter: Callable[..., None]) -> None:
+        """Have the emitters add what is due."""
+        before = self._solver.count
+        try:
+            enter(self._solver, self._insert)
+        except Exception:  # of a signal handler, say
+            if self._solver.count != before:  # the discs are there, and the emitters' books do not know of them
+                self._end()
+            raise
+
+    def _adapt(self) -> None:
+        """Look at the speeds where there is reason to, and divide the frames to come as they need it."""
+        solver = self._solver
+        if solver.alarmed or self._watch.is_due(solver.frame, solver.count):
+            with interrupts_held_back(), self._access.moving():
+                solver.divide(self._look())
 
     def _look(self, new: additions.NewDiscs | None = None) -> int:
-        """Look at the speeds where there is reason to, and warn or refuse as the settings say.
-
-        Args:
-            new: discs that are about to be added.
+        """Look at the speeds, those of discs to be added included, and warn or refuse as the settings say.
 
         Returns:
             Sub-steps to take from now on.
         """
         solver = self._solver
-        due = new is not None or solver.alarmed or self._watch.is_due(self.frame, solver.count)
-        if not due or isinstance(solver, ExactSolver):
-            return solver.substeps
-        return self._watch.judge(solver, new)
-
-    @property
-    def _heals(self) -> bool:
-        """Whether a worker that dies is to be replaced."""
-        return self._settings.on_worker_death == "restart"
+        return solver.substeps if isinstance(solver, ExactSolver) else self._watch.judge(solver, new)
 
     def _snapshot(self) -> tuple[Any, Any]:
         return self._solver.snapshot(), self._emission.progress
@@ -324,10 +337,11 @@ class Simulation:
 
         The state is whole, so nothing is lost by a death. Ctrl-C waits: half a move would be no state at all.
         """
+        renew = (lambda: self._restore(self._snapshot())) if self._settings.on_worker_death == "restart" else None
         with interrupts_held_back(), self._access.moving():
             try:
-                in_spite_of_deaths(action, (lambda: self._restore(self._snapshot())) if self._heals else None)
-            except (WorkerDied, WorkerStalled):
+                in_spite_of_deaths(action, renew)
+            except (BusyError, WorkerDied, WorkerStalled):  # refused in the middle of it, a signal handler has left it
                 self._end()
                 raise
 
@@ -385,8 +399,7 @@ class Simulation:
         try:
             sim._restore((found.arrays, found.run["emission"]), new_workers=False)
             sim._watch = watching.Watch(found.scene, settings, isinstance(sim._solver, ExactSolver))
-            if isinstance(sim._solver, SteppedSolver):
-                sim._watch.arm(sim._solver)
+            sim._watch.arm(sim._solver)
         except BaseException:
             sim.close()
             raise
@@ -422,7 +435,8 @@ class Simulation:
         """Add discs that have been checked; the solver may then continue by another method."""
         solver = self._solver
         before, choice = solver.choice, methods.choose(solver.count + len(new.position), self._settings)
-        substeps = self._look(new)
+        with interrupts_held_back(), self._access.moving():
+            substeps = self._look(new)
 
         def grow() -> None:
             solver.add(new, choice)
@@ -484,9 +498,3 @@ class Simulation:
                 "Use it inside its `with` block, take sim.state before, or make a new one."
             )
         return self._solver
-
-    def _what_ran(self) -> tuple[str, int]:
-        """Method and workers for the report; `auto` may have found one worker to be faster."""
-        method, workers = self._solver.choice.method, self._pacer.best
-        alone = self._settings.method == "auto" and method == "parallel" and workers == 1
-        return "grid" if alone else method, workers

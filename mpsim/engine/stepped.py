@@ -59,7 +59,7 @@ class SteppedSolver:
         self._sorted_grid: Grid | None = None
         self._tallying = False
         self._alert = Alert()
-        self.torn: bool = False  # whether a worker died inside a frame and Ctrl-C came before anybody could be told
+        self._begun = -1  # frames that were done when the last command was given to this block
         self._pool: WorkerPool | None = None
         self._processes: list[psutil.Process] = []
         self._radii = scene.radii.astype(float)
@@ -113,15 +113,11 @@ class SteppedSolver:
         for counts in (times, tally):
             if counts is not None:
                 counts[:, :frames] = 0
-        before = int(control[layout.DONE])
-        try:
-            if self.choice.method == "naive":
-                abort = run_naive(*naive_arguments(self._block))
-            else:
-                abort = self._run_grid(self._pool if workers > 1 else None)
-        except KeyboardInterrupt:
-            self.torn = control[layout.ABORT] != layout.RUNNING and control[layout.DONE] == before
-            raise
+        self._begun = int(control[layout.DONE])
+        if self.choice.method == "naive":
+            abort = run_naive(*naive_arguments(self._block))
+        else:
+            abort = self._run_grid(self._pool if workers > 1 else None)
         if abort != layout.RUNNING:
             raise self._failure(abort)
         frames = int(control[layout.FRAMES])
@@ -130,6 +126,18 @@ class SteppedSolver:
             scale = float(arrays["parameters"][layout.TALLY_SCALE])
             tally = tallied(tally[:, :frames], scale, 2 * self._scene.largest_radius)
         return Slice(times[:, :frames].copy(), contacts, tally)
+
+    @property
+    def torn(self) -> bool:
+        """Whether the last command was left inside a frame, by a death say: its discs are of no instant.
+
+        It is seen at once, also by a signal handler that comes before anybody could be told.
+        """
+        control = self._block.arrays.get("control")
+        if control is None:
+            return False
+        left = control[layout.ABORT] != layout.RUNNING or control[layout.BAD]
+        return bool(left) and control[layout.DONE] == self._begun
 
     def pace(self, new: NewDiscs | None = None) -> Pace:
         """How fast the discs are, those that are about to be added included."""
@@ -368,7 +376,7 @@ class SteppedSolver:
         except BaseException:
             self.choice, self._capacity = before
             raise
-        self._block = new
+        self._block, self._begun = new, -1
         try:
             self._enter(snapshot)
             if new_pool:

@@ -164,7 +164,7 @@ class Watch:
         """Whether so many discs are to be looked at for what presses them into each other."""
         return not self._pressing_done and may_be_pressed(self._scene, count)
 
-    def arm(self, solver: "SteppedSolver") -> None:
+    def arm(self, solver: "SteppedSolver | ExactSolver") -> None:
         """Have the solver end its commands where a disc is too fast, or never, if there is no use in it."""
         alert = Alert()
         if self.adapts:
