@@ -74,6 +74,14 @@ def refusal_of_worker(what: str, error: OSError | RuntimeError) -> ResourceError
     )
 
 
+def resident_bytes(pid: int) -> int:
+    """Resident memory of a process [bytes]; none of one that has ended."""
+    try:
+        return psutil.Process(pid).memory_info().rss
+    except psutil.NoSuchProcess:
+        return 0
+
+
 def demand_descriptors(number: int) -> None:
     """Check that so many descriptors are available: multiprocessing leaks some when it runs out.
 

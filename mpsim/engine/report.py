@@ -57,8 +57,8 @@ class Report:
             the phases of a frame add up to its frame time.
         collisions: contacts resolved.
         method, workers: what ran ("auto" is resolved).
-        memory_bytes: resident memory of each process, the coordinator first, at the end of the run; the shared block
-            counts in each that touched it.
+        memory_bytes: resident memory of each process, the coordinator first, at the end of the run, 0 of one that has
+            died since its last frame; the shared block counts in each that touched it.
         block_bytes: size of the shared block.
         measures: name -> Measure(value, error, samples), for those that the run was asked for.
         guarded: collisions of the exact solver in which its guard suppressed the loss of energy.

@@ -1,14 +1,15 @@
 """The stepped solver as the coordinator sees it: the block, its parameters, and one command after the other."""
 
 import math
+import os
 from typing import Any
 
 import numpy as np
-import psutil
 from numpy.typing import NDArray
 
 from mpsim.engine.additions import NewDiscs
 from mpsim.engine.alarm import Alert, caught
+from mpsim.engine.limits import resident_bytes
 from mpsim.engine.methods import Choice, Columns, no_columns
 from mpsim.engine.paces import Pace, pace_of
 from mpsim.engine.pool import WorkerPool
@@ -61,7 +62,6 @@ class SteppedSolver:
         self._alert = Alert()
         self._begun = -1  # frames that were done when the last command was given to this block
         self._pool: WorkerPool | None = None
-        self._processes: list[psutil.Process] = []
         self._radii = scene.radii.astype(float)
         self._masses = scene.masses.astype(float)
         self._block = self._next_block(max(scene.count, 1))
@@ -72,7 +72,6 @@ class SteppedSolver:
         Raises:
             ResourceError, WorkerDied, WorkerStalled: if the block or the workers cannot be had.
         """
-        self._processes = [psutil.Process()]
         self._fill(self._block)
         scene = self._scene
         self._write_state(scene.position, scene.velocity, scene.acceleration)
@@ -85,7 +84,6 @@ class SteppedSolver:
         if self._most_workers > 1:
             self._pool = WorkerPool(self._block, self._settings.start_method)
             self._pool.start(self._most_workers)
-            self._processes += [psutil.Process(pid) for pid in self._pool.pids]
 
     @property
     def _most_workers(self) -> int:
@@ -129,15 +127,11 @@ class SteppedSolver:
 
     @property
     def torn(self) -> bool:
-        """Whether the last command was left inside a frame, by a death say: its discs are of no instant.
-
-        It is seen at once, also by a signal handler that comes before anybody could be told.
-        """
+        """Whether the last command was left inside a frame, by a death say: its discs are of no instant."""
         control = self._block.arrays.get("control")
-        if control is None:
+        if control is None or control[layout.DONE] != self._begun:
             return False
-        left = control[layout.ABORT] != layout.RUNNING or control[layout.BAD]
-        return bool(left) and control[layout.DONE] == self._begun
+        return bool(control[layout.ABORT] != layout.RUNNING or control[layout.BAD])
 
     def pace(self, new: NewDiscs | None = None) -> Pace:
         """How fast the discs are, those that are about to be added included."""
@@ -318,7 +312,7 @@ class SteppedSolver:
 
     def resources(self) -> tuple[tuple[int, ...], int]:
         """Resident bytes of each process, and the size of the block."""
-        return tuple(process.memory_info().rss for process in self._processes), self._block.nbytes
+        return tuple(map(resident_bytes, (os.getpid(), *self.pids))), self._block.nbytes
 
     @property
     def pids(self) -> list[int]:
@@ -335,7 +329,6 @@ class SteppedSolver:
         if self._pool is not None:
             self._pool.stop()
             self._pool = None
-            del self._processes[1:]
 
     # --- the block
 

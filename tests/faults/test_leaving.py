@@ -2,6 +2,7 @@
 
 import gc
 import os
+import signal
 
 import psutil
 import pytest
@@ -62,6 +63,19 @@ def test_closing_in_the_progress_callback_ends_the_run_with_an_error_that_says_s
     sim = simulate(lattice(9, 9), method=method, workers=workers)
     with pytest.raises(mpsim.ClosedError, match="closed after frame"):
         sim.run(frames=10**6, progress=lambda done, of: sim.close())
+
+
+@pytest.mark.parametrize("on_worker_death", ["restart", "raise"])
+def test_a_worker_that_dies_after_the_last_frame_does_not_lose_the_report(on_worker_death):
+    def kill(done, of):
+        os.kill(sim.pids[0], signal.SIGKILL)
+        assert wait_until(lambda: is_gone(pid), 20)
+
+    with simulate(lattice(9, 9), method="parallel", workers=2, on_worker_death=on_worker_death) as sim:
+        pid = sim.pids[0]
+        report = sim.run(frames=1, progress=kill)
+        assert report.frames == 1
+        assert report.memory_bytes[0] > 0 == report.memory_bytes[1]
 
 
 def test_a_dropped_simulation_cleans_up():
