@@ -29,8 +29,8 @@ def interrupts_held_back() -> Iterator[None]:
         finally:
             if in_main_thread:
                 signal.signal(signal.SIGINT, handler)
-    if came:
-        signal.raise_signal(signal.SIGINT)
+            if came:  # also if the block has raised
+                signal.raise_signal(signal.SIGINT)
 
 
 @contextmanager
