@@ -203,6 +203,10 @@ def exclusive(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S,
         try:
             access.claim(use)
             return method(self, *args, **kwargs)
+        except Exception:
+            access.stop_if_over()
+            access.demand_own_process()  # a fork may have come back into the call, by a signal handler
+            raise
         finally:
             if access.use is use:  # no call in here: after one, Ctrl-C could come before the store
                 access.use = use.outer

@@ -170,8 +170,7 @@ class Simulation:
     @reading
     def state(self) -> State:
         """Copies of all positions and velocities, in the order of the scene's discs (added ones follow)."""
-        solver = self._open_solver()
-        if solver.torn:  # in a signal handler, just after a worker has died
+        if (solver := self._open_solver()).torn:  # in a signal handler, just after a worker has died
             raise self._access.busy("reading state", self._access.use)
         return solver.state()
 

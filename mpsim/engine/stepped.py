@@ -129,9 +129,8 @@ class SteppedSolver:
     def torn(self) -> bool:
         """Whether the last command was left inside a frame, by a death say: its discs are of no instant."""
         control = self._block.arrays.get("control")
-        if control is None or control[layout.DONE] != self._begun:
-            return False
-        return bool(control[layout.ABORT] != layout.RUNNING or control[layout.BAD])
+        inside = control is not None and control[layout.DONE] == self._begun
+        return bool(inside and (control[layout.ABORT] != layout.RUNNING or control[layout.BAD]))
 
     def pace(self, new: NewDiscs | None = None) -> Pace:
         """How fast the discs are, those that are about to be added included."""

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import threading
 import time
 
@@ -15,6 +16,7 @@ from support.scenes import ALONE, digest_after, lattice, simulate
 from support.selection import long_but
 
 import mpsim
+from mpsim.interrupts import interrupts_held_back
 
 pytestmark = pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # 3.12: a fork of a threaded process
 
@@ -172,6 +174,42 @@ def test_a_callback_that_forks_cannot_bring_the_fork_back_into_the_run(method):
                 os._exit(8)
         assert os.waitstatus_to_exitcode(os.waitpid(children[0], 0)[1]) == 7
         assert sim.digest() == digest_after(lattice(9, 9), 50, method=ALONE[method])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_signal_handler_that_forks_cannot_bring_the_fork_back_into_the_run(method):
+    """The fork met what was missing of its parent's block: KeyError: 'times'."""
+
+    def fork(frame, event, argument):
+        if event == "return" and frame.f_code.co_name in ("_deal", "_tally"):
+            sys.setprofile(None)
+            children.append(os.fork())
+
+    children, parent, error = [], os.getpid(), None
+    with simulate(lattice(9, 9), method=method, workers=2) as sim:
+        sys.setprofile(fork)
+        try:
+            sim.run(frames=50, measures=["pressure"])
+        except Exception as caught:
+            error = caught
+        finally:
+            sys.setprofile(None)
+            if os.getpid() != parent:
+                os._exit(7 if isinstance(error, mpsim.ForkedError) else 8)
+        assert error is None
+        assert os.waitstatus_to_exitcode(os.waitpid(children[0], 0)[1]) == 7
+        assert sim.digest() == digest_after(lattice(9, 9), 50, method=method if method == "event" else "grid")
+
+
+def test_ctrl_c_that_was_held_back_is_not_lost_when_what_held_it_fails():
+    def fail():
+        with interrupts_held_back():
+            signal.raise_signal(signal.SIGINT)
+            raise ZeroDivisionError
+
+    with pytest.raises(KeyboardInterrupt) as caught:
+        fail()
+    assert isinstance(caught.value.__context__, ZeroDivisionError)
 
 
 def test_a_fork_that_ends_like_a_program_is_silent_and_takes_nothing_away():
