@@ -128,9 +128,9 @@ class SteppedSolver:
     @property
     def torn(self) -> bool:
         """Whether the last command was left inside a frame, by a death say: its discs are of no instant."""
-        control = self._block.arrays.get("control")
-        inside = control is not None and control[layout.DONE] == self._begun
-        return bool(inside and (control[layout.ABORT] != layout.RUNNING or control[layout.BAD]))
+        control: Any = self._block.arrays.get("control")
+        left = control is not None and (control[layout.ABORT] or control[layout.BAD])
+        return bool(left and control[layout.DONE] == self._begun)
 
     def pace(self, new: NewDiscs | None = None) -> Pace:
         """How fast the discs are, those that are about to be added included."""

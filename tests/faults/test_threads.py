@@ -485,6 +485,8 @@ def test_a_signal_handler_changes_nothing_inside_a_run_and_reads_what_is_whole(m
         handler, sim = four_frames_and_then_six(method, number, HANDLERS[name])
         with sim:
             moment = f"{name}, moment {number} of {counter.count}"
+            if handler.count < number:
+                continue  # this run had fewer
             if isinstance(handler.found, mpsim.BusyError):
                 refused += 1
                 assert read(sim) == whole[10], moment
