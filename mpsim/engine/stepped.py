@@ -128,9 +128,8 @@ class SteppedSolver:
     @property
     def torn(self) -> bool:
         """Whether the last command was left inside a frame, by a death say: its discs are of no instant."""
-        control: Any = self._block.arrays.get("control")
-        left = control is not None and (control[layout.ABORT] or control[layout.BAD])
-        return bool(left and control[layout.DONE] == self._begun)
+        words = self._block.arrays.get("control", np.zeros(layout.CONTROL, np.int64))  # none after `close`
+        return bool((words[layout.ABORT] or words[layout.BAD]) and words[layout.DONE] == self._begun)
 
     def pace(self, new: NewDiscs | None = None) -> Pace:
         """How fast the discs are, those that are about to be added included."""
