@@ -18,19 +18,20 @@ def interrupts_held_back() -> Iterator[None]:
     came: list[int] = []
     in_main_thread = threading.current_thread() is threading.main_thread()
     handler, before = signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    held = {number for number in signal.valid_signals() if callable(signal.getsignal(number))} | {signal.SIGINT}
     try:
+        signal.pthread_sigmask(signal.SIG_BLOCK, held)
         if in_main_thread:
             signal.signal(signal.SIGINT, lambda *_: came.append(1))
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         yield
     finally:
-        try:  # whatever other signal comes now, and raises: Ctrl-C must work again
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        finally:
+        try:
             if in_main_thread:
                 signal.signal(signal.SIGINT, handler)
             if came:  # also if the block has raised
                 signal.raise_signal(signal.SIGINT)
+        finally:  # last: whatever waits now comes, and may raise
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

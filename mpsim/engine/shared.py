@@ -114,10 +114,10 @@ class SharedBlock:
         """Map an existing block in a worker, leaving its clean-up to the coordinator."""
         block = cls(specs, name)
         if sys.version_info >= (3, 13):
-            block._memory = SharedMemory(name, track=False)
+            block._memory = _Attached(name, track=False)
         else:
             with _registering_nothing():
-                block._memory = SharedMemory(name)
+                block._memory = _Attached(name)
         block._map(block._memory)
         return block
 
@@ -216,6 +216,13 @@ def _owner_is_dead(pid: int, made: float) -> bool:
         return True
     except psutil.Error:
         return False
+
+
+class _Attached(SharedMemory):
+    """A block in a worker. SharedMemory takes a name away if it cannot be mapped, whoever made it."""
+
+    def unlink(self) -> None:
+        """Nothing: the coordinator alone does."""
 
 
 @contextmanager

@@ -5,8 +5,8 @@ import math
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -352,13 +352,25 @@ class Campaign:
             with quietly():  # for the threads, whose filters are those of this one
                 for key, task in tasks.items():
                     futures[executor.submit(*task, *ours)] = key
-                for done, future in enumerate(as_completed(futures)):
+                for done, future in enumerate(_finished(futures)):
                     self._kept.put(futures[future], future.result())
                     self._progress(done + 1, len(futures), "accuracy")
         finally:
             for future, key in futures.items():
                 if not future.cancel() and key not in self._kept and future.done() and not future.exception():
                     self._kept.put(key, future.result())
+
+
+LOOK = 0.2
+"""Seconds between two looks at signals while runs are made in threads."""
+
+
+def _finished(futures: Iterable[Future[Any]]) -> Iterator[Future[Any]]:
+    """Each future when it is done. Looks up now and then: a signal that another thread gets would not wake a waiter."""
+    pending = set(futures)
+    while pending:
+        done, pending = wait(pending, LOOK, FIRST_COMPLETED)
+        yield from done
 
 
 def _length(first: Pilot, scene: Scene, replicas: int) -> float:
