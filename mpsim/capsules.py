@@ -172,11 +172,53 @@ def depths(
         discs = np.flatnonzero(binary == power)
         reach = float(radius[discs].max())
         images = with_images(capsules, size, periodic, reach)
-        for disc, capsule in _disc_pairs(position[discs], images.capsule, size, reach):
-            which = discs[disc]
-            # Not the place of the image: rounded as the disc's own coordinates are.
-            gap = distance(position[which] - images.shift[capsule], capsules[images.source[capsule]])
-            np.maximum.at(depth, which, radius[which] - gap)
+        pairs = _disc_pairs(position[discs], images.capsule, size, reach)
+        depth[discs] = _deepest(position[discs], radius[discs], capsules, images, pairs)
+    return depth
+
+
+class Among:
+    """Capsules in a box, for those who ask again and again how deep a few discs are in them.
+
+    The first FEW discs are compared with every capsule, as `depths` does; then a grid is made, and kept.
+
+    Args:
+        capsules: shape (K, 5) [length].
+        size: width and height of the box [length].
+        periodic: along x and along y.
+    """
+
+    def __init__(self, capsules: Floats, size: tuple[float, float], periodic: tuple[bool, bool]):
+        self.capsules: Floats = capsules
+        self.size: tuple[float, float] = size
+        self.periodic: tuple[bool, bool] = periodic
+        self._asked = 0
+        self._reach = 0.0
+        self._grid: tuple[Images, CellLists] | None = None
+
+    def depths(self, position: Floats, radius: Floats) -> Floats:
+        """How deep each disc is in the capsule that it overlaps most, as `depths` has it, to the bit."""
+        self._asked += len(position)
+        if not len(self.capsules) or len(position) > FEW or self._asked <= FEW:
+            return depths(position, radius, self.capsules, self.size, self.periodic)
+        largest = float(radius.max(initial=0.0))
+        if self._grid is None or largest > self._reach:
+            self._reach = 2 * largest  # so that few grids are made, however the radii grow
+            images = with_images(self.capsules, self.size, self.periodic, self._reach)
+            self._grid = images, cell_lists(images.capsule, self.size, self._reach)
+        images, lists = self._grid
+        return _deepest(position, radius, self.capsules, images, _listed_pairs(position, lists))
+
+
+def _deepest(
+    position: Floats, radius: Floats, capsules: Floats, images: Images, pairs: Iterator[tuple[Integers, Integers]]
+) -> Floats:
+    """How deep each disc is in the image of a capsule that it overlaps most, of some pairs of both, shape (N,)."""
+    depth = np.zeros(len(position))
+    for disc, capsule in pairs:
+        # Not the place of the image: rounded as the disc's own coordinates are.
+        gap = distance(position[disc] - images.shift[capsule], capsules[images.source[capsule]])
+        np.maximum.at(depth, disc, radius[disc] - gap)
     return depth
 
 
@@ -197,7 +239,11 @@ def _disc_pairs(
             index = np.arange(len(capsules))[chosen]
             yield np.repeat(every, len(index)), np.tile(index, len(every))
         return
-    lists = cell_lists(capsules, size, reach)
+    yield from _listed_pairs(position, cell_lists(capsules, size, reach))
+
+
+def _listed_pairs(position: Floats, lists: CellLists) -> Iterator[tuple[Integers, Integers]]:
+    """Discs and the capsules that their cells list, some pairs at a time: indices of both."""
     column, row = np.clip(position * lists.per_length, 0, lists.grid - 1).astype(np.int64).T
     cell = column * lists.grid[1] + row
     first, last = (lists.near[each].astype(np.int64) for each in (cell, cell + 1))
@@ -207,7 +253,7 @@ def _disc_pairs(
             f"obstacles must not lie on each other so much that more than {MOST_COMPARED:,} pairs of a disc and "
             f"an obstacle are near; got {compared:,} of {len(position):,} discs. Use fewer or smaller obstacles."
         )
-    for chosen in _chunks(last - first):
+    for chosen in _chunks(last - first) if compared else ():
         disc, place = _expanded(first[chosen], last[chosen])
         yield np.arange(len(position))[chosen][disc], lists.listed[place].astype(np.int64)
 

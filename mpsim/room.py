@@ -194,7 +194,7 @@ def discs_in_obstacles(
         radius: shape (N,) [length].
     """
     size = (scene.width, scene.height)
-    depth = capsules.depths(position, radius, scene.capsules, size, scene.periodic)
+    depth = scene.among.depths(position, radius)
     number = int((depth > 8 * np.finfo(np.float64).eps * max(size)).sum())
     if not number:
         return 0, 0, 0, 0.0

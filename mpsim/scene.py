@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim import arrangement, checks, features, placement, room
+from mpsim.capsules import Among
 from mpsim.errors import InputError
 from mpsim.features import Emitter, Obstacle, Piston
 from mpsim.state import Box, State
@@ -54,6 +55,7 @@ class Scene:
 
     _others: Callable[[int], "Scene"] | None = None
     _capsules: tuple[tuple[Obstacle, ...], NDArray[np.float64]] | None = None  # and what they were made of
+    _among: Among | None = None
 
     def __init__(
         self,
@@ -227,7 +229,7 @@ class Scene:
 
     def __getstate__(self) -> dict[str, Any]:
         """All that the scene holds; how it was made stays behind."""
-        return {name: value for name, value in vars(self).items() if name not in ("_others", "_capsules")}
+        return {name: value for name, value in vars(self).items() if name not in ("_others", "_capsules", "_among")}
 
     @property
     def has_others(self) -> bool:
@@ -303,6 +305,18 @@ class Scene:
             found.flags.writeable = False
             self._capsules = self.obstacles, found
         return self._capsules[1]
+
+    @property
+    def among(self) -> Among:
+        """The obstacles in their box, for those who ask again and again how deep discs are in them."""
+        found, size = self._among, (self.width, self.height)
+        if (
+            found is None
+            or found.capsules is not self.capsules
+            or (found.size, found.periodic) != (size, self.periodic)
+        ):
+            found = self._among = Among(self.capsules, size, self.periodic)
+        return found
 
     @property
     def count(self) -> int:

@@ -73,8 +73,9 @@ def _check_room(scene: Scene, time: float, present: Floats, name: str, position:
     """Refuse discs that are not in the box as it is now, or in an obstacle, or too many where a piston stops."""
     scene.check_inside(name, position, radius, time)
     room.check_clear(scene, name, position, radius)
-    together = np.append(present, radius)
-    room.check_end(scene, name, together, np.ones(len(together)))
+    if scene.piston is not None:
+        together = np.append(present, radius)
+        room.check_end(scene, name, together, np.ones(len(together)))
 
 
 def hindrance(scene: Scene, time: float, present: Floats, name: str, position: Floats, radius: float) -> str | None:

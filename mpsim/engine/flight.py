@@ -1,12 +1,12 @@
 """The flight of a disc that entered inside a frame, up to its end: free, under gravity, to the first obstacle."""
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim import capsules
 from mpsim.features import EDGES, Emitter
 from mpsim.scene import Scene
 
@@ -16,6 +16,9 @@ LOOKS_PER_RADIUS = 4
 """Places along a flight at which to look for what is in its way, for each radius of its length."""
 
 MOST_LOOKS = 10_000
+
+HALVINGS = 5
+"""Steps of a bisection that are looked at together."""
 
 MOST_PERIODS = 2.0**53
 """Periods of one flight that are counted at most, as in the kernels."""
@@ -59,13 +62,13 @@ def launched(scene: Scene, emitter: Emitter, radius: float, elapsed: float, time
     flown = elapsed
     if not clear.all():
         blocked = int(np.argmin(clear))
-        flown, beyond = float(times[blocked] - times[0]), float(times[blocked])
         rounding = elapsed * float(np.finfo(float).eps)  # below it a flight that ends at its start would halve on to 0
-        while beyond - flown > rounding and flown < (middle := 0.5 * (flown + beyond)) < beyond:
-            if _clear(scene, radius, places(np.array([middle])), time)[0]:
-                flown = middle
-            else:
-                beyond = middle
+        flown = _last_clear(
+            lambda times: _clear(scene, radius, places(times), time),
+            float(times[blocked] - times[0]),
+            float(times[blocked]),
+            rounding,
+        )
     place = places(np.array([flown]))[0]
     for axis, length in enumerate((scene.width, scene.height)):
         if scene.periodic[axis]:
@@ -74,6 +77,26 @@ def launched(scene: Scene, emitter: Emitter, radius: float, elapsed: float, time
             periods = np.rint((end - place[axis]) / length)
             image[axis] = periods if abs(periods) < MOST_PERIODS else 0
     return Landing(place, velocity + flown * gravity, image)
+
+
+def _last_clear(clear: Callable[[Floats], NDArray[np.bool_]], flown: float, beyond: float, rounding: float) -> float:
+    """The end of the clear part of a flight, by bisection: clear at `flown`, not at `beyond` [time].
+
+    Asking about one time costs as much as about thirty, so each look is at all that the next HALVINGS can lead to.
+    """
+    while True:
+        times = np.array([flown, beyond])
+        for _ in range(HALVINGS):
+            middles = 0.5 * (times[:-1] + times[1:])
+            times = np.append(np.stack([times[:-1], middles], axis=1).ravel(), times[-1])
+        free, low, high = clear(times), 0, len(times) - 1
+        while high - low > 1:
+            middle = (low + high) // 2
+            flown, beyond = float(times[low]), float(times[high])
+            if beyond - flown <= rounding or not flown < times[middle] < beyond:
+                return flown
+            low, high = (middle, high) if free[middle] else (low, middle)
+        flown, beyond = float(times[low]), float(times[high])
 
 
 def _clear(scene: Scene, radius: float, places: Floats, time: float) -> NDArray[np.bool_]:
@@ -92,6 +115,5 @@ def _clear(scene: Scene, radius: float, places: Floats, time: float) -> NDArray[
     clear: NDArray[np.bool_] = np.all((places >= low) & (places <= high), axis=1)
     if scene.obstacles:
         wrapped = np.where(periodic, places % size, places)
-        sizes = np.full(len(places), radius)
-        clear &= capsules.depths(wrapped, sizes, scene.capsules, (scene.width, scene.height), scene.periodic) == 0
+        clear &= scene.among.depths(wrapped, np.full(len(places), radius)) == 0
     return clear

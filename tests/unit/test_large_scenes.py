@@ -6,6 +6,7 @@ that all lie on each other take no more than those that do not.
 
 import itertools
 import warnings
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from support.selection import long_but
 
 import mpsim
 from mpsim import capsules, features
-from mpsim.engine import emission
+from mpsim.engine import additions, emission, flight
 
 LONGEST = 2e-5
 """Seconds of processor time per obstacle or emitter, from the scene to the end of the first frame."""
@@ -272,3 +273,100 @@ def test_looks_at_discs_grow_with_the_number_that_enter_together(monkeypatch):
 
     few, many = compared(400), compared(1600)
     assert 0 < few < many < 10 * few, "quadratic would be 16, in strips it is 8"
+
+
+def pegs_and_emitters(obstacles, emitters, velocity=(10.0, 0.0)):
+    """Discs that enter in the first frame, each in the middle between four pegs, or in flight to one of them."""
+    places, side = lattice(obstacles, 1.0)
+    middles = (places[(places < side - 1).all(axis=1)] + 0.5)[:emitters]
+    spouts = tuple(mpsim.Emitter(place, velocity, interval=0.006, limit=1) for place in middles)
+    box = {"width": side, "height": side, "position": np.zeros((0, 2)), "radius": 0.1}
+    return {**box, "obstacles": features.fixed_discs(places, 0.05), "emitters": spouts}
+
+
+def test_looks_at_obstacles_grow_with_the_number_of_discs_that_enter(monkeypatch):
+    def compared(obstacles, emitters):
+        numbers, hypot = [], np.hypot
+        with simulated(pegs_and_emitters(obstacles, emitters)) as sim, monkeypatch.context() as patch:
+            patch.setattr(np, "hypot", lambda *values: numbers.append(np.size(values[0])) or hypot(*values))
+            sim.run(frames=1)
+            assert sim.count == emitters
+        return sum(numbers)
+
+    few, many = compared(900, 200), compared(3600, 800)
+    assert 0 < few < many < 6 * few, "linear would be 4, of all with all 16"
+
+
+@pytest.mark.parametrize("boundary", ["walls", "periodic"])
+def test_few_discs_are_as_deep_in_obstacles_that_are_asked_again_and_again(boundary):
+    rng = np.random.default_rng(9)
+    walls = np.column_stack([rng.uniform(0, 30, (300, 4)), 10 ** rng.uniform(-3, 0, 300)])
+    walls[::2, 2:4] = walls[::2, :2]
+    box = walls, (30.0, 30.0), (boundary == "periodic",) * 2
+    among, found = capsules.Among(*box), []
+    for power in rng.integers(-6, 2, 100):
+        position, radius = rng.uniform(0, 30, (3, 2)), 2.0**power * rng.uniform(0.5, 1, 3)
+        found.append(among.depths(position, radius))
+        assert np.array_equal(found[-1], capsules.depths(position, radius, *box))
+    assert 0 < np.count_nonzero(found) < 300
+
+
+def test_obstacles_that_are_replaced_are_those_that_are_asked():
+    scene = mpsim.Scene(**{**pegs_and_emitters(9, 1), "velocity": []})
+    place, radius = np.array([[0.5, 0.5]]), np.array([0.1])
+    assert scene.among.depths(place, radius) > 0
+    scene.obstacles = scene.obstacles[1:]
+    assert scene.among.depths(place, radius) == 0
+
+
+CROWDS = {"free": ((10.0, 0.0), 4e-4), "into obstacles": ((150.0, 150.0), 2.5e-3)}
+"""Velocity of discs that enter, and seconds of processor time that each may take."""
+
+
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # a flight inside a frame is exact at any speed
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("how", long_but(CROWDS, "free"))
+@pytest.mark.parametrize("emitters", [1000, pytest.param(10_000, marks=pytest.mark.long)])
+def test_many_discs_enter_among_very_many_obstacles_in_seconds(how, emitters, figures):
+    velocity, each = CROWDS[how]
+    longest = 2 + each * emitters  # two seconds for the scene, and the grid in which they look
+    with simulated(pegs_and_emitters(100, 1, velocity)) as sim:
+        sim.run(frames=1)  # its kernels are loaded
+    arguments = pegs_and_emitters(100_000, emitters, velocity)
+
+    def first_frame():
+        with simulated(arguments) as sim:
+            sim.run(frames=1)
+            assert sim.count == emitters
+
+    seconds = quickest(first_frame, longest)
+    assert seconds < longest
+    what = f"100,000 pegs, {emitters:,} emitters: to the end of frame 1, in which all discs enter and fly {how}"
+    figures.note("R22", "grid", what, f"{longest:g} s at most", f"{seconds:.2f} s")
+
+
+def test_a_flight_ends_where_one_look_after_the_other_ends_it():
+    """The twin bisects one step at a time."""
+    rng = np.random.default_rng(10)
+    for _ in range(200):
+        flown, beyond = np.sort(10 ** rng.uniform(-6, 2, 2)).tolist()
+        end, rounding = rng.uniform(flown, beyond), rng.choice([0.0, 1e-16, 1e-3]) * beyond
+        found = flight._last_clear(lambda times, end=end: times < end, flown, beyond, rounding)
+        while beyond - flown > rounding and flown < (middle := 0.5 * (flown + beyond)) < beyond:
+            flown, beyond = (middle, beyond) if middle < end else (flown, middle)
+        assert found == flown
+
+
+class NotLookedAt:
+    def __array__(self, *_, **__):
+        raise AssertionError("all discs are looked at")
+
+
+def test_discs_that_are_there_are_not_looked_at_where_nothing_presses_them_together():
+    """An array over all discs for each one that enters takes the square of their number."""
+    box = {"width": 9, "height": 9, "position": [], "velocity": [], "radius": 1}
+    place = {"time": 0.0, "name": "position", "position": np.array([4.0, 4.0]), "radius": 1.0}
+    present: Any = NotLookedAt()
+    assert additions.hindrance(mpsim.Scene(**box), present=present, **place) is None
+    pressed = mpsim.Scene(**box, piston=mpsim.Piston("right", -1, 5.0))
+    assert "room for all 26 discs" in str(additions.hindrance(pressed, present=np.ones(25), **place))
