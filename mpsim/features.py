@@ -19,6 +19,9 @@ from mpsim.errors import InputError
 LARGEST_OBSTACLES = 1_000_000
 """More obstacles than this are taken for a mistake."""
 
+LARGEST_EMITTERS = 1_000_000
+"""More emitters than this likewise."""
+
 EDGES = ("left", "right", "bottom", "top")
 """The walls of the box: x = 0, x = width, y = 0, y = height."""
 
@@ -323,13 +326,15 @@ def check_obstacles(obstacles: object, width: float, height: float) -> tuple[Obs
     return chosen
 
 
-def check_members(name: str, value: object, kind: type) -> tuple[Any, ...]:
-    """A tuple of objects of one kind; a single one counts as one."""
-    each_of: Any = value
-    chosen = (each_of,) if isinstance(each_of, kind) else tuple(each_of)
-    for index, member in enumerate(chosen):
-        if not isinstance(member, kind):
-            raise InputError(f"{name}[{index}] must be an mpsim.{kind.__name__}; got {type(member).__name__}.")
+def check_emitters(emitters: object) -> tuple[Emitter, ...]:
+    """The emitters as a tuple, if each is one and they are not too many; a single one counts as one."""
+    each_of: Any = emitters
+    chosen = (each_of,) if isinstance(each_of, Emitter) else tuple(each_of)
+    if len(chosen) > LARGEST_EMITTERS:
+        raise InputError(f"emitters must be at most {LARGEST_EMITTERS:,}; got {len(chosen):,}. Use fewer.")
+    for index, emitter in enumerate(chosen):
+        if not isinstance(emitter, Emitter):
+            raise InputError(f"emitters[{index}] must be an mpsim.Emitter; got {type(emitter).__name__}.")
     return chosen
 
 

@@ -96,7 +96,7 @@ class Scene:
         self.wall_restitution: float = checks.fraction("wall_restitution", wall_restitution)
         self.boundary: tuple[str, str] = features.check_boundary(boundary)
         self.obstacles: tuple[Obstacle, ...] = features.check_obstacles(obstacles, self.width, self.height)
-        self.emitters: tuple[Emitter, ...] = features.check_members("emitters", emitters, Emitter)
+        self.emitters: tuple[Emitter, ...] = features.check_emitters(emitters)
         self.absorbing: tuple[str, ...] = features.check_edges(absorbing, self.boundary)
         self.piston: Piston | None = features.check_piston(
             piston, self.boundary, self.width, self.height, self.absorbing

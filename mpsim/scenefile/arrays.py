@@ -30,11 +30,13 @@ class Source:
         folder: that of the scene file; arrays lie in it or below.
         read: array files read so far.
         length: of all of them [bytes].
+        emitters: number of those in the tables checked so far.
     """
 
     folder: Path
     read: list[Path] = field(default_factory=list)
     length: int = 0
+    emitters: int = 0
 
     def note(self, name: str, path: Path, length: int) -> None:
         """One more array file, if all of them together are not too long."""

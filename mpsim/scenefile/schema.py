@@ -12,6 +12,7 @@ from mpsim import checks
 from mpsim.arrangement import LATTICES, lattice_sites
 from mpsim.errors import InputError
 from mpsim.features import (
+    LARGEST_EMITTERS,
     LARGEST_OBSTACLES,
     Emitter,
     FixedDisc,
@@ -312,7 +313,11 @@ class EmitterTable(Table):
     _made: list[Emitter] = PrivateAttr(default_factory=list)
 
     @model_validator(mode="after")
-    def _has_its_times(self) -> "EmitterTable":
+    def _has_its_times(self, info: ValidationInfo) -> "EmitterTable":
+        source = source_of(info)
+        source.emitters += np.size(self.position) // 2
+        if source.emitters > LARGEST_EMITTERS:
+            raise InputError(f"all emitters must be at most {LARGEST_EMITTERS:,}; got {source.emitters:,}. Use fewer.")
         self._made = self._emitters()
         return self
 

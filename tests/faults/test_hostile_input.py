@@ -286,6 +286,22 @@ def test_an_array_file_holds_what_it_declares(name, tmp_path):
     refused(mpsim.State.load, tmp_path / "state.npz", match="a state must be a .npz with position and velocity")
 
 
+@pytest.mark.parametrize("rows", [[1_000_001], [1_000, 999_001]], ids=["one table", "two tables"])
+def test_more_emitters_than_a_scene_may_have_are_refused_before_they_are_made(rows, tmp_path):
+    text = HEAD
+    for number, count in enumerate(rows):
+        with (tmp_path / f"{number}.npy").open("wb") as file:
+            file.write(npy((count, 2)))
+            file.truncate(file.tell() + 16 * count)  # zeros that take no room on the disk
+        text += f"[[emitters]]\nposition = '{number}.npy'\nvelocity = [0, 1]\ninterval = 1\nradius = 1\n"
+    (tmp_path / "scene.toml").write_text(text)
+    match = r"emitters\[\d\]: all emitters must be at most 1,000,000; got 1,000,001"
+    refused(mpsim.Scene.load, tmp_path / "scene.toml", match=match)
+    spout = mpsim.Emitter((1, 1), (0, 1), interval=1)
+    box = {"width": 9, "height": 9, "position": [], "velocity": [], "radius": 1}
+    refused(lambda: mpsim.Scene(**box, emitters=[spout] * sum(rows)), match="emitters must be at most 1,000,000")
+
+
 def test_a_large_csv_is_refused_before_it_is_read(tmp_path):
     (tmp_path / "scene.toml").write_text(f"{HEAD}[[discs]]\nradius = 1\nposition = 'a.csv'\n")
     with (tmp_path / "a.csv").open("wb") as file:
