@@ -218,7 +218,7 @@ def fixed_discs(position: NDArray[np.float64], radius: float | NDArray[np.float6
     """
     made: list[FixedDisc] = []
     radii = np.broadcast_to(radius, len(position)).tolist()
-    with _collector_at_rest():
+    with _garbage_collection_paused():
         for (x, y), each in zip(position.tolist(), radii, strict=True):
             disc = object.__new__(FixedDisc)
             vars(disc).update(position=(x, y), radius=each)
@@ -266,7 +266,7 @@ def polylines(
     made: list[Polyline] = []
     ends = np.cumsum(lengths.astype(np.int64)).tolist()
     thick = np.broadcast_to(thickness, len(lengths)).tolist()
-    with _collector_at_rest():
+    with _garbage_collection_paused():
         corners: list[tuple[float, float]] = [(x, y) for x, y in points.tolist()]
         for first, last, each in zip([0, *ends], ends, thick, strict=False):  # one beginning more than ends
             line = object.__new__(Polyline)
@@ -276,7 +276,7 @@ def polylines(
 
 
 @contextlib.contextmanager
-def _collector_at_rest() -> Generator[None]:
+def _garbage_collection_paused() -> Generator[None]:
     """No search for garbage meanwhile: of a million objects that all stay it takes four fifths of the time."""
     was_on = gc.isenabled()
     gc.disable()

@@ -75,7 +75,7 @@ def shortest_box(radius: Floats, number: Floats, across: float, walls: bool) -> 
     return length
 
 
-def most_equal(radius: float, low: tuple[float, float], high: tuple[float, float], capsules: Floats) -> float:
+def most_equal(radius: float, low: tuple[float, float], high: tuple[float, float], obstacles: Floats) -> float:
     """Number of equal discs above which no arrangement of them between four walls and among obstacles exists.
 
     Folkman and Graham (Canad. Math. Bull. 12, 745, 1969; of regions with holes Graham, Witsenhausen and Zassenhaus,
@@ -87,30 +87,30 @@ def most_equal(radius: float, low: tuple[float, float], high: tuple[float, float
     Args:
         radius: of all discs [length].
         low, high: corners (x, y) of the box [length].
-        capsules: of the obstacles in it, shape (K, 5) [length].
+        obstacles: those in it as capsules, shape (K, 5) [length].
 
     >>> peg = np.array([[2, 3, 2, 3, 1.9]])
     >>> round(most_equal(0.5, (0, 0), (6, 6), peg[:0]), 2), round(most_equal(0.5, (0, 0), (6, 6), peg), 2)
     (39.87, 25.23)
     """
-    return _most_equal(radius, low, high, _largest(capsules).tobytes())
+    return _most_equal(radius, low, high, _largest(obstacles).tobytes())
 
 
-def _largest(capsules: Floats) -> Floats:
+def _largest(obstacles: Floats) -> Floats:
     """The HOLES longest and thickest capsules, shape (K, 5), the largest first."""
-    extent = np.hypot(*(capsules[:, 2:4] - capsules[:, :2]).T) + capsules[:, 4]
-    return np.asarray(capsules[np.argsort(-extent, kind="stable")[:HOLES]], np.float64)
+    extent = np.hypot(*(obstacles[:, 2:4] - obstacles[:, :2]).T) + obstacles[:, 4]
+    return np.asarray(obstacles[np.argsort(-extent, kind="stable")[:HOLES]], np.float64)
 
 
 @functools.lru_cache(maxsize=64)
-def _most_equal(radius: float, low: tuple[float, float], high: tuple[float, float], capsules: bytes) -> float:
+def _most_equal(radius: float, low: tuple[float, float], high: tuple[float, float], obstacles: bytes) -> float:
     """`most_equal` among few capsules, which emitters and additions ask for again and again."""
     diameter, sides = 2 * radius, np.subtract(high, low) - 2 * radius
     if (sides < 0).any():
         return 0.0
     corners = np.add(low, radius), np.subtract(high, radius)
     most = 2 * float(sides.prod()) / (math.sqrt(3) * diameter**2) + float(sides.sum()) / diameter + 1
-    largest = np.frombuffer(capsules).reshape(-1, 5)
+    largest = np.frombuffer(obstacles).reshape(-1, 5)
     holes = [clipped(grown(capsule, radius * (1 - SHRUNK)), *corners) for capsule in largest]
     losses = [(_loss(hole, *corners, diameter), index) for index, hole in enumerate(holes) if len(hole) > 2]
     ends = np.array([[*hole.min(axis=0), *hole.max(axis=0)] if len(hole) else [math.inf] * 4 for hole in holes])

@@ -31,7 +31,7 @@ STEPS = 4.0
 """Steps of mean speed that explain an overlap. In gases below the bounds of speed, at packings 0.3 to 0.78, the deepest
 was 3.5 (docs/stability.md)."""
 
-SHARE = 0.1
+MEAN_OVERLAP = 0.1
 """Overlap for each disc, on average over all, as a fraction of the smallest radius, from which on they are pressed at
 any speed, or steps are far too long. In those gases it was 0.015 at most, and 0.024 in lossy discs that a piston holds
 at packing 0.785."""
@@ -88,7 +88,7 @@ def _overlap_at_all(state: State, scene: Scene, radii: Floats) -> bool:
     common = float(diameter[0]) if (diameter == diameter[0]).all() else diameter
     pairs, _, depth = overlaps(position, scene.width, scene.height, common, scene.periodic)
     smallest = 0.5 * float(diameter.min())
-    return depth > DEEP * smallest or pairs * depth > SHARE * smallest * len(position)
+    return depth > DEEP * smallest or pairs * depth > MEAN_OVERLAP * smallest * len(position)
 
 
 def _deepest_pair(found: Overlap, radii: Floats, displacement: Floats, mean: float) -> str | None:
@@ -102,7 +102,7 @@ def _deepest_pair(found: Overlap, radii: Floats, displacement: Floats, mean: flo
 
 
 def _most_of_them(found: Overlap, radii: Floats) -> str | None:
-    if found.worst is None or found.pairs * found.mean <= SHARE * float(radii.min()) * len(radii):
+    if found.worst is None or found.pairs * found.mean <= MEAN_OVERLAP * float(radii.min()) * len(radii):
         return None
     i, j = found.worst
     return (

@@ -83,7 +83,7 @@ def tell_of(death: WorkerDied, what_now: str) -> None:
     )
 
 
-def in_spite_of_deaths(act: Callable[[], None], renew: Callable[[], None] | None) -> None:
+def retried_on_new_workers(act: Callable[[], None], renew: Callable[[], None] | None) -> None:
     """Act; where a worker has died, once more on new ones.
 
     Args:

@@ -29,7 +29,7 @@ from mpsim.engine.running import (
     Observer,
     Onlookers,
     frames_wanted,
-    in_spite_of_deaths,
+    retried_on_new_workers,
     warn_of_guard,
 )
 from mpsim.engine.stepped import SteppedSolver
@@ -339,7 +339,7 @@ class Simulation:
         renew = (lambda: self._restore(self._snapshot())) if self._settings.on_worker_death == "restart" else None
         with interrupts_held_back(), self._access.moving():
             try:
-                in_spite_of_deaths(action, renew)
+                retried_on_new_workers(action, renew)
             except (BusyError, WorkerDied, WorkerStalled):  # refused in the middle of it, a signal handler has left it
                 self._end()
                 raise

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mpsim import checks, untrusted
 from mpsim.archive import REAL, read_array
 from mpsim.errors import InputError, is_of_the_system
-from mpsim.scenefile.limits import MOST_ARRAYS, MOST_CSV
+from mpsim.scenefile.limits import MOST_ARRAY_BYTES, MOST_CSV
 
 logger: logging.Logger = logging.getLogger("mpsim")
 
@@ -42,9 +42,9 @@ class Source:
         """One more array file, if all of them together are not too long."""
         self.read.append(path)
         self.length += length
-        if self.length > MOST_ARRAYS:
+        if self.length > MOST_ARRAY_BYTES:
             raise InputError(
-                f"{name} must leave the array files of a scene at most {MOST_ARRAYS:,} bytes together; got "
+                f"{name} must leave the array files of a scene at most {MOST_ARRAY_BYTES:,} bytes together; got "
                 f"{self.length:,} with {path.name}. Use fewer or smaller arrays."
             )
 

@@ -15,7 +15,7 @@ MOST_PARTS = 16
 MOST_PROBLEMS = 100
 """Problems of one file that are named."""
 
-MOST_ARRAYS = 2**33
+MOST_ARRAY_BYTES = 2**33
 """Bytes of all array files of a scene together: those of the largest scene."""
 
 MOST_CSV = 2**23
