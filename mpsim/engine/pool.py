@@ -15,7 +15,7 @@ from typing import Any
 
 import psutil
 
-from mpsim.engine.limits import demand_descriptors, refusal_of_worker
+from mpsim.engine.refusals import demand_descriptors, refusal_of_worker
 from mpsim.engine.shared import SharedBlock
 from mpsim.engine.worker import worker_main
 from mpsim.errors import WorkerDied, WorkerStalled, is_of_the_system

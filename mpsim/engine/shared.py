@@ -24,7 +24,7 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from mpsim.engine.limits import refusal_of_block
+from mpsim.engine.refusals import refusal_of_block
 from mpsim.errors import is_of_the_system
 from mpsim.interrupts import interrupts_held_back
 from mpsim.state import ArraySpec

@@ -19,8 +19,8 @@ from mpsim.engine.access import Access, exclusive, reading
 from mpsim.engine.emission import Emission
 from mpsim.engine.endings import closing_of
 from mpsim.engine.exact import ExactSolver
-from mpsim.engine.limits import refusals_named
 from mpsim.engine.pacing import Pacer
+from mpsim.engine.refusals import refusals_named
 from mpsim.engine.report import Report, phase_seconds
 from mpsim.engine.running import (
     Checkpointer,

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from mpsim.engine.additions import NewDiscs
 from mpsim.engine.alarm import Alert, caught
-from mpsim.engine.limits import resident_bytes
 from mpsim.engine.methods import Choice, Columns, no_columns
 from mpsim.engine.paces import Pace, pace_of
 from mpsim.engine.pool import WorkerPool
@@ -22,6 +21,7 @@ from mpsim.engine.provision import (
     typical_momentum,
     wall_limits,
 )
+from mpsim.engine.refusals import resident_bytes
 from mpsim.engine.report import Slice, tallied
 from mpsim.engine.running import frames_until
 from mpsim.engine.shared import SharedBlock
