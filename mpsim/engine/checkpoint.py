@@ -233,7 +233,14 @@ def _packed(scene: Scene, settings: Settings, run: dict[str, Any], arrays: Array
     }
     header = json.loads(json.dumps(header))  # as it will be read
     header["digest"] = digest_of(header, everything)
-    return {HEADER: np.frombuffer(json.dumps(header).encode(), np.uint8), **everything}
+    text = np.frombuffer(json.dumps(header).encode(), np.uint8)
+    if text.size > MOST_HEADER:
+        raise OutputError(
+            f"obstacles and emitters must take at most {MOST_HEADER:,} bytes of a checkpoint's header, or it could not "
+            f"be read again; got {text.size:,} bytes for {len(scene.obstacles):,} obstacles and "
+            f"{len(scene.emitters):,} emitters. Use fewer; one Polyline takes the place of many."
+        )
+    return {HEADER: text, **everything}
 
 
 def _previous(target: Path) -> Path:

@@ -14,6 +14,7 @@ from support.scenes import lattice, simulate, zoo
 from support.selection import long_but
 
 import mpsim
+from mpsim.engine import checkpoint
 
 KILLED = """
 import json, os, resource, shutil, signal, sys, tempfile, warnings
@@ -240,6 +241,17 @@ def test_an_error_of_the_system_at_any_call_leaves_what_was_there(call, tmp_path
         monkeypatch.undo()
     assert frame_in(path) == 3
     assert sorted(each.name for each in tmp_path.iterdir()) == ["run", "run.previous"]
+
+
+def test_no_checkpoint_is_written_that_could_not_be_read_again(tmp_path, monkeypatch):
+    """A million obstacles and emitters may be in a scene, and not all of them in a header."""
+    path = saved(tmp_path / "run", zoo("obstacles", count=5))
+    before = path.read_bytes()
+    monkeypatch.setattr(checkpoint, "MOST_HEADER", 200)
+    with pytest.raises(mpsim.OutputError, match="must take at most 200 bytes of a checkpoint's header"):
+        saved(path, zoo("obstacles", count=6))
+    assert [each.name for each in tmp_path.iterdir()] == ["run"]
+    assert path.read_bytes() == before
 
 
 def test_a_file_system_without_links_gets_a_copy(tmp_path, monkeypatch):
