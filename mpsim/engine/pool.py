@@ -15,7 +15,7 @@ from typing import Any
 
 import psutil
 
-from mpsim.engine.refusals import demand_descriptors, refusal_of_worker
+from mpsim.engine.refusals import demand_descriptors, refusal_of_process
 from mpsim.engine.shared import SharedBlock
 from mpsim.engine.worker import worker_main
 from mpsim.errors import WorkerDied, WorkerStalled, is_of_the_system
@@ -83,7 +83,7 @@ class WorkerPool:
                 self._watch_end, self._watched_end = os.pipe()
                 self._watcher.start()
             except (OSError, RuntimeError) as error:
-                raise refusal_of_worker("the thread that watches the workers", error) from error
+                raise refusal_of_process("the thread that watches the workers", error) from error
 
     @property
     def pids(self) -> list[int]:
@@ -172,7 +172,7 @@ class WorkerPool:
             except OSError as error:
                 if not is_of_the_system(error):
                     raise
-                raise refusal_of_worker(f"worker {worker}", error) from error
+                raise refusal_of_process(f"worker {worker}", error) from error
             self._processes.append(process)
             self._pids.append(process.pid)
 
@@ -191,6 +191,8 @@ class WorkerPool:
             kind, text = connection.recv()
         except (EOFError, ConnectionResetError):
             kind, text = "gone", None
+        if kind == "refused":
+            raise type(text)(f"worker {worker} was refused what it needs: {text}")
         if kind != "ready":
             raise self._death(worker, "start-up", text)
 

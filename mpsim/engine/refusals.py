@@ -62,15 +62,24 @@ def refusal_of_block(size: int, error: OSError) -> SharedMemoryError:
     )
 
 
-def refusal_of_worker(what: str, error: OSError | RuntimeError) -> ResourceError:
-    """The error for a worker, or the thread that watches them, that cannot be started."""
+NO_WORKERS = "Use fewer workers, or method='grid', which starts no workers."
+
+
+def refusal_of_process(what: str, error: OSError | RuntimeError, remedy: str = NO_WORKERS) -> ResourceError:
+    """The error for a process or thread that cannot be started: a worker, say.
+
+    Args:
+        what: begins the sentence, without a verb.
+        error: of the system, or of Python for a thread.
+        remedy: a sentence.
+    """
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
         return ResourceError(f"{what} needs file descriptors, {_descriptors(error)}")
     processes = resource.getrlimit(resource.RLIMIT_NPROC)[0]
     most = "any number" if processes == resource.RLIM_INFINITY else f"{processes:,}"
     return ResourceError(
         f"{what} could not be started: {error}. Starting one must be allowed; this user may have {most} of "
-        "processes and threads (ulimit -u). Use fewer workers, or method='grid', which starts none."
+        f"processes and threads (ulimit -u). {remedy}"
     )
 
 

@@ -24,7 +24,7 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from mpsim.engine.refusals import refusal_of_block
+from mpsim.engine.refusals import refusal_of_block, refusal_of_process
 from mpsim.errors import is_of_the_system
 from mpsim.interrupts import interrupts_held_back
 from mpsim.state import ArraySpec
@@ -69,9 +69,11 @@ class SharedBlock:
         """Create and reserve the block, filled with zeros. Ctrl-C waits so long.
 
         Raises:
+            ResourceError: if the resource tracker, which removes the block after a kill, cannot be started.
             SharedMemoryError: if the machine does not give that much shared memory, with the sizes; nothing is left.
         """
         with interrupts_held_back():
+            _start_tracker()
             try:
                 with self.closed_on_error():
                     self._create()
@@ -111,13 +113,23 @@ class SharedBlock:
 
     @classmethod
     def attach(cls, name: str, specs: dict[str, ArraySpec]) -> "SharedBlock":
-        """Map an existing block in a worker, leaving its clean-up to the coordinator."""
+        """Map an existing block in a worker, leaving its clean-up to the coordinator.
+
+        Raises:
+            FileNotFoundError: if there is none any more.
+            SharedMemoryError: if this process may not map it.
+        """
         block = cls(specs, name)
-        if sys.version_info >= (3, 13):
-            block._memory = _Attached(name, track=False)
-        else:
-            with _registering_nothing():
-                block._memory = _Attached(name)
+        try:
+            if sys.version_info >= (3, 13):
+                block._memory = _Attached(name, track=False)
+            else:
+                with _registering_nothing():
+                    block._memory = _Attached(name)
+        except FileNotFoundError:
+            raise
+        except OSError as error:
+            raise refusal_of_block(block.nbytes, error) from error
         block._map(block._memory)
         return block
 
@@ -216,6 +228,18 @@ def _owner_is_dead(pid: int, made: float) -> bool:
         return True
     except psutil.Error:
         return False
+
+
+def _start_tracker() -> None:
+    """Start the resource tracker, where it does not run yet: registering would, with an error that names no cause."""
+    try:
+        resource_tracker.ensure_running()
+    except OSError as error:
+        raise refusal_of_process(
+            "the resource tracker, a process of Python that removes shared memory after a kill,",
+            error,
+            "Every program with a simulation needs one, whatever the method. End other processes, or raise the limit.",
+        ) from error
 
 
 class _Attached(SharedMemory):

@@ -332,16 +332,14 @@ class Simulation:
             self._pacer = Pacer(choice.workers, MOST_FRAMES)
 
     def _between_frames(self, action: Callable[[], None]) -> None:
-        """Do what may move the workers to another block; where one has died, again on new ones, if that is wanted.
-
-        The state is whole, so nothing is lost by a death. Ctrl-C waits: half a move would be no state at all.
-        """
+        """Do what may move to another block, on new workers if one has died. Signals wait: half a move is no state."""
         renew = (lambda: self._restore(self._snapshot())) if self._settings.on_worker_death == "restart" else None
         with interrupts_held_back(), self._access.moving():
             try:
                 retried_on_new_workers(action, renew)
-            except (BusyError, WorkerDied, WorkerStalled):  # refused in the middle of it, a signal handler has left it
-                self._end()
+            except BaseException as error:
+                if self._solver.torn or isinstance(error, (BusyError, WorkerDied, WorkerStalled)):  # left halfway
+                    self._end()
                 raise
 
     @exclusive

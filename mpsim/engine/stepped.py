@@ -60,7 +60,10 @@ class SteppedSolver:
         self._sorted_grid: Grid | None = None
         self._tallying = False
         self._alert = Alert()
-        self._begun = -1  # frames that were done when the last command was given to this block
+        self._moving, self._begun = (
+            False,
+            -1,
+        )  # between two blocks?; frames done when this block's last command was given
         self._pool: WorkerPool | None = None
         self._radii = scene.radii.astype(float)
         self._masses = scene.masses.astype(float)
@@ -127,9 +130,9 @@ class SteppedSolver:
 
     @property
     def torn(self) -> bool:
-        """Whether the last command was left inside a frame, by a death say: its discs are of no instant."""
+        """Whether the last command was left inside a frame, by a death say, or a move to another block half done."""
         words = self._block.arrays.get("control", np.zeros(layout.CONTROL, np.int64))  # none after `close`
-        return bool((words[layout.ABORT] or words[layout.BAD]) and words[layout.DONE] == self._begun)
+        return self._moving or bool((words[layout.ABORT] or words[layout.BAD]) and words[layout.DONE] == self._begun)
 
     def pace(self, new: NewDiscs | None = None) -> Pace:
         """How fast the discs are, those that are about to be added included."""
@@ -367,19 +370,20 @@ class SteppedSolver:
         except BaseException:
             self.choice, self._capacity = before
             raise
-        self._block, self._begun = new, -1
+        self._moving, self._block, self._begun = True, new, -1
         try:
             self._enter(snapshot)
             if new_pool:
                 self._stop_pool()
                 self._prepare()
-                return
-            if not loaded:
-                self._load_kernels()
-            if self._pool is not None:
-                self._pool.move_to(self._block)
+            else:
+                if not loaded:
+                    self._load_kernels()
+                if self._pool is not None:
+                    self._pool.move_to(self._block)
         finally:
             old.close()
+        self._moving = False
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Copies of everything that the next frame depends on, in the order of the scene's discs."""

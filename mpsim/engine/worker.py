@@ -15,7 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from mpsim.engine.refusals import refusal_of_process
 from mpsim.engine.shared import SharedBlock
+from mpsim.errors import ResourceError
 from mpsim.kernels import layout
 from mpsim.kernels.stepping import run_grid
 from mpsim.kernels.waiting import add_to_word, load_word, store_word
@@ -30,6 +32,9 @@ NAP = 0.0005
 
 ORPHANED = 3
 """Exit code of a worker whose coordinator is gone."""
+
+REFUSED = 4
+"""Exit code of a worker to which the system refuses what it needs."""
 
 
 def kernel_arguments(block: SharedBlock, worker: int) -> tuple[Any, ...]:
@@ -84,14 +89,25 @@ def worker_main(worker: int, connection: Connection, name: str, specs: dict[str,
     """Entry point of worker `worker` (1 or above); ends with its coordinator (a process number), whatever happens."""
     for number in (signal.SIGINT, signal.SIGTERM):  # they may reach the whole group; the coordinator alone decides
         signal.signal(number, signal.SIG_IGN)
-    threading.Thread(target=_end_with_coordinator, args=(coordinator,), daemon=True).start()
     try:
+        _watch(coordinator)
         _serve(worker, connection, SharedBlock.attach(name, specs))
+    except ResourceError as refusal:
+        connection.send(("refused", refusal))
+        os._exit(REFUSED)
     except (EOFError, BrokenPipeError, ConnectionResetError, FileNotFoundError):
         os._exit(ORPHANED)  # the pipe's other end or the block is gone: the coordinator has given up
     except BaseException:
         connection.send(("error", traceback.format_exc()))
         raise
+
+
+def _watch(coordinator: int) -> None:
+    """Start the thread that ends this worker with its coordinator."""
+    try:
+        threading.Thread(target=_end_with_coordinator, args=(coordinator,), daemon=True).start()
+    except RuntimeError as error:
+        raise refusal_of_process("its thread that watches the coordinator", error) from error
 
 
 def _end_with_coordinator(pid: int) -> None:

@@ -108,10 +108,32 @@ def test_too_little_address_space_for_a_worker_is_an_error_of_mpsim_and_nothing_
     limit = psutil.Process().memory_info().vms + size + size // 2
     with (
         limited(resource.RLIMIT_AS, limit),
-        pytest.raises(mpsim.MpsimError, match=r"(?s)worker 1.*Cannot allocate") as caught,
+        pytest.raises(mpsim.SharedMemoryError, match=rf"^worker 1 .* bytes of .* may have {limit:,} .*-v") as caught,
     ):
         simulate(scene, method="parallel", workers=3, start_method="fork")
     del caught
+    assert left() == before
+
+
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of a disc that is added where others are
+@pytest.mark.parametrize("refused", [False, True])
+def test_a_worker_that_cannot_map_a_larger_block_is_an_error_of_mpsim_and_nothing_leaks(refused):
+    """The simulation is then between two blocks, and so is closed."""
+    before = started_before("parallel")
+    with simulate(lattice(9, 9), method="parallel", workers=3) as sim:
+        frames = sim.run(frames=3).frames
+        worker = psutil.Process(sim.pids[1])
+        if refused:
+            worker.rlimit(psutil.RLIMIT_AS, (worker.memory_info().vms // 2,) * 2)
+            with pytest.raises(mpsim.SharedMemoryError, match=r"^worker 2 .* bytes of address space") as caught:
+                sim.add((5.0, 5.0), (0.0, 0.0))
+            del caught
+            with pytest.raises(mpsim.ClosedError, match="after frame 3"):
+                sim.state  # noqa: B018
+        else:
+            sim.add((5.0, 5.0), (0.0, 0.0))  # the control
+            frames += sim.run(frames=1).frames
+        assert sim.frame == frames
     assert left() == before
 
 
@@ -147,9 +169,75 @@ def test_a_process_that_cannot_be_started_is_named(monkeypatch):
 
     before = started_before("parallel")
     monkeypatch.setattr("multiprocessing.popen_forkserver.Popen._launch", refuse)
-    with pytest.raises(mpsim.ResourceError, match=r"^worker 1 could not be started: .*ulimit -u.*method='grid'"):
+    with pytest.raises(
+        mpsim.ResourceError, match=r"^worker 1 could .* started: .*ulimit -u.*'grid', which starts no w"
+    ):
         simulate(lattice(9, 9), method="parallel", workers=3)
     assert left() == before
+
+
+NO_PROCESSES = {
+    "by the system": "os.setgid(65534), os.setuid(65534), resource.setrlimit(resource.RLIMIT_NPROC, (0, 0))",
+    "by a function": "util.spawnv_passfds = refuse",
+}
+"""Root may start any number of processes: so the script becomes somebody else."""
+
+WITHOUT_PROCESSES = """
+import errno, os, resource
+from multiprocessing import resource_tracker, util
+import numpy as np
+import psutil
+import mpsim
+from mpsim.engine.shared import SharedBlock
+from support.processes import blocks_of
+
+def refuse(*_):
+    raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+
+def make_block():
+    block = SharedBlock({{"x": mpsim.state.ArraySpec(np.dtype(float), (8,))}})
+    try:
+        block.create()
+    finally:
+        block.close()
+
+scene = mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+scene.overlaps_at_start()  # which loads a kernel from the cache of who starts this
+{before}
+{refuse}
+before = psutil.Process().num_fds()
+for act in {acts}:
+    try:
+        act()
+        print("done")
+    except mpsim.ResourceError as error:
+        print(type(error).__name__, error)
+print(psutil.Process().num_fds() - before, blocks_of(os.getpid()))
+"""
+
+
+@pytest.mark.parametrize("refused", NO_PROCESSES)
+def test_no_process_for_the_resource_tracker_is_an_error_that_says_so(refused):
+    """The first simulation of a program starts it, whatever the method. It was an error about /dev/shm."""
+    if refused == "by the system" and os.getuid() != 0:
+        pytest.skip("only root can become a user without processes")
+    refuse, make = NO_PROCESSES[refused], "lambda: mpsim.Simulation(scene, mpsim.Settings(method={!r}, workers=2))"
+    acts = f"[{', '.join(map(make.format, METHODS))}]"
+    outcome = run_script(WITHOUT_PROCESSES.format(before="", refuse=refuse, acts=acts))
+    assert_clean(outcome)
+    *refusals, left = outcome.out.splitlines()
+    assert len(refusals) == len(METHODS)
+    for text in refusals:
+        assert text.startswith("ResourceError the resource tracker, a process of Python that removes shared memory ")
+        assert "Resource temporarily unavailable" in text
+        assert "(ulimit -u)" in text
+        assert "/dev/shm" not in text
+    assert left == "0 set()", "descriptors leak, or blocks"
+
+    before = "resource_tracker.ensure_running()"
+    outcome = run_script(WITHOUT_PROCESSES.format(before=before, refuse=refuse, acts="[make_block]"))
+    assert_clean(outcome)
+    assert outcome.out == "done\n0 set()\n", "the control: the tracker was all that was missing"
 
 
 READ_ONLY = ["unshare", "--mount", "sh", "-c", 'mount -t tmpfs -o ro tmpfs /dev/shm && exec "$@"', "sh"]
@@ -184,3 +272,28 @@ def test_a_read_only_dev_shm_is_an_error_that_says_so(method):
     assert "Read-only file system" in text
     assert "remount,rw /dev/shm" in text
     assert counts == "1", "descriptors leak"
+
+
+def test_a_worker_that_cannot_map_the_block_does_not_take_it_away():
+    """SharedMemory does, of whoever made it, and the tracker complains. Nor is it the worker that died."""
+    outcome = run_script(
+        """
+        import resource, psutil
+        import mpsim
+        from support.internals import block_name
+        from support.processes import SHARED_MEMORY
+        from support.scenes import lattice, simulate
+
+        scene = lattice(1000, 300)
+        with simulate(scene, method="grid") as sim:
+            size = (SHARED_MEMORY / block_name(sim)).stat().st_size
+        limit = psutil.Process().memory_info().vms + size + size // 2
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+        try:
+            simulate(scene, method="parallel", workers=3, start_method="fork")
+        except mpsim.ResourceError as error:
+            print(error)
+        """
+    )
+    assert "ulimit -v" in outcome.out
+    assert "KeyError" not in outcome.err
