@@ -1,37 +1,100 @@
-"""Ctrl-C at moments at which it could only do harm, and SIGTERM where it would leave something behind."""
+"""Signals at moments at which they could only do harm, and SIGTERM where it would leave something behind."""
 
+import inspect
+import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import FrameType
+from typing import Any
 
 
 @contextmanager
 def interrupts_held_back() -> Iterator[None]:
-    """Let Ctrl-C wait until the end of the block, then give it to whoever handles it.
+    """Let signals that Python code handles, Ctrl-C above all, wait until the end of the block; then they are handled.
 
     For starting a process, which half started would belong to nobody (one started in here inherits a blocked SIGINT, so
     that its start prints no traceback), and for loading compiled kernels: an exception in a callback of the compiler
-    takes the process down. Blocking alone does not hold Ctrl-C back: the signal may go to another thread, of a
-    numerical library say.
+    takes the process down. Blocking alone holds nothing back: the system may give a signal to another thread, of a
+    numerical library say, and the main thread then runs its handler.
     """
-    came: list[int] = []
-    in_main_thread = threading.current_thread() is threading.main_thread()
-    handler, before = signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, ())
-    held = {number for number in signal.valid_signals() if callable(signal.getsignal(number))} | {signal.SIGINT}
+    held = _Held()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
     try:
-        signal.pthread_sigmask(signal.SIG_BLOCK, held)
-        if in_main_thread:
-            signal.signal(signal.SIGINT, lambda *_: came.append(1))
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        held.begin()
         yield
     finally:
         try:
-            if in_main_thread:
-                signal.signal(signal.SIGINT, handler)
-            if came:  # also if the block has raised
-                signal.raise_signal(signal.SIGINT)
-        finally:  # last: whatever waits now comes, and may raise
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            held.put_back()
+        finally:
+            try:
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            finally:
+                held.deliver()
+
+
+class _Held:
+    """Signals that wait, and what handled them: in the main thread, which alone runs handlers."""
+
+    def __init__(self) -> None:
+        self.thread: int = threading.get_ident()
+        self._came: list[int] = []
+        self._handlers: dict[int, Callable[[int, FrameType | None], Any]] = {}
+
+    def begin(self) -> None:
+        """Note from now on what comes, and do nothing else."""
+        if threading.current_thread() is not threading.main_thread():
+            return
+        found = {number: signal.getsignal(number) for number in signal.valid_signals()}
+        self._handlers = {number: handler for number, handler in found.items() if callable(handler)}
+        _holding.append(self)
+        for number in self._handlers:
+            signal.signal(number, self._note)
+
+    def _note(self, number: int, frame: object) -> None:
+        if number not in self._came:  # one that waits does so once, in the system, too
+            self._came.append(number)
+
+    def put_back(self) -> None:
+        """Let the handlers act again: all of them, also where one acts at once, and raises."""
+        remaining, raised = list(self._handlers), None
+        while remaining:
+            try:
+                while remaining:
+                    signal.signal(remaining[-1], self._handlers[remaining[-1]])
+                    remaining.pop()
+            except BaseException as error:
+                raised = error
+        if self in _holding:
+            _holding.remove(self)
+        if raised is not None:
+            raise raised
+
+    def deliver(self) -> None:
+        """Give what has come to who handles it; once each, also where one raises."""
+        if self._came:
+            number = self._came.pop(0)
+            try:
+                self._handlers[number](number, inspect.currentframe())
+            finally:
+                self.deliver()
+
+
+_holding: list[_Held] = []
+"""Blocks of the main thread that hold signals back now, the outermost first."""
+
+
+def _let_go_in_fork() -> None:
+    """In a fork: another thread than the one that holds signals back made it, so nobody here would put them back."""
+    if _holding and _holding[0].thread != threading.get_ident():
+        _holding[0].put_back()
+        _holding.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_let_go_in_fork)
 
 
 @contextmanager

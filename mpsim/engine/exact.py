@@ -209,15 +209,19 @@ class ExactSolver:
         block, box = self._room(len(places))
         with block.closed_on_error():
             store = self._placed(block, box, places, speeds, radii, masses, self._present)
-        if state.image is not None:
-            store.winding[:] = np.concatenate([state.image, new.image])[store.order]
-        # Of a frame in hand, the new store has counted nothing yet, and the guard acts once for the whole run.
-        self._seen -= *self._store.tally, self._store.counter[events.PAIRS]
-        store.counter[events.GUARDS] = self.guarded
-        self._store = None
-        self._block.close()
-        self.count, self._block, self._store, self._box = len(places), block, store, box
-        self._radii, self._masses = radii, masses
+            if state.image is not None:
+                store.winding[:] = np.concatenate([state.image, new.image])[store.order]
+            store.counter[events.GUARDS] = self.guarded  # the guard acts once for the whole run
+            # Of a frame in hand, the new store has counted nothing yet.
+            seen = self._seen - np.array([*self._store.tally, self._store.counter[events.PAIRS]])
+        self._take(block, store, box)
+        self._radii, self._masses, self._seen = radii, masses, seen
+
+    def _take(self, block: SharedBlock, store: Any, box: Any) -> None:
+        """Go on in a block that is filled, and give the old one back: at no moment does nobody hold one of them."""
+        old = self._block
+        self._store, self._block, self._box, self.count = store, block, box, len(store.order)
+        old.close()
 
     @property
     def radii(self) -> NDArray[np.float64]:
@@ -291,10 +295,9 @@ class ExactSolver:
             lap_events = int(store.counter[events.LAP_EVENTS])
             events.fill(store)  # whose order is total, so that it does not matter where the calendar keeps an event
             store.counter[events.LAP_EVENTS] = lap_events
-        self._store = None
-        self._block.close()
-        self.count, self.choice, self._block, self._store, self._box = count, choice, block, store, box
-        self._radii, self._masses = snapshot["radii"].copy(), snapshot["masses"].copy()
+            radii, masses = snapshot["radii"].copy(), snapshot["masses"].copy()
+        self._take(block, store, box)
+        self.choice, self._radii, self._masses = choice, radii, masses
         self._progress[:], self._seen[:] = snapshot["progress"], snapshot["seen"]
         self._stopped = 0.0  # a stop at which nothing was done yet is met again
 

@@ -18,7 +18,7 @@ import psutil
 from mpsim.engine.refusals import demand_descriptors, refusal_of_process
 from mpsim.engine.shared import SharedBlock
 from mpsim.engine.worker import worker_main
-from mpsim.errors import WorkerDied, WorkerStalled, is_of_the_system
+from mpsim.errors import ResourceError, WorkerDied, WorkerStalled, is_of_the_system
 from mpsim.interrupts import interrupts_held_back
 from mpsim.kernels import layout
 from mpsim.kernels.waiting import add_to_word, load_word, store_word
@@ -191,7 +191,7 @@ class WorkerPool:
             kind, text = connection.recv()
         except (EOFError, ConnectionResetError):
             kind, text = "gone", None
-        if kind == "refused":
+        if isinstance(text, ResourceError):
             raise type(text)(f"worker {worker} was refused what it needs: {text}")
         if kind != "ready":
             raise self._death(worker, "start-up", text)

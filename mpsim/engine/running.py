@@ -2,6 +2,7 @@
 
 import logging
 import math
+import os
 import signal
 import threading
 import time
@@ -278,6 +279,7 @@ class Checkpointer:
         self._frames = 0
         self._asked_to_end = False
         self._handler: Any = None
+        self._creator = os.getpid()
 
     def __enter__(self) -> "Checkpointer":
         if self._path is not None and threading.current_thread() is threading.main_thread():
@@ -317,4 +319,7 @@ class Checkpointer:
             raise SystemExit(128 + signal.SIGTERM)
 
     def _note(self, number: int, frame: Any) -> None:
+        if os.getpid() != self._creator:  # a fork, where nobody looks at it
+            signal.signal(signal.SIGTERM, self._handler)
+            signal.raise_signal(signal.SIGTERM)
         self._asked_to_end = True

@@ -58,12 +58,9 @@ class SteppedSolver:
         self._settings = settings
         self.substeps: int = settings.substeps
         self._sorted_grid: Grid | None = None
-        self._tallying = False
+        self._tallying = self._moving = False
         self._alert = Alert()
-        self._moving, self._begun = (
-            False,
-            -1,
-        )  # between two blocks?; frames done when this block's last command was given
+        self._begun = -1  # frames that were done when the last command was given to this block
         self._pool: WorkerPool | None = None
         self._radii = scene.radii.astype(float)
         self._masses = scene.masses.astype(float)

@@ -212,6 +212,105 @@ def test_ctrl_c_that_was_held_back_is_not_lost_when_what_held_it_fails():
     assert isinstance(caught.value.__context__, ZeroDivisionError)
 
 
+@pytest.mark.parametrize("held", [True, False])
+def test_a_fork_of_another_thread_while_signals_are_held_back_handles_them(held):
+    """The thread that held them back does not exist in the fork: Ctrl-C was ignored there for ever."""
+
+    def act():
+        for number in (signal.SIGINT, signal.SIGUSR1):
+            with contextlib.suppress(KeyboardInterrupt):
+                signal.raise_signal(number)
+                caught.append(0)
+        return caught, signal.getsignal(signal.SIGINT) is before
+
+    caught, found, before = [], [], signal.getsignal(signal.SIGINT)
+    mine = signal.signal(signal.SIGUSR1, lambda number, _: caught.append(number))
+    now = threading.Event()
+    thread = threading.Thread(target=lambda: now.wait() and found.append(in_fork(act)))
+    thread.start()  # one that is started while signals are held back never gets Ctrl-C
+    try:
+        with interrupts_held_back() if held else contextlib.nullcontext():
+            with interrupts_held_back() if held else contextlib.nullcontext():
+                now.set()
+                thread.join()
+                assert (signal.getsignal(signal.SIGINT) is before) is not held, "the control"
+                signal.raise_signal(signal.SIGUSR1)
+                signal.raise_signal(signal.SIGUSR1)
+            assert caught == ([] if held else [signal.SIGUSR1] * 2)
+        assert caught == ([signal.SIGUSR1] if held else [signal.SIGUSR1] * 2), "that of the parent, once"
+    finally:
+        signal.signal(signal.SIGUSR1, mine)
+    assert found == [([signal.SIGUSR1, 0], True)]
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_signals_that_were_held_back_are_all_handled_though_one_raises():
+    def fail(number, frame):
+        caught.append((number, frame is not None))
+        raise ZeroDivisionError
+
+    def hold():
+        with interrupts_held_back():
+            signal.raise_signal(signal.SIGUSR1)
+            signal.raise_signal(signal.SIGUSR2)
+            assert caught == []
+
+    caught, numbers = [], (signal.SIGUSR1, signal.SIGUSR2)
+    before = {number: signal.signal(number, fail) for number in numbers}
+    try:
+        with pytest.raises(ZeroDivisionError):
+            hold()
+        assert [signal.getsignal(number) for number in numbers] == [fail, fail]
+    finally:
+        for number in numbers:
+            signal.signal(number, before[number])
+    assert sorted(caught) == [(number, True) for number in numbers]
+
+
+def test_a_worker_that_is_started_while_signals_wait_has_them():
+    """A fork server that started with SIGCHLD blocked, as a user handles it, would not tell of the end of a worker."""
+    outcome = run_script(
+        """
+        import os, signal
+        import mpsim, psutil
+        from support.scenes import lattice, simulate
+
+        signal.signal(signal.SIGCHLD, lambda *_: None)
+        with simulate(lattice(20, 20), method="parallel", workers=2, on_worker_death="raise") as sim:
+            print(psutil.Process(sim.pids[0]).ppid() != os.getpid())
+            os.kill(sim.pids[0], signal.SIGKILL)
+            try:
+                sim.run(frames=10**6)
+            except mpsim.WorkerDied as death:
+                print(death.exitcode)
+        """
+    )
+    assert_clean(outcome)
+    assert outcome.out == "True\n-9\n"
+
+
+def test_a_fork_of_another_thread_during_a_run_that_writes_checkpoints_ends_on_sigterm(tmp_path):
+    """SIGTERM asked for a checkpoint, and for an end after it, which nobody would write or do there."""
+
+    def progress(done, of):
+        if not found:
+            thread = threading.Thread(target=lambda: found.append(in_fork(act)))
+            thread.start()
+            thread.join()
+
+    def act():
+        signal.raise_signal(signal.SIGTERM)
+        return "lives on"
+
+    found, before = [], signal.signal(signal.SIGTERM, lambda *_: (_ for _ in ()).throw(SystemExit(7)))
+    try:
+        with simulate(lattice(9, 9), method="grid") as sim:
+            assert sim.run(frames=20, checkpoint=tmp_path / "run", progress=progress).frames == 20
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert isinstance(found[0], SystemExit)
+
+
 def test_a_fork_that_ends_like_a_program_is_silent_and_takes_nothing_away():
     """Its end runs what is registered for the end of the parent."""
     outcome = run_script(

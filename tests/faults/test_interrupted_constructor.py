@@ -1,4 +1,7 @@
-"""Ctrl-C at every line and every call inside a constructor: nothing is held by nobody, at once, not at the exit."""
+"""Signals at every line and every call inside a constructor: nothing is held by nobody, at once, not at the exit.
+
+Ctrl-C, and an alarm whose handler raises, as in a program that limits the time of what it calls.
+"""
 
 import contextlib
 import gc
@@ -7,10 +10,11 @@ import os
 import signal
 import sys
 import threading
+from multiprocessing import resource_tracker
 from pathlib import Path
 
 import pytest
-from support.processes import Script, assert_nothing_left_of, blocks_of, run_script
+from support.processes import SHARED_MEMORY, Script, assert_nothing_left_of, blocks_of, run_script
 from support.scenes import gas, lattice, simulate
 from support.selection import long_but
 
@@ -25,8 +29,48 @@ MOST = {"naive": 8000, "grid": 8000, "event": 8000, "parallel": 400}
 """Moments that --long tries, spread evenly, too: of parallel, whose workers take a while to start, as time allows."""
 
 
-class CtrlC:
-    """Presses Ctrl-C once, at the `number`-th line, call or return of Python code in the `with` block.
+class Alarm(Exception):  # noqa: N818
+    """A limit of time of a user's program."""
+
+
+SENDERS = {}
+"""How to send a signal; this thread gets the others."""
+
+SIGNALS = {"Ctrl-C": (signal.SIGINT, KeyboardInterrupt), "alarm": (signal.SIGALRM, Alarm)}
+
+
+@pytest.fixture
+def alarms_raise():
+    """An alarm raises, and the system gives it to another thread: what the main thread has blocked is no help then."""
+
+    def ring(*_):
+        raise Alarm
+
+    def send():
+        try:
+            signal.pthread_kill(other.ident, signal.SIGALRM)
+        finally:
+            os.read(heard, 1)  # now it is there, and Python has noted it
+
+    before, over = signal.signal(signal.SIGALRM, ring), threading.Event()
+    heard, tell = os.pipe()
+    os.set_blocking(tell, False)
+    signal.set_wakeup_fd(tell, warn_on_full_buffer=False)
+    other = threading.Thread(target=over.wait, name="other")
+    other.start()
+    SENDERS[signal.SIGALRM] = send
+    yield
+    del SENDERS[signal.SIGALRM]
+    over.set()
+    other.join()
+    signal.set_wakeup_fd(-1)
+    os.close(heard)
+    os.close(tell)
+    signal.signal(signal.SIGALRM, before)
+
+
+class Press:
+    """Sends this process a signal once, at the `number`-th line, call or return of Python code in the `with` block.
 
     A return of a function in C counts, too: that is when Python really looks for signals. The signal is a real one, so
     that it waits where signals are held back.
@@ -36,10 +80,10 @@ class CtrlC:
         made: whether a simulation was whole before: who catches the exception then holds it.
     """
 
-    def __init__(self, number):
+    def __init__(self, number, kind=signal.SIGINT):
         self.count = 0
         self.made = False
-        self._number = number
+        self._number, self._kind = number, kind
 
     def __enter__(self):
         sys.setprofile(self._in_c)
@@ -63,7 +107,7 @@ class CtrlC:
     def _moment(self):
         self.count += 1
         if self.count == self._number:
-            signal.raise_signal(signal.SIGINT)
+            SENDERS.get(self._kind, lambda: signal.raise_signal(self._kind))()
 
 
 def resources():
@@ -73,7 +117,7 @@ def resources():
         blocks_of(os.getpid()),
         {child.pid for child in multiprocessing.active_children()},
         {name: link for name, link in descriptors.items() if link},
-        signal.getsignal(signal.SIGINT),
+        [signal.getsignal(number) for number, _ in SIGNALS.values()],
         signal.pthread_sigmask(signal.SIG_BLOCK, ()),
         {thread.name for thread in threading.enumerate()},
         sys.modules["__main__"],
@@ -88,26 +132,27 @@ def read_link(descriptor):
 
 def moments_of(act):
     """How many moments there are."""
-    with CtrlC(0) as counter:
+    with Press(0) as counter:
         act()
     return counter.count
 
 
-def pressed_at(number, act):
-    """Press Ctrl-C at a moment of `act`, which must end by KeyboardInterrupt. Returns what is left, and was left then.
+def pressed_at(number, act, name="Ctrl-C"):
+    """Send a signal at a moment of `act`, which must end by its exception. Returns what is left, and was left then.
 
     None if `act` had fewer moments this time.
 
     Of a view of the block that the traceback holds the mapping lives as long as that, and with it its descriptor; its
     name is gone before. A whole simulation that the traceback holds goes with it.
     """
-    counter = CtrlC(number)
+    kind, exception = SIGNALS[name]
+    counter = Press(number, kind)
     try:
         with counter:
             act()
-        assert counter.count < number, f"Ctrl-C at moment {number} was lost"
+        assert counter.count < number, f"{name} at moment {number} was lost"
         return None
-    except KeyboardInterrupt:
+    except exception:
         blocks, children, *_ = ((), ()) if counter.made else resources()
     now = resources()
     return now[0].union(blocks), now[1].union(children), *now[2:]
@@ -132,15 +177,15 @@ def constructor(how, scene, settings, folder):
     return lambda: mpsim.Simulation(scene, settings)
 
 
-CONSTRUCTORS = [(how, method) for how in ("Simulation", "resume") for method in METHODS]
+CONSTRUCTORS = [(name, how, method) for name in SIGNALS for how in ("Simulation", "resume") for method in METHODS]
+FEW = [each for each in CONSTRUCTORS if each[2] != "parallel" or each[:2] == ("Ctrl-C", "Simulation")]
 
 
 @pytest.mark.timeout(3000)
+@pytest.mark.usefixtures("alarms_raise")
 @pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")  # opened by the call at whose return it came
-@pytest.mark.parametrize(
-    ("how", "method"), long_but(CONSTRUCTORS, *CONSTRUCTORS[:4], ("resume", "grid"), ("resume", "event"))
-)
-def test_ctrl_c_at_any_line_of_a_constructor_leaves_nothing(how, method, request, tmp_path, figures):
+@pytest.mark.parametrize(("name", "how", "method"), long_but(CONSTRUCTORS, *FEW))
+def test_a_signal_at_any_line_of_a_constructor_leaves_nothing(name, how, method, request, tmp_path, figures):
     kept = []
 
     def construct():
@@ -155,15 +200,56 @@ def test_ctrl_c_at_any_line_of_a_constructor_leaves_nothing(how, method, request
     assert resources() == before, "the control: closed, it leaves nothing"
     numbers = tried(moments, SAMPLES[method] // (1 if how == "Simulation" else 2), MOST[method], request)
     for number in numbers:
-        left = pressed_at(number, construct)
+        left = pressed_at(number, construct, name)
         if kept:  # it came after the constructor, or not at all
             kept.pop().close()
             left = resources()
-        assert left == before, f"Ctrl-C at moment {number} of {moments}"
+        assert left == before, f"{name} at moment {number} of {moments}"
     with make() as sim:
         assert sim.run(frames=2).frames == 2
-    what = f"Ctrl-C at lines and calls of {'a constructor' if how == 'Simulation' else 'resume'}"
+    what = f"{name} at lines and calls of {'a constructor' if how == 'Simulation' else 'resume'}"
     figures.note("R20", method, what, "nothing is left", f"nothing; {len(numbers)} of {moments} moments tried")
+
+
+ROOMY = lattice(9, 9, pitch=2.0)
+CHANGES = {"add": lambda sim: sim.add((1.5625, 1.5625), (0.0, 0.0)), "close": lambda sim: sim.close()}
+
+
+def left_of_a_change(change, method, number):
+    """Blocks and workers that are left when an alarm has come at a moment of a change, and the simulation is closed."""
+    sim = simulate(ROOMY, method=method, workers=2)
+    press = Press(number, signal.SIGALRM)
+    with contextlib.suppress(Alarm), press:
+        CHANGES[change](sim)
+    if change == "add":
+        with contextlib.suppress(mpsim.ClosedError):
+            assert len(sim.state.position) == sim.count in (81, 82)
+            assert sim.run(frames=2).frames == 2
+    sim.close()
+    del sim
+    left = blocks_of(os.getpid()), multiprocessing.active_children()
+    for name in left[0]:
+        (SHARED_MEMORY / name).unlink()
+        resource_tracker.unregister(f"/{name}", "shared_memory")
+    return press.count, left
+
+
+@pytest.mark.timeout(3000)
+@pytest.mark.usefixtures("alarms_raise")
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("method", long_but(METHODS, "event", "grid"))
+def test_an_alarm_at_any_line_of_a_change_leaves_nothing(method, change, request):
+    moments, _ = left_of_a_change(change, method, 0)
+    for number in tried(moments, 60, MOST[method] // 4, request):
+        assert left_of_a_change(change, method, number)[1] == (set(), []), f"moment {number} of {moments}"
+
+
+@pytest.mark.usefixtures("alarms_raise")
+def test_control_an_alarm_leaves_a_block_where_signals_are_not_held_back(monkeypatch):
+    for module in ("endings", "simulation", "shared"):
+        monkeypatch.setattr(f"mpsim.engine.{module}.interrupts_held_back", contextlib.nullcontext)
+    moments, _ = left_of_a_change("close", "event", 0)
+    assert any(left_of_a_change("close", "event", number)[1] != (set(), []) for number in range(1, moments))
 
 
 def test_control_a_block_that_nobody_owns_yet_is_noticed(monkeypatch):
@@ -193,7 +279,7 @@ def test_ctrl_c_at_any_line_of_a_run_lets_the_simulation_go(method, request):
     with simulate(lattice(9, 9), method=method, workers=2) as sim:
         moments = moments_of(lambda: sim.run(frames=1))
         for number in tried(moments, 80, MOST[method], request):
-            with contextlib.suppress(KeyboardInterrupt), CtrlC(number):
+            with contextlib.suppress(KeyboardInterrupt), Press(number):
                 sim.run(frames=1)
             thread = threading.Thread(target=in_another_thread)
             thread.start()
@@ -243,6 +329,15 @@ def test_sigterm_to_a_search_of_settings_closes_what_it_has_open(call):
         assert_nothing_left_of(script.pid)
     assert (outcome.code, outcome.err) == (143, "")
     assert "over" not in outcome.out
+
+
+def test_sigterm_that_the_system_gives_to_another_thread_ends_a_search_too():
+    """The main thread waits for its threads meanwhile; it must look now and then, or it would until they are done."""
+    text = TUNING.replace(
+        'print("running")', "time.sleep(1) or signal.pthread_kill(threading.get_ident(), signal.SIGTERM)"
+    )
+    outcome = run_script(f"import signal, threading, time\n{text.format(call=CALLS['tune'])}", bound=20)
+    assert (outcome.code, outcome.out, outcome.err) == (143, "", "")
 
 
 def test_sigterm_is_left_alone_where_somebody_handles_it():
