@@ -223,11 +223,14 @@ def reading(method: Callable[[S], R]) -> Callable[[S], R]:
         access = self._access
         access.demand_own_process()
         use = access.use
-        if use is not None and use.thread == threading.get_ident():  # in a callback: this thread is between two slices
-            if access.changing:
-                raise access.busy(f"reading {method.__name__}", use)
-            return method(self)
-        return access.read_in_turn(lambda: method(self))
+        try:
+            if use is not None and use.thread == threading.get_ident():  # in a callback: between two slices
+                if access.changing:
+                    raise access.busy(f"reading {method.__name__}", use)
+                return method(self)
+            return access.read_in_turn(lambda: method(self))
+        finally:
+            access.demand_own_process()  # a signal handler may have forked meanwhile: what was read is zeros there
 
     return door
 

@@ -270,7 +270,7 @@ class ExactSolver:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Copies of everything that the next event depends on; the calendar follows from the discs' next events."""
-        found = {name: self._block.arrays[name].copy() for name in KEPT if name in self._block.arrays}
+        found = {name: self._block.arrays[name].copy() for name in KEPT if name in self._block.specs}
         found |= {"radii": self._radii.astype(float), "masses": self._masses.astype(float)}
         return found | {"progress": self._progress.copy(), "seen": self._seen.copy()}
 

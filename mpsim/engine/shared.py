@@ -7,7 +7,9 @@ killed as well, the block stays; `remove_stale_blocks` finds it.
 """
 
 import _posixshmem  # type: ignore[import-not-found]
+import ctypes
 import fcntl
+import mmap
 import os
 import re
 import secrets
@@ -39,6 +41,13 @@ what the prefetcher takes at a time."""
 
 FOLDER = Path("/dev/shm")
 """Where Linux shows shared memory as files."""
+
+MAP_FIXED = 0x10
+"""Of the C function mmap: at that address, in place of what is there. Python's module has not got it."""
+
+_map_memory = ctypes.CDLL(None, use_errno=True).mmap
+_map_memory.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int, ctypes.c_int, ctypes.c_int, ctypes.c_long]
+_map_memory.restype = ctypes.c_void_p
 
 _OWN_NAME = re.compile(r"mpsim-(\d+)-[0-9a-f]{8}")
 
@@ -151,6 +160,8 @@ class SharedBlock:
             except BufferError:
                 # The traceback of an exception on its way up still holds a view. The mapping goes when that view goes;
                 # SharedMemory must forget it, or it would complain when it is collected.
+                if os.getpid() != self._creator:
+                    _make_private(memory)
                 memory._buf = memory._mmap = None  # type: ignore[attr-defined]
                 memory.close()
         if self._owner and os.getpid() == self._creator:  # a fork of the coordinator must not take its block away
@@ -240,6 +251,19 @@ def _start_tracker() -> None:
             error,
             "Every program with a simulation needs one, whatever the method. End other processes, or raise the limit.",
         ) from error
+
+
+def _make_private(memory: SharedMemory) -> None:
+    """Put zeros in place of a block, in this process alone: for a fork that returns into a call that has views of it.
+
+    It would read and write its parent's discs. Kernels of the stepped solver do nothing on zeros; that of the exact one
+    is called without any Python code between the look for its arguments and the call.
+    """
+    mapping: Any = memory._mmap  # type: ignore[attr-defined]
+    address = np.frombuffer(mapping, np.uint8).__array_interface__["data"][0]
+    access, kind = mmap.PROT_READ | mmap.PROT_WRITE, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | MAP_FIXED
+    if _map_memory(address, memory.size, access, kind, -1, 0) != address:
+        raise OSError(ctypes.get_errno(), "the block of the parent cannot be unmapped in a fork")
 
 
 class _Attached(SharedMemory):

@@ -198,7 +198,74 @@ def test_a_signal_handler_that_forks_cannot_bring_the_fork_back_into_the_run(met
                 os._exit(7 if isinstance(error, mpsim.ForkedError) else 8)
         assert error is None
         assert os.waitstatus_to_exitcode(os.waitpid(children[0], 0)[1]) == 7
-        assert sim.digest() == digest_after(lattice(9, 9), 50, method=method if method == "event" else "grid")
+        assert sim.digest() == digest_after(lattice(9, 9), 50, method=ALONE[method])
+
+
+LAST_CALLS = {
+    "naive": ("naive_arguments", "advance"),
+    "grid": ("kernel_arguments", "_run_grid"),
+    "parallel": ("kernel_arguments", "_run_grid"),
+}
+"""The last Python code before a kernel runs, and its caller: the kernel's arguments are there already. `event` has no
+such moment."""
+
+
+class ForkAt:
+    """Forks once as a signal handler may: when a function first returns after the call of another.
+
+    The parent waits for the end of the fork.
+
+    Attributes: code (how the fork has ended; None: there was none).
+    """
+
+    def __init__(self, name, caller):
+        self.code = None
+        self._name, self._caller = name, caller
+        self._called = False
+
+    def __enter__(self):
+        sys.setprofile(self._profile)
+        return self
+
+    def __exit__(self, kind, *_):
+        sys.setprofile(None)
+        if self.code == "fork":
+            os._exit(7 if kind is mpsim.ForkedError else 8)
+
+    def _profile(self, frame, event, argument):
+        name = frame.f_code.co_name
+        self._called |= event == "call" and name == self._caller
+        if self._called and event == "return" and name == self._name:
+            sys.setprofile(None)
+            child = os.fork()
+            if child == 0:
+                signal.alarm(PATIENCE)
+                self.code = "fork"
+            else:
+                self.code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+@pytest.mark.parametrize("method", LAST_CALLS)
+def test_a_fork_just_before_a_kernel_runs_does_not_write_to_the_block_of_its_parent(method):
+    """It returns into a call that has all views of the block already, and ran its parent's frames."""
+    with simulate(lattice(9, 9), method=method, workers=2) as sim:
+        sim.run(frames=5)
+        with ForkAt(*LAST_CALLS[method]) as fork:
+            assert sim.run(frames=5).frames == 5
+        assert (fork.code, sim.frame) == (7, 10)
+        sim.run(frames=10)
+        assert sim.digest() == digest_after(lattice(9, 9), 20, method=ALONE[method])
+
+
+@pytest.mark.parametrize("method", LAST_CALLS)
+def test_a_fork_in_the_middle_of_reading_gets_no_state(method):
+    """Its views of the block would lead to its parent's discs, which may run by now."""
+    with simulate(lattice(9, 9), method=method, workers=2) as sim:
+        sim.run(frames=5)
+        before = sim.digest()
+        with ForkAt("live_discs", "_places_and_speeds") as fork:
+            assert sim.state.digest() == before
+        assert fork.code == 7
 
 
 def test_ctrl_c_that_was_held_back_is_not_lost_when_what_held_it_fails():
