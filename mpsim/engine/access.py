@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
+from mpsim.engine.notices import Notices
 from mpsim.errors import BusyError, ForkedError
 
 R = TypeVar("R")
@@ -58,7 +59,9 @@ class Access:
         changing: above 0 while the thread of `use` moves the simulation to another block, say: then even the same
             thread, from a signal handler, must not look.
         reader: identifier of the thread that is reading; 0: none.
+        closing: lock that is held by whoever closes the solver.
         over: whether the program is ending, by a thread that holds `turn` for good.
+        notices: what is to be said when `whole` is let go.
     """
 
     def __init__(self) -> None:
@@ -70,7 +73,9 @@ class Access:
         self.waiting: bool = False
         self.changing: int = 0
         self.reader: int = 0
+        self.closing: Any = threading.RLock()
         self.over: bool = False
+        self.notices: Notices = Notices()
         self._claiming = threading.RLock()
 
     @property
@@ -99,6 +104,7 @@ class Access:
             BusyError: while another is in progress; callbacks of `run` may do anything but run.
         """
         self.demand_own_process()
+        self.stop_if_over()
         with self._claiming:
             held = self.use
             free = held is None and self.reader != use.thread
@@ -140,9 +146,14 @@ class Access:
             self.waiting = True  # until the next slice has begun
             with self.turn:
                 pass
+        self.stop_if_over()
 
     def stop_if_over(self) -> None:
-        """Stop this thread here for good if another one is ending the program."""
+        """Stop this thread here for good if another one is ending the program.
+
+        Where `whole` is about to be taken: it goes to whoever comes first, so a thread that takes it again and again
+        would keep it from the one that waits.
+        """
         if self.over:
             with self.turn:
                 pass
@@ -202,10 +213,13 @@ def exclusive(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S,
         access, use = self._access, Use(what)
         try:
             access.claim(use)
-            return method(self, *args, **kwargs)
-        except Exception:
+            result = method(self, *args, **kwargs)
+            access.notices.give()
+            return result
+        except Exception as error:
             access.stop_if_over()
             access.demand_own_process()  # a fork may have come back into the call, by a signal handler
+            access.notices.give_beside(error)
             raise
         finally:
             if access.use is use:  # no call in here: after one, Ctrl-C could come before the store
@@ -227,7 +241,9 @@ def reading(method: Callable[[S], R]) -> Callable[[S], R]:
             if use is not None and use.thread == threading.get_ident():  # in a callback: between two slices
                 if access.changing:
                     raise access.busy(f"reading {method.__name__}", use)
-                return method(self)
+                access.stop_if_over()
+                with access.whole:  # at the end of the program another thread holds it for good
+                    return method(self)
             return access.read_in_turn(lambda: method(self))
         finally:
             access.demand_own_process()  # a signal handler may have forked meanwhile: what was read is zeros there

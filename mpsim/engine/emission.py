@@ -3,7 +3,6 @@
 import copy
 import heapq
 import math
-import warnings
 from collections.abc import Callable
 
 import numpy as np
@@ -12,9 +11,10 @@ from numpy.typing import NDArray
 from mpsim.engine.additions import NewDiscs, checked, hindrance
 from mpsim.engine.exact import ExactSolver
 from mpsim.engine.flight import Landing, launched
+from mpsim.engine.notices import Notices
 from mpsim.engine.provision import has_masses, has_radii
 from mpsim.engine.stepped import SteppedSolver
-from mpsim.errors import EmitterWarning, InputError, level_of_caller
+from mpsim.errors import EmitterWarning, InputError
 from mpsim.features import Emitter
 from mpsim.interrupts import interrupts_held_back
 from mpsim.scene import LARGEST_COUNT, Scene
@@ -49,7 +49,7 @@ class Emission:
         InputError: for an interval so short that more discs would enter in a frame than a scene may have.
     """
 
-    def __init__(self, scene: Scene, settings: Settings):
+    def __init__(self, scene: Scene, settings: Settings, notices: Notices):
         dt = settings.dt
         for index, emitter in enumerate(scene.emitters):
             if emitter.interval is not None and emitter.interval * LARGEST_COUNT < dt:
@@ -58,6 +58,7 @@ class Emission:
                     f"here; got {emitter.interval:g}. Use a smaller dt, or a longer interval."
                 )
         self._scene = scene
+        self._notices = notices
         self._precision = settings.precision
         self._emitters = scene.emitters
         self._common_radius = scene.largest_radius
@@ -185,7 +186,7 @@ class Emission:
             )
             if hindered:
                 text = f"emitters[{index}] found no room {moment}, and its disc waits: {hindered}"
-            warnings.warn(text, EmitterWarning, stacklevel=level_of_caller())
+            self._notices.warn(text, EmitterWarning)
 
 
 class _Crowd:

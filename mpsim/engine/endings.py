@@ -3,16 +3,14 @@
 import atexit
 import multiprocessing.util  # whose end at exit must be registered before ours
 import os
+import threading
 import weakref
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from mpsim.engine.access import Access
 from mpsim.interrupts import interrupts_held_back
 
 assert multiprocessing.util
-
-_open: "dict[Access, weakref.finalize[Any, Any]]" = {}
-"""What closes each open simulation. Not by weak references: Ctrl-C in a callback of one is printed, and lost."""
 
 
 class Closable(Protocol):
@@ -23,17 +21,40 @@ class Closable(Protocol):
         ...
 
 
+class _Open(NamedTuple):
+    """What is open, and what closes it when its simulation is collected."""
+
+    solver: Closable
+    closing: "weakref.finalize[Any, Any]"
+
+
+_open: dict[Access, _Open] = {}
+"""What closes each open simulation. Not by weak references: Ctrl-C in a callback of one is printed, and lost."""
+
+_end = threading.RLock()
+"""Held for good by the thread that ends the program: others that come to it stop there."""
+
+_ending: list[bool] = []
+"""Something, once the program is ending."""
+
+
 def closing_of(simulation: Any, solver: Closable, access: Access) -> "weakref.finalize[Any, Any]":
-    """What closes a solver once: when called, when its simulation is collected, or at the end of the program."""
+    """What closes a solver once: when called, when its simulation is collected, or at the end of the program.
+
+    A thread that comes here after the end of the program has begun stops for good, with nothing to be closed.
+    """
     closing = weakref.finalize(simulation, _close, solver, access)
     closing.atexit = False  # `_close_all` does it
-    _open[access] = closing
+    _open[access] = _Open(solver, closing)
+    if _ending:
+        with _end:
+            pass
     return closing
 
 
 def _close(solver: Closable, access: Access) -> None:
     """Close a solver, and whole: Ctrl-C pressed once more would leave half of it behind. It takes a bounded time."""
-    with interrupts_held_back():
+    with interrupts_held_back(), access.closing:
         solver.close()
         _open.pop(access, None)
 
@@ -46,20 +67,31 @@ def _close_all() -> None:
     a signal they leave to the coordinator, and wait for them for ever.
     """
     with interrupts_held_back():
-        for access, closing in list(_open.items()):
-            if not access.forked:
-                # Never let go: a daemon thread that runs the simulation stops at these, between two slices, and the
-                # interpreter ends while it waits.
-                access.over = True
-                access.turn.acquire()
-                access.whole.acquire()
-                closing()
+        _end.acquire()
+        _ending.append(True)
+        while ours := [access for access in list(_open) if not access.forked]:
+            access = ours[0]
+            # Never let go: a daemon thread that uses the simulation stops at these, where it is whole, and the
+            # interpreter ends while it waits.
+            access.over = True
+            access.turn.acquire()
+            access.whole.acquire()
+            if access in _open:
+                solver, closing = _open[access]
+                closing.detach()
+                _close(solver, access)  # again, if a daemon thread was just collecting it
 
 
 def _drop_copies() -> None:
-    """In a fork: unmap what belongs to the parent, so that the fork does not keep it alive."""
-    for closing in list(_open.values()):
-        closing()
+    """In a fork: unmap what belongs to the parent, so that the fork does not keep it alive.
+
+    Without any lock: who holds it may not exist here.
+    """
+    for solver, closing in list(_open.values()):
+        closing.detach()
+        with interrupts_held_back():
+            solver.close()
+    _open.clear()
 
 
 if hasattr(os, "register_at_fork"):

@@ -1,12 +1,10 @@
 """What accompanies the frames of one run: what was gathered, who looks on, snapshots to go back to, checkpoints."""
 
-import logging
 import math
 import os
 import signal
 import threading
 import time
-import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -15,16 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim import checks
+from mpsim.engine.notices import Notices
 from mpsim.engine.report import Slice
-from mpsim.errors import GuardWarning, InputError, WorkerDied, level_of_caller
+from mpsim.errors import GuardWarning, InputError, WorkerDied
 from mpsim.kernels.layout import PHASES
 from mpsim.measure.gathering import Gathering
 from mpsim.scene import Scene
 
 if TYPE_CHECKING:
     from mpsim.engine.simulation import Simulation
-
-logger: logging.Logger = logging.getLogger("mpsim")
 
 SNAPSHOT_PART = 0.01
 """Part of the running time that in-memory snapshots may take: the next one waits until the last one's time is so small
@@ -71,9 +68,9 @@ def frames_wanted(frames: int | None, until: float | None, dt: float, frame: int
     return max(frames_until(until, dt) - frame, 0)
 
 
-def tell_of(death: WorkerDied, what_now: str) -> None:
+def tell_of(death: WorkerDied, what_now: str, notices: Notices) -> None:
     """One line in the log for a death that is healed."""
-    logger.warning(
+    notices.log(
         "mpsim: worker %d (process %s) ended with exit code %s in frame %d, phase '%s'; %s, on new workers.",
         death.worker,
         death.pid,
@@ -84,12 +81,13 @@ def tell_of(death: WorkerDied, what_now: str) -> None:
     )
 
 
-def retried_on_new_workers(act: Callable[[], None], renew: Callable[[], None] | None) -> None:
+def retried_on_new_workers(act: Callable[[], None], renew: Callable[[], None] | None, notices: Notices) -> None:
     """Act; where a worker has died, once more on new ones.
 
     Args:
         act: changes nothing if a worker dies.
         renew: starts new workers; None: a death is not to be healed.
+        notices: which take a line for each death.
 
     Raises:
         WorkerDied: if that does not help.
@@ -104,18 +102,18 @@ def retried_on_new_workers(act: Callable[[], None], renew: Callable[[], None] | 
         except WorkerDied as death:
             if renew is None or not chances:
                 raise
-            tell_of(death, "trying again")
+            tell_of(death, "trying again", notices)
             died = True
 
 
-def warn_of_guard(guarded: int) -> None:
-    """Say that the exact solver's guard has acted."""
-    warnings.warn(
-        f"in {guarded} collisions the contact-time guard suppressed the loss of energy: a disc's last contact was "
-        "an instant before, as in inelastic collapse or of a disc at rest. Without it the run would never end.",
-        GuardWarning,
-        stacklevel=level_of_caller(),
-    )
+def warn_of_guard(guarded: int, notices: Notices) -> None:
+    """Say that the exact solver's guard has acted, if it has."""
+    if guarded:
+        notices.warn(
+            f"in {guarded} collisions the contact-time guard suppressed the loss of energy: a disc's last contact was "
+            "an instant before, as in inelastic collapse or of a disc at rest. Without it the run would never end.",
+            GuardWarning,
+        )
 
 
 class Ledger:
@@ -213,12 +211,14 @@ class Keeper:
         take: copies everything that the next frame depends on.
         restore: goes back to such a copy, on new workers.
         ledger: of the run, which goes back too.
+        notices: which take a line for each death.
     """
 
-    def __init__(self, take: Callable[[], Any], restore: Callable[[Any], None], ledger: Ledger):
+    def __init__(self, take: Callable[[], Any], restore: Callable[[Any], None], ledger: Ledger, notices: Notices):
         self._take = take
         self._restore = restore
         self._ledger = ledger
+        self._notices = notices
         self._kept: tuple[Any, Mark] | None = None
         self._due = 0.0
         self._deaths = 0
@@ -244,7 +244,7 @@ class Keeper:
                 raise death
             snapshot, mark = self._kept
             frames = self._ledger.done - mark[0]
-            tell_of(death, f"going back {frames} frames and more" if frames else "trying again")
+            tell_of(death, f"going back {frames} frames and more" if frames else "trying again", self._notices)
             self._ledger.rewind(mark)
             try:
                 self._restore(snapshot)

@@ -13,25 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mpsim.engine import additions, methods, resolution, soundness, watching
+from mpsim.engine import additions, methods, resolution, running, soundness, watching
 from mpsim.engine import checkpoint as checkpoint_file
 from mpsim.engine.access import Access, exclusive, reading
-from mpsim.engine.emission import Emission
+from mpsim.engine.emission import Emission, Insert, Solver
 from mpsim.engine.endings import closing_of
 from mpsim.engine.exact import ExactSolver
 from mpsim.engine.pacing import Pacer
 from mpsim.engine.refusals import refusals_named
 from mpsim.engine.report import Report, phase_seconds
-from mpsim.engine.running import (
-    Checkpointer,
-    Keeper,
-    Ledger,
-    Observer,
-    Onlookers,
-    frames_wanted,
-    retried_on_new_workers,
-    warn_of_guard,
-)
+from mpsim.engine.running import Checkpointer, Keeper, Ledger, Observer, Onlookers
 from mpsim.engine.stepped import SteppedSolver
 from mpsim.errors import (
     BusyError,
@@ -86,19 +77,19 @@ class Simulation:
         self._access = Access()
         resolution.check_precision(scene, settings)
         self._last_frame = 0
-        self._emission = Emission(scene, settings)
+        self._emission = Emission(scene, settings, self._access.notices)
         choice = methods.choose(scene.count, settings)
         solver = ExactSolver if choice.method == "event" else SteppedSolver
         self._watch = watching.Watch(scene, settings, exact=solver is ExactSolver)
         for text, kind in self._watch.at_start():
             warnings.warn(text, kind, stacklevel=2)
         self._pacer = Pacer(choice.workers, MOST_FRAMES)
-        self._solver: SteppedSolver | ExactSolver = solver(scene, settings, choice)
+        self._solver: Solver = solver(scene, settings, choice)
         self._closing = closing_of(self, self._solver, self._access)  # before there is anything to close
         try:
-            with refusals_named():
+            with self._access.whole, refusals_named():  # the end of the program waits until it can be closed
                 self._solver.start()
-            self._watch.arm(self._solver)
+                self._watch.arm(self._solver)
         except BaseException:
             with interrupts_held_back():
                 self._closing()
@@ -116,9 +107,7 @@ class Simulation:
         Raises:
             BusyError: while another thread is changing the simulation.
         """
-        if self._access.forked:
-            self._closing()
-        elif self._closing.alive:
+        if self._closing.alive:  # not in a fork, where it was closed at the fork
             self._close()
 
     @exclusive
@@ -220,12 +209,15 @@ class Simulation:
             OutputError: a checkpoint or trajectory cannot be written; the simulation is as it was before that.
         """
         solver = self._open_solver()
-        frames = frames_wanted(frames, until, self._settings.dt, solver.frame, solver.time)
-        onlookers, whole = Onlookers(observe), solver.time == solver.frame * self._settings.dt
-        gathering = Gathering(checked(measures, self._scene, solver.count), frames, solver.state, whole)
-        self._between_frames(lambda: solver.record(gathering.counting))
-        ledger, guarded = Ledger(max(solver.choice.workers), gathering), solver.guarded
-        keeper = Keeper(self._snapshot, self._restore, ledger) if self._settings.on_worker_death == "restart" else None
+        frames = running.frames_wanted(frames, until, self._settings.dt, self.frame, self.time)
+        onlookers, names = Onlookers(observe), checked(measures, self._scene, self.count)
+        with self._access.whole:
+            whole, guarded = solver.time == solver.frame * self._settings.dt, solver.guarded
+            gathering = Gathering(names, frames, solver.state, whole)
+            self._between_frames(lambda: solver.record(gathering.counting))
+            ledger = Ledger(max(solver.choice.workers), gathering)
+        restart, notices = self._settings.on_worker_death == "restart", self._access.notices
+        keeper = Keeper(self._snapshot, self._restore, ledger, notices) if restart else None
         place = None if checkpoint is None else checkpoint_file.checked_place(checkpoint)
         with Checkpointer(self.save, place, checkpoint_every, checkpoint_seconds) as checkpoints:
             with self._access.callbacks():
@@ -234,25 +226,28 @@ class Simulation:
                 if not frames:
                     checkpoints.look(0, last=True)
             while ledger.done < frames:
-                before = self._open_solver().frame  # which says so if an observer has closed the simulation, or forked
                 ahead = min(frames - ledger.done, checkpoints.frames_ahead(ledger.done))
                 self._access.let_readers_in()
                 with self._access.whole:
                     self._access.waiting = False
+                    before = self._open_solver().frame  # which says so if an observer has closed the simulation
                     self._advance(min(ahead, onlookers.frames_ahead(before)), ledger, keeper)
+                    done = solver.frame > before
                 with self._access.callbacks():
-                    if solver.frame > before:
+                    notices.give()
+                    if done:
                         onlookers.look(self, ledger.collisions)
                     checkpoints.look(ledger.done, last=ledger.done == frames)
                     if progress is not None:
                         progress(ledger.done, frames)
-        memory, block = self._open_solver().resources()
-        counts = (ledger.collisions, *methods.what_ran(solver.choice, self._pacer.best, self._settings), memory, block)
-        gathered = gathering.measures(Run(self._scene, solver.count, self._settings.dt))
-        guarded = solver.guarded - guarded
-        if guarded:
-            warn_of_guard(guarded)
-        return Report(*phase_seconds(ledger.times), *counts, gathered, guarded, onlookers.seconds)
+        with self._access.whole:
+            resources = self._open_solver().resources()
+            ran = methods.what_ran(solver.choice, self._pacer.best, self._settings)
+            gathered = gathering.measures(Run(self._scene, solver.count, self._settings.dt))
+            guarded = solver.guarded - guarded
+            running.warn_of_guard(guarded, notices)
+        counts = (*phase_seconds(ledger.times), ledger.collisions, *ran, *resources)
+        return Report(*counts, gathered, guarded, onlookers.seconds)
 
     def _advance(self, most: int, ledger: Ledger, keeper: Keeper | None) -> None:
         """One slice of frames: what emitters add, a command of the solver, and, where wanted, the way back."""
@@ -270,10 +265,9 @@ class Simulation:
             workers, size = self._pacer.next_slice(int(min(most, ahead)))
             part = solver.advance(size, workers, self._emission.next_time)
         except WorkerDied as death:
-            if keeper is None or not self._closing.alive:
-                self._end()
-                raise
             try:
+                if keeper is None or not self._closing.alive:
+                    raise
                 with interrupts_held_back():
                     keeper.go_back(death)
             except Exception:
@@ -291,14 +285,14 @@ class Simulation:
         self._last_frame = solver.frame
         if solver.alarmed:  # look now: the run may end here, or be saved
             self._adapt()
-        self._watch.look_for_pressed(solver)
+        self._watch.look_for_pressed(solver, self._access.notices)
         self._emit(self._emission.in_time)
 
-    def _emit(self, enter: Callable[..., None]) -> None:
+    def _emit(self, enter: Callable[[Solver, Insert], None]) -> None:
         """Have the emitters add what is due."""
         before = self._solver.count
         try:
-            enter(self._solver, self._insert)
+            enter(self._solver, lambda new: self._insert(new, self._look(new)))
         except Exception:  # of a signal handler, say
             if self._solver.count != before:  # the discs are there, and the emitters' books do not know of them
                 self._end()
@@ -312,13 +306,10 @@ class Simulation:
                 solver.divide(self._look())
 
     def _look(self, new: additions.NewDiscs | None = None) -> int:
-        """Look at the speeds, those of discs to be added included, and warn or refuse as the settings say.
-
-        Returns:
-            Sub-steps to take from now on.
-        """
-        solver = self._solver
-        return solver.substeps if isinstance(solver, ExactSolver) else self._watch.judge(solver, new)
+        """Look at the speeds, with new discs, and warn or refuse as is set. Returns the sub-steps from now on."""
+        solver, notices = self._solver, self._access.notices
+        with interrupts_held_back(), self._access.moving():
+            return solver.substeps if isinstance(solver, ExactSolver) else self._watch.judge(solver, notices, new)
 
     def _snapshot(self) -> tuple[Any, Any]:
         return self._solver.snapshot(), self._emission.progress
@@ -336,7 +327,7 @@ class Simulation:
         renew = (lambda: self._restore(self._snapshot())) if self._settings.on_worker_death == "restart" else None
         with interrupts_held_back(), self._access.moving():
             try:
-                retried_on_new_workers(action, renew)
+                running.retried_on_new_workers(action, renew, self._access.notices)
             except BaseException as error:
                 if self._solver.torn or isinstance(error, (BusyError, WorkerDied, WorkerStalled)):  # left halfway
                     self._end()
@@ -365,9 +356,10 @@ class Simulation:
         ...         again.frame
         20
         """
-        solver = self._open_solver()
-        run = {"frame": self.frame, "emission": self._emission.progress}
-        return checkpoint_file.write(path, self._scene, self._settings, run, solver.snapshot())
+        with self._access.whole:
+            solver = self._open_solver()
+            run, arrays = {"frame": solver.frame, "emission": self._emission.progress}, solver.snapshot()
+        return checkpoint_file.write(path, self._scene, self._settings, run, arrays)
 
     @classmethod
     def resume(
@@ -426,14 +418,15 @@ class Simulation:
             TooFastError: as settings.on_fast says; then nothing was added either.
         """
         now = (self._settings.precision, self.time, self.radii)
-        self._insert(additions.checked(self._scene, *now, position, velocity, acceleration, radius, mass))
+        new = additions.checked(self._scene, *now, position, velocity, acceleration, radius, mass)
+        substeps = self._look(new)
+        self._access.notices.give()  # where a filter makes an error of a warning, nothing is added
+        self._insert(new, substeps)
 
-    def _insert(self, new: additions.NewDiscs) -> None:
+    def _insert(self, new: additions.NewDiscs, substeps: int) -> None:
         """Add discs that have been checked; the solver may then continue by another method."""
         solver = self._solver
         before, choice = solver.choice, methods.choose(solver.count + len(new.position), self._settings)
-        with interrupts_held_back(), self._access.moving():
-            substeps = self._look(new)
 
         def grow() -> None:
             solver.add(new, choice)
@@ -450,8 +443,8 @@ class Simulation:
     def _described(self) -> str:
         if not self._closing.alive:
             return f"<Simulation: closed after frame {self._last_frame}>"
-        solver = self._solver
-        return f"<Simulation: {solver.count} discs by {solver.choice.method}, frame {self.frame}, time {self.time:g}>"
+        method = self._solver.choice.method
+        return f"<Simulation: {self.count} discs by {method}, frame {self.frame}, time {self.time:g}>"
 
     @property
     @reading
@@ -486,7 +479,7 @@ class Simulation:
         """Which discs have left through an absorbing edge, shape (N,): they rest where they left, and meet nobody."""
         return self._open_solver().absorbed
 
-    def _open_solver(self) -> SteppedSolver | ExactSolver:
+    def _open_solver(self) -> Solver:
         self._access.demand_own_process()
         if not self._closing.alive:
             self._access.stop_if_over()

@@ -14,11 +14,11 @@ the same with any number of workers, and however a run is cut into calls, saved 
 """
 
 import math
-import warnings
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from mpsim.engine.alarm import Alert
+from mpsim.engine.notices import Notices
 from mpsim.engine.paces import (
     Pace,
     pace_after_fall,
@@ -31,7 +31,7 @@ from mpsim.engine.paces import (
 )
 from mpsim.engine.pressing import SELDOM, is_crowded, may_be_pressed, pressed
 from mpsim.engine.resolution import coarseness
-from mpsim.errors import FastWarning, OverlapWarning, ResolutionWarning, TooFastError, level_of_caller
+from mpsim.errors import FastWarning, OverlapWarning, ResolutionWarning, TooFastError
 from mpsim.scene import Scene
 from mpsim.settings import Settings
 
@@ -173,11 +173,12 @@ class Watch:
             alert = Alert(ABOVE * BOUND)
         solver.set_alert(alert)
 
-    def judge(self, solver: "SteppedSolver", new: "NewDiscs | None" = None) -> int:
+    def judge(self, solver: "SteppedSolver", notices: Notices, new: "NewDiscs | None" = None) -> int:
         """Look at the speeds, and warn where that is wanted. Returns how many sub-steps to take from now on.
 
         Args:
             solver: whose discs are looked at.
+            notices: which take a warning.
             new: discs that are about to be added.
 
         Raises:
@@ -194,10 +195,10 @@ class Watch:
         if text:
             self._refuse_or_finish(text)
             self.arm(solver)
-            warnings.warn(text, FastWarning, stacklevel=level_of_caller())
+            notices.warn(text, FastWarning)
         return solver.substeps
 
-    def look_for_pressed(self, solver: "SteppedSolver | ExactSolver") -> None:
+    def look_for_pressed(self, solver: "SteppedSolver | ExactSolver", notices: Notices) -> None:
         """Look for discs that are pressed into each other, after the frames that are looked at, and warn once.
 
         Raises:
@@ -214,7 +215,7 @@ class Watch:
             raise TooFastError(f"{text} on_fast='warn' runs it all the same.")
         if text:
             self._pressing_done = True
-            warnings.warn(text, FastWarning, stacklevel=level_of_caller())
+            notices.warn(text, FastWarning)
 
     def substeps_for(self, pace: Pace, frame: int) -> int:
         """Sub-steps that keep speeds and meetings at AIM of their bounds, and below the bounds until the next look.

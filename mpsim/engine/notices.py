@@ -1,0 +1,42 @@
+"""Warnings and lines of the log that a simulation gives where it holds nothing: who gets them may wait for a reader."""
+
+import logging
+import warnings
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from mpsim.errors import level_of_caller
+
+logger: logging.Logger = logging.getLogger("mpsim")
+
+
+class Notices:
+    """What is to be said, in order, once the simulation is whole and free to be read.
+
+    What a filter turns into an error, or Ctrl-C comes before, keeps nothing of the rest from being said later.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: deque[Callable[[], None]] = deque()
+
+    def warn(self, text: str, kind: type[Warning]) -> None:
+        """Note a warning."""
+        self._waiting.append(lambda: warnings.warn(text, kind, stacklevel=level_of_caller()))
+
+    def log(self, text: str, *values: Any) -> None:
+        """Note a line of the log, at the level of warnings."""
+        self._waiting.append(lambda: logger.warning(text, *values))
+
+    def give(self) -> None:
+        """Say what waits."""
+        while self._waiting:
+            self._waiting.popleft()()
+
+    def give_beside(self, error: Exception) -> None:
+        """Say what waits while an error is on its way, which a warning that is an error, too, must not replace."""
+        while self._waiting:
+            try:
+                self.give()
+            except Warning as warning:
+                error.add_note(f"{type(warning).__name__}: {warning}")

@@ -1,0 +1,94 @@
+"""Who gets a warning or a line of the log may wait for a thread that reads the simulation, or make an error of it."""
+
+import logging
+import os
+import signal
+import threading
+import warnings
+
+import pytest
+from support.scenes import digest_after, lattice, simulate
+
+import mpsim
+
+PATIENCE = 20
+"""Seconds after which a reader counts as kept out."""
+
+
+def blocked(method="grid"):
+    """An emitter whose place is occupied before frame 5, and free later."""
+    emitter = mpsim.Emitter((2.0, 2.0), (50.0, 0.0), every=5)
+    scene = mpsim.Scene(
+        width=20, height=10, position=[(2.0, 2.0)], velocity=[(0.0, 20.0)], radius=0.1, emitters=[emitter]
+    )
+    return simulate(scene, method=method, dt=0.0008)
+
+
+class Waiting:
+    """Waits, each time that it is called, for a thread that reads; `frames` is what it has read."""
+
+    def __init__(self, sim):
+        self.frames, self.calls, self._sim = [], 0, sim
+
+    def __call__(self, *given, **named):
+        self.calls += 1
+        thread = threading.Thread(target=lambda: self.frames.append(self._sim.frame), daemon=True)
+        thread.start()
+        thread.join(PATIENCE)
+
+
+@pytest.mark.parametrize("method", ["grid", "event"])
+def test_a_hook_of_warnings_may_wait_for_a_reader(method, monkeypatch):
+    """The warning was given while the run held the simulation: a deadlock."""
+    with blocked(method) as sim, warnings.catch_warnings():
+        warnings.simplefilter("always")
+        hook = Waiting(sim)
+        monkeypatch.setattr(warnings, "showwarning", hook)
+        sim.run(frames=50)
+        assert hook.calls == len(hook.frames) == 1
+
+
+def test_a_hook_of_a_warning_for_what_is_added_may_wait_for_a_reader(monkeypatch):
+    with simulate(lattice(9, 9), method="grid", dt=0.01) as sim, warnings.catch_warnings():
+        warnings.simplefilter("always")
+        hook = Waiting(sim)
+        monkeypatch.setattr(warnings, "showwarning", hook)
+        sim.add((1.2, 1.2), (1000.0, 0.0))
+        assert hook.calls == len(hook.frames) == 1
+
+
+def test_a_handler_of_the_log_may_wait_for_a_reader():
+    with simulate(lattice(12, 12), method="parallel", workers=2, on_worker_death="restart") as sim:
+        handler = logging.Handler()
+        handler.emit = Waiting(sim)
+        logging.getLogger("mpsim").addHandler(handler)
+        try:
+            sim.run(frames=5)
+            os.kill(sim.pids[0], signal.SIGKILL)
+            sim.run(frames=50)
+        finally:
+            logging.getLogger("mpsim").removeHandler(handler)
+        assert handler.emit.calls == len(handler.emit.frames) >= 1
+        assert sim.digest() == digest_after(lattice(12, 12), 55, method="grid")
+
+
+@pytest.mark.parametrize("method", ["grid", "event"])
+def test_a_warning_that_is_an_error_ends_the_run_at_the_end_of_a_frame_and_changes_no_bit(method):
+    with blocked(method) as sim, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sim.run(frames=50)
+        undisturbed = sim.count, sim.digest()
+    assert undisturbed[0] > 1, "the control: discs have entered"
+    with blocked(method) as sim:
+        with pytest.raises(mpsim.EmitterWarning, match="occupied before frame 5"):
+            sim.run(frames=50)
+        assert 5 <= sim.frame < 50
+        sim.run(frames=50 - sim.frame)
+        assert (sim.count, sim.digest()) == undisturbed
+
+
+def test_nothing_is_added_where_the_warning_of_it_is_an_error():
+    with simulate(lattice(9, 9), method="grid", dt=0.01) as sim:
+        with pytest.raises(mpsim.FastWarning):
+            sim.add((1.2, 1.2), (1000.0, 0.0))
+        assert sim.count == 81
