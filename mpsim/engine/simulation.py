@@ -31,6 +31,7 @@ from mpsim.errors import (
     FastWarning,
     InputError,
     OverlapWarning,
+    TooFastError,
     WorkerDied,
     WorkerStalled,
 )
@@ -275,7 +276,7 @@ class Simulation:
                 raise
             return
         except BaseException as error:
-            refused = isinstance(error, BusyError)  # by a signal handler, which has changed nothing
+            refused = isinstance(error, (BusyError, TooFastError))  # which change nothing
             if solver.torn or (isinstance(error, Exception) and not refused):
                 self._end()
             raise

@@ -212,3 +212,25 @@ def test_a_command_ends_with_the_frame_in_which_a_disc_is_fast_and_no_other():
             found = sim._solver.caught()
             assert found.speed == pytest.approx(np.hypot(30.003, 40.003), rel=1e-5)
             assert (found.disc, found.limit, found.when) == (0, 0.5, "in frame 20")
+
+
+@pytest.mark.parametrize("rhythm", [{"interval": 1.0}, {"every": 100}])
+def test_a_simulation_stays_open_when_speeds_are_refused_as_an_emitter_adds_a_disc(rhythm, monkeypatch):
+    """Nothing has been added by then; it was closed, though speeds that are refused between frames leave it open."""
+    emitter = mpsim.Emitter(position=(4.5, 4.5), velocity=(3.0, 1.0), **rhythm)
+    scene = mpsim.Scene(width=9, height=9, position=(), velocity=(), radius=0.5, emitters=[emitter])
+    judge = watching.Watch.judge
+
+    def refuse_the_second(self, solver, notices, new=None):
+        if new is not None and solver.count == 1:
+            raise mpsim.TooFastError("too fast")
+        return judge(self, solver, notices, new)
+
+    with simulate(scene, method="grid", dt=0.01) as sim:
+        with monkeypatch.context() as patch:
+            patch.setattr(watching.Watch, "judge", refuse_the_second)
+            with pytest.raises(mpsim.TooFastError):
+                sim.run(until=5.0)
+        assert sim.count == 1
+        assert sim.run(until=5.0).frames > 0
+        assert sim.count > 2
