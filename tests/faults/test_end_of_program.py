@@ -46,12 +46,13 @@ for number in range({rounds}):
 """
 
 
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize("act", long_but(["run", "save", "look", "new", "drop"], "save"))
 @pytest.mark.parametrize("method", long_but(["grid", "event", "parallel"], "grid"))
 def test_nothing_is_said_whatever_a_daemon_thread_is_doing(method, act, request):
     """A `ClosedError` was printed now and then, and a thread that ran without a break kept the program from ending."""
     rounds = 60 if request.config.getoption("--long") else 3
-    outcome = run_script(ROUNDS.format(method=method, act=act, rounds=rounds))
+    outcome = run_script(ROUNDS.format(method=method, act=act, rounds=rounds), bound=60 + 6 * rounds)
     assert_clean(outcome)
     assert outcome.err == ""
 
