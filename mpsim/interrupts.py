@@ -1,5 +1,7 @@
 """Signals at moments at which they could only do harm, and SIGTERM where it would leave something behind."""
 
+import _signal  # type: ignore[import-not-found]
+import ctypes
 import inspect
 import os
 import signal
@@ -8,6 +10,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any
+
+_NUMBERS = tuple(int(number) for number in signal.valid_signals())
+
+_handler_of: Callable[[int], Any] = _signal.getsignal
+"""That of `signal` makes members of an enumeration: for all signals that takes as long as a short run."""
+
+_act = ctypes.CDLL(None).sigaction
+_act.argtypes = [ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p]
+
+_ACTION_BYTES = 512
+"""At least the size of the C structure of an action, which is kept as it is."""
 
 
 @contextmanager
@@ -42,13 +55,15 @@ class _Held:
         self.thread: int = threading.get_ident()
         self._came: list[int] = []
         self._handlers: dict[int, Callable[[int, FrameType | None], Any]] = {}
+        self._actions: dict[int, Any] = {}
 
     def begin(self) -> None:
         """Note from now on what comes, and do nothing else."""
         if threading.current_thread() is not threading.main_thread():
             return
-        found = {number: signal.getsignal(number) for number in signal.valid_signals()}
-        self._handlers = {number: handler for number, handler in found.items() if callable(handler)}
+        found = {number: handler for number in _NUMBERS if callable(handler := _handler_of(number))}
+        self._actions = {number: _action(number) for number in found}
+        self._handlers = found
         _holding.append(self)
         for number in self._handlers:
             signal.signal(number, self._note)
@@ -58,12 +73,17 @@ class _Held:
             self._came.append(number)
 
     def put_back(self) -> None:
-        """Let the handlers act again: all of them, also where one acts at once, and raises."""
+        """Let the handlers act again: all of them, also where one acts at once, and raises.
+
+        What Python does not know of an action comes back, too: `siginterrupt`, and `faulthandler.register` with chain.
+        """
         remaining, raised = list(self._handlers), None
         while remaining:
             try:
                 while remaining:
-                    signal.signal(remaining[-1], self._handlers[remaining[-1]])
+                    number = remaining[-1]
+                    signal.signal(number, self._handlers[number])
+                    _act(number, self._actions[number], None)
                     remaining.pop()
             except BaseException as error:
                 raised = error
@@ -80,6 +100,13 @@ class _Held:
                 self._handlers[number](number, inspect.currentframe())
             finally:
                 self.deliver()
+
+
+def _action(number: int) -> Any:
+    """What the system does at a signal, as C has it."""
+    action = ctypes.create_string_buffer(_ACTION_BYTES)
+    _act(number, None, action)
+    return action
 
 
 _holding: list[_Held] = []

@@ -452,3 +452,29 @@ def test_a_fork_while_another_thread_starts_workers_can_start_its_own():
         stop.set()
         thread.join()
     assert made, "the control: the thread has started some"
+
+
+def test_what_python_does_not_know_of_a_signal_comes_back_after_it_was_held_back(tmp_path):
+    """The dump of faulthandler was lost at the first run, and calls were no longer restarted after the signal."""
+    outcome = run_script(f"""
+        import ctypes, faulthandler, signal
+        from mpsim.interrupts import interrupts_held_back
+        def action(number):
+            found = ctypes.create_string_buffer(512)
+            ctypes.CDLL(None).sigaction(number, None, found)
+            return found.raw[:8], found.raw[136:140]  # the function and the flags; of the mask C sets a piece
+        signal.signal(signal.SIGUSR1, lambda *_: print("handled"))
+        signal.signal(signal.SIGUSR2, lambda *_: None)
+        signal.siginterrupt(signal.SIGUSR2, False)
+        file = open({str(tmp_path / "dump")!r}, "wb", buffering=0)
+        faulthandler.register(signal.SIGUSR1, file=file, chain=True)
+        before = action(signal.SIGUSR1), action(signal.SIGUSR2)
+        with interrupts_held_back():
+            assert (action(signal.SIGUSR1), action(signal.SIGUSR2)) != before
+        assert (action(signal.SIGUSR1), action(signal.SIGUSR2)) == before
+        signal.raise_signal(signal.SIGUSR1)
+        file.close()
+    """)
+    assert_clean(outcome)
+    assert outcome.out.split() == ["handled"]
+    assert (tmp_path / "dump").stat().st_size
