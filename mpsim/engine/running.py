@@ -148,8 +148,12 @@ class Ledger:
     def times(self) -> NDArray[np.int64]:
         """Times of all frames, (workers, frames, phases); growth under `auto` may have raised the number of workers."""
         workers = max(part.shape[0] for part in self._times)
-        padded = [np.pad(part, ((0, workers - len(part)), (0, 0), (0, 0))) for part in self._times]
-        return np.concatenate(padded, axis=1)
+        times = np.zeros((workers, sum(part.shape[1] for part in self._times), len(PHASES)), np.int64)
+        end = 0
+        for part in self._times:
+            begin, end = end, end + part.shape[1]
+            times[: len(part), begin:end] = part
+        return times
 
 
 class Observer(Protocol):
