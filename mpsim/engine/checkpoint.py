@@ -23,7 +23,7 @@ import numpy as np
 
 from mpsim import atomic, untrusted
 from mpsim.archive import DAMAGE, ArrayFile, Arrays, write_arrays
-from mpsim.errors import CheckpointError, CheckpointWarning, InputError, OutputError, is_of_the_system
+from mpsim.errors import CheckpointError, CheckpointWarning, InputError, OutputError, is_of_the_system, level_of_caller
 from mpsim.features import Emitter, FixedDisc, Piston, Polyline
 from mpsim.scene import Scene
 from mpsim.settings import Settings
@@ -160,7 +160,7 @@ def read(path: str | os.PathLike[str], check: Check) -> Checkpoint:
             f"the checkpoint {str(target)!r} cannot be used: {damage}. Going on from the one before, "
             f"{str(previous)!r}, at frame {found.run['frame']}. Look after that disk.",
             CheckpointWarning,
-            stacklevel=3,
+            stacklevel=level_of_caller(),
         )
         return found
 

@@ -34,6 +34,7 @@ from mpsim.errors import (
     TooFastError,
     WorkerDied,
     WorkerStalled,
+    level_of_caller,
 )
 from mpsim.interrupts import interrupts_held_back
 from mpsim.measure.gathering import Gathering, Run, checked
@@ -83,7 +84,7 @@ class Simulation:
         solver = ExactSolver if choice.method == "event" else SteppedSolver
         self._watch = watching.Watch(scene, settings, exact=solver is ExactSolver)
         for text, kind in self._watch.at_start():
-            warnings.warn(text, kind, stacklevel=2)
+            warnings.warn(text, kind, stacklevel=level_of_caller())
         self._pacer = Pacer(choice.workers, MOST_FRAMES)
         self._solver: Solver = solver(scene, settings, choice)
         self._closing = closing_of(self, self._solver, self._access)  # before there is anything to close

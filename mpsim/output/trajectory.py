@@ -14,7 +14,7 @@ from typing import Any, overload
 
 from mpsim import atomic, checks
 from mpsim.engine.simulation import Simulation
-from mpsim.errors import InputError, OutputError, TrajectoryError, TrajectoryWarning
+from mpsim.errors import InputError, OutputError, TrajectoryError, TrajectoryWarning, level_of_caller
 from mpsim.output.continuation import discrepancy, lacking
 from mpsim.output.frames import Frame, Reader, Writer, frame_of
 from mpsim.output.gsd import GsdReader, GsdWriter
@@ -207,7 +207,7 @@ class TrajectoryWriter:
                     f"the trajectory {str(self.path)!r} goes on at frame {sim.frame}, and its last frame was "
                     f"{last.frame}: those between are missing.",
                     TrajectoryWarning,
-                    stacklevel=5,
+                    stacklevel=level_of_caller(),
                 )
             self._last = last.frame
         self._writer.keep(kept)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim import untrusted
-from mpsim.errors import TrajectoryError, TrajectoryWarning
+from mpsim.errors import TrajectoryError, TrajectoryWarning, level_of_caller
 from mpsim.output.frames import Frame
 
 PROPERTIES = "species:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1:velo:R:3:momenta:R:3:id:I:1"
@@ -88,7 +88,7 @@ class XyzReader:
                 f"the trajectory {str(path)!r} ends in the middle of a frame, as a kill leaves it; the last {lost} "
                 f"bytes are not read. Its {len(self)} whole frames are there.",
                 TrajectoryWarning,
-                stacklevel=4,
+                stacklevel=level_of_caller(),
             )
 
     def __len__(self) -> int:

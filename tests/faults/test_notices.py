@@ -92,3 +92,13 @@ def test_nothing_is_added_where_the_warning_of_it_is_an_error():
         with pytest.raises(mpsim.FastWarning):
             sim.add((1.2, 1.2), (1000.0, 0.0))
         assert sim.count == 81
+
+
+def test_a_warning_of_what_is_resumed_has_its_place_where_resume_is_called(tmp_path):
+    """Its place was inside mpsim, where Python by default does not show it twice, whoever resumes."""
+    scene = mpsim.Scene(width=8000, height=8000, position=[(9.0, 9.0)], velocity=[(1.0, 0.0)], radius=0.5)
+    with simulate(scene, method="grid", dt=0.1, precision="float32") as sim:
+        path = sim.save(tmp_path / "run.mpsim")
+    with pytest.warns(mpsim.ResolutionWarning) as given:
+        mpsim.Simulation.resume(path).close()
+    assert [each.filename for each in given] == [__file__]

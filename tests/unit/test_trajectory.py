@@ -296,8 +296,10 @@ def test_missing_frames_are_told(path):
     with simulate(scene, **SETTINGS) as sim:
         sim.run(frames=10)
         out = mpsim.Trajectory.write(path, every=2, mode="a")
-        with out, pytest.warns(mpsim.TrajectoryWarning, match=r"goes on at frame 10, and its last frame was 4: those"):
+        missing = r"goes on at frame 10, and its last frame was 4: those"
+        with out, pytest.warns(mpsim.TrajectoryWarning, match=missing) as given:
             sim.run(frames=2, observe=out)
+        assert [each.filename for each in given] == [__file__]
     assert [row[0] for row in content(path)] == [0, 2, 4, 10, 12]
 
 
