@@ -14,6 +14,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.interrupts import interrupts_held_back
+
 Arrays = dict[str, NDArray[Any]]
 
 MOST_ARRAYS = 64
@@ -93,7 +95,7 @@ def read_array(file: Any, length: int, name: str, kinds: str) -> NDArray[Any]:
 
 
 class ArrayFile:
-    """The arrays in an open file, each read when it is asked for.
+    """The arrays in an open file, each read when it is asked for. Use it in a `with` block.
 
     Raises:
         DAMAGE: one of these exceptions, if the file is damaged.
@@ -105,7 +107,8 @@ class ArrayFile:
         if _directory_bytes(file, length) > MOST_DIRECTORY:
             raise ValueError(f"its directory is longer than {MOST_DIRECTORY:,} bytes; {MOST_ARRAYS} arrays are allowed")
         try:
-            self._zip = zipfile.ZipFile(file)
+            with interrupts_held_back():  # half made, it would complain when it is collected
+                self._zip = zipfile.ZipFile(file)
         except zipfile.BadZipFile as error:
             if isinstance(error.__context__, OSError):  # of the system, or of a signal handler: no fault of the file
                 raise error.__context__ from None
@@ -124,6 +127,13 @@ class ArrayFile:
         # Members may overlap in a zip file: only the sum tells that what is read is no more than what is there.
         if sum(member.file_size for member in members) > length:
             raise ValueError("it declares more bytes than it has")
+
+    def __enter__(self) -> "ArrayFile":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        with interrupts_held_back():  # in Python code that runs because something is collected, Ctrl-C is lost
+            del self._zip
 
     @property
     def names(self) -> list[str]:

@@ -128,6 +128,14 @@ def fitting(name: str, array: NDArray[np.float64], precision: str) -> None:
         )
 
 
+def equal(one: NDArray[Any], other: NDArray[Any]) -> bool:
+    """Whether two arrays have one shape and equal elements.
+
+    As numpy.array_equal, which takes an exception of a signal handler, at its end of a limit of time say, for a No.
+    """
+    return one.shape == other.shape and bool((one == other).all())
+
+
 def not_vanishing(name: str, value: float, least: float, precision: str) -> None:
     """Refuse a positive value that the precision of the run would lose."""
     if value < least:

@@ -40,10 +40,10 @@ def interrupts_held_back() -> Iterator[None]:
         yield
     finally:
         try:
-            held.put_back()
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)  # while no handler can raise yet
         finally:
             try:
-                signal.pthread_sigmask(signal.SIG_SETMASK, before)
+                held.put_back()
             finally:
                 held.deliver()
 

@@ -244,8 +244,7 @@ class State:
         """
         source = _npz(path)
         try:
-            with untrusted.opened(source) as file:
-                arrays = ArrayFile(file)
+            with untrusted.opened(source) as file, ArrayFile(file) as arrays:
                 known: dict[str, Any] = {
                     name: arrays.read(name).copy() for name in STATE_ARRAYS if name in arrays.names
                 }

@@ -261,8 +261,8 @@ def _is_complete(path: Path) -> bool:
     interrupted. Its content is not read, which would take as long as to write it.
     """
     try:
-        with path.open("rb") as file:
-            return HEADER in ArrayFile(file).names
+        with path.open("rb") as file, ArrayFile(file) as archive:
+            return HEADER in archive.names
     except (FileNotFoundError, *DAMAGE):
         return False
 
@@ -319,8 +319,7 @@ def _damage_reported(path: Path) -> Iterator[None]:
 
 def _unpacked(path: Path) -> tuple[dict[str, Any], Arrays]:
     """Header and arrays of a file whose digest is right."""
-    with _damage_reported(path), untrusted.opened(path) as file:
-        archive = ArrayFile(file)
+    with _damage_reported(path), untrusted.opened(path) as file, ArrayFile(file) as archive:
         header = _header_of(archive)
         format_version, said = int(header["format"]), str(header["digest"])
         if format_version <= FORMAT:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim import checks
 from mpsim.archive import Arrays
 from mpsim.engine.checkpoint import Checkpoint
 from mpsim.engine.provision import has_masses, has_radii
@@ -95,7 +96,7 @@ def _check_sizes(scene: Scene, arrays: Arrays) -> None:
     """Radii and masses: those of the scene first, and no disc larger than its largest."""
     radii, masses = arrays["radii"], arrays["masses"]
     for name, values, own in (("radii", radii, scene.radii), ("masses", masses, scene.masses)):
-        _demand(np.array_equal(values[: len(own)], own), f"{name} must begin with those of the scene")
+        _demand(checks.equal(values[: len(own)], own), f"{name} must begin with those of the scene")
         _demand((np.isfinite(values) & (values > 0)).all(), f"{name} must be finite and > 0")
     _demand((radii <= scene.largest_radius).all(), "radii must be at most that of the scene's largest disc")
     _demand(has_radii(scene) or (radii == scene.largest_radius).all(), "all discs of this scene have one radius")
@@ -143,7 +144,7 @@ def _check_places(scene: Scene, position: NDArray[np.floating]) -> None:
 
 def _check_exact(scene: Scene, arrays: Arrays, frame_end: float) -> None:
     disc, count = arrays["disc"], len(arrays["order"])
-    _demand(np.array_equal(np.sort(arrays["order"]), np.arange(count)), "order must be a permutation")
+    _demand(checks.equal(np.sort(arrays["order"]), np.arange(count)), "order must be a permutation")
     flight = disc[:, [events.X, events.Y, events.VX, events.VY, events.SINCE]]
     _demand(np.isfinite(flight).all(), "position, velocity and their time must be finite")
     times = disc[:, [events.IMPACT, events.BORDER, events.LAST]]

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim import checks
 from mpsim.engine.simulation import Simulation
 from mpsim.output.frames import Frame, among, differs, frame_of
 from mpsim.scene import Scene
@@ -86,7 +87,7 @@ def _begins_as(scene: Scene, first: Frame) -> bool:
     """Whether the discs of the scene are in the first frame where they start, as fast as they start."""
     ids = np.arange(scene.count)
     start = among(first, ids)
-    if not np.array_equal(start.ids, ids):
+    if not checks.equal(start.ids, ids):
         return False
     offset, size = np.abs(start.position - scene.position), np.array([scene.width, scene.height])
     offset = np.where(first.periodic, np.minimum(offset, np.abs(size - offset)), offset)

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim import checks
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import TrajectoryError
 from mpsim.state import State
@@ -141,7 +142,7 @@ def differs(a: Frame, b: Frame) -> str | None:
     ours, theirs = ({"position": frame.position, **frame.known} for frame in (a, b))
     for name in ("ids", "position", "velocity", "radius", "mass", "image"):
         both = (name in ours) + (name in theirs)
-        if both == 1 or (both and not np.array_equal(ours[name], theirs[name])):
+        if both == 1 or (both and not checks.equal(ours[name], theirs[name])):
             return f"its {name} of discs is another"
     return None
 
