@@ -11,6 +11,7 @@ from mpsim.engine.access import Access
 from mpsim.interrupts import interrupts_held_back
 
 assert multiprocessing.util
+weakref.finalize(Access(), id, None).detach()  # so is the end of finalizers, which threads must not make meanwhile
 
 
 class Closable(Protocol):
@@ -34,21 +35,16 @@ _open: dict[Access, _Open] = {}
 _end = threading.RLock()
 """Held for good by the thread that ends the program: others that come to it stop there."""
 
-_ending: list[bool] = []
-"""Something, once the program is ending."""
-
 
 def closing_of(simulation: Any, solver: Closable, access: Access) -> "weakref.finalize[Any, Any]":
     """What closes a solver once: when called, when its simulation is collected, or at the end of the program.
 
     A thread that comes here after the end of the program has begun stops for good, with nothing to be closed.
     """
-    closing = weakref.finalize(simulation, _close, solver, access)
-    closing.atexit = False  # `_close_all` does it
-    _open[access] = _Open(solver, closing)
-    if _ending:
-        with _end:
-            pass
+    with _end:
+        closing = weakref.finalize(simulation, _close, solver, access)
+        closing.atexit = False  # `_close_all` does it
+        _open[access] = _Open(solver, closing)
     return closing
 
 
@@ -68,7 +64,6 @@ def _close_all() -> None:
     """
     with interrupts_held_back():
         _end.acquire()
-        _ending.append(True)
         while ours := [access for access in list(_open) if not access.forked]:
             access = ours[0]
             # Never let go: a daemon thread that uses the simulation stops at these, where it is whole, and the
@@ -87,6 +82,8 @@ def _drop_copies() -> None:
 
     Without any lock: who holds it may not exist here.
     """
+    global _end  # noqa: PLW0603
+    _end = threading.RLock()
     for solver, closing in list(_open.values()):
         closing.detach()
         with interrupts_held_back():

@@ -435,7 +435,6 @@ class AtMoment:
     def _look(self, frame, event, argument):
         self.count += 1
         if self.count == self._number:
-            sys.setprofile(None)
             use = self._sim._access.use
             self.free = use is None or getattr(use, "in_callback", False)
             try:
