@@ -97,7 +97,8 @@ class Press:
     def _in_python(self, frame, event, argument):
         if event == "return" and frame.f_code is mpsim.Simulation.__init__.__code__ and self.count + 1 <= self._number:
             self.made = True
-        self._moment()
+        if event != "line" or frame.f_code.co_name != "door":  # which ends by stores: Python looks after calls only
+            self._moment()
         return self._in_python
 
     def _in_c(self, frame, event, argument):
