@@ -1,17 +1,13 @@
 """What becomes of open simulations when nobody holds them any more, when the program ends, or when it forks."""
 
-import atexit
-import multiprocessing.util  # whose end at exit must be registered before ours
+import multiprocessing.util
 import os
 import threading
 import weakref
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 from mpsim.engine.access import Access
 from mpsim.interrupts import interrupts_held_back
-
-assert multiprocessing.util
-weakref.finalize(Access(), id, None).detach()  # so is the end of finalizers, which threads must not make meanwhile
 
 
 class Closable(Protocol):
@@ -22,74 +18,83 @@ class Closable(Protocol):
         ...
 
 
-class _Open(NamedTuple):
-    """What is open, and what closes it when its simulation is collected."""
-
-    solver: Closable
-    closing: "weakref.finalize[Any, Any]"
-
-
-_open: dict[Access, _Open] = {}
-"""What closes each open simulation. Not by weak references: Ctrl-C in a callback of one is printed, and lost."""
-
 _end = threading.RLock()
 """Held for good by the thread that ends the program: others that come to it stop there."""
 
 
-def closing_of(simulation: Any, solver: Closable, access: Access) -> "weakref.finalize[Any, Any]":
-    """What closes a solver once: when called, when its simulation is collected, or at the end of the program.
+class Closing:
+    """Closes a solver once: when called, when its simulation is collected, or at the end of the program.
 
-    A thread that comes here after the end of the program has begun stops for good, with nothing to be closed.
+    Not a weakref.finalize: a thread that makes one while the program ends breaks off the calls of all others. A thread
+    that makes this one then stops for good, with nothing to be closed.
+
+    Attributes:
+        alive: whether the solver is still to be closed.
     """
-    with _end:
-        closing = weakref.finalize(simulation, _close, solver, access)
-        closing.atexit = False  # `_close_all` does it
-        _open[access] = _Open(solver, closing)
-    return closing
+
+    def __init__(self, simulation: Any, solver: Closable, access: Access):
+        self.alive: bool = True
+        self._solver = solver
+        self._access = access
+        self._collected = weakref.ref(simulation, self)
+        with _end:
+            _open[access] = self
+
+    def __call__(self, _: object = None) -> None:
+        """Close it, and whole: Ctrl-C pressed once more would leave half of it behind. It takes a bounded time."""
+        with interrupts_held_back(), self._access.closing:
+            if self.alive:
+                self._solver.close()
+                self.alive = False
+                _open.pop(self._access, None)
+
+    def drop(self) -> None:
+        """In a fork: unmap what belongs to the parent. Without any lock, whose holder may not exist here."""
+        with interrupts_held_back():
+            self.alive = False
+            self._solver.close()
 
 
-def _close(solver: Closable, access: Access) -> None:
-    """Close a solver, and whole: Ctrl-C pressed once more would leave half of it behind. It takes a bounded time."""
-    with interrupts_held_back(), access.closing:
-        solver.close()
-        _open.pop(access, None)
+_open: dict[Access, Closing] = {}
+"""What closes each open simulation. Not by weak references: Ctrl-C in a callback of one is printed, and lost."""
 
 
-@atexit.register
+END_PRIORITY = 10
+"""Of what multiprocessing does when a process ends: after it has ended its pools, at 15, whose threads may be using a
+simulation and are waited for; before it asks the workers to end by SIGTERM, a signal they leave to the coordinator, and
+waits for them for ever."""
+
+
 def _close_all() -> None:
-    """Close what a program leaves open when it ends.
-
-    Registered after multiprocessing's own end, so it runs before that, which would ask the workers to end by SIGTERM,
-    a signal they leave to the coordinator, and wait for them for ever.
-    """
+    """Close what a program, or a process of multiprocessing, leaves open when it ends."""
     with interrupts_held_back():
         _end.acquire()
-        while ours := [access for access in list(_open) if not access.forked]:
-            access = ours[0]
+        while ours := [each for each in _open.copy().items() if not each[0].forked]:
+            access, closing = ours[0]
             # Never let go: a daemon thread that uses the simulation stops at these, where it is whole, and the
             # interpreter ends while it waits.
             access.over = True
             access.turn.acquire()
             access.whole.acquire()
-            if access in _open:
-                solver, closing = _open[access]
-                closing.detach()
-                _close(solver, access)  # again, if a daemon thread was just collecting it
+            closing()
 
 
 def _drop_copies() -> None:
-    """In a fork: unmap what belongs to the parent, so that the fork does not keep it alive.
-
-    Without any lock: who holds it may not exist here.
-    """
+    """In a fork: do not keep alive what belongs to the parent."""
     global _end  # noqa: PLW0603
-    _end = threading.RLock()
-    for solver, closing in list(_open.values()):
-        closing.detach()
-        with interrupts_held_back():
-            solver.close()
+    _end = threading.RLock()  # who holds the other may not exist here
+    for closing in list(_open.values()):
+        closing.drop()
     _open.clear()
+    _close_all_at_end()
 
 
+def _close_all_at_end(_: object = None) -> None:
+    """Have this process close what it leaves open. Not by atexit, which processes of multiprocessing do not call."""
+    multiprocessing.util.Finalize(None, _close_all, exitpriority=END_PRIORITY)
+
+
+_close_all_at_end()
+multiprocessing.util.register_after_fork(_close_all_at_end, _close_all_at_end)  # and whatever its start method
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_drop_copies)

@@ -17,7 +17,7 @@ from mpsim.engine import additions, methods, resolution, running, soundness, wat
 from mpsim.engine import checkpoint as checkpoint_file
 from mpsim.engine.access import Access, exclusive, reading
 from mpsim.engine.emission import Emission, Insert, Solver
-from mpsim.engine.endings import closing_of
+from mpsim.engine.endings import Closing
 from mpsim.engine.exact import ExactSolver
 from mpsim.engine.pacing import Pacer
 from mpsim.engine.refusals import refusals_named
@@ -87,7 +87,7 @@ class Simulation:
             warnings.warn(text, kind, stacklevel=level_of_caller())
         self._pacer = Pacer(choice.workers, MOST_FRAMES)
         self._solver: Solver = solver(scene, settings, choice)
-        self._closing = closing_of(self, self._solver, self._access)  # before there is anything to close
+        self._closing = Closing(self, self._solver, self._access)  # before there is anything to close
         try:
             with self._access.whole, refusals_named():  # the end of the program waits until it can be closed
                 self._solver.start()

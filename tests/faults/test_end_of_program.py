@@ -76,3 +76,45 @@ def test_the_end_of_a_program_does_not_wait_until_a_thread_that_always_runs_lets
     )
     assert_clean(outcome)
     assert outcome.out == "True\n"
+
+
+LEFT_OPEN = """
+import multiprocessing, sys
+from support.scenes import lattice, simulate
+
+def leave_open():
+    sim = simulate(lattice(12, 12), method="{method}", workers=2)
+    sim.run(frames=2)
+    sys.left = sim  # which nobody closes
+
+if __name__ == "__main__":
+    process = multiprocessing.get_context("{start}").Process(target=leave_open)
+    process.start()
+    process.join(60)
+    print(process.exitcode)
+    process.kill()
+"""
+
+
+@pytest.mark.parametrize("method", long_but(["grid", "parallel"], "parallel"))
+@pytest.mark.parametrize("start", long_but(["fork", "spawn", "forkserver"], "fork"))
+def test_a_process_of_multiprocessing_closes_what_it_leaves_open(start, method):
+    """It calls nothing that is registered with atexit: it left the block, or waited for its workers for ever."""
+    outcome = run_script(LEFT_OPEN.format(start=start, method=method))
+    assert_clean(outcome)
+    assert outcome.out.split() == ["0"]
+
+
+def test_the_end_of_a_program_waits_for_no_thread_that_it_has_stopped():
+    """The end of a pool joined the thread of its callbacks, which had stopped inside a run for good."""
+    script = """
+        import multiprocessing, threading
+        from support.scenes import lattice, simulate
+        sim, begun = simulate(lattice(12, 12), method="grid"), threading.Event()
+        callback = lambda _: sim.run(frames=2000, progress=lambda *_: begun.set())
+        pool = multiprocessing.get_context("fork").Pool(1)
+        pool.apply_async(int, callback=callback)
+        begun.wait()
+    """
+    outcome = run_script(script, flags=())  # else the pool complains that nobody has closed it
+    assert_clean(outcome)
