@@ -36,7 +36,7 @@ class Closing:
         self.alive: bool = True
         self._solver = solver
         self._access = access
-        self._collected = weakref.ref(simulation, self)
+        self._reference: object = weakref.ref(simulation, self)
         with _end:
             _open[access] = self
 
@@ -44,19 +44,21 @@ class Closing:
         """Close it, and whole: Ctrl-C pressed once more would leave half of it behind. It takes a bounded time."""
         with interrupts_held_back(), self._access.closing:
             if self.alive:
-                self._solver.close()
                 self.alive = False
+                self._reference = None  # Ctrl-C in the callback of a reference is printed, and lost
                 _open.pop(self._access, None)
+                self._solver.close()
 
     def drop(self) -> None:
         """In a fork: unmap what belongs to the parent. Without any lock, whose holder may not exist here."""
         with interrupts_held_back():
             self.alive = False
+            self._reference = None
             self._solver.close()
 
 
 _open: dict[Access, Closing] = {}
-"""What closes each open simulation. Not by weak references: Ctrl-C in a callback of one is printed, and lost."""
+"""What closes each open simulation."""
 
 
 END_PRIORITY = 10

@@ -227,9 +227,9 @@ def left_of_a_change(change, method, number):
             assert len(sim.state.position) == sim.count in (81, 82)
             assert sim.run(frames=2).frames == 2
     sim.close()
-    del sim
     left = blocks_of(os.getpid()), multiprocessing.active_children()
-    for name in left[0]:
+    del sim
+    for name in blocks_of(os.getpid()):
         (SHARED_MEMORY / name).unlink()
         resource_tracker.unregister(f"/{name}", "shared_memory")
     return press.count, left
