@@ -17,7 +17,7 @@ import psutil
 
 from mpsim.engine.refusals import demand_descriptors, refusal_of_process
 from mpsim.engine.shared import SharedBlock
-from mpsim.engine.worker import worker_main
+from mpsim.engine.worker import NAME, worker_main
 from mpsim.errors import ResourceError, WorkerDied, WorkerStalled, is_of_the_system
 from mpsim.interrupts import interrupts_held_back
 from mpsim.kernels import layout
@@ -34,9 +34,6 @@ START_PATIENCE = 1200.0
 
 ENOUGH_DESCRIPTORS = 24
 """Descriptors that are open at once, at most, while a worker is started, and with the first the fork server."""
-
-NAME = "mpsim-worker-"
-"""Names of worker processes begin with it."""
 
 _hiding = threading.Lock()
 
@@ -73,7 +70,7 @@ class WorkerPool:
             ResourceError: if the system allows no more processes or descriptors.
         """
         if self._context.get_start_method() == "forkserver":
-            self._context.set_forkserver_preload(["mpsim.engine.worker"])
+            self._context.set_forkserver_preload(["mpsim.engine.forkserver"])
         for worker in range(1, workers):
             self._start(worker)
         for worker in range(1, workers):

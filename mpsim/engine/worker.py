@@ -23,6 +23,9 @@ from mpsim.kernels.stepping import run_grid
 from mpsim.kernels.waiting import add_to_word, load_word, store_word
 from mpsim.state import ArraySpec
 
+NAME = "mpsim-worker-"
+"""Names of worker processes begin with it."""
+
 LINGER = 2_000_000
 """Nanoseconds for which a worker without a command polls (giving its core away) before it sleeps in its pipe: a loop
 of short runs then needs no system call to wake anybody, and an idle pool costs nothing."""

@@ -124,7 +124,20 @@ def test_the_content_is_not_blamed_for_what_happens_while_it_is_looked_at(place,
     assert found.value is error
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # ZipFile.__del__ before __init__
+@pytest.fixture
+def alarms_raise():
+    """An alarm ends what is being done by a TimeoutError."""
+
+    def ring(*_):
+        raise TimeoutError("the user's alarm")
+
+    before = signal.signal(signal.SIGALRM, ring)
+    yield
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.usefixtures("alarms_raise")
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # a file that was just opened
 def test_an_alarm_at_any_call_while_a_checkpoint_is_read_is_passed_on(tmp_path):
     """A handler of a signal runs between two steps of Python: here it raises as each function is entered, in turn."""
     path = two(tmp_path / "run")
@@ -137,7 +150,7 @@ def test_an_alarm_at_any_call_while_a_checkpoint_is_read_is_passed_on(tmp_path):
             calls += 1
             if calls == limit:  # noqa: B023 - used at once
                 where = frame.f_code.co_qualname if hasattr(frame.f_code, "co_qualname") else frame.f_code.co_name
-                raise TimeoutError("the user's alarm")
+                signal.raise_signal(signal.SIGALRM)
 
         sys.settrace(trace)
         try:

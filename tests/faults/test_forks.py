@@ -478,3 +478,29 @@ def test_what_python_does_not_know_of_a_signal_comes_back_after_it_was_held_back
     assert_clean(outcome)
     assert outcome.out.split() == ["handled"]
     assert (tmp_path / "dump").stat().st_size
+
+
+MASKED = """
+import multiprocessing, signal, sys
+from support.scenes import lattice, simulate
+
+def masked(queue):
+    queue.put((signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()), "mpsim.engine.forkserver" in sys.modules))
+
+if __name__ == "__main__":
+    with simulate(lattice(9, 9), method="parallel", workers=2, start_method="forkserver") as sim:
+        sim.run(frames=2)
+    context = multiprocessing.get_context("forkserver")
+    queue = context.Queue()
+    process = context.Process(target=masked, args=(queue,))
+    process.start()
+    print(*queue.get())
+    process.join()
+"""
+
+
+def test_ctrl_c_reaches_processes_that_the_fork_server_starts_for_the_program():
+    """The server was started while Ctrl-C was blocked for the sake of a worker; all that it started inherited it."""
+    outcome = run_script(MASKED)
+    assert_clean(outcome)
+    assert outcome.out == "False True\n", "and the second word, the control: it is the server that mpsim started"
