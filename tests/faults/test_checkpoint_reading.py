@@ -137,7 +137,6 @@ def alarms_raise():
 
 
 @pytest.mark.usefixtures("alarms_raise")
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # a file that was just opened
 def test_an_alarm_at_any_call_while_a_checkpoint_is_read_is_passed_on(tmp_path):
     """A handler of a signal runs between two steps of Python: here it raises as each function is entered, in turn."""
     path = two(tmp_path / "run")
@@ -156,6 +155,7 @@ def test_an_alarm_at_any_call_while_a_checkpoint_is_read_is_passed_on(tmp_path):
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")
+                warnings.filterwarnings("ignore", "unclosed file", ResourceWarning)  # that was just opened
                 found = checkpoint._unpacked(path)
         except TimeoutError:
             found = None
