@@ -46,8 +46,10 @@ class Closing:
             if self.alive:
                 self.alive = False
                 self._reference = None  # Ctrl-C in the callback of a reference is printed, and lost
-                _open.pop(self._access, None)
-                self._solver.close()
+                try:
+                    self._solver.close()
+                finally:
+                    _open.pop(self._access, None)  # only now, or the end of the program would not wait for it
 
     def drop(self) -> None:
         """In a fork: unmap what belongs to the parent. Without any lock, whose holder may not exist here."""

@@ -196,6 +196,7 @@ def test_freud_finds_the_discs_in_a_box_of_two_dimensions(run):
             assert len(system.points) == len(page.ids)
 
 
+@pytest.mark.filterwarnings("ignore:Setting the shape:DeprecationWarning")  # ASE does, and NumPy 2.5 warns
 def test_frames_without_discs_between_others_hold_none(tmp_path):
     """The only disc enters after the first frame and leaves before the last: readers fall back to the first frame."""
     emitter = mpsim.Emitter((1.0, 2.0), (5.0, 0.0), every=1, limit=1)
