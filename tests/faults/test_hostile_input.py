@@ -8,6 +8,7 @@ import io
 import json
 import os
 import resource
+import traceback
 import zipfile
 
 import numpy as np
@@ -93,6 +94,9 @@ def refused(call, *arguments, match, kind=mpsim.InputError):
     def attempt():
         with pytest.raises(kind, match=match) as caught:
             call(*arguments)
+        for error in (caught.value, caught.value.__context__):
+            if error is not None:
+                traceback.clear_frames(error.__traceback__)  # which hold what has been read, attempt by attempt
         errors.append(caught.value)
 
     in_time(attempt)
