@@ -1,0 +1,274 @@
+"""Scenes whose digests are pinned: every feature and every setting that changes bits, alone and all together.
+
+They are made by integer arithmetic alone, so that neither the mathematical library nor the random numbers of NumPy can
+change a digest.
+
+python -m support.goldens       what each scene comes to by every method of one process, as JSON
+"""
+
+import itertools
+import json
+import sys
+import warnings
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+import mpsim
+from mpsim import Emitter, FixedDisc, Piston, Polyline
+from support.scenes import lattice
+
+FRAMES, DT = 24, 1 / 16
+INDEX = np.arange(30)
+LATTICE = lattice(6, 5)
+
+KINDS = list(itertools.product(("push", "impact"), ("float32", "float64")))
+"""Contact and precision."""
+
+MEASURES = (
+    "pressure", "pressure_virial", "pressure_xx", "pressure_yy", "pressure_xy", "collision_rate", "contact_rate",
+    "overlap", "largest_overlap", "kinetic_energy", "temperature", "speed_kurtosis", "energy_drift", "momentum_drift",
+)  # fmt: skip
+
+SIZES = np.array([0.5, 0.375, 0.25])[INDEX % 3]
+GIANTS = np.where(INDEX % 17 == 3, 0.5625, 0.1875)
+MASSES = np.array([0.5, 1.0, 3.0, 1.5])[INDEX % 4]
+PULLS = np.stack([(INDEX % 7 - 3) / 1.0, (INDEX % 5 - 2) / 2], axis=1)
+CORNER = (7.25, 6.25)
+BY_FRAMES = Emitter((9.5, 6.25), (-0.5, -5.0), every=4)
+BY_TIME = Emitter((10.25, 0.75), (0.25, 5.0), interval=0.3, limit=3)
+PEG = FixedDisc((4.0, 6.25), 0.375)
+FUNNEL = Polyline([(0.0, 5.75), (6.5, 6.5), (7.5, 5.0)], thickness=0.125)
+
+
+def _added(*place: float, **more: Any) -> Callable[[mpsim.Simulation], None]:
+    """One disc more, in the middle of a run."""
+    return lambda sim: sim.add(place, (-1.5, 0.5), **more)
+
+
+@dataclass(frozen=True)
+class Ran:
+    """What a run came to."""
+
+    state: mpsim.State
+    collisions: int
+    measures: dict[str, str]
+
+    def __str__(self) -> str:
+        return f"{self.state.digest()} {self.collisions} contacts"
+
+
+def _refusal(sim: mpsim.Simulation, measure: str) -> str:
+    """Why a simulation cannot have a measure, or ""."""
+    try:
+        sim.run(frames=0, measures=[measure])
+    except mpsim.InputError as error:
+        return f"refused: {error}"
+    return ""
+
+
+@dataclass(frozen=True)
+class Pinned:
+    """A scene and its settings.
+
+    features: arguments of the scene, by default 30 discs of radius 0.5 in a box of 8 x 7.
+    settings: other than method, contact and precision.
+    midway: what is done to the simulation after half of the frames.
+    acts: whether a run shows what the feature is for; every run must also differ from that of the bare scene.
+    """
+
+    features: dict[str, Any] = field(default_factory=dict)
+    settings: dict[str, Any] = field(default_factory=dict)
+    midway: Callable[[mpsim.Simulation], None] | None = None
+    acts: Callable[[mpsim.State], Any] = lambda state: True
+
+    def scene(self) -> mpsim.Scene:
+        bare = {"width": 8.0, "height": 7.0, "radius": 0.5, "position": LATTICE.position, "velocity": LATTICE.velocity}
+        return mpsim.Scene(**(bare | self.features))
+
+    def start(self, **how: Any) -> mpsim.Simulation:
+        """A simulation by a method, a contact and a precision.
+
+        Raises:
+            InputError: for what the method cannot do.
+        """
+        return mpsim.Simulation(self.scene(), mpsim.Settings(**{"dt": DT, **self.settings, **how}))
+
+    def run(self, measures: Iterable[str] = (), before: Callable[[mpsim.Simulation], None] | None = None, **how) -> Ran:
+        """Run it, with those of the measures that its second half can have. `before` gets the simulation first."""
+        with warnings.catch_warnings():
+            for kind in (mpsim.EmitterWarning, mpsim.FastWarning, mpsim.OverlapWarning, mpsim.GuardWarning):
+                warnings.simplefilter("ignore", kind)
+            with self.start(**how) as sim:
+                if before is not None:
+                    before(sim)
+                first = sim.run(frames=FRAMES // 2)
+                if self.midway is not None:
+                    self.midway(sim)
+                refused = {name: reason for name in measures if (reason := _refusal(sim, name))}
+                names = [name for name in measures if name not in refused]
+                second = sim.run(frames=FRAMES - FRAMES // 2, measures=names)
+                # The last digits of a mean are NumPy's, whose order of summation is that of the processor.
+                found = {name: f"{round(second.measures[name].value, 9) + 0.0:.10g}" for name in names}
+                return Ran(sim.state, first.collisions + second.collisions, found | refused)
+
+
+def _piston(wall: str, speed: float, stop: float, start: float | None = None) -> Pinned:
+    box = (0.0, 8.0, 0.0, 7.0)
+    edge = ("left", "right", "bottom", "top").index(wall)
+    place = (box[edge] if start is None else start) + speed * FRAMES * DT
+    place = min(place, stop) if speed > 0 else max(place, stop)
+    return Pinned(
+        {"piston": Piston(wall, speed, stop, start)},
+        acts=lambda state: state.box == (*box[:edge], place, *box[edge + 1 :]),
+    )
+
+
+def _crossed(*axes: int) -> Callable[[mpsim.State], Any]:
+    """Discs have moved through the borders of these axes, and of no other."""
+    return lambda state: state.image is not None and [a for a in (0, 1) if state.image[:, a].any()] == list(axes)
+
+
+def _absorbing(*edges: str) -> Pinned:
+    return Pinned({"absorbing": edges}, acts=lambda state: not state.present.all())
+
+
+def _entered(discs: int) -> Callable[[mpsim.State], Any]:
+    """So many discs or more have entered."""
+    return lambda state: len(state.position) >= len(INDEX) + discs
+
+
+EVERYTHING: dict[str, Any] = {
+    "gravity": (0.375, -2.0),
+    "acceleration": PULLS,
+    "radius": SIZES,
+    "mass": MASSES,
+    "restitution": 0.75,
+    "wall_restitution": 0.5,
+    "boundary": ("periodic", "walls"),
+    "obstacles": [FUNNEL, FixedDisc((7.5, 2.5), 0.25), FixedDisc((4.0, 0.0), 0.125)],
+    "emitters": [
+        Emitter(CORNER, (-3.0, 1.5), every=4, radius=0.25, mass=2.0),
+        Emitter((0.625, 6.3125), (2.5, 0.25), interval=0.3, limit=3, radius=0.375, mass=0.5),
+    ],
+    "absorbing": ("bottom",),
+    "piston": Piston("top", -0.5, 6.5),
+}
+
+
+def _all_act(state: mpsim.State) -> bool:
+    moved = state.image is not None and state.image[:, 0].any() and not state.image[:, 1].any()
+    return bool(moved and not state.present.all() and len(state.position) > 32 and state.box and state.box[3] == 6.5)
+
+
+BARE = Pinned()
+SCENES: dict[str, Pinned] = {
+    "bare": BARE,
+    "law reflect": Pinned(settings={"law": "reflect"}),
+    "passes": Pinned(settings={"passes": 2}),
+    "sub-steps": Pinned(settings={"substeps": 3}),
+    "sub-steps where fast": Pinned(settings={"on_fast": "substep", "dt": 4 * DT}),
+    "unguarded": Pinned(settings={"unguarded": True}),
+    "discs added": Pinned(midway=_added(0.5, 6.5), acts=_entered(1)),
+    "gravity": Pinned({"gravity": (0.375, -2.0)}),
+    "acceleration": Pinned({"acceleration": PULLS}),
+    "radii": Pinned({"radius": SIZES}),
+    "giants": Pinned({"radius": GIANTS}),
+    "masses": Pinned({"mass": MASSES}),
+    "restitution": Pinned({"restitution": 0.75}),
+    "wall restitution": Pinned({"wall_restitution": 0.5}),
+    "periodic x": Pinned({"boundary": ("periodic", "walls")}, acts=_crossed(0)),
+    "periodic y": Pinned({"boundary": ("walls", "periodic")}, acts=_crossed(1)),
+    "periodic": Pinned({"boundary": "periodic"}, acts=_crossed(0, 1)),
+    "fixed disc": Pinned({"obstacles": PEG}),
+    "polyline": Pinned({"obstacles": FUNNEL}),
+    "emitter by time": Pinned({"width": 11.0, "emitters": BY_TIME}, acts=_entered(3)),
+    "emitter by frames": Pinned({"width": 11.0, "emitters": BY_FRAMES}, acts=_entered(3)),
+    "absorbing left": _absorbing("left"),
+    "absorbing right": _absorbing("right"),
+    "absorbing bottom": _absorbing("bottom"),
+    "absorbing top": _absorbing("top"),
+    "piston left": _piston("left", 0.75, 1.0),
+    "piston right": _piston("right", -1.0, 6.0, 7.75),
+    "piston bottom": _piston("bottom", 0.25, 1.0),
+    "piston top": _piston("top", -1.5, 5.5),
+    "emitter under gravity": Pinned({"width": 11.0, "emitters": BY_TIME, "gravity": (0.375, -2.0)}, acts=_entered(3)),
+    "obstacles, periodic": Pinned(
+        {"boundary": "periodic", "obstacles": [FUNNEL, FixedDisc((8.0, 3.0), 0.25)], "radius": SIZES, "mass": MASSES},
+        acts=_crossed(0, 1),
+    ),
+    "everything": Pinned(
+        EVERYTHING,
+        {"substeps": 2, "passes": 2},
+        _added(7.375, 0.625, radius=0.25, mass=2.0, acceleration=(1.0, 2.0)),
+        _all_act,
+    ),
+    "everything exact": Pinned(
+        {
+            **{name: EVERYTHING[name] for name in ("gravity", "radius", "mass", "restitution", "wall_restitution")},
+            "boundary": ("periodic", "walls"),
+            "emitters": [
+                Emitter(CORNER, (-3.0, -0.5), every=5, radius=0.5, mass=1.0),
+                Emitter((0.625, 6.3125), (2.5, -0.25), interval=0.3, radius=0.375, mass=2.0),
+            ],
+        },
+        midway=_added(7.25, 3.375, radius=0.375, mass=2.0),
+        acts=lambda state: _crossed(0)(state) and len(state.position) > 34,
+    ),
+}
+"""By name. A periodic axis, a piston and so on are arrays of their own to the kernels."""
+
+
+def methods(names: Iterable[str] = ("naive", "grid", "event")) -> dict[str, dict[str, Any]]:
+    """Settings by their words, of a family of methods that need not have the same bits."""
+    found: dict[str, dict[str, Any]] = {
+        f"{method} {contact} {precision}": {"method": method, "contact": contact, "precision": precision}
+        for method in names
+        if method != "event"
+        for contact, precision in KINDS
+    }
+    return found | ({"event": {"method": "event"}} if "event" in names else {})
+
+
+def outcome(name: str, **how: Any) -> str:
+    """Digest and contacts of a scene in words, or why it is refused."""
+    if how["method"] == "event":  # which alone refuses any of these scenes
+        try:
+            SCENES[name].start(**how).close()
+        except mpsim.InputError as error:
+            return f"refused: {error}"
+    return str(SCENES[name].run(**how))
+
+
+def outcomes(name: str) -> dict[str, str]:
+    """What a scene comes to by every method of one process."""
+    return {words: outcome(name, **how) for words, how in methods().items()}
+
+
+def measured(name: str, method: str) -> dict[str, str]:
+    """Digest and values of measures of a scene."""
+    ran = SCENES[name].run(MEASURES, method=method)
+    return {"outcome": str(ran), **ran.measures}
+
+
+def report() -> dict[str, Any]:
+    """All that is pinned of these scenes, and those in which a feature did not act."""
+    found = {name: outcomes(name) for name in SCENES}
+    cases = [("bare", "grid"), ("gravity", "grid"), ("periodic", "grid"), ("everything", "grid"), ("bare", "event")]
+    cases.append(("everything exact", "event"))
+    return {
+        "digests": found,
+        "measures": {f"{name} by {method}": measured(name, method) for name, method in cases},
+        "idle": [name for name in SCENES if not SCENES[name].acts(SCENES[name].run(method="grid").state)],
+    }
+
+
+def main() -> None:
+    """Print the report."""
+    json.dump(report(), sys.stdout, indent=2)
+
+
+if __name__ == "__main__":
+    main()
