@@ -68,7 +68,7 @@ def _said(tree: ast.Module, kinds: set[str]) -> Iterator[str]:
         kind, texts = _name(node.func), [text for argument in node.args if (text := _template(argument))]
         if kind == "warn" and len(node.args) > 1:
             kind = _name(node.args[1])
-        if kind in kinds:
+        if kind in kinds and not kind.startswith("_"):  # whose texts end in others
             yield from (f"{kind}: {text}" for text in texts)
 
 
