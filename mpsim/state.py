@@ -6,7 +6,8 @@
 import hashlib
 import math
 import os
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -97,9 +98,9 @@ def block_arrays(
     real, length = np.dtype(precision), capacity + layout.PADDING
     arrays: dict[str, ArraySpec] = {}
     for buffer in ("a", "b"):
-        for field in layout.Discs._fields[:-1]:  # the radius is a feature
-            integer = field in ("id", "cell")
-            arrays[f"{buffer}.{field}"] = ArraySpec(np.dtype(np.int32) if integer else real, (length,))
+        for column in layout.Discs._fields[:-1]:  # the radius is a feature
+            integer = column in ("id", "cell")
+            arrays[f"{buffer}.{column}"] = ArraySpec(np.dtype(np.int32) if integer else real, (length,))
     arrays["start"] = ArraySpec(np.dtype(np.int32), (grid.table_size,))
     arrays["outbox"] = ArraySpec(np.dtype(np.int32), (length,))
     arrays["parameters"] = ArraySpec(real, (layout.PARAMETERS,))
@@ -111,6 +112,20 @@ def block_arrays(
     if tallied:
         arrays["tally"] = ArraySpec(word, (workers, MOST_FRAMES, layout.TALLIES))
     return arrays | features
+
+
+def _in_digest(where: Callable[[Any], bool]) -> dict[str, Any]:
+    """Metadata of a field of a state: it is in the digest where that holds for its value.
+
+    What only some scenes have is there only where it says something, so that it changes no digest of other scenes.
+    """
+    return {"digested": where}
+
+
+_ALWAYS = _in_digest(lambda value: True)
+_WHERE_COUNTED = _in_digest(lambda image: image is not None)
+_WHERE_SOME_LEFT = _in_digest(lambda present: not present.all())
+_FOLLOWS = _in_digest(lambda value: False) | {"reason": "it follows from the scene and the time"}
 
 
 @dataclass(frozen=True, init=False)
@@ -140,11 +155,12 @@ class State:
     ([[1.0, 2.0]], [True])
     """
 
-    position: NDArray[np.floating]
-    velocity: NDArray[np.floating]
-    present: NDArray[np.bool_]
-    image: NDArray[np.int64] | None
-    box: Box | None
+    # In the order of the digest. Each field says whether it is in it.
+    position: NDArray[np.floating] = field(metadata=_ALWAYS)
+    velocity: NDArray[np.floating] = field(metadata=_ALWAYS)
+    image: NDArray[np.int64] | None = field(metadata=_WHERE_COUNTED)
+    present: NDArray[np.bool_] = field(metadata=_WHERE_SOME_LEFT)
+    box: Box | None = field(metadata=_FOLLOWS)
 
     def __init__(
         self,
@@ -196,10 +212,10 @@ class State:
         True
         """
         digest = hashlib.blake2b(digest_size=16)
-        arrays: list[NDArray[Any]] = [self.position, self.velocity]
-        arrays += [] if self.image is None else [self.image]
-        arrays += [] if self.present.all() else [self.present]
-        for array in arrays:
+        for each in fields(self):
+            array = getattr(self, each.name)
+            if not each.metadata["digested"](array):  # which every field must say
+                continue
             little_endian: DTypeLike = array.dtype.newbyteorder("<")
             digest.update(f"{array.dtype.name} {array.shape} ".encode())
             digest.update(np.ascontiguousarray(array, dtype=little_endian).tobytes())
