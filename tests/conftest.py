@@ -36,7 +36,9 @@ for name, examples in (("default", 40), ("long", 500)):
 def pytest_addoption(parser):
     parser.addoption("--long", action="store_true", help="also run the tests marked long: some ten minutes more")
     parser.addoption("--figures", type=Path, help="write what the physics tests found to this file, as a table")
-    parser.addoption("--renew", action="store_true", help="write the golden digests anew instead of comparing them")
+    parser.addoption(
+        "--renew", action="store_true", help="write pinned digests and texts anew instead of comparing them"
+    )
 
 
 def pytest_configure(config):

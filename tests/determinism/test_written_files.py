@@ -1,0 +1,162 @@
+"""Files that an earlier version wrote are read, and what they hold goes on to the pinned digests.
+
+`written/` has them: scene files, checkpoints of every method with every feature, trajectories, the folder of a run,
+and what a trade keeps. They stay as they are for as long as their formats are to be read; only where a format is given
+up on purpose are they written anew:
+
+    python -m support.written determinism/written        (in the folder tests)
+"""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import written
+from support.checkpoints import rewrite
+from support.processes import run_script
+from support.written import CHECKPOINTS, TRAJECTORIES, checkpoint_name, frames_of, words
+
+import mpsim
+from mpsim import scenefile
+
+FOLDER = Path(__file__).parent / "written"
+EXPECTED = json.loads((FOLDER / "expected.json").read_text())
+PINNED = json.loads((Path(__file__).parent / "golden.json").read_text())["digests"]
+
+pytestmark = pytest.mark.timeout(400)
+
+
+@pytest.fixture(scope="module")
+def found():
+    """What today's version makes of the files, in plain Python, which needs no compilation for each feature."""
+    text = f"from support import written; written.read({str(FOLDER)!r})"
+    ran = run_script(text, env={"NUMBA_DISABLE_JIT": "1"}, flags=(), bound=300)
+    assert ran.code == 0, ran.err
+    return json.loads(ran.out)
+
+
+# --- scene files
+
+
+@pytest.mark.parametrize("name", written.scenes())
+def test_a_scene_file_is_the_scene_it_was_written_from(name):
+    file = scenefile.load(FOLDER / f"{name}.toml")
+    assert file.scene.digest() == written.scenes()[name].digest() == EXPECTED["scenes"][name]
+    assert file.scene.duration == written.scenes()[name].duration
+    assert file.settings == mpsim.Settings(dt=1 / 32, contact="push")
+    assert (file.title, file.text, file.look_for) == ("A title", "Text.", "This.")
+
+
+def test_scene_files_are_written_to_the_same_bytes(tmp_path):
+    written.write_scenes(tmp_path)
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == sorted(path.name for path in FOLDER.iterdir() if path.suffix in (".toml", ".npy"))
+    assert len(names) > 10, "large arrays have files of their own"
+    for name in names:
+        assert (tmp_path / name).read_bytes() == (FOLDER / name).read_bytes(), name
+
+
+# --- states
+
+
+def test_a_state_is_read_to_the_bit():
+    assert mpsim.State.load(FOLDER / "state.npz").digest() == written.state().digest()
+    assert mpsim.State.load(FOLDER / "state.npz").box == written.state().box
+    old = mpsim.State.load(FOLDER / "state-of-two-arrays.npz")
+    assert old.digest() == mpsim.State(written.state().position, written.state().velocity).digest()
+
+
+# --- checkpoints
+
+
+@pytest.mark.parametrize(
+    ("name", "how"), CHECKPOINTS, ids=lambda each: each if isinstance(each, str) else each["method"]
+)
+def test_a_checkpoint_goes_on_to_the_pinned_digest(name, how, found):
+    case = words(name, how).replace("parallel", "grid")
+    assert found["continued"][checkpoint_name(name, how)] == PINNED[name][case].split()[0]
+
+
+def test_there_is_a_checkpoint_of_every_method_and_feature():
+    assert {how["method"] for _, how in CHECKPOINTS} == {"naive", "grid", "parallel", "event"}
+    assert {checkpoint_name(*case) for case in CHECKPOINTS} == {path.name for path in FOLDER.glob("*.mpsim")}
+    assert len(CHECKPOINTS) == len({checkpoint_name(*case) for case in CHECKPOINTS})
+
+
+def test_one_bit_of_a_checkpoint_changes_the_digest_of_its_run(tmp_path):
+    """The control."""
+    name, how = CHECKPOINTS[1]
+    path = Path(shutil.copy(FOLDER / checkpoint_name(name, how), tmp_path))
+
+    def nudge(header, arrays):
+        velocity = arrays["solver.velocity"]
+        fastest = np.unravel_index(np.abs(velocity).argmax(), velocity.shape)
+        velocity[fastest] = np.nextafter(velocity[fastest], 0)
+
+    digests = []
+    for change in (lambda header, arrays: None, nudge):
+        rewrite(path, change)
+        with mpsim.Simulation.resume(path) as sim:
+            sim.run(frames=12)
+            digests.append(sim.digest())
+    pinned = PINNED[name]["grid impact float64"].split()[0]
+    assert digests[0] == pinned != digests[1]
+
+
+# --- trajectories
+
+
+@pytest.mark.parametrize("name", TRAJECTORIES)
+def test_a_trajectory_is_read_to_the_bit(name):
+    assert frames_of(FOLDER / name) == EXPECTED["trajectories"][name]
+    assert [frame[0] for frame in frames_of(FOLDER / name)] == [0, 6, 12]
+
+
+@pytest.mark.parametrize("name", TRAJECTORIES)
+def test_a_trajectory_is_continued_by_the_run_that_wrote_it(name, found):
+    frames, rest = found["prolonged"][name]
+    assert frames[:3] == EXPECTED["trajectories"][name]
+    assert [frame[0] for frame in frames] == [0, 6, 12, 18, 24]
+    assert frames[-1][-1] == rest
+
+
+@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning", "ignore::mpsim.FastWarning", "ignore::mpsim.OverlapWarning")
+def test_extended_xyz_is_written_to_the_same_bytes(tmp_path):
+    written.write_trajectories(tmp_path)
+    for name in TRAJECTORIES:
+        same = (tmp_path / name).read_bytes() == (FOLDER / name).read_bytes()
+        assert same or name.endswith(".gsd"), name  # whose library may lay it out in another order
+        assert frames_of(tmp_path / name) == EXPECTED["trajectories"][name]
+
+
+# --- the folder of a run, and a trade
+
+
+def test_the_folder_of_a_run_is_gone_on_with(found):
+    before, after = json.loads((FOLDER / "run" / "run.json").read_text()), found["run"]["record"]
+    assert (before["frame"], after["frame"], after["status"]) == (12, 24, "done")
+    assert after["digest"] == found["run"]["whole"] != before["digest"]
+    assert len(after["parts"]) == 2
+    assert repr(after["parts"][0]) == repr(before["parts"][0])  # NaN and all
+    assert {name: after[name] for name in ("scene", "scene_digest", "settings", "every", "measures", "versions")} == {
+        name: before[name] for name in ("scene", "scene_digest", "settings", "every", "measures", "versions")
+    }
+    assert found["run"]["frames"] == [0, 4, 8, 12, 16, 20, 24]
+    assert found["run"]["rows"] == 1 + 7, "a head, and a row for each of these frames"
+    assert mpsim.State.load(FOLDER / "run" / "final.npz").digest() == before["digest"]
+
+
+def test_a_trade_goes_on_from_what_it_kept(found):
+    """Costs are times, so they are the same only where nothing was run again."""
+    expected = json.loads((FOLDER / "table.json").read_text())
+    assert found["table"].keys() == expected.keys()
+    for got, row in zip(found["table"]["rows"], expected["rows"], strict=True):
+        assert got == {name: pytest.approx(value) if isinstance(value, float) else value for name, value in row.items()}
+
+
+def test_all_files_together_are_small():
+    sizes = {path: path.stat().st_size for path in FOLDER.rglob("*") if path.is_file()}
+    assert sum(sizes.values()) < 310_000
+    assert len(sizes) > 40
