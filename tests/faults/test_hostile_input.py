@@ -92,11 +92,11 @@ def refused(call, *arguments, match, kind=mpsim.InputError):
     errors = []
 
     def attempt():
+        for error in errors:  # of tries before, whose frames hold what was read
+            for each in filter(None, (error, error.__context__)):
+                traceback.clear_frames(each.__traceback__)
         with pytest.raises(kind, match=match) as caught:
             call(*arguments)
-        for error in (caught.value, caught.value.__context__):
-            if error is not None:
-                traceback.clear_frames(error.__traceback__)  # which hold what has been read, attempt by attempt
         errors.append(caught.value)
 
     in_time(attempt)
