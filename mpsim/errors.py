@@ -20,6 +20,17 @@ def is_of_the_system(error: OSError) -> bool:
     return error.errno is not None and not isinstance(error, TimeoutError)
 
 
+def reason_of(error: Exception) -> str:
+    """Why a file cannot be read: what the system says of it, or what is wrong in it.
+
+    Raises:
+        OSError: the error itself, if it is not of the system.
+    """
+    if isinstance(error, OSError) and not is_of_the_system(error):
+        raise error
+    return getattr(error, "strerror", None) or str(error)
+
+
 class MpsimError(Exception):
     """Base of all exceptions of mpsim: `except mpsim.MpsimError` catches every one of them."""
 

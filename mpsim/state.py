@@ -16,7 +16,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from mpsim import atomic, checks, untrusted
 from mpsim.archive import DAMAGE, ArrayFile
-from mpsim.errors import InputError, OutputError, is_of_the_system
+from mpsim.errors import InputError, OutputError, reason_of
 from mpsim.kernels import layout
 
 MOST_FRAMES = 4096
@@ -266,11 +266,9 @@ class State:
                 }
                 state = cls(**known)
         except (OSError, *DAMAGE) as error:
-            if isinstance(error, OSError) and not is_of_the_system(error):
-                raise
-            reason = getattr(error, "strerror", None) or error
+            reason = reason_of(error)
             raise InputError(
-                f"a state must be a .npz with position and velocity; {str(source)!r}: {reason!s:.200}."
+                f"a state must be a .npz with position and velocity; {str(source)!r}: {reason:.200}."
             ) from None
         shapes, kinds = (
             {getattr(each, name) for each in (state.position, state.velocity)} for name in ("shape", "dtype")

@@ -218,7 +218,7 @@ class ExactSolver:
         self._radii, self._masses, self._seen = radii, masses, seen
 
     def _take(self, block: SharedBlock, store: Any, box: Any) -> None:
-        """Go on in a block that is filled, and give the old one back: at no moment does nobody hold one of them."""
+        """Continue in a block that is filled, and give the old one back: at no moment does nobody hold one of them."""
         old = self._block
         self._store, self._block, self._box, self.count = store, block, box, len(store.order)
         old.close()

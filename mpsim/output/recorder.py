@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mpsim import atomic, checks, untrusted
 from mpsim.engine.simulation import Simulation
-from mpsim.errors import InputError, OutputError, is_of_the_system
+from mpsim.errors import InputError, OutputError, reason_of
 from mpsim.measure.observables import overlap
 from mpsim.output.ownership import Ownership
 from mpsim.state import State
@@ -118,9 +118,7 @@ def _rows(path: Path) -> list[list[str]]:
         head = whole.partition("\n")[0].rstrip("\r")
         rows = list(csv.reader(io.StringIO(whole))) if head == ",".join(COLUMNS) else [[head]] if whole else []
     except (OSError, csv.Error) as error:
-        if isinstance(error, OSError) and not is_of_the_system(error):
-            raise
-        reason = getattr(error, "strerror", None) or error
+        reason = reason_of(error)
         raise InputError(
             f"{str(path)!r} must be a table that a run has written; it cannot be read: {reason}."
         ) from None

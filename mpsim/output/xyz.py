@@ -194,7 +194,7 @@ def scan(path: Path) -> tuple[list[int], int]:
 
 
 def _skipped(file: BinaryIO, lines: int, path: Path) -> bool:
-    """Go on behind so many lines; False where the file ends before.
+    """Skip so many lines; False where the file ends before.
 
     Raises:
         TrajectoryError: for a line that is longer than any line of a trajectory.

@@ -14,7 +14,7 @@ from typing import Any
 import pydantic
 
 from mpsim import checks, untrusted
-from mpsim.errors import InputError, SceneFileError, is_of_the_system
+from mpsim.errors import InputError, SceneFileError, reason_of
 from mpsim.scene import Scene
 from mpsim.scenefile import schema
 from mpsim.scenefile.arrays import Source
@@ -134,9 +134,7 @@ def _parsed(path: Path, label: str) -> dict[str, Any]:
             label, [f"the file must be text in UTF-8; got byte {error.start} ({error.reason})."]
         ) from None
     except (OSError, ValueError) as error:
-        if isinstance(error, OSError) and not is_of_the_system(error):
-            raise
-        reason = getattr(error, "strerror", None) or error
+        reason = reason_of(error)
         hint = "" if getattr(error, "errno", None) != errno.EFBIG else f" {_TOO_LARGE}"
         raise InputError(
             f"scene must be a file that can be read; got {checks.brief(str(path))} ({reason}).{hint}"
