@@ -28,7 +28,7 @@ from mpsim.scene import Scene
 FORMAT = 1
 RECORD = "run.json"
 
-MOST_BYTES = 2**24
+MOST_BYTES = 2**23
 """Bytes of that file at most, to which each part of a run adds some hundred."""
 
 MOST_TIMINGS = 2**32

@@ -15,7 +15,7 @@ SAVE_EVERY = 1.0
 """Seconds between two writes of the file that keeps what is finished."""
 
 
-MOST_BYTES = 2**24
+MOST_BYTES = 2**23
 """Bytes of that file at most: thousands of runs with all their errors."""
 
 

@@ -393,8 +393,8 @@ def test_records_that_are_none_are_refused(text, tmp_path):
 
 def test_records_of_very_many_empty_lists_are_refused(tmp_path):
     """Which take most time to read for their length: 4 s for 64 MiB."""
-    assert kept.MOST_BYTES == runfolder.MOST_BYTES == 2**24
-    for count, match in ((2**24 // 3, "16,777,21[0-9] bytes, and at most 16,777,216 are read"), (5_500_000, "must")):
+    assert kept.MOST_BYTES == runfolder.MOST_BYTES == 2**23
+    for count, match in ((2**23 // 3, "8,388,61[0-9] bytes, and at most 8,388,608 are read"), (2_750_000, "must")):
         (tmp_path / "run.json").write_text("[" + "[]," * count + "[]]")
         refused(Kept, tmp_path / "run.json", "scene", match=match)
         refused(RunFolder.open, tmp_path, match=match)
