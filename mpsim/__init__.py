@@ -9,13 +9,13 @@
 """
 
 import importlib
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-import mpsim.interpreter  # noqa: F401  # pyright: ignore[reportUnusedImport]  # isort: skip
+import mpsim.core.interpreter  # noqa: F401  # pyright: ignore[reportUnusedImport]  # isort: skip
 from mpsim import measure
-from mpsim.engine.report import Report
-from mpsim.engine.simulation import Simulation
-from mpsim.errors import (
+from mpsim.core import views
+from mpsim.core.errors import (
     BudgetError,
     BusyError,
     CheckpointError,
@@ -43,13 +43,17 @@ from mpsim.errors import (
     WorkerDied,
     WorkerStalled,
 )
-from mpsim.features import Emitter, FixedDisc, Piston, Polyline
-from mpsim.measure.tradeoff import Tradeoff, tradeoff
-from mpsim.measure.tune import tune
-from mpsim.measure.tuned import Tuned
-from mpsim.scene import Scene
-from mpsim.settings import Settings
-from mpsim.state import State
+from mpsim.core.state import State
+from mpsim.engine.report import Report
+from mpsim.engine.simulation import Simulation
+from mpsim.features.emitters import Emitter
+from mpsim.features.obstacles import FixedDisc, Polyline
+from mpsim.features.piston import Piston
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+from mpsim.studies.tradeoff import Tradeoff, tradeoff
+from mpsim.studies.tune import tune
+from mpsim.studies.tuned import Tuned
 
 __version__ = "0.1.0"
 
@@ -59,10 +63,34 @@ if TYPE_CHECKING:
 
 
 _LATE = {"animate": "mpsim.output.animation", "Trajectory": "mpsim.output.trajectory"}
+"""Names that are imported on first use, so that `import mpsim` stays quick."""
+
+_VIEWS = {
+    "scene of a file": ("mpsim.scene.scenefile", "load"),
+    "scene to a file": ("mpsim.scene.scenefile", "save"),
+    "scene in a notebook": ("mpsim.output.notebook", "scene_png"),
+    "report in a notebook": ("mpsim.output.notebook", "report_html"),
+    "times of a report": ("mpsim.output.times", "times"),
+    "trade in a terminal": ("mpsim.output.tables", "terminal_table"),
+    "trade in a notebook": ("mpsim.output.tables", "html_table"),
+    "tuned settings in a notebook": ("mpsim.output.notebook", "tuned_html"),
+}
+"""What upper packages do for objects of lower ones; each is imported when it is asked for."""
+
+
+def _imported_when_called(module: str, name: str) -> Callable[..., Any]:
+    def call(*arguments: Any) -> Any:
+        return getattr(importlib.import_module(module), name)(*arguments)
+
+    return call
+
+
+for _view, _where in _VIEWS.items():
+    views.give(_view, _imported_when_called(*_where))
 
 
 def __getattr__(name: str) -> Any:
-    """Import on first use what writes files and pictures, so that `import mpsim` stays quick."""
+    """Import on first use what writes files and pictures."""
     if name in _LATE:
         return getattr(importlib.import_module(_LATE[name]), name)
     raise AttributeError(f"module 'mpsim' has no attribute {name!r}")

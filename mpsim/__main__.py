@@ -1,6 +1,6 @@
 """`python -m mpsim` is the command `mpsim`."""
 
-from mpsim.cli import main
+from mpsim.cli.app import main
 
 if __name__ == "__main__":
     main(prog_name="mpsim")

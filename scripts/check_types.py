@@ -19,7 +19,7 @@ from typing import Any
 
 TOP = Path(__file__).parents[1]
 
-LEFT_OUT = ("mpsim.kernels.", "mpsim.commands.", "mpsim.cli.")
+LEFT_OUT = ("mpsim.kernels.", "mpsim.cli.")
 """Kernels take whatever the compiler makes of their arguments: hints would say nothing that it heeds. Commands are
 called by their words, not imported."""
 

@@ -31,10 +31,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 import mpsim
-from mpsim.engine.cores import usable_cores
-from mpsim.measure import benchmark, feature_cost
+from mpsim.engine.workers.cores import usable_cores
 from mpsim.output import figures
-from mpsim.settings import LAWS, PRECISIONS
+from mpsim.scene.settings import LAWS, PRECISIONS
+from mpsim.studies import benchmark, feature_cost
 
 PARTS = ("fixed", "growth", "repeat", "scaling")
 SIZES = (100, 300, 1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000)

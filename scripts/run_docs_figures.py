@@ -19,11 +19,11 @@ from matplotlib.legend_handler import HandlerTuple
 from matplotlib.patches import Rectangle
 
 import mpsim
+from mpsim.engine.workers.arrays import Grid, grid_for
 from mpsim.kernels.layout import PHASES
 from mpsim.output.animation import DPI, STYLE, Picture
 from mpsim.output.drawing import draw_discs, new_figure
-from mpsim.scenefile import load
-from mpsim.state import Grid, grid_for
+from mpsim.scene.scenefile import load
 
 PAGES = Path(__file__).parents[1] / "docs"
 

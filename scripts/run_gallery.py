@@ -17,7 +17,7 @@ from rich.console import Console
 
 import mpsim
 from mpsim.output.animation import DPI, STYLE, Picture, animate
-from mpsim.scenefile import SceneFile, load, names
+from mpsim.scene.scenefile import SceneFile, load, names
 
 LENGTHS = {
     "brownian": 20.0, "channel": 20.0, "cooling": 60.0, "cradle": 20.0, "dense": 5.0, "galton": 45.0, "gas": 10.0,
@@ -74,7 +74,7 @@ def page(scenes: list[SceneFile], folder: str) -> str:
         "# Gallery",
         "",
         "The scenes that come with mpsim. `mpsim show NAME` prints one, `Scene.load(name)` loads it; each is a small "
-        "file in `mpsim/scenes/` to copy from. Pictures by `scripts/run_gallery.py`; colours are speeds.",
+        "file in `mpsim/scene/named/` to copy from. Pictures by `scripts/run_gallery.py`; colours are speeds.",
         "",
     ]
     for found in scenes:

@@ -23,11 +23,11 @@ from promise_scenes import CASES, Case
 from run_bench import machine
 
 import mpsim
-from mpsim import scenefile
-from mpsim.measure.campaign import Campaign
-from mpsim.measure.replicas import available
-from mpsim.measure.starts import StartsGiven
-from mpsim.measure.tune import FEWEST_REPLICAS
+from mpsim.scene import scenefile
+from mpsim.studies.ensemble import Campaign
+from mpsim.studies.independent_starts import StartsGiven
+from mpsim.studies.replicas import available
+from mpsim.studies.tune import FEWEST_REPLICAS
 
 BUDGETS = {"pressure": (0.1, 0.03, 0.01), "collision_rate": (0.1, 0.03, 0.01), "overlap": (0.1, 0.05, 0.02)}
 FIRST = 100_000

@@ -21,10 +21,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from run_bench import machine, make_folder
 
 import mpsim
-from mpsim.engine import paces, watching
-from mpsim.measure import stability
-from mpsim.measure.extremes import AXES
+from mpsim.engine import speed_estimates, step_limits
 from mpsim.output import stability_map
+from mpsim.studies import stability
+from mpsim.studies.extremes import AXES
 
 console = Console()
 
@@ -49,9 +49,9 @@ def cost() -> None:
             looks = []
             for _ in range(30):
                 started = time.perf_counter()
-                paces.pace_of(sim.state.velocity, scene.radii, scene)
+                speed_estimates.pace_of(sim.state.velocity, scene.radii, scene)
                 looks.append(time.perf_counter() - started)
-        look, every = statistics.median(looks), watching.Watch(scene, sim.settings, False).frames_ahead(0, count)
+        look, every = statistics.median(looks), step_limits.Watch(scene, sim.settings, False).frames_ahead(0, count)
         console.print(
             f"{count:,} discs: a frame {frame:.3g} s, a look {look:.3g} s, {look / every / frame:.2%} of a run"
         )

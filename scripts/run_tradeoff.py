@@ -29,9 +29,8 @@ from run_bench import machine, make_folder
 from tradeoff_answers import Effort, Kept, answers
 
 import mpsim
-from mpsim.engine.cores import usable_cores
-from mpsim.measure import tables
-from mpsim.output import frontier
+from mpsim.engine.workers.cores import usable_cores
+from mpsim.output import frontier, tables
 
 COUNT = 200
 SEED = 1

@@ -16,8 +16,8 @@ import numpy as np
 from rich.console import Console
 
 import mpsim
-from mpsim.measure import benchmark
 from mpsim.output.drawing import STYLE, new_figure
+from mpsim.studies import benchmark
 
 SIZES = (100, 1_000, 10_000, 100_000)
 QUICK_SIZES = (100, 1_000)

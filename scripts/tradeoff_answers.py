@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 import mpsim
-from mpsim.measure import cost, kinetic_energy
-from mpsim.measure.deviations import Deviation
-from mpsim.measure.tables import UNITS, error_text
-from mpsim.measure.tradeoff import Row, label
+from mpsim.measure import kinetic_energy
 from mpsim.output.frontier import short_label
+from mpsim.output.tables import UNITS, error_text
+from mpsim.studies import cost
+from mpsim.studies.deviations import Deviation
+from mpsim.studies.tradeoff import Row, label
 
 BUDGETS: dict[str, dict[str, float]] = {
     "a game": {"overlap": 0.1, "missed_collisions": 0.2},

@@ -16,8 +16,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
+from mpsim.core.errors import BusyError, ForkedError
 from mpsim.engine.notices import Notices
-from mpsim.errors import BusyError, ForkedError
 
 R = TypeVar("R")
 

@@ -1,7 +1,8 @@
 """Checkpoints: the whole state of a simulation in one file that is never half written, and nothing in it is code.
 
 A checkpoint is a NumPy .npz without pickled objects: one JSON header, and arrays. It is written as every file is (see
-mpsim.atomic); the one before is kept as <name>.previous. A kill at any moment leaves a whole checkpoint under <name>.
+mpsim.core.atomic); the one before is kept as <name>.previous. A kill at any moment leaves a whole checkpoint under
+<name>.
 Reading verifies sizes first, then a digest over everything, then whether a simulation can be in such a state.
 """
 
@@ -21,12 +22,21 @@ from typing import Any
 
 import numpy as np
 
-from mpsim import atomic, untrusted
-from mpsim.archive import DAMAGE, ArrayFile, Arrays, write_arrays
-from mpsim.errors import CheckpointError, CheckpointWarning, InputError, OutputError, is_of_the_system, level_of_caller
-from mpsim.features import Emitter, FixedDisc, Piston, Polyline
-from mpsim.scene import Scene
-from mpsim.settings import Settings
+from mpsim.core import atomic, untrusted
+from mpsim.core.archive import DAMAGE, ArrayFile, Arrays, write_arrays
+from mpsim.core.errors import (
+    CheckpointError,
+    CheckpointWarning,
+    InputError,
+    OutputError,
+    is_of_the_system,
+    level_of_caller,
+)
+from mpsim.features.emitters import Emitter
+from mpsim.features.obstacles import FixedDisc, Polyline
+from mpsim.features.piston import Piston
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
 
 FORMAT = 2
 """Version of the format. A file of a newer one is refused, by number; one of format 1 lacks the counts of periods and

@@ -8,17 +8,17 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.engine.additions import NewDiscs, checked, hindrance
-from mpsim.engine.exact import ExactSolver
-from mpsim.engine.flight import Landing, launched
+from mpsim.core.deferred_signals import interrupts_held_back
+from mpsim.core.errors import EmitterWarning, InputError
+from mpsim.engine.entry_flight import Landing, launched
+from mpsim.engine.feature_arrays import has_masses, has_radii
+from mpsim.engine.insertion import NewDiscs, checked, hindrance
 from mpsim.engine.notices import Notices
-from mpsim.engine.provision import has_masses, has_radii
-from mpsim.engine.stepped import SteppedSolver
-from mpsim.errors import EmitterWarning, InputError
-from mpsim.features import Emitter
-from mpsim.interrupts import interrupts_held_back
-from mpsim.scene import LARGEST_COUNT, Scene
-from mpsim.settings import Settings
+from mpsim.engine.solvers.exact import ExactSolver
+from mpsim.engine.solvers.stepped import SteppedSolver
+from mpsim.features.emitters import Emitter
+from mpsim.scene.scene import LARGEST_COUNT, Scene
+from mpsim.scene.settings import Settings
 
 Solver = SteppedSolver | ExactSolver
 

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from mpsim.errors import level_of_caller
+from mpsim.core.errors import level_of_caller
 
 logger: logging.Logger = logging.getLogger("mpsim")
 

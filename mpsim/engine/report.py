@@ -1,7 +1,6 @@
 """Report: timings and counts of one `run`."""
 
 import csv
-import importlib
 import io
 import os
 from dataclasses import dataclass
@@ -10,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim import atomic
-from mpsim.errors import OutputError
+from mpsim.core import atomic
+from mpsim.core.errors import OutputError
+from mpsim.core.views import view
 from mpsim.kernels import layout
 from mpsim.kernels.layout import PHASES
-from mpsim.measure.gathering import Measures
+from mpsim.measure.run_averages import Measures
 
 
 @dataclass(frozen=True)
@@ -123,11 +123,10 @@ class Report:
         >>> len(figure.axes)
         2
         """
-        # Pictures lie above the engine: what draws them is looked up when it is asked for.
-        return importlib.import_module("mpsim.output.times").times(self)
+        return view("times of a report", self)
 
     def _repr_html_(self) -> str:
-        return importlib.import_module("mpsim.output.notebook").report_html(self)
+        return view("report in a notebook", self)
 
     def __repr__(self) -> str:
         workers = f" on {self.workers} workers" if self.workers > 1 else ""

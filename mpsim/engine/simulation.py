@@ -13,18 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mpsim.engine import additions, methods, resolution, running, soundness, watching
-from mpsim.engine import checkpoint as checkpoint_file
-from mpsim.engine.access import Access, exclusive, reading
-from mpsim.engine.emission import Emission, Insert, Solver
-from mpsim.engine.endings import Closing
-from mpsim.engine.exact import ExactSolver
-from mpsim.engine.pacing import Pacer
-from mpsim.engine.refusals import refusals_named
-from mpsim.engine.report import Report, phase_seconds
-from mpsim.engine.running import Checkpointer, Keeper, Ledger, Observer, Onlookers
-from mpsim.engine.stepped import SteppedSolver
-from mpsim.errors import (
+from mpsim.core.deferred_signals import interrupts_held_back
+from mpsim.core.errors import (
     BusyError,
     CheckpointError,
     ClosedError,
@@ -36,11 +26,23 @@ from mpsim.errors import (
     WorkerStalled,
     level_of_caller,
 )
-from mpsim.interrupts import interrupts_held_back
-from mpsim.measure.gathering import Gathering, Run, checked
-from mpsim.scene import Scene
-from mpsim.settings import Settings
-from mpsim.state import MOST_FRAMES, State
+from mpsim.core.state import State
+from mpsim.engine import checkpoint as checkpoint_file
+from mpsim.engine import checkpoint_validation, insertion, precision_check, run_loop, step_limits
+from mpsim.engine.access import Access, exclusive, reading
+from mpsim.engine.batch_size import Pacer
+from mpsim.engine.emission import Emission, Insert, Solver
+from mpsim.engine.report import Report, phase_seconds
+from mpsim.engine.run_loop import Checkpointer, Keeper, Ledger, Observer, Observers
+from mpsim.engine.shutdown import Closing
+from mpsim.engine.solvers import methods
+from mpsim.engine.solvers.exact import ExactSolver
+from mpsim.engine.solvers.stepped import SteppedSolver
+from mpsim.engine.workers.arrays import MOST_FRAMES
+from mpsim.engine.workers.system_limits import refusals_named
+from mpsim.measure.run_averages import Gathering, Run, checked
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
 
 
 class Simulation:
@@ -77,12 +79,12 @@ class Simulation:
         self._scene = scene
         self._settings = settings
         self._access = Access()
-        resolution.check_precision(scene, settings)
+        precision_check.check_precision(scene, settings)
         self._last_frame = 0
         self._emission = Emission(scene, settings, self._access.notices)
         choice = methods.choose(scene.count, settings)
         solver = ExactSolver if choice.method == "event" else SteppedSolver
-        self._watch = watching.Watch(scene, settings, exact=solver is ExactSolver)
+        self._watch = step_limits.Watch(scene, settings, exact=solver is ExactSolver)
         for text, kind in self._watch.at_start():
             warnings.warn(text, kind, stacklevel=level_of_caller())
         self._pacer = Pacer(choice.workers, MOST_FRAMES)
@@ -182,7 +184,7 @@ class Simulation:
         until: float | None = None,
         measures: Iterable[str] | None = None,
         progress: Callable[[int, int], None] | None = None,
-        observe: Observer | Iterable[Observer] | None = None,
+        observe: "Observer[Simulation] | Iterable[Observer[Simulation]] | None" = None,
         checkpoint: str | os.PathLike[str] | None = None,
         checkpoint_every: int | None = None,
         checkpoint_seconds: float = 60.0,
@@ -211,8 +213,8 @@ class Simulation:
             OutputError: a checkpoint or trajectory cannot be written; the simulation is as it was before that.
         """
         solver = self._open_solver()
-        frames = running.frames_wanted(frames, until, self._settings.dt, self.frame, self.time)
-        onlookers, names = Onlookers(observe), checked(measures, self._scene, self.count)
+        frames = run_loop.frames_wanted(frames, until, self._settings.dt, self.frame, self.time)
+        observers, names = Observers(observe), checked(measures, self._scene, self.count)
         with self._access.whole:
             whole, guarded = solver.time == solver.frame * self._settings.dt, solver.guarded
             gathering = Gathering(names, frames, solver.state, whole)
@@ -224,7 +226,7 @@ class Simulation:
         with Checkpointer(self.save, place, checkpoint_every, checkpoint_seconds) as checkpoints:
             with self._access.callbacks():
                 if whole:
-                    onlookers.look(self, 0)
+                    observers.look(self, 0)
                 if not frames:
                     checkpoints.look(0, last=True)
             while ledger.done < frames:
@@ -233,12 +235,12 @@ class Simulation:
                 with self._access.whole:
                     self._access.waiting = False
                     before = self._open_solver().frame  # which says so if an observer has closed the simulation
-                    self._advance(min(ahead, onlookers.frames_ahead(before)), ledger, keeper)
+                    self._advance(min(ahead, observers.frames_ahead(before)), ledger, keeper)
                     done = solver.frame > before
                 with self._access.callbacks():
                     notices.give()
                     if done:
-                        onlookers.look(self, ledger.collisions)
+                        observers.look(self, ledger.collisions)
                     checkpoints.look(ledger.done, last=ledger.done == frames)
                     if progress is not None:
                         progress(ledger.done, frames)
@@ -247,9 +249,9 @@ class Simulation:
             ran = methods.what_ran(solver.choice, self._pacer.best, self._settings)
             gathered = gathering.measures(Run(self._scene, solver.count, self._settings.dt))
             guarded = solver.guarded - guarded
-            running.warn_of_guard(guarded, notices)
+            run_loop.warn_of_guard(guarded, notices)
         counts = (*phase_seconds(ledger.times), ledger.collisions, *ran, *resources)
-        return Report(*counts, gathered, guarded, onlookers.seconds)
+        return Report(*counts, gathered, guarded, observers.seconds)
 
     def _advance(self, most: int, ledger: Ledger, keeper: Keeper | None) -> None:
         """One slice of frames: what emitters add, a command of the solver, and, where wanted, the way back."""
@@ -307,7 +309,7 @@ class Simulation:
             with interrupts_held_back(), self._access.moving():
                 solver.divide(self._look())
 
-    def _look(self, new: additions.NewDiscs | None = None) -> int:
+    def _look(self, new: insertion.NewDiscs | None = None) -> int:
         """Look at the speeds, with new discs, and warn or refuse as is set. Returns the sub-steps from now on."""
         solver, notices = self._solver, self._access.notices
         with interrupts_held_back(), self._access.moving():
@@ -329,7 +331,7 @@ class Simulation:
         renew = (lambda: self._restore(self._snapshot())) if self._settings.on_worker_death == "restart" else None
         with interrupts_held_back(), self._access.moving():
             try:
-                running.retried_on_new_workers(action, renew, self._access.notices)
+                run_loop.retried_on_new_workers(action, renew, self._access.notices)
             except BaseException as error:
                 if self._solver.torn or isinstance(error, (BusyError, WorkerDied, WorkerStalled)):  # left halfway
                     self._end()
@@ -376,7 +378,7 @@ class Simulation:
         Raises:
             CheckpointError: if there is no whole file, or it is of a newer version.
         """
-        found = checkpoint_file.read(path, soundness.check)
+        found = checkpoint_file.read(path, checkpoint_validation.check)
         settings = dataclasses.replace(found.settings, workers=workers, start_method=start_method)
         try:
             with warnings.catch_warnings():
@@ -389,7 +391,7 @@ class Simulation:
             ) from error
         try:
             sim._restore((found.arrays, found.run["emission"]), new_workers=False)
-            sim._watch = watching.Watch(found.scene, settings, isinstance(sim._solver, ExactSolver))
+            sim._watch = step_limits.Watch(found.scene, settings, isinstance(sim._solver, ExactSolver))
             sim._watch.arm(sim._solver)
         except BaseException:
             sim.close()
@@ -420,12 +422,12 @@ class Simulation:
             TooFastError: as settings.on_fast says; then nothing was added either.
         """
         now = (self._settings.precision, self.time, self.radii)
-        new = additions.checked(self._scene, *now, position, velocity, acceleration, radius, mass)
+        new = insertion.checked(self._scene, *now, position, velocity, acceleration, radius, mass)
         substeps = self._look(new)
         self._access.notices.give()  # where a filter makes an error of a warning, nothing is added
         self._insert(new, substeps)
 
-    def _insert(self, new: additions.NewDiscs, substeps: int) -> None:
+    def _insert(self, new: insertion.NewDiscs, substeps: int) -> None:
         """Add discs that have been checked; the solver may then continue by another method."""
         solver = self._solver
         before, choice = solver.choice, methods.choose(solver.count + len(new.position), self._settings)

@@ -23,7 +23,7 @@ import numba
 from numba import config, njit
 from numba.extending import register_jitable
 
-from mpsim.interrupts import interrupts_held_back
+from mpsim.core.deferred_signals import interrupts_held_back
 
 logger = logging.getLogger("mpsim")
 
@@ -34,8 +34,9 @@ JIT_DISABLED: bool = bool(config.DISABLE_JIT)
 def source_digest() -> str:
     """Digest of every kernel source and of the compiler's versions (16 hex digits)."""
     digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__}".encode())
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.name.encode())
+    folder = Path(__file__).parent
+    for path in sorted(folder.rglob("*.py")):
+        digest.update(str(path.relative_to(folder)).encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 

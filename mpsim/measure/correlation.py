@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim import checks
-from mpsim.errors import InputError
-from mpsim.features import EDGES
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+from mpsim.core.state import Box, State
+from mpsim.features.edges import EDGES
 from mpsim.measure.pairs import close_pairs, lengths_of
 from mpsim.measure.statistics import Measure
-from mpsim.scene import Scene
-from mpsim.state import Box, State
+from mpsim.scene.scene import Scene
 
 CONTACT_RANGE = 0.4
 """The contact value is extrapolated from distances up to this many diameters beyond contact. A shorter range

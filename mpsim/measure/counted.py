@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.features import EDGES
+from mpsim.features.edges import EDGES
 from mpsim.kernels import layout
 from mpsim.measure.statistics import FEWEST_EVENTS, Measure, block_average, ratio_average
-from mpsim.scene import Scene
+from mpsim.scene.scene import Scene
 
 
 @dataclass(frozen=True)

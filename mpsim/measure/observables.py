@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mpsim import checks
-from mpsim.errors import InputError
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+from mpsim.core.state import State
 from mpsim.measure.pairs import close_pairs, lengths_of, to_nearest_image
-from mpsim.scene import Scene
-from mpsim.state import State
+from mpsim.scene.scene import Scene
 
 ROUNDINGS = 8
 """Discs closer than a diameter by up to this many units in the last place of the box's size count as touching: that

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.scene import Scene
+from mpsim.scene.scene import Scene
 
 CANDIDATES = 2**21
 """Pairs looked at together: bounds the memory of a pair search, some 100 MB, whatever the number of discs."""

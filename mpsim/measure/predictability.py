@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mpsim import checks
-from mpsim.errors import InputError
+from mpsim.core import checks
+from mpsim.core.errors import InputError
 from mpsim.measure.statistics import Measure, block_average
 
 AGREEMENT = 20.0

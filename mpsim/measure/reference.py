@@ -13,8 +13,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim import checks
-from mpsim.errors import InputError
+from mpsim.core import checks
+from mpsim.core.errors import InputError
 
 VIRIAL = (
     1.0,

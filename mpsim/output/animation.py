@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from mpsim import atomic, checks
+from mpsim.core import atomic, checks
+from mpsim.core.errors import InputError, OutputError
+from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
-from mpsim.errors import InputError, OutputError
 from mpsim.output.drawing import STYLE, behind_piston, draw_discs, new_figure, with_images
-from mpsim.scene import Scene
-from mpsim.settings import Settings
-from mpsim.state import State
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
 
 PIXELS = 480
 """Length of the longer side of the box in a picture."""

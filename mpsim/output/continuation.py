@@ -5,10 +5,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim import checks
+from mpsim.core import checks
 from mpsim.engine.simulation import Simulation
 from mpsim.output.frames import Frame, among, differs, frame_of
-from mpsim.scene import Scene
+from mpsim.scene.scene import Scene
 
 NEEDED = {"time": "times", "velocity": "velocities", "radius": "radii", "mass": "masses", "ids": "numbers of discs"}
 """What frames must hold to be continued, besides positions, and words for it: all frames of a file then hold the same.

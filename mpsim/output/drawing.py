@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 from numpy.typing import ArrayLike, NDArray
 
-from mpsim import atomic
-from mpsim.errors import OutputError
-from mpsim.features import EDGES
-from mpsim.scene import Scene
+from mpsim.core import atomic
+from mpsim.core.errors import OutputError
+from mpsim.features.edges import EDGES
+from mpsim.scene.scene import Scene
 
 STYLE = Path(__file__).with_name("mpsim.mplstyle")
 

@@ -7,8 +7,8 @@ import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.measure.benchmark import Fixed, Repeat, Timing
 from mpsim.output.drawing import DISC_COLOUR, STYLE, draw_discs, new_figure, save_figure
+from mpsim.studies.benchmark import Fixed, Repeat, Timing
 
 METHOD_COLOURS = {"naive": "#0072B2", "grid": "#D55E00", "parallel": "#009E73", "auto": "#CC79A7"}
 ODD_ONE_OUT = "#D55E00"

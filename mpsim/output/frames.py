@@ -7,10 +7,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim import checks
+from mpsim.core import checks
+from mpsim.core.errors import TrajectoryError
+from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
-from mpsim.errors import TrajectoryError
-from mpsim.state import State
 
 
 @dataclass(frozen=True)

@@ -17,11 +17,11 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLo
 from matplotlib.transforms import Bbox, Transform
 from numpy.typing import NDArray
 
-from mpsim.measure.deviations import Deviation
-from mpsim.measure.tables import UNITS
-from mpsim.measure.tradeoff import Row, Tradeoff
 from mpsim.output.drawing import STYLE, new_figure, save_figure
-from mpsim.settings import Settings
+from mpsim.output.tables import UNITS
+from mpsim.scene.settings import Settings
+from mpsim.studies.deviations import Deviation
+from mpsim.studies.tradeoff import Row, Tradeoff
 
 FAMILIES = {
     "impact": ("#0072B2", "o"),

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from mpsim import atomic
-from mpsim.errors import OutputError, TrajectoryError
+from mpsim.core import atomic
+from mpsim.core.errors import OutputError, TrajectoryError
 from mpsim.output.frames import Frame
 
 _PER_DISC = {"position": "position", "velocity": "velocity", "radius": "radius", "mass": "mass", "id": "ids"}

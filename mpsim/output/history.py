@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mpsim.engine.simulation import Simulation
 from mpsim.output.drawing import MOST_DISCS, STYLE, behind_piston, draw_discs, marker_of, new_figure, save_figure
 from mpsim.output.frames import Frame, frame_of
-from mpsim.scene import Scene
+from mpsim.scene.scene import Scene
 
 TALL: dict[str, Any] = {"location": "right", "shrink": 0.7, "aspect": 30}
 """Where the colour bar of a box lies that is not flat."""

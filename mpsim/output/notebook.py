@@ -9,12 +9,12 @@ import numpy as np
 from PIL import Image
 
 from mpsim.engine.report import Report
-from mpsim.measure.tables import cost_text, error_text, measure_text, unresolved_text
-from mpsim.measure.tradeoff import label
-from mpsim.measure.tuned import Tuned
 from mpsim.output.drawing import MOST_DISCS, STYLE, draw_discs, new_figure
+from mpsim.output.tables import cost_text, error_text, measure_text, unresolved_text
 from mpsim.output.times import phases_of
-from mpsim.scene import Scene
+from mpsim.scene.scene import Scene
+from mpsim.studies.tradeoff import label
+from mpsim.studies.tuned import Tuned
 
 INCHES = 3.2
 """Longer side of a still."""

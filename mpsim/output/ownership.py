@@ -6,8 +6,8 @@ import weakref
 from contextlib import suppress
 from pathlib import Path
 
+from mpsim.core.errors import OutputError
 from mpsim.engine.simulation import Simulation
-from mpsim.errors import OutputError
 
 
 class Ownership:

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim import atomic, checks, untrusted
+from mpsim.core import atomic, checks, untrusted
+from mpsim.core.errors import InputError, OutputError, reason_of
+from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
-from mpsim.errors import InputError, OutputError, reason_of
 from mpsim.measure.observables import overlap
 from mpsim.output.ownership import Ownership
-from mpsim.state import State
 
 MOST_BYTES = 2**30
 """Bytes of a table at most: some ten million rows."""

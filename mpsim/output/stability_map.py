@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch, Rectangle
 
-from mpsim.measure.extremes import AXES, PACKINGS, PARTS
-from mpsim.measure.stability import FORBIDDEN, MAP, MAP_ROWS, TOLERANCE, Outcome
 from mpsim.output.drawing import STYLE, new_figure, save_figure
+from mpsim.studies.extremes import AXES, PACKINGS, PARTS
+from mpsim.studies.stability import FORBIDDEN, MAP, MAP_ROWS, TOLERANCE, Outcome
 
 LEVELS = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0, math.inf)
 """Borders between colours: an error as a multiple of its tolerance. Up to 1 is correct."""

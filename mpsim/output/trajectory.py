@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, overload
 
-from mpsim import atomic, checks
+from mpsim.core import atomic, checks
+from mpsim.core.errors import InputError, OutputError, TrajectoryError, TrajectoryWarning, level_of_caller
 from mpsim.engine.simulation import Simulation
-from mpsim.errors import InputError, OutputError, TrajectoryError, TrajectoryWarning, level_of_caller
 from mpsim.output.continuation import discrepancy, lacking
 from mpsim.output.frames import Frame, Reader, Writer, frame_of
 from mpsim.output.gsd import GsdReader, GsdWriter

@@ -16,8 +16,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim import untrusted
-from mpsim.errors import TrajectoryError, TrajectoryWarning, level_of_caller
+from mpsim.core import untrusted
+from mpsim.core.errors import TrajectoryError, TrajectoryWarning, level_of_caller
 from mpsim.output.frames import Frame
 
 PROPERTIES = "species:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1:velo:R:3:momenta:R:3:id:I:1"

@@ -20,7 +20,7 @@ from support.selection import long_but
 from support.twins import Twin
 
 import mpsim
-from mpsim.measure import gathering
+from mpsim.measure import run_averages
 
 FRAMES = 12
 
@@ -51,7 +51,7 @@ def in_pieces(scene, settings, pieces, reference, note):
         for frames in pieces:
             sim.run(frames=frames, observe=Looker())
         assert_same(sim, reference, f"{note}, in pieces {pieces}")
-    names = [name for name in gathering.NAMES if gathering.refusal(name, scene) is None]
+    names = [name for name in run_averages.NAMES if run_averages.refusal(name, scene) is None]
     with tempfile.TemporaryDirectory() as folder:
         with simulate(scene, **settings) as sim:
             sim.run(frames=sum(pieces[:2]), measures=names)
@@ -63,7 +63,7 @@ def in_pieces(scene, settings, pieces, reference, note):
 
 def resumable(scene, sim, names):
     """The measures that the scene still allows, with the discs that have entered."""
-    return [name for name in names if gathering.refusal(name, scene, sim.count) is None]
+    return [name for name in names if run_averages.refusal(name, scene, sim.count) is None]
 
 
 def drawn_pieces(rng):

@@ -9,7 +9,7 @@ from support.scenes import simulate
 from support.transforms import Units
 
 import mpsim
-from mpsim.engine import flight
+from mpsim.engine import entry_flight
 
 
 def box_of(**features):
@@ -55,13 +55,13 @@ def check_pressure_far_away():
 
 def test_a_flight_that_ends_at_its_start_takes_a_few_looks(monkeypatch):
     """Where the flight ended at its start, the search for that end halved down to the smallest number there is."""
-    looks, clear = [], flight._clear
-    monkeypatch.setattr(flight, "_clear", lambda *arguments: looks.append(1) or clear(*arguments))
+    looks, clear = [], entry_flight._clear
+    monkeypatch.setattr(entry_flight, "_clear", lambda *arguments: looks.append(1) or clear(*arguments))
     launcher = mpsim.Emitter((3.5, 5), (1, 0), interval=1.0)
     blocked = box_of(
         position=np.zeros((0, 2)), velocity=np.zeros((0, 2)), obstacles=[mpsim.FixedDisc((5, 5), 1)], emitters=launcher
     )
-    flight.launched(blocked, launcher, 0.5, 0.3, 1.3)
+    entry_flight.launched(blocked, launcher, 0.5, 0.3, 1.3)
     assert 2 <= len(looks) < 70, f"{len(looks)} looks"
 
 

@@ -19,8 +19,8 @@ from support.scenes import simulate
 
 import mpsim
 from mpsim import measure
-from mpsim.engine.provision import typical_momentum
-from mpsim.measure import gathering
+from mpsim.engine.feature_arrays import typical_momentum
+from mpsim.measure import run_averages
 from mpsim.measure.statistics import Measure
 
 
@@ -161,7 +161,7 @@ def drawn_run(seed):
 def check_run(seed):
     """Every measure that a gas allows, from the changes of velocity between short frames. Returns which were seen."""
     (scene, settings), frames = drawn_run(seed), 400
-    names = [name for name in gathering.NAMES if gathering.refusal(name, scene) is None]
+    names = [name for name in run_averages.NAMES if run_averages.refusal(name, scene) is None]
     states = [mpsim.State(scene.position, scene.velocity)]
     with simulate(scene, **settings) as sim:
         for _ in range(frames):
@@ -228,7 +228,9 @@ def states_say(scene, states, time):
     """Measures that follow from states: means over every second one, or every one where pressures are asked for."""
     m, g = scene.masses, np.zeros(2) if scene.gravity is None else scene.gravity
     every = (
-        1 if gathering.refusal("pressure_xx", scene) is None or gathering.refusal("pressure_yy", scene) is None else 2
+        1
+        if run_averages.refusal("pressure_xx", scene) is None or run_averages.refusal("pressure_yy", scene) is None
+        else 2
     )
     squares = np.array([(state.velocity**2).sum(axis=1) for state in states])
     kinetic = (m * squares).sum(axis=1) / 2
@@ -316,7 +318,7 @@ def seen_runs(seeds):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         seen = Counter(name for seed in seeds for name in check_run(seed))
-    return [seen[name] for name in gathering.NAMES]
+    return [seen[name] for name in run_averages.NAMES]
 
 
 RUNS = """
@@ -332,14 +334,16 @@ LONG = [pytest.mark.long, pytest.mark.timeout(900)]
 def test_measures_of_runs(first, last, bound):
     outcome = run_script(RUNS.format(first=first, last=last), env={"NUMBA_DISABLE_JIT": "1"}, bound=bound)
     assert_clean(outcome)
-    seen = dict(zip(gathering.NAMES, literal_eval(outcome.out), strict=True))
+    seen = dict(zip(run_averages.NAMES, literal_eval(outcome.out), strict=True))
     assert min(seen.values()) >= 1 + (last - first) / 100, f"too few runs had one event in a frame at most: {seen}"
 
 
 def check_that_factors_are_seen(seed, names):
     assert set(names) <= set(check_run(seed))
     for name in names:
-        kinds = next(kinds for kinds in (gathering.COUNTED, gathering.SAMPLED, gathering.BALANCES) if name in kinds)
+        kinds = next(
+            kinds for kinds in (run_averages.COUNTED, run_averages.SAMPLED, run_averages.BALANCES) if name in kinds
+        )
         right = kinds[name]
         kinds[name] = lambda *given, right=right: SCALED[type(right(*given))](right(*given))
         with pytest.raises(AssertionError, match=name):

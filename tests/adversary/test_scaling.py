@@ -18,7 +18,7 @@ from support.scenes import simulate
 from support.transforms import Units, features_of, is_weighed
 
 import mpsim
-from mpsim.measure import gathering
+from mpsim.measure import run_averages
 
 FRAMES = 10
 
@@ -34,7 +34,7 @@ def without_vanishing(scene):
 
 def outcome(scene, frames, **settings):
     """State, contacts and measures of a run."""
-    names = [name for name in gathering.NAMES if gathering.refusal(name, scene) is None]
+    names = [name for name in run_averages.NAMES if run_averages.refusal(name, scene) is None]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         with simulate(scene, **settings) as sim:

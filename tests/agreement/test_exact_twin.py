@@ -6,7 +6,7 @@ from support.event_twin import Twin
 from support.exact import CONFIGURATIONS, Run, bits, follow, gas
 from support.selection import long_but
 
-from mpsim.kernels import events
+from mpsim.kernels.events import solver
 
 
 @pytest.mark.parametrize("name", long_but(CONFIGURATIONS, "plain", "gravity", "channel with everything"))
@@ -37,7 +37,7 @@ def test_cells_and_calendar_do_not_change_the_motion():
     for cells, steps in [((1, 1), None), ((2, 5), None), (None, 64), (None, 1 << 14)]:
         run = Run(position, velocity, length, length, radius, cells=cells, steps=steps)
         run.advance(3.0)
-        assert run.count(events.PAIRS) == reference.count(events.PAIRS)
+        assert run.count(solver.PAIRS) == reference.count(solver.PAIRS)
         assert np.abs(run.state()[0] - reference.state()[0]).max() < 1e-9
 
 

@@ -7,7 +7,7 @@ import pytest
 from support.selection import long_but
 
 import mpsim
-from mpsim import scenefile
+from mpsim.scene import scenefile
 
 FRAMES = 300
 

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from support.scenes import ZOO, crowd, gas, simulate, zoo
 
-from mpsim.engine.worker import kernel_arguments
+from mpsim.engine.workers.worker import kernel_arguments
 from mpsim.kernels import layout
-from mpsim.kernels.contacts import resolve_columns
-from mpsim.kernels.exits import bury
-from mpsim.kernels.giants import resolve_giants, take_out
-from mpsim.kernels.motion import move
-from mpsim.kernels.piston import place_wall
-from mpsim.kernels.sorting import bin_discs, count_cells, sort
+from mpsim.kernels.features.absorption import bury
+from mpsim.kernels.features.piston import place_wall
+from mpsim.kernels.frame.contacts import resolve_columns
+from mpsim.kernels.frame.giants import resolve_giants, take_out
+from mpsim.kernels.frame.motion import move
+from mpsim.kernels.frame.sorting import bin_discs, count_cells, sort
 
 WORKERS = 3
 

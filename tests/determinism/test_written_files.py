@@ -19,7 +19,7 @@ from support.processes import run_script
 from support.written import CHECKPOINTS, TRAJECTORIES, checkpoint_name, frames_of, words
 
 import mpsim
-from mpsim import scenefile
+from mpsim.scene import scenefile
 
 FOLDER = Path(__file__).parent / "written"
 EXPECTED = json.loads((FOLDER / "expected.json").read_text())

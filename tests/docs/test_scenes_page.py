@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from mpsim import scenefile
-from mpsim.scenefile import schema
+from mpsim.scene import scenefile
+from mpsim.scene.scenefile import schema
 
 PAGE = Path(__file__).parents[2] / "docs" / "scenes.md"
 

@@ -16,8 +16,8 @@ from support.checkpoints import frame_in, rewrite_members, saved, two
 from support.scenes import lattice
 
 import mpsim
-from mpsim import archive, untrusted
-from mpsim.engine import checkpoint, soundness
+from mpsim.core import archive, untrusted
+from mpsim.engine import checkpoint, checkpoint_validation
 
 
 class ImpatienceError(Exception):
@@ -115,7 +115,9 @@ def test_damage_leads_to_the_one_before(door, error, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     "error", [MemoryError("no memory"), TimeoutError("the user's"), ImpatienceError("mine")], ids=repr
 )
-@pytest.mark.parametrize("place", [(checkpoint, "Settings"), (checkpoint, "scene_from"), (soundness, "check")])
+@pytest.mark.parametrize(
+    "place", [(checkpoint, "Settings"), (checkpoint, "scene_from"), (checkpoint_validation, "check")]
+)
 def test_the_content_is_not_blamed_for_what_happens_while_it_is_looked_at(place, error, tmp_path, monkeypatch):
     path = two(tmp_path / "run")
     monkeypatch.setattr(*place, raising(error))

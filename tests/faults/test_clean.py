@@ -15,8 +15,8 @@ from support.internals import block_name
 from support.processes import SHARED_MEMORY, Script, blocks_of, run_script, wait_until
 from support.scenes import lattice, simulate
 
-from mpsim.cli import main
-from mpsim.engine import shared
+from mpsim.cli.app import main
+from mpsim.engine.workers import shared
 
 
 @pytest.fixture

@@ -15,12 +15,12 @@ from support.processes import assert_clean, run_script
 from support.scenes import gas, lattice, simulate
 
 import mpsim
-from mpsim import atomic
-from mpsim.commands.runfolder import RunFolder
-from mpsim.measure.kept import Kept
-from mpsim.measure.tradeoff import _written
+from mpsim.cli.runfolder import RunFolder
+from mpsim.core import atomic
 from mpsim.output.drawing import save_figure
 from mpsim.output.recorder import Recorder
+from mpsim.studies.saved_results import Kept
+from mpsim.studies.tradeoff import _written
 
 STATE = mpsim.State(np.zeros((3, 2)), np.ones((3, 2)))
 

@@ -16,7 +16,7 @@ from support.scenes import ALONE, digest_after, lattice, simulate
 from support.selection import long_but
 
 import mpsim
-from mpsim.interrupts import interrupts_held_back
+from mpsim.core.deferred_signals import interrupts_held_back
 
 pytestmark = pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # 3.12: a fork of a threaded process
 
@@ -458,7 +458,7 @@ def test_what_python_does_not_know_of_a_signal_comes_back_after_it_was_held_back
     """The dump of faulthandler was lost at the first run, and calls were no longer restarted after the signal."""
     outcome = run_script(f"""
         import ctypes, faulthandler, signal
-        from mpsim.interrupts import interrupts_held_back
+        from mpsim.core.deferred_signals import interrupts_held_back
         def action(number):
             found = ctypes.create_string_buffer(512)
             ctypes.CDLL(None).sigaction(number, None, found)
@@ -485,7 +485,8 @@ import multiprocessing, signal, sys
 from support.scenes import lattice, simulate
 
 def masked(queue):
-    queue.put((signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()), "mpsim.engine.forkserver" in sys.modules))
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    queue.put((signal.SIGINT in blocked, "mpsim.engine.workers.forkserver" in sys.modules))
 
 if __name__ == "__main__":
     with simulate(lattice(9, 9), method="parallel", workers=2, start_method="forkserver") as sim:

@@ -18,8 +18,8 @@ from support.processes import run_script
 from support.scenes import gas, zoo
 
 import mpsim
-from mpsim import scenefile
-from mpsim.scenefile.reading import PACKAGED
+from mpsim.scene import scenefile
+from mpsim.scene.scenefile.reading import PACKAGED
 
 FEW, MANY = 200, 20_000
 """Executions of each test by default, and with --long."""

@@ -16,7 +16,8 @@ from support.scenes import crowd, gas, lattice, simulate, struck, zoo
 from support.selection import long_but
 
 import mpsim
-from mpsim.engine import pool, running, simulation
+from mpsim.engine import run_loop, simulation
+from mpsim.engine.workers import pool
 
 # 3.12: fork in a process with threads
 pytestmark = [
@@ -134,7 +135,7 @@ def test_workers_that_die_at_random_moments_change_nothing(start, figures):
 def test_a_run_that_forgot_to_rewind_would_be_noticed(monkeypatch, figures):
     """The control: without the way back of the measures, or of the discs, the comparison fails."""
     digest, expected, _ = undisturbed()
-    monkeypatch.setattr(running.Ledger, "rewind", lambda self, mark: setattr(self, "done", mark[0]))
+    monkeypatch.setattr(run_loop.Ledger, "rewind", lambda self, mark: setattr(self, "done", mark[0]))
     found = []
 
     def experiment(killing):
@@ -311,8 +312,8 @@ def test_a_death_during_a_snapshot_is_healed(monkeypatch):
         return take(self)
 
     monkeypatch.setattr(simulation.Simulation, "_snapshot", kill_and_take)
-    monkeypatch.setattr(running, "SNAPSHOT_SECONDS", 0.005)  # so that there are many, however quick the machine is,
-    monkeypatch.setattr(running, "SNAPSHOT_PART", 1.0)  # and however slow the first snapshot was
+    monkeypatch.setattr(run_loop, "SNAPSHOT_SECONDS", 0.005)  # so that there are many, however quick the machine is,
+    monkeypatch.setattr(run_loop, "SNAPSHOT_PART", 1.0)  # and however slow the first snapshot was
     with healing() as sim:
         report = sim.run(frames=FRAMES, measures=MEASURES)
         assert_as_undisturbed(sim, report)
@@ -361,7 +362,7 @@ def test_deaths_without_end_end_the_run(monkeypatch, figures):
         sim.run(frames=1)
     assert wait_until(lambda: not (SHARED_MEMORY / block).exists(), 2)
     figures.note(
-        "R10", "parallel on 2", "every new worker dies at once", "WorkerDied", f"after {running.MOST_DEATHS} attempts"
+        "R10", "parallel on 2", "every new worker dies at once", "WorkerDied", f"after {run_loop.MOST_DEATHS} attempts"
     )
 
 
@@ -474,8 +475,8 @@ def test_snapshots_of_a_hundred_thousand_discs_take_no_more_than_two_percent(fig
     with healing(lattice(400, 250), workers=2) as sim:
         part, number, each = snapshot_part(sim, 20)
     assert part < 0.02
-    monkeypatch.setattr(running, "SNAPSHOT_PART", 1.0)
-    monkeypatch.setattr(running, "SNAPSHOT_SECONDS", 0.0)
+    monkeypatch.setattr(run_loop, "SNAPSHOT_PART", 1.0)
+    monkeypatch.setattr(run_loop, "SNAPSHOT_SECONDS", 0.0)
     with healing(lattice(400, 250), workers=2) as sim:
         control, _, _ = snapshot_part(sim, 5)
     assert control > 0.02

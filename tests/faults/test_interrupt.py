@@ -17,7 +17,8 @@ from support.scenes import lattice, simulate, state_after
 from support.selection import long_but
 
 import mpsim
-from mpsim.engine import exact, pool
+from mpsim.engine.solvers import exact
+from mpsim.engine.workers import pool
 
 ENDS_WITHIN = {"running": 2.0, "starting": 5.0}
 """Seconds from Ctrl-C to the end of the process. A slice of frames is 0.05 s, ending Python and workers the rest, on a

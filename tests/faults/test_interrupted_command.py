@@ -6,7 +6,7 @@ import math
 from click.testing import CliRunner
 from support.processes import run_script
 
-from mpsim.cli import main
+from mpsim.cli.app import main
 
 
 def command(*words: str, at: float = math.inf) -> str:
@@ -14,7 +14,7 @@ def command(*words: str, at: float = math.inf) -> str:
     return f"""
         import contextlib, os, signal
         from mpsim.cli import main
-        from mpsim.commands import terminal
+        from mpsim.cli import terminal
 
         @contextlib.contextmanager
         def progress(quiet):

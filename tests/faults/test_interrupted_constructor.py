@@ -19,7 +19,7 @@ from support.scenes import gas, lattice, simulate
 from support.selection import long_but
 
 import mpsim
-from mpsim.engine import shared
+from mpsim.engine.workers import shared
 
 METHODS = ["naive", "grid", "parallel", "event"]
 SAMPLES = {"naive": 40, "grid": 120, "event": 60, "parallel": 12}
@@ -296,7 +296,9 @@ def test_ctrl_c_where_it_used_to_leave_the_block_until_the_exit(where, what, mon
     def interrupt(*_):
         raise what
 
-    monkeypatch.setattr(f"os.{where}" if where == "posix_fallocate" else f"mpsim.engine.stepped.{where}", interrupt)
+    monkeypatch.setattr(
+        f"os.{where}" if where == "posix_fallocate" else f"mpsim.engine.solvers.stepped.{where}", interrupt
+    )
     with pytest.raises(what) as caught:
         simulate(lattice(9, 9), method="grid")
     assert blocks_of(os.getpid()) == set(), "looked at while the traceback lives"

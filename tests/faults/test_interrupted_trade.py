@@ -10,7 +10,7 @@ from support.processes import Script, assert_nothing_left_of
 from support.scenes import gas
 
 from mpsim import Settings, tradeoff
-from mpsim.measure import campaign, cost
+from mpsim.studies import cost, ensemble
 
 SCENE = gas(20, 0.3)
 CANDIDATES = [Settings(dt=dt, method="grid") for dt in (0.1, 0.05)]
@@ -31,7 +31,7 @@ def made(monkeypatch):
 
         return run
 
-    for module, name in ((campaign, "long_run"), (campaign, "short_runs"), (cost, "measure")):
+    for module, name in ((ensemble, "long_run"), (ensemble, "short_runs"), (cost, "measure")):
         monkeypatch.setattr(module, name, counted(name, getattr(module, name)))
     return runs
 

@@ -188,7 +188,7 @@ from multiprocessing import resource_tracker, util
 import numpy as np
 import psutil
 import mpsim
-from mpsim.engine.shared import SharedBlock
+from mpsim.engine.workers.shared import SharedBlock
 from support.processes import blocks_of
 
 def refuse(*_):

@@ -11,7 +11,7 @@ from support.scenes import lattice, simulate, state_after
 from support.selection import long_but
 
 import mpsim
-from mpsim import archive
+from mpsim.core import archive
 
 TERMINATED = """
 import mpsim

@@ -5,8 +5,8 @@ import time
 import pytest
 from support.scenes import gas, simulate
 
+from mpsim.engine.workers.arrays import MOST_FRAMES
 from mpsim.kernels.layout import SLICE
-from mpsim.state import MOST_FRAMES
 
 
 @pytest.mark.parametrize(("method", "count"), [("naive", 4000), ("grid", 20_000), ("parallel", 20_000)])

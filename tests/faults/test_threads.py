@@ -18,7 +18,8 @@ from support.scenes import ALONE, digest_after, lattice, simulate
 from support.selection import long_but
 
 import mpsim
-from mpsim.engine import exact, pacing
+from mpsim.engine import batch_size
+from mpsim.engine.solvers import exact
 
 METHODS = list(ALONE)
 PATIENCE = 100
@@ -135,7 +136,7 @@ def one_of_each(states):
 @pytest.fixture
 def short_slices(monkeypatch):
     """Readers come by more often."""
-    monkeypatch.setattr(pacing, "MOST_SECONDS", 0.002)
+    monkeypatch.setattr(batch_size, "MOST_SECONDS", 0.002)
     monkeypatch.setattr(exact, "FEWEST_EVENTS", 50)
     monkeypatch.setattr(exact, "SECONDS_AT_ONCE", 0.002)
 

@@ -205,7 +205,7 @@ def test_a_death_during_start_up_is_named(start, delay):
 def test_a_worker_that_raises_hands_over_its_traceback():
     """A worker whose kernels cannot be loaded ends with an error; its text must reach the user."""
     text = """
-    import mpsim, mpsim.engine.worker as worker
+    import mpsim, mpsim.engine.workers.worker as worker
     from support.scenes import lattice
 
     def broken(block):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import mpsim
+from mpsim.core.state import State
 from mpsim.measure import observables, reference
-from mpsim.state import State
 
 DENSE_72 = reference.DENSE_72.value
 

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 import mpsim
-from mpsim.engine.paces import pace_of
-from mpsim.engine.watching import Watch
+from mpsim.engine.speed_estimates import pace_of
+from mpsim.engine.step_limits import Watch
 
 NUMBERS = [0.0, -0.0, 1.0, -1.0, 0.25, -3.0, 1e-30, 50.0, -1e5]
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 import mpsim
-from mpsim import archive
-from mpsim.engine import checkpoint, soundness
+from mpsim.core import archive
+from mpsim.engine import checkpoint, checkpoint_validation
 from support.scenes import simulate, zoo
 
 Change = Callable[[dict[str, Any], dict[str, np.ndarray]], None]
@@ -43,7 +43,7 @@ def rewrite_members(path: Path, change: Callable[[dict[str, bytes]], None], comp
 
 def frame_in(path: Path) -> int:
     """Frame of the checkpoint that a resume would take."""
-    return checkpoint.read(path, soundness.check).run["frame"]
+    return checkpoint.read(path, checkpoint_validation.check).run["frame"]
 
 
 WORDS = "absorbing emitters acceleration"

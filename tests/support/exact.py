@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-from mpsim.kernels import events
+from mpsim.kernels.events import solver
 
 
 class Run:
@@ -36,36 +36,36 @@ class Run:
         radii = None if np.isscalar(radius) else np.asarray(radius, dtype=float)
         mass = None if mass is None else np.asarray(mass, dtype=float)
         largest = 2.0 * (radius if radii is None else radii.max())
-        cells = cells or events.plan_cells(width, height, largest, len(position), periodic)
+        cells = cells or solver.plan_cells(width, height, largest, len(position), periodic)
         wanted = {"radius": radii is not None, "mass": mass is not None, "tally": tally, "winding": winding}
-        shapes = events.layout(len(position), cells, [name for name in wanted if wanted[name]])
+        shapes = solver.layout(len(position), cells, [name for name in wanted if wanted[name]])
         if steps:
             shapes["step_head"] = (np.int32, (steps,))
         arrays = {name: np.full(shape, 7, dtype) for name, (dtype, shape) in shapes.items()}
-        self.store = events.Store(*(arrays.get(name) for name in events.Store._fields))
+        self.store = solver.Store(*(arrays.get(name) for name in solver.Store._fields))
         common = float(radius) if radii is None else 0.0
-        self.box = events.Box(float(width), float(height), *periodic, *cells, common)
-        self.law = events.Law(gravity, restitution, wall_restitution, contact_time)
-        self.placed = events.place(position, velocity, radii, mass, 0.0, self.store, self.box)
+        self.box = solver.Box(float(width), float(height), *periodic, *cells, common)
+        self.law = solver.Law(gravity, restitution, wall_restitution, contact_time)
+        self.placed = solver.place(position, velocity, radii, mass, 0.0, self.store, self.box)
         self.time = 0.0
-        if self.placed[0] == events.REACHED:
-            events.schedule(self.store, self.box, self.law)
+        if self.placed[0] == solver.REACHED:
+            solver.schedule(self.store, self.box, self.law)
 
     def advance(self, until, max_events=10**9):
         self.time = until
-        return events.advance(self.store, self.box, self.law, until, max_events)
+        return solver.advance(self.store, self.box, self.law, until, max_events)
 
     def state(self, time=None):
         position, velocity = np.empty((2, len(self.store.disc), 2))
         time = self.time if time is None else time
-        events.read_out(self.store, self.box, self.law, time, position, velocity)
+        solver.read_out(self.store, self.box, self.law, time, position, velocity)
         return position, velocity
 
     def count(self, what):
         return int(self.store.counter[what])
 
     def present(self):
-        return self.store.clock[events.BASE] + self.store.clock[events.NOW]
+        return self.store.clock[solver.BASE] + self.store.clock[solver.NOW]
 
 
 def gas(count, packing, seed, radius=0.5, spread=0.0):
@@ -105,15 +105,15 @@ def follow(run, twin, count):
         wait = twin.next_event()[0]
         assert wait > 1e-12
         twin.fly(0.5 * wait)
-        assert run.advance(twin.time) == (events.REACHED, -1)
-        assert run.count(events.PAIRS) + run.count(events.WALLS) == k
+        assert run.advance(twin.time) == (solver.REACHED, -1)
+        assert run.count(solver.PAIRS) + run.count(solver.WALLS) == k
         x, v = run.state()
         away = x - np.array(twin.x)
         away -= size * np.round(away / size) * run.box[2:4]
         worst = max(worst, np.abs(away).max(), np.abs(v - np.array(twin.v)).max())
         # Chaos multiplies a rounding by e in a third of a time unit: the twin goes on from the solver's state.
         twin.x, twin.v = x.tolist(), v.tolist()
-    assert run.count(events.GUARDS) == twin.guards
+    assert run.count(solver.GUARDS) == twin.guards
     return worst
 
 

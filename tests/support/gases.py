@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 import mpsim
-from mpsim.capsules import distance
-from mpsim.features import EDGES
+from mpsim.features.capsules import distance
+from mpsim.features.edges import EDGES
 from support.transforms import features_of
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from numba import njit
 
 import mpsim
-from mpsim.engine.alarm import Alert
+from mpsim.engine.speed_alarm import Alert
+from mpsim.engine.workers.arrays import MOST_FRAMES
 from mpsim.kernels import layout
-from mpsim.state import MOST_FRAMES
 
 
 def machine_code(inlined: Callable[..., Any]) -> Callable[..., Any]:

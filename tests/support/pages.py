@@ -134,7 +134,7 @@ def _run(name: str, block: Block, command: str) -> str:
 
 
 def _scene(block: Block) -> None:
-    from mpsim import scenefile  # noqa: PLC0415 - counting blocks needs no mpsim
+    from mpsim.scene import scenefile  # noqa: PLC0415 - counting blocks needs no mpsim
 
     match = re.match(r"# (\S+\.toml)", block.code)
     path = Path(match[1] if match else "scene.toml")

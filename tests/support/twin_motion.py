@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 import mpsim
-from mpsim.engine.provision import has_masses, has_radii, obstacle_arrays
+from mpsim.engine.feature_arrays import has_masses, has_radii, obstacle_arrays
 
 EDGES = ("left", "right", "bottom", "top")
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 import mpsim
-from mpsim.engine.flight import launched
-from mpsim.engine.provision import giant_radius
-from mpsim.state import grid_for
+from mpsim.engine.entry_flight import launched
+from mpsim.engine.feature_arrays import giant_radius
+from mpsim.engine.workers.arrays import grid_for
 from support.compare import assert_same_bits
 from support.scenes import simulate
 from support.twin_motion import EDGES, Motion

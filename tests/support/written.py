@@ -15,8 +15,9 @@ import numpy as np
 from click.testing import CliRunner
 
 import mpsim
-from mpsim import Emitter, FixedDisc, Polyline, Scene, Settings, scenefile
-from mpsim.cli import main
+from mpsim import Emitter, FixedDisc, Polyline, Scene, Settings
+from mpsim.cli.app import main
+from mpsim.scene import scenefile
 from support.goldens import FRAMES, SCENES
 
 CHECKPOINTS = [

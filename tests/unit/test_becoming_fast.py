@@ -7,7 +7,7 @@ import pytest
 from support.scenes import gas, simulate
 
 import mpsim
-from mpsim.engine import watching
+from mpsim.engine import step_limits
 
 WALL = {"width": 20, "height": 10, "radius": 0.5}
 """A box that a row of ten resting discs divides."""
@@ -112,10 +112,10 @@ def test_a_light_disc_that_a_heavy_one_meets_is_warned_of_in_the_next_frame(meth
     scene = mpsim.Scene(
         width=20, height=10, position=[[3, 5], [10, 5]], velocity=[[40, 0], [0, 0]], radius=radius, mass=[1e4, 1]
     )
-    forecast = watching.Watch(scene, mpsim.Settings(), exact=False).forecast()
+    forecast = step_limits.Watch(scene, mpsim.Settings(), exact=False).forecast()
     assert forecast is not None, "the forecast of the start says so too; without it"
     with simulate(scene, method=method, contact=contact) as sim:
-        sim._watch = watching.Watch(scene, sim.settings, exact=False)
+        sim._watch = step_limits.Watch(scene, sim.settings, exact=False)
         sim._watch.arm(sim._solver)
         with pytest.warns(mpsim.FastWarning, match=r"in frame 1[567] disc 1 moves (1\.6|2) times its radius") as found:
             sim.run(frames=40)
@@ -131,7 +131,7 @@ def test_a_disc_that_is_fast_for_one_frame_only_is_warned_of():
         width=9, height=9, position=places, velocity=[[40, 0], [0, 0], [0, 0]], radius=radius, mass=[99, 1, 99]
     )
     with simulate(scene, method="grid", contact="impact", dt=0.01) as sim:
-        sim._watch = watching.Watch(scene, sim.settings, exact=False)
+        sim._watch = step_limits.Watch(scene, sim.settings, exact=False)
         sim._watch.arm(sim._solver)
         speeds = [np.hypot(*sim.state.velocity.T)]
         with pytest.warns(mpsim.FastWarning, match=r"in frame \d+ disc 1 moves [12]\.\d+ times its radius 0.4"):
@@ -206,7 +206,7 @@ def test_a_command_ends_with_the_frame_in_which_a_disc_is_fast_and_no_other():
         faster = mpsim.Scene(**WALL, position=[[5, 5]], velocity=[[30.003, 40.003]])
         with simulate(faster, dt=0.01, method="grid", precision=precision) as sim:
             assert sim._solver.advance(20, 1).times.shape[1] == 20, "the warning was given at the start: no more looks"
-            sim._watch = watching.Watch(faster, sim.settings, exact=False)
+            sim._watch = step_limits.Watch(faster, sim.settings, exact=False)
             sim._watch.arm(sim._solver)
             assert sim._solver.advance(20, 1).times.shape[1] == 1
             found = sim._solver.caught()
@@ -219,7 +219,7 @@ def test_a_simulation_stays_open_when_speeds_are_refused_as_an_emitter_adds_a_di
     """Nothing has been added by then; it was closed, though speeds that are refused between frames leave it open."""
     emitter = mpsim.Emitter(position=(4.5, 4.5), velocity=(3.0, 1.0), **rhythm)
     scene = mpsim.Scene(width=9, height=9, position=(), velocity=(), radius=0.5, emitters=[emitter])
-    judge = watching.Watch.judge
+    judge = step_limits.Watch.judge
 
     def refuse_the_second(self, solver, notices, new=None):
         if new is not None and solver.count == 1:
@@ -228,7 +228,7 @@ def test_a_simulation_stays_open_when_speeds_are_refused_as_an_emitter_adds_a_di
 
     with simulate(scene, method="grid", dt=0.01) as sim:
         with monkeypatch.context() as patch:
-            patch.setattr(watching.Watch, "judge", refuse_the_second)
+            patch.setattr(step_limits.Watch, "judge", refuse_the_second)
             with pytest.raises(mpsim.TooFastError):
                 sim.run(until=5.0)
         assert sim.count == 1

@@ -12,14 +12,14 @@ import pytest
 from click.testing import CliRunner, Result
 
 import mpsim
-from mpsim import scenefile
-from mpsim.cli import main
-from mpsim.commands import terminal, trade
-from mpsim.measure.cost import Cost
-from mpsim.measure.deviations import Deviation
-from mpsim.measure.replicas import MEASURES
-from mpsim.measure.tradeoff import Row, Tradeoff
-from mpsim.measure.tuned import Trial, Tuned
+from mpsim.cli import terminal, trade
+from mpsim.cli.app import main
+from mpsim.scene import scenefile
+from mpsim.studies.cost import Cost
+from mpsim.studies.deviations import Deviation
+from mpsim.studies.replicas import MEASURES
+from mpsim.studies.tradeoff import Row, Tradeoff
+from mpsim.studies.tuned import Trial, Tuned
 
 SETTINGS = mpsim.Settings(dt=0.05, contact="push")
 ROW = Row(SETTINGS, Cost(10.0, 9.0, 11.0, 100.0, "grid", 1), {"pressure": Deviation(0.004, float("inf"))})

@@ -9,7 +9,7 @@ from support.scenes import gas, simulate
 
 import mpsim
 from mpsim import Scene, Settings
-from mpsim.measure.comparison import parting, short_run, typical_speed
+from mpsim.studies.comparison import parting, short_run, typical_speed
 
 pytestmark = pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # errors of long steps are what is measured
 

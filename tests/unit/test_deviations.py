@@ -9,10 +9,10 @@ from support.scenes import gas
 
 import mpsim
 from mpsim import Settings
-from mpsim.measure.campaign import Campaign
-from mpsim.measure.cost import CHUNKS, RESTARTS, measure
-from mpsim.measure.deviations import Deviation, deviations, short_deviations
-from mpsim.measure.replicas import LONG, long_run, quietly
+from mpsim.studies.cost import CHUNKS, RESTARTS, measure
+from mpsim.studies.deviations import Deviation, deviations, short_deviations
+from mpsim.studies.ensemble import Campaign
+from mpsim.studies.replicas import LONG, long_run, quietly
 
 PAIRED = ["pressure", "collision_rate", "speed_distribution"]
 """Measures whose noise is that of many collisions. The energy drift of the exact solver is a handful of roundings,
@@ -220,7 +220,7 @@ def test_results_scatter_by_their_stated_errors_in_every_gas(scene, until):
 def test_short_runs_are_timed_without_starting_workers_a_thousand_times(monkeypatch):
     """A run of five frames of some microseconds is over thousands of times before caches are warm."""
     started, make = [], mpsim.Simulation
-    monkeypatch.setattr("mpsim.measure.cost.Simulation", lambda *given: started.append(1) or make(*given))
+    monkeypatch.setattr("mpsim.studies.cost.Simulation", lambda *given: started.append(1) or make(*given))
     found = measure(gas(4, 0.1), Settings(dt=0.2, method="naive"), 1.0)
     assert found["low"] <= found["median"] <= found["high"]
     assert len(started) <= RESTARTS + CHUNKS, "one start for each timed piece, and few more"

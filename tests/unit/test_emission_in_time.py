@@ -11,8 +11,9 @@ from support.compare import assert_same_bits
 from support.scenes import simulate
 
 import mpsim
-from mpsim.engine import emission, exact
-from mpsim.engine.flight import launched
+from mpsim.engine import emission
+from mpsim.engine.entry_flight import launched
+from mpsim.engine.solvers import exact
 
 ROOM = {"width": 60.0, "height": 60.0, "position": np.zeros((0, 2)), "velocity": np.zeros((0, 2)), "radius": 0.25}
 FALLING = {**ROOM, "gravity": (0.3, -0.5)}

@@ -8,26 +8,26 @@ import pytest
 from support.exact import SCRIPT, Run, bits, everything, gas, in_a_new_process, kinetic, same_arrays
 from support.internals import machine_code
 
-from mpsim.kernels import event_calendar, event_state, events
+from mpsim.kernels.events.solver import calendar, solver, state
 
-earliest, reschedule = map(machine_code, (event_calendar.earliest, event_calendar.reschedule))
+earliest, reschedule = map(machine_code, (calendar.earliest, calendar.reschedule))
 
 
 def test_stopping_changes_no_bit():
     whole, cut, sliced = everything(), everything(), everything()
-    assert whole.advance(7.0) == (events.REACHED, -1)
+    assert whole.advance(7.0) == (solver.REACHED, -1)
     for time in [0.0, 1e-9, 0.1, 0.1, math.pi / 7, 1.0, 1.0 + 1e-15, 2.718281828, 5.000000001, 6.9999, 7.0]:
-        assert cut.advance(time) == (events.REACHED, -1)
+        assert cut.advance(time) == (solver.REACHED, -1)
         cut.state()
     calls = 0
-    while sliced.advance(7.0, 13)[0] == events.PAUSED:
+    while sliced.advance(7.0, 13)[0] == solver.PAUSED:
         calls += 1
     assert calls > 50
     assert bits(whole) == bits(cut) == bits(sliced)
     assert same_arrays(whole, sliced)
     # Negative control: the bits do tell one rounding.
     other = everything()
-    other.store.disc[0, events.VX] = np.nextafter(other.store.disc[0, events.VX], 9.0)
+    other.store.disc[0, solver.VX] = np.nextafter(other.store.disc[0, solver.VX], 9.0)
     other.advance(7.0)
     assert bits(other) != bits(whole)
 
@@ -40,7 +40,7 @@ def test_saved_and_restored_arrays_go_on_with_the_same_bits():
         np.copyto(target, source.copy())
     other.box = saved.box
     other.store.radius[:] = saved.store.radius
-    assert other.advance(6.0) == (events.REACHED, -1)
+    assert other.advance(6.0) == (solver.REACHED, -1)
     assert same_arrays(whole, other)
     assert bits(whole) == bits(other)
 
@@ -54,13 +54,13 @@ def test_ties_break_the_same_way_every_time():
     for run in runs:
         run.advance(200.0)
     assert same_arrays(*runs)
-    assert runs[0].count(events.PAIRS) > 1000
+    assert runs[0].count(solver.PAIRS) > 1000
     # Where the calendar keeps an event cannot matter, here on an exact grid of times.
     runs = [Run(position, velocity, 17.0, 17.0, steps=steps) for steps in (64, 1 << 12)]
     for run in runs:
         run.advance(3.0)
     assert bits(runs[0]) == bits(runs[1])
-    assert runs[0].store.clock[events.LAP] != runs[1].store.clock[events.LAP]
+    assert runs[0].store.clock[solver.LAP] != runs[1].store.clock[solver.LAP]
 
 
 @pytest.mark.parametrize("steps", [1, 8, 512])
@@ -70,23 +70,23 @@ def test_the_calendar_finds_the_earliest_of_all(steps):
     count = 150
     run = Run(np.full((count, 2), 5.0), np.zeros((count, 2)), 10.0, 10.0, radius=1e-6, steps=steps)
     disc, clock = run.store.disc, run.store.clock
-    clock[events.LAP], clock[events.STEP] = 1.0, 1.0 / steps
-    disc[:, events.BORDER] = math.inf
-    disc[:, events.IMPACT] = rng.integers(0, 2000, count) / 1024
-    event_calendar.fill(run.store)
+    clock[solver.LAP], clock[solver.STEP] = 1.0, 1.0 / steps
+    disc[:, solver.BORDER] = math.inf
+    disc[:, solver.IMPACT] = rng.integers(0, 2000, count) / 1024
+    calendar.fill(run.store)
     laps = 0
     for _ in range(6000):
         i = earliest(run.store)
-        expected = np.lexsort((np.arange(count), disc[:, events.IMPACT]))[0]
+        expected = np.lexsort((np.arange(count), disc[:, solver.IMPACT]))[0]
         if i < 0:
-            assert disc[expected, events.IMPACT] >= clock[events.LAP]
-            event_calendar.begin_lap(run.store)
+            assert disc[expected, solver.IMPACT] >= clock[solver.LAP]
+            calendar.begin_lap(run.store)
             laps += 1
             continue
         assert i == expected
-        now = disc[i, events.IMPACT]
+        now = disc[i, solver.IMPACT]
         for j in (i, *rng.integers(0, count, 3)):
-            disc[j, events.IMPACT] = now + rng.integers(0, 400) / 1024
+            disc[j, solver.IMPACT] = now + rng.integers(0, 400) / 1024
             reschedule(j, run.store)
     assert laps >= 1
 
@@ -96,7 +96,7 @@ def test_worst_overlap_is_the_brute_force_one():
     for periodic in ((False, False), (True, True)):
         x, radii = rng.uniform(1.0, 19.0, (200, 2)), rng.uniform(0.2, 0.6, 200)
         run = Run(x, np.zeros((200, 2)), 20.0, 20.0, radii, periodic=periodic)
-        i, j, depth = events.worst_overlap(run.store, run.box)
+        i, j, depth = solver.worst_overlap(run.store, run.box)
         r = x[:, None] - x[None]
         if periodic[0]:
             r -= 20.0 * np.round(r / 20.0)
@@ -105,7 +105,7 @@ def test_worst_overlap_is_the_brute_force_one():
         assert abs(depth - depths.max()) < 1e-14
     position, velocity, radius, length = gas(64, 0.3, seed=8)
     run = Run(position, velocity, length, length, radius)
-    assert events.worst_overlap(run.store, run.box) == (-1, -1, 0.0)
+    assert solver.worst_overlap(run.store, run.box) == (-1, -1, 0.0)
 
 
 def test_rounding_overlaps_are_legal():
@@ -116,59 +116,59 @@ def test_rounding_overlaps_are_legal():
     x = x * (1.0 - 1e-12)
     velocity = rng.normal(size=(64, 2))
     run = Run(x, velocity, 12.0, 12.0)
-    depth = events.worst_overlap(run.store, run.box)[2]
+    depth = solver.worst_overlap(run.store, run.box)[2]
     assert 0.0 < depth < 2e-12
-    assert run.advance(20.0) == (events.REACHED, -1)
+    assert run.advance(20.0) == (solver.REACHED, -1)
     x, v = run.state()
     assert abs(kinetic(v) / kinetic(velocity) - 1.0) < 1e-12
     r = x[:, None] - x[None]
     assert (np.hypot(r[..., 0], r[..., 1]) + 9.0 * np.eye(64)).min() > 1.0 - 1e-11
-    assert run.count(events.PAIRS) > 1000
+    assert run.count(solver.PAIRS) > 1000
 
 
 def test_a_jammed_corner_of_touching_discs_is_no_endless_loop():
     x = np.array([[0.5 + i, 0.5 + j] for j in range(4) for i in range(4)])
     velocity = np.random.default_rng(17).normal(size=(16, 2))
     run = Run(x, velocity, 4.0 + 1e-9, 4.0 + 1e-9)
-    assert run.advance(1e-6)[0] == events.REACHED
+    assert run.advance(1e-6)[0] == solver.REACHED
     assert abs(kinetic(run.state()[1]) / kinetic(velocity) - 1.0) < 1e-11
-    assert run.count(events.PAIRS) > 1000
+    assert run.count(solver.PAIRS) > 1000
 
 
 def test_what_cannot_be_computed_is_a_status():
     position, velocity, radius, length = gas(16, 0.3, seed=18)
     bad = velocity.copy()
     bad[5, 1] = math.nan
-    assert Run(position, bad, length, length, radius).placed == (events.NOT_FINITE, 5)
+    assert Run(position, bad, length, length, radius).placed == (solver.NOT_FINITE, 5)
     bad[5, 1] = math.inf
-    assert Run(position, bad, length, length, radius).placed == (events.NOT_FINITE, 5)
+    assert Run(position, bad, length, length, radius).placed == (solver.NOT_FINITE, 5)
     off = position.copy()
     off[7, 0] = -1.0
-    assert Run(off, velocity, length, length, radius).placed == (events.OUTSIDE, 7)
+    assert Run(off, velocity, length, length, radius).placed == (solver.OUTSIDE, 7)
     run = Run(position, velocity, length, length, radius)
     run.advance(1.0)
-    assert run.advance(0.5) == (events.BACKWARDS, -1)
-    assert run.advance(math.nan) == (events.BACKWARDS, -1)
-    for column in (event_state.X, event_state.VY, event_state.SINCE):
+    assert run.advance(0.5) == (solver.BACKWARDS, -1)
+    assert run.advance(math.nan) == (solver.BACKWARDS, -1)
+    for column in (state.X, state.VY, state.SINCE):
         run = Run(position, velocity, length, length, radius)
         run.advance(0.5)
         run.store.disc[3, column] = math.nan
-        assert run.advance(50.0, 10**6)[0] == events.NOT_FINITE
+        assert run.advance(50.0, 10**6)[0] == solver.NOT_FINITE
 
 
 def test_idle_and_cooling_scenes_take_few_laps():
     run = Run([[2.0, 2.0], [5.0, 5.0]], np.zeros((2, 2)), 10.0, 10.0)
-    assert run.advance(1e9, 10_000) == (events.REACHED, -1)
+    assert run.advance(1e9, 10_000) == (solver.REACHED, -1)
     run = Run([[2.0, 2.0], [5.0, 5.0]], [[1e-7, 0.0], [0.0, 0.0]], 10.0, 10.0)
-    assert run.advance(1e9, 10_000) == (events.REACHED, -1)
-    assert run.count(events.WALLS) > 5
+    assert run.advance(1e9, 10_000) == (solver.REACHED, -1)
+    assert run.count(solver.WALLS) > 5
 
 
 def test_time_keeps_its_resolution():
     # The same gas started at time zero and at time 2^40 moves alike: only the stopping time is rounded.
     position, velocity, radius, length = gas(36, 0.3, seed=19)
     early, late = (Run(position, velocity, length, length, radius) for _ in range(2))
-    late.store.clock[events.BASE] = 2.0**40
+    late.store.clock[solver.BASE] = 2.0**40
     early.advance(3.0)
     late.advance(2.0**40 + 3.0)
     assert bits(early) == bits(late)

@@ -5,8 +5,8 @@ import pytest
 from support.arrays import BARE, control_of, discs_of, parameters_of
 from support.internals import machine_code
 
-from mpsim.kernels import contacts
-from mpsim.kernels.contacts import resolve_all_pairs
+from mpsim.kernels.frame import contacts
+from mpsim.kernels.frame.contacts import resolve_all_pairs
 from mpsim.kernels.layout import CONTACT, ELASTIC, EXCHANGE, IMPACT, REFLECT
 
 REALS = [np.float32, np.float64]

@@ -11,19 +11,21 @@ from support.internals import machine_code, wall_impulses
 from support.scenes import simulate
 
 import mpsim
-from mpsim.capsules import distance
-from mpsim.engine import provision
-from mpsim.kernels import falling, layout, motion, obstacles
-from mpsim.kernels.exits import absorb
-from mpsim.kernels.falling import fall
-from mpsim.kernels.images import wrap_places
-from mpsim.kernels.motion import tally_walls
-from mpsim.kernels.obstacles import meet_capsules
-from mpsim.kernels.piston import place_wall
-from mpsim.kernels.sorting import sort
+from mpsim.engine import feature_arrays
+from mpsim.features.capsules import distance
+from mpsim.kernels import layout
+from mpsim.kernels.features import acceleration, obstacles
+from mpsim.kernels.features.absorption import absorb
+from mpsim.kernels.features.acceleration import fall
+from mpsim.kernels.features.images import wrap_places
+from mpsim.kernels.features.obstacles import meet_capsules
+from mpsim.kernels.features.piston import place_wall
+from mpsim.kernels.frame import motion
+from mpsim.kernels.frame.motion import tally_walls
+from mpsim.kernels.frame.sorting import sort
 
 bounce_back, along_axis, meet_capsule = map(
-    machine_code, (falling.bounce_back, motion.along_axis, obstacles.meet_capsule)
+    machine_code, (acceleration.bounce_back, motion.along_axis, obstacles.meet_capsule)
 )
 
 FLOOR = (0.0, 0.0, 10.0, 0.0, 0.0)
@@ -238,14 +240,14 @@ def test_an_edge_takes_no_impulse_from_a_disc_that_it_has_swallowed(gone):
 
 def test_giants_are_few_and_more_than_twice_as_large_as_all_others():
     small = np.full(100, 1.0)
-    assert provision.giant_radius(small) is None
-    assert provision.giant_radius(np.append(small, 2.0)) is None, "twice as large is not enough"
-    assert provision.giant_radius(np.append(small, 2.5)) == 1.0
-    assert provision.giant_radius(np.append(small, [1.5, 1.9, 40.0])) == 1.9, "the grid keeps all but the giants"
-    assert provision.giant_radius(np.append(small, np.full(8, 9.0))) == 1.0
-    assert provision.giant_radius(np.append(small, np.full(9, 9.0))) is None, "nine are too many for giants"
-    assert provision.giant_radius(np.append(np.full(15, 1.0), 9.0)) is None, "too few discs for a grid"
-    assert provision.giant_radius(np.array([])) is None
+    assert feature_arrays.giant_radius(small) is None
+    assert feature_arrays.giant_radius(np.append(small, 2.0)) is None, "twice as large is not enough"
+    assert feature_arrays.giant_radius(np.append(small, 2.5)) == 1.0
+    assert feature_arrays.giant_radius(np.append(small, [1.5, 1.9, 40.0])) == 1.9, "the grid keeps all but the giants"
+    assert feature_arrays.giant_radius(np.append(small, np.full(8, 9.0))) == 1.0
+    assert feature_arrays.giant_radius(np.append(small, np.full(9, 9.0))) is None, "nine are too many for giants"
+    assert feature_arrays.giant_radius(np.append(np.full(15, 1.0), 9.0)) is None, "too few discs for a grid"
+    assert feature_arrays.giant_radius(np.array([])) is None
 
 
 @pytest.mark.parametrize("boundary", ["walls", "periodic", ("periodic", "walls")])
@@ -256,7 +258,7 @@ def test_the_grid_of_obstacles_lists_all_that_a_disc_can_touch(boundary):
     scene = mpsim.Scene(
         width=20, height=20, position=[[5, 5]], velocity=[[0, 0]], radius=0.5, obstacles=pegs + walls, boundary=boundary
     )
-    arrays = provision.obstacle_arrays(scene)
+    arrays = feature_arrays.obstacle_arrays(scene)
     places = rng.uniform(0, 20, (4000, 2))
     touches = distance(places[:, None], arrays["capsule"]) < 0.5
     columns, rows = arrays["grid"]
@@ -296,7 +298,7 @@ def test_an_obstacle_never_puts_a_disc_beyond_a_periodic_border():
     scene = mpsim.Scene(
         width=20, height=20, position=[[0.5, 10]], velocity=[[0, 0]], radius=0.5, boundary="periodic", obstacles=peg
     )
-    obstacles = layout.Obstacles(**provision.obstacle_arrays(scene))
+    obstacles = layout.Obstacles(**feature_arrays.obstacle_arrays(scene))
     wrap = np.array([20.0])
     features = BARE._replace(wrap_x=wrap, wrap_y=wrap, image=np.zeros((2, 1), np.int64), obstacles=obstacles)
     discs = discs_of(np.float64, [0.5], [10.0])

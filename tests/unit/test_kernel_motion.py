@@ -5,8 +5,9 @@ import pytest
 from support.arrays import BARE, control_of, discs_of, parameters_of, team_of
 from support.internals import machine_code
 
-from mpsim.kernels import layout, motion
-from mpsim.kernels.motion import move, worst_slot
+from mpsim.kernels import layout
+from mpsim.kernels.frame import motion
+from mpsim.kernels.frame.motion import move, worst_slot
 
 accelerate, drift_between_walls = map(machine_code, (motion.accelerate, motion.drift_between_walls))
 

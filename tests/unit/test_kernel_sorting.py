@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from support.arrays import control_of, discs_of, parameters_of, team_of
 
+from mpsim.engine.workers.arrays import grid_for
 from mpsim.kernels import layout
-from mpsim.kernels.sorting import bin_discs, count_cells, sort
-from mpsim.state import grid_for
+from mpsim.kernels.frame.sorting import bin_discs, count_cells, sort
 
 
 class Sorting:

@@ -14,8 +14,9 @@ from support.seconds import quickest
 from support.selection import long_but
 
 import mpsim
-from mpsim import capsules, features
-from mpsim.engine import additions, emission, flight
+from mpsim import features
+from mpsim.engine import emission, entry_flight, insertion
+from mpsim.features import capsules
 
 LONGEST = 2e-5
 """Seconds of processor time per obstacle or emitter, from the scene to the end of the first frame."""
@@ -351,7 +352,7 @@ def test_a_flight_ends_where_one_look_after_the_other_ends_it():
     for _ in range(200):
         flown, beyond = np.sort(10 ** rng.uniform(-6, 2, 2)).tolist()
         end, rounding = rng.uniform(flown, beyond), rng.choice([0.0, 1e-16, 1e-3]) * beyond
-        found = flight._last_clear(lambda times, end=end: times < end, flown, beyond, rounding)
+        found = entry_flight._last_clear(lambda times, end=end: times < end, flown, beyond, rounding)
         while beyond - flown > rounding and flown < (middle := 0.5 * (flown + beyond)) < beyond:
             flown, beyond = (middle, beyond) if middle < end else (flown, middle)
         assert found == flown
@@ -367,6 +368,6 @@ def test_discs_that_are_there_are_not_looked_at_where_nothing_presses_them_toget
     box = {"width": 9, "height": 9, "position": [], "velocity": [], "radius": 1}
     place = {"time": 0.0, "name": "position", "position": np.array([4.0, 4.0]), "radius": 1.0}
     present: Any = NotLookedAt()
-    assert additions.hindrance(mpsim.Scene(**box), present=present, **place) is None
+    assert insertion.hindrance(mpsim.Scene(**box), present=present, **place) is None
     pressed = mpsim.Scene(**box, piston=mpsim.Piston("right", -1, 5.0))
-    assert "room for all 26 discs" in str(additions.hindrance(pressed, present=np.ones(25), **place))
+    assert "room for all 26 discs" in str(insertion.hindrance(pressed, present=np.ones(25), **place))

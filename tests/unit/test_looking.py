@@ -11,15 +11,15 @@ from PIL import Image
 from support.scenes import gas, lattice, simulate
 
 import mpsim
-from mpsim import scenefile
+from mpsim.engine.workers.arrays import grid_for
 from mpsim.kernels import layout
 from mpsim.kernels.layout import PHASES
-from mpsim.measure.cost import Cost
-from mpsim.measure.deviations import Deviation
-from mpsim.measure.tuned import Tuned
 from mpsim.output.animation import Picture
 from mpsim.output.drawing import STYLE
-from mpsim.state import grid_for
+from mpsim.scene import scenefile
+from mpsim.studies.cost import Cost
+from mpsim.studies.deviations import Deviation
+from mpsim.studies.tuned import Tuned
 
 SAFE = {"0072B2", "D55E00", "009E73", "CC79A7", "E69F00", "56B4E9", "F0E442", "000000"}
 """The colours of Okabe & Ito."""

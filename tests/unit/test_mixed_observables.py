@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from mpsim import Emitter, FixedDisc, InputError, Piston, Scene
+from mpsim.core.state import State
 from mpsim.kernels import layout
-from mpsim.measure import correlation, counted, gathering, observables, pairs
-from mpsim.state import State
+from mpsim.measure import correlation, counted, observables, pairs, run_averages
 
 MIXTURE = Scene(
     width=10,
@@ -187,12 +187,12 @@ REFUSED = {
 def test_a_scene_has_the_measures_that_mean_something_in_it_and_no_others(case):
     changes, names, word = REFUSED[case]
     scene = scene_of(**changes)
-    reasons = {name: gathering.refusal(name, scene) for name in gathering.NAMES}
+    reasons = {name: run_averages.refusal(name, scene) for name in run_averages.NAMES}
     smooth = [] if all(scene.periodic) and VIRIALS[0] not in names else ["pressure_xy"]  # walls take up none
     assert {name for name, reason in reasons.items() if reason} == {*names, *smooth}
     for name in names:
         with pytest.raises(InputError) as raised:
-            gathering.checked([name], scene)
+            run_averages.checked([name], scene)
         text = str(raised.value)
         assert text.startswith(f"measures may hold {name!r} only")
         assert word in text
@@ -200,8 +200,8 @@ def test_a_scene_has_the_measures_that_mean_something_in_it_and_no_others(case):
 
 def test_masses_of_added_discs_are_asked_for():
     with pytest.raises(InputError, match=r"'temperature' only where the scene holds the mass of every disc; it has 2"):
-        gathering.checked("temperature", scene_of(mass=2.0), count=3)
-    assert gathering.checked("temperature", scene_of(), count=3) == ("temperature",)
+        run_averages.checked("temperature", scene_of(mass=2.0), count=3)
+    assert run_averages.checked("temperature", scene_of(), count=3) == ("temperature",)
 
 
 def counts_of(**values):

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import mpsim
-from mpsim import scenefile
-from mpsim.measure import benchmark
-from mpsim.scenefile.reading import PACKAGED
+from mpsim.scene import scenefile
+from mpsim.scene.scenefile.reading import PACKAGED
+from mpsim.studies import benchmark
 
 NAMES = (
     "brownian",

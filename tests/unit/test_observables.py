@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from mpsim.errors import InputError
+from mpsim.core.errors import InputError
+from mpsim.core.state import State
 from mpsim.measure import correlation, observables, pairs, reference
-from mpsim.scene import Scene
-from mpsim.state import State
+from mpsim.scene.scene import Scene
 
 
 def scene_of(position, velocity=None, width=20.0, height=20.0, radius=0.5, **features):

@@ -68,7 +68,7 @@ def test_the_wheel_holds_what_it_needs_and_no_more(built):
     names = zipfile.ZipFile(wheel).namelist()
     scenes = {path.name for path in (TOP / "mpsim" / "scenes").glob("*.toml")}
     assert {Path(name).name for name in names if name.endswith(".toml")} == scenes
-    assert {"mpsim/py.typed", "mpsim/output/mpsim.mplstyle", "mpsim/kernels/stepping.py"} <= set(names)
+    assert {"mpsim/py.typed", "mpsim/output/mpsim.mplstyle", "mpsim/kernels/frame/stepping.py"} <= set(names)
     assert {name.split("/")[0].split("-")[0] for name in names} == {"mpsim"}
     (source,) = built.glob("*.tar.gz")
     with tarfile.open(source) as archive:

@@ -6,7 +6,7 @@ from support.scenes import gas, simulate
 
 from mpsim.kernels import layout
 from mpsim.kernels.compiling import JIT_DISABLED
-from mpsim.kernels.stepping import run_grid
+from mpsim.kernels.frame.stepping import run_grid
 
 
 def features_compiled():

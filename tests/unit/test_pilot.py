@@ -6,7 +6,7 @@ import pytest
 from support.scenes import gas
 
 import mpsim
-from mpsim.measure import pilot
+from mpsim.studies import preliminary as pilot
 
 
 class Clock:

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mpsim import InputError, placement
+from mpsim import InputError
+from mpsim.scene import placement
 
 
 def overlaps_twin(position, diameter):

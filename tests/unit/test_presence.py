@@ -7,9 +7,9 @@ import pytest
 from support.scenes import gas, simulate
 
 import mpsim
-from mpsim.errors import InputError
+from mpsim.core.errors import InputError
+from mpsim.core.state import State
 from mpsim.measure import correlation, observables
-from mpsim.state import State
 
 
 def box_of(**features):

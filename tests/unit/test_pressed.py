@@ -7,7 +7,7 @@ import pytest
 from support.scenes import gas, simulate
 
 import mpsim
-from mpsim.engine import pressing
+from mpsim.engine import compression
 
 PRESSED = "discs are pressed into each other: at time"
 
@@ -117,7 +117,7 @@ def test_gases_with_the_longest_steps_that_pass_are_not_pressed(packing, dt, con
         with mpsim.Simulation(scene, mpsim.Settings(dt=dt, method="grid", contact=contact)) as sim:
             for _ in range(50):
                 sim.run(frames=5)
-                assert pressing.pressed(sim._solver, scene, sim.settings) is None
+                assert compression.pressed(sim._solver, scene, sim.settings) is None
                 deepest = max(deepest, mpsim.measure.overlap(sim.state, scene).largest)
     assert deepest > 0.05, "the control"
 

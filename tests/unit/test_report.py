@@ -8,7 +8,7 @@ from support.scenes import crowd, gas, simulate
 
 import mpsim
 from mpsim.kernels.layout import PHASES
-from mpsim.measure.gathering import Measures
+from mpsim.measure.run_averages import Measures
 
 LAYOUTS = [("naive", 1), ("grid", 1), ("parallel", 1), ("parallel", 3)]
 
@@ -62,7 +62,7 @@ def test_the_memory_of_each_process_and_of_the_block_is_reported():
 
 
 def test_a_million_float32_discs_need_at_most_100_bytes_each():
-    from mpsim.state import block_arrays, grid_for  # noqa: PLC0415
+    from mpsim.engine.workers.arrays import block_arrays, grid_for  # noqa: PLC0415
 
     grid = grid_for(10**6, 1401, 1401, 1.0, "float32")
     arrays = block_arrays(10**6, grid, 2, "float32", {}, False)
@@ -109,7 +109,7 @@ def test_discs_may_be_added_while_progress_is_reported(method):
 
 
 def test_more_frames_than_fit_the_block_are_all_timed():
-    from mpsim.state import MOST_FRAMES  # noqa: PLC0415
+    from mpsim.engine.workers.arrays import MOST_FRAMES  # noqa: PLC0415
 
     with simulate(gas(5, 0.1), method="naive") as sim:
         report = sim.run(frames=3 * MOST_FRAMES + 1)

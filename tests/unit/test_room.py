@@ -8,8 +8,9 @@ import pytest
 from support.scenes import simulate
 
 import mpsim
-from mpsim import features, room
-from mpsim.capsules import distance
+from mpsim import features
+from mpsim.features.capsules import distance
+from mpsim.scene import room
 
 BOX = {"width": 20, "height": 10, "radius": 0.5}
 NOBODY = {"position": np.zeros((0, 2)), "velocity": np.zeros((0, 2))}

@@ -12,16 +12,17 @@ from click.testing import CliRunner, Result
 from PIL import Image
 
 import mpsim
-from mpsim import scenefile
-from mpsim.cli import main
-from mpsim.commands import terminal
-from mpsim.commands.run import pictures_of
-from mpsim.commands.runfolder import RunFolder
-from mpsim.engine import shared
-from mpsim.engine.running import frames_until
-from mpsim.measure import Measure, benchmark
-from mpsim.measure.tables import measure_text
+from mpsim.cli import terminal
+from mpsim.cli.app import main
+from mpsim.cli.run import pictures_of
+from mpsim.cli.runfolder import RunFolder
+from mpsim.engine.run_loop import frames_until
+from mpsim.engine.workers import shared
+from mpsim.measure import Measure
 from mpsim.output.recorder import COLUMNS, read_table
+from mpsim.output.tables import measure_text
+from mpsim.scene import scenefile
+from mpsim.studies import benchmark
 
 SHORT = ("--method", "grid", "--frames", "30", "--every", "4", "--quiet")
 

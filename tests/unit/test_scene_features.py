@@ -5,7 +5,7 @@ import pytest
 from support.scenes import gas
 
 from mpsim import Emitter, FixedDisc, InputError, Piston, Polyline, Scene, Settings, Simulation
-from mpsim.capsules import distance
+from mpsim.features.capsules import distance
 
 PLACES = [[2.0, 2.0], [4.0, 3.0]]
 

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from support.compare import overlapping_pairs
 
 import mpsim
-from mpsim import scenefile
-from mpsim.scenefile import arrays, schema
+from mpsim.scene import scenefile
+from mpsim.scene.scenefile import arrays, schema
 
 HEAD = "schema = 1\nwidth = 10.0\nheight = 8.0\n"
 ONE = "[[discs]]\nposition = [[2.0, 3.0]]\nradius = 0.5\n"
@@ -159,7 +159,7 @@ def test_groups_at_random_places_keep_clear_of_each_other_and_of_obstacles(load)
         temperature = 1.0
         """
     ).scene
-    from mpsim.capsules import distance  # noqa: PLC0415
+    from mpsim.features.capsules import distance  # noqa: PLC0415
 
     assert scene.count == 61
     assert not len(overlapping_pairs(scene.position[1:], 0.5)[0])

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import mpsim
-from mpsim import scenefile
-from mpsim.scenefile import schema
+from mpsim.scene import scenefile
+from mpsim.scene.scenefile import schema
 
 HEAD = "schema = 1\nwidth = 10.0\nheight = 8.0\n"
 ONE = "[[discs]]\nposition = [[2.0, 3.0]]\nradius = 0.5\n"

@@ -6,8 +6,8 @@ import pytest
 from support.scenes import gas, simulate
 
 import mpsim
-from mpsim.engine import methods
-from mpsim.engine.pacing import Pacer
+from mpsim.engine.batch_size import Pacer
+from mpsim.engine.solvers import methods
 
 
 def test_settings_are_immutable_and_equal_by_value():

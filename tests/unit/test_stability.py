@@ -11,8 +11,8 @@ import pytest
 from support.processes import wait_until
 
 import mpsim
-from mpsim.measure import stability
-from mpsim.measure.stability import Row, Trial, attempt
+from mpsim.studies import stability
+from mpsim.studies.stability import Row, Trial, attempt
 
 GRID = Row("grid")
 

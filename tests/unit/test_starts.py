@@ -8,8 +8,9 @@ import pytest
 from support.scenes import gas
 
 import mpsim
-from mpsim import Emitter, InputError, Scene, scenefile
-from mpsim.measure.starts import VARIATION, Starts, varied
+from mpsim import Emitter, InputError, Scene
+from mpsim.scene import scenefile
+from mpsim.studies.independent_starts import VARIATION, Starts, varied
 
 CRADLE = Scene.load("cradle")
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from support.scenes import gas, simulate
 
 import mpsim
-from mpsim.engine.shared import SharedBlock
-from mpsim.state import ArraySpec, block_arrays, grid_for
+from mpsim.engine.workers.arrays import ArraySpec, block_arrays, grid_for
+from mpsim.engine.workers.shared import SharedBlock
 
 
 @pytest.mark.parametrize("method", ["naive", "grid", "parallel"])

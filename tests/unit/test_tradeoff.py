@@ -18,12 +18,14 @@ from support.scenes import gas
 
 import mpsim
 from mpsim import Scene, Settings, tradeoff
-from mpsim.measure import campaign, cost, pilot, tables
-from mpsim.measure.cost import Cost
-from mpsim.measure.deviations import Deviation
-from mpsim.measure.ladder import ladder
-from mpsim.measure.replicas import MEASURES
-from mpsim.measure.tradeoff import Row, Tradeoff
+from mpsim.output import tables
+from mpsim.studies import cost, ensemble
+from mpsim.studies import preliminary as pilot
+from mpsim.studies.cost import Cost
+from mpsim.studies.default_candidates import ladder
+from mpsim.studies.deviations import Deviation
+from mpsim.studies.replicas import MEASURES
+from mpsim.studies.tradeoff import Row, Tradeoff
 
 COARSE, FINE = Settings(dt=0.1, method="grid"), Settings(dt=0.02, method="grid")
 PUSH = Settings(dt=0.05, method="grid", contact="push")
@@ -504,8 +506,8 @@ def test_what_the_machine_failed_at_is_tried_again_and_what_the_candidate_failed
     tmp_path, quick, monkeypatch
 ):
     scene, path = gas(20, 0.3), tmp_path / "kept.json"
-    run = campaign.long_run
-    monkeypatch.setattr(campaign, "long_run", lambda *_: {"failure": "MemoryError: none", "machine": True})
+    run = ensemble.long_run
+    monkeypatch.setattr(ensemble, "long_run", lambda *_: {"failure": "MemoryError: none", "machine": True})
     assert tradeoff(scene, [COARSE], until=2, replicas=2, path=path, measures="pressure").rows[0].failure
-    monkeypatch.setattr(campaign, "long_run", run)
+    monkeypatch.setattr(ensemble, "long_run", run)
     assert tradeoff(scene, [COARSE], until=2, replicas=2, path=path, measures="pressure").rows[0].failure is None

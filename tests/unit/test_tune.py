@@ -14,12 +14,12 @@ from support.scenes import gas
 
 import mpsim
 from mpsim import Settings, tune
-from mpsim.measure import campaign
-from mpsim.measure import tune as chooser
-from mpsim.measure.campaign import CandidateFailed
-from mpsim.measure.cost import Cost
-from mpsim.measure.deviations import Deviation
-from mpsim.measure.ladder import families
+from mpsim.studies import ensemble
+from mpsim.studies import tune as chooser
+from mpsim.studies.cost import Cost
+from mpsim.studies.default_candidates import families
+from mpsim.studies.deviations import Deviation
+from mpsim.studies.ensemble import CandidateFailed
 
 SCENE = gas(20, 0.3)
 EVENT, (IMPACT, TWICE, PUSH) = Settings(method="event"), families()
@@ -287,12 +287,12 @@ class Slow(ThreadPoolExecutor):
 
 @pytest.mark.parametrize(("seconds", "replicas"), [(0.0, 16), (0.8, chooser.FEWEST_REPLICAS)])
 def test_where_runs_side_by_side_take_longer_than_forecast_there_are_fewer(seconds, replicas, monkeypatch):
-    monkeypatch.setattr(campaign, "TELLING", 0.0)
-    monkeypatch.setattr(campaign, "usable_cores", lambda: 2)
+    monkeypatch.setattr(ensemble, "TELLING", 0.0)
+    monkeypatch.setattr(ensemble, "usable_cores", lambda: 2)
     with Slow(2) as executor:
         executor.seconds = seconds
         how = {"replicas": 16, "seconds": 10.0, "executor": executor}
-        with campaign.Campaign(gas(30, 0.2), 10.0, ("pressure",), **how) as run:
+        with ensemble.Campaign(gas(30, 0.2), 10.0, ("pressure",), **how) as run:
             search = chooser.Search(run, gas(30, 0.2), {"pressure": 0.1}, 10.0)
             search.look_at_the_reference()
             assert run.replicas == replicas
@@ -355,7 +355,7 @@ def test_bad_input_is_refused_by_name(arguments, text):
 
 def test_a_real_answer_is_inside_its_budgets_and_was_verified_by_runs_that_did_not_choose_it(monkeypatch):
     runs = []
-    long_run, short_runs = campaign.long_run, campaign.short_runs
+    long_run, short_runs = ensemble.long_run, ensemble.short_runs
 
     def long_watched(start, settings, plan, *stop):
         runs.append(("long", settings, start.digest()))
@@ -365,8 +365,8 @@ def test_a_real_answer_is_inside_its_budgets_and_was_verified_by_runs_that_did_n
         runs.append(("short", settings, start.digest()))
         return short_runs(scene, settings, plan, start, *rest)
 
-    monkeypatch.setattr(campaign, "long_run", long_watched)
-    monkeypatch.setattr(campaign, "short_runs", short_watched)
+    monkeypatch.setattr(ensemble, "long_run", long_watched)
+    monkeypatch.setattr(ensemble, "short_runs", short_watched)
     budgets = {"overlap": 0.05, "trajectory": 0.2}
     found = tune(SCENE, budgets, until=5, replicas=2, candidates=[PUSH])
     numbers = {SCENE.digest(): 0} | {SCENE.another(number).digest(): number for number in range(1, 256)}

@@ -6,11 +6,12 @@ import pytest
 from support.scenes import gas
 
 import mpsim
-from mpsim import Emitter, Scene, Settings, scenefile, tune
-from mpsim.errors import NotMeasurableError
-from mpsim.measure import campaign
-from mpsim.measure.pilot import pilot
-from mpsim.measure.replicas import MEASURES, available
+from mpsim import Emitter, Scene, Settings, tune
+from mpsim.core.errors import NotMeasurableError
+from mpsim.scene import scenefile
+from mpsim.studies import ensemble
+from mpsim.studies.preliminary import pilot
+from mpsim.studies.replicas import MEASURES, available
 
 GRAINS = {"radius": 0.5, "restitution": 0.5, "wall_restitution": 0.5, "gravity": (0, -1)}
 
@@ -59,7 +60,7 @@ def test_a_run_of_the_reference_that_takes_far_too_long_is_given_up_with_a_reaso
     scene = Scene.random(count=20, packing=0.3, radius=0.5, duration=7.0)
     settings = [Settings(method="grid")]
     for name in ("PATIENCE", "LEAST_PATIENCE"):
-        monkeypatch.setattr(campaign, name, 0.0)
+        monkeypatch.setattr(ensemble, name, 0.0)
     with pytest.raises(NotMeasurableError, match=r"reference failed, RunTooLong: .*its start is unusual.*shorter runs"):
         tune(scene, {"overlap": 0.1}, candidates=settings, replicas=4)
     monkeypatch.undo()

@@ -9,7 +9,7 @@ import pytest
 from support.scenes import gas, simulate
 
 import mpsim
-from mpsim.engine import paces, watching
+from mpsim.engine import speed_estimates, step_limits
 
 
 def pair(speed=1.0, apart=2.0, side=20.0, **more):
@@ -111,8 +111,8 @@ def test_the_smallest_disc_counts_for_what_gravity_adds():
     scene = mpsim.Scene(
         width=9, height=90, position=[[4, 80], [2, 80]], velocity=[[1, 0], [0, 0]], radius=[0.5, 0.05], gravity=(0, -40)
     )
-    watch = watching.Watch(scene, mpsim.Settings(dt=0.1, on_fast="substep"), exact=False)
-    assert watch.substeps_for(paces.pace_of(scene.velocity, scene.radii, scene), 0) == 257
+    watch = step_limits.Watch(scene, mpsim.Settings(dt=0.1, on_fast="substep"), exact=False)
+    assert watch.substeps_for(speed_estimates.pace_of(scene.velocity, scene.radii, scene), 0) == 257
 
 
 def test_what_would_need_absurdly_many_sub_steps_is_refused():
@@ -171,7 +171,7 @@ def test_the_estimate_of_meetings_is_that_of_a_gas():
     """Of the exact solver's rate, 2.34 per time and disc at packing 0.3 and 21.2 at 0.7, both of this project."""
     for packing, rate in ((0.3, 2.34), (0.7, 21.2)):
         scene = gas(2000, packing)
-        assert paces.pace_of(scene.velocity, scene.radii, scene).meetings == pytest.approx(rate, rel=0.2)
+        assert speed_estimates.pace_of(scene.velocity, scene.radii, scene).meetings == pytest.approx(rate, rel=0.2)
 
 
 def test_the_number_of_cells_does_not_grow_with_the_aspect_of_a_box():
@@ -220,7 +220,7 @@ def test_a_scene_without_discs_is_judged_alike_in_all_units_of_length(on_fast):
             width=10 * unit, height=10 * unit, position=np.zeros((0, 2)), velocity=np.zeros((0, 2)), radius=0.5 * unit,
             gravity=(0, -2 * unit), emitters=mpsim.Emitter((5 * unit, 9 * unit), (0, 0), interval=1.0),
         )  # fmt: skip
-        found = watching.Watch(heavy, mpsim.Settings(dt=0.1), exact=False).forecast()
+        found = step_limits.Watch(heavy, mpsim.Settings(dt=0.1), exact=False).forecast()
         assert found is not None
         assert "after a fall through the box a disc moves 1.26 times its radius" in found, "the control"
     assert seen[0] == seen[1] == seen[2]
@@ -232,6 +232,6 @@ def test_discs_that_share_their_energy_meet_in_the_box_at_the_start():
     parts = {"height": 9.0, "position": places, "velocity": np.ones((40, 2)), "radius": 0.5, "mass": np.arange(1, 41.0)}
     half = mpsim.Scene(width=12, **parts, piston=mpsim.Piston("right", -1, 5.7, start=6))
     whole = mpsim.Scene(width=6, **parts)
-    assert [paces.pace_in_equilibrium(paces.Pace(), scene).meetings for scene in (half, whole)] == pytest.approx(
-        [paces.pace_in_equilibrium(paces.Pace(), whole).meetings] * 2
-    )
+    assert [
+        speed_estimates.pace_in_equilibrium(speed_estimates.Pace(), scene).meetings for scene in (half, whole)
+    ] == pytest.approx([speed_estimates.pace_in_equilibrium(speed_estimates.Pace(), whole).meetings] * 2)

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from mpsim.measure.deviations import deviations
-from mpsim.measure.windows import alike, spans_of, steady_from
+from mpsim.studies.deviations import deviations
+from mpsim.studies.windows import alike, spans_of, steady_from
 
 RUNS, PIECES = 16, 16
 TIME = (np.arange(PIECES) + 0.5) / PIECES

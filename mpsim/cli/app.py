@@ -1,0 +1,100 @@
+"""The command `mpsim`: a thin door to what the library does. Commands live in mpsim.cli, one module per group.
+
+Results go to standard output, progress and errors to standard error. Exit codes: 0 done, 1 it failed, with a sentence
+that says why, 2 wrong usage or input, 130 Ctrl-C.
+"""
+
+import logging
+import sys
+import warnings
+from typing import Any
+
+import click
+
+from mpsim.cli import clean, look, machine, run, scenes, stability, trade
+from mpsim.cli.terminal import Interrupted
+from mpsim.core.errors import InputError, MpsimError
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, that of a shell."""
+
+
+class Refused(click.ClickException):
+    """Input that breaks a rule."""
+
+    exit_code = 2
+
+
+class Door(click.Group):
+    """A group of commands in which an error of mpsim is a sentence and exit code 1 or 2, not a traceback."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command."""
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            try:
+                return super().invoke(ctx)
+            except (KeyboardInterrupt, Interrupted) as stop:
+                click.echo(str(stop) or "Interrupted.", err=True)
+                ctx.exit(INTERRUPTED)
+            except (MpsimError, OSError, MemoryError) as error:
+                if isinstance(error, BrokenPipeError):  # whoever read us has had enough
+                    raise
+                kind = Refused if isinstance(error, InputError) else click.ClickException
+                raise kind(str(error) or type(error).__name__) from error
+
+
+def _show_warning(message: Warning | str, category: type[Warning], filename: str, lineno: int, *_: Any) -> None:
+    if issubclass(category, UserWarning):
+        click.echo(f"Warning: {message}", err=True)
+    else:
+        click.echo(warnings.formatwarning(message, category, filename, lineno), err=True)
+
+
+EXAMPLES = """\b
+Examples:
+  mpsim scenes                                     what there is to look at
+  mpsim show gas                                   what a scene is
+  mpsim run gas --until 50 --out run               simulate it; run/ holds what happened
+  mpsim resume run --until 100                     go on with it
+  mpsim plot run                                   draw what it recorded
+  mpsim animate gas gas.gif                        or watch it
+  mpsim tune gas --pressure 1%                     the cheapest settings that are good to 1 % in pressure
+  mpsim tradeoff gas --out gas.csv                 what settings cost and how wrong they are
+"""
+
+
+@click.group(
+    cls=Door, epilog=EXAMPLES, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
+)
+@click.version_option(package_name="mpsim", prog_name="mpsim")
+@click.option("-v", "--verbose", is_flag=True, help="Also tell what is read and what is decided.")
+def main(verbose: bool) -> None:
+    """Many moving discs in two dimensions, the same bits on any number of cores.
+
+    SCENE is the name of a scene that comes with mpsim or a path to a .toml file.
+    """
+    if verbose:
+        handler = logging.StreamHandler(sys.stderr)
+        handler.setFormatter(logging.Formatter("%(message)s"))
+        logging.getLogger("mpsim").addHandler(handler)
+        logging.getLogger("mpsim").setLevel(logging.INFO)
+        click.get_current_context().call_on_close(lambda: logging.getLogger("mpsim").removeHandler(handler))
+
+
+for command in (
+    scenes.scenes,
+    scenes.show,
+    run.run,
+    run.resume,
+    look.plot,
+    look.animate,
+    trade.tune,
+    trade.tradeoff,
+    machine.bench,
+    machine.warmup,
+    machine.completion,
+    stability.stability,
+    clean.clean,
+):
+    main.add_command(command)

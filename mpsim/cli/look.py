@@ -1,0 +1,118 @@
+"""`mpsim plot` and `mpsim animate`: what there is to see."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mpsim.cli import terminal
+from mpsim.cli.runfolder import MEASURES, RunFolder
+from mpsim.core.errors import InputError
+from mpsim.core.plain import json_text
+from mpsim.scene import scenefile
+
+PLOT_EXAMPLES = """\b
+Examples:
+  mpsim plot run                    writes run/plot.png
+  mpsim plot run --out story.pdf --force
+"""
+
+
+@click.command(epilog=PLOT_EXAMPLES, short_help="Draw what a run recorded.")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Picture to write.  [default: plot.png in the folder, replaced]"
+)
+@click.option("--force", is_flag=True, help="Replace an existing file.")
+@terminal.json_option
+def plot(folder: Path, out: Path | None, force: bool, as_json: bool) -> None:
+    """Draw what the run in FOLDER recorded: energy, overlap, collision rate, and the last frame.
+
+    The run may still be going on.
+    """
+    from mpsim.output.drawing import save_figure  # noqa: PLC0415 - with matplotlib, see run.py
+    from mpsim.output.history import history  # noqa: PLC0415
+    from mpsim.output.recorder import read_table  # noqa: PLC0415
+
+    found = RunFolder.open(folder)
+    if out is not None:
+        terminal.existing_refused(out, force)
+    table, frames = read_table(found[MEASURES]), found.frames
+    if not len(frames) or not len(table["time"]):
+        raise InputError(f"{str(folder)!r} holds no frame yet; got an empty trajectory. Let the run go on for a while.")
+    title = f"{found.record['scene']}, frame {table['frame'][-1]:.0f}, {found.record['status']}"
+    figure = history(table, found.scene, frames[-1], title)
+    path = save_figure(figure, out or folder / "plot.png")
+    click.echo(json_text({"picture": str(path)}) if as_json else f"written: {path}")
+
+
+ANIMATE_EXAMPLES = """\b
+Examples:
+  mpsim animate gas gas.gif
+  mpsim animate hopper hopper.mp4 --frames 300 --every 4      (needs ffmpeg)
+  mpsim animate dense passes.gif --colour parity --method parallel --workers 2
+"""
+
+
+@click.command(epilog=ANIMATE_EXAMPLES, short_help="Write an animation.")
+@click.argument("scene", shell_complete=terminal.complete_scene)
+@click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--frames", type=click.IntRange(1, 100_000), default=200, show_default=True, help="Pictures.")
+@click.option(
+    "--every", type=click.IntRange(1), default=1, show_default=True, help="Frames of the simulation per picture."
+)
+@click.option("--fps", type=click.IntRange(1, 50), default=25, show_default=True, help="Pictures per second.")
+@click.option(
+    "--pixels", type=click.IntRange(100, 4000), default=480, show_default=True, help="Longer side of the box."
+)
+@click.option(
+    "--colour",
+    "--color",
+    type=click.Choice(["speed", "worker", "parity", "none"]),
+    default="speed",
+    show_default=True,
+    help="worker: who owns a disc's column; parity: even and odd columns.",
+)
+@terminal.settings_options
+@click.option("--force", is_flag=True, help="Replace an existing file.")
+@terminal.json_option
+@terminal.quiet_option
+def animate(
+    scene: str,
+    out: Path,
+    frames: int,
+    every: int,
+    fps: int,
+    pixels: int,
+    colour: str,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+    **options: Any,
+) -> None:
+    """Simulate SCENE and write it to OUT, a .gif, or an .mp4 where ffmpeg is found."""
+    from mpsim.output import animation  # noqa: PLC0415 - with matplotlib, see run.py
+
+    terminal.existing_refused(out, force)
+    animation.checked_target(out)  # before the scene is made, which may take a while
+    file = scenefile.load(scene)
+    settings = terminal.settings_of(file, options)
+    try:
+        with terminal.progress(quiet) as progress:
+            animation.animate(
+                file.scene,
+                settings,
+                out,
+                frames,
+                every=every,
+                pictures_per_second=fps,
+                pixels=pixels,
+                colour=None if colour == "none" else colour,
+                progress=False if progress is None else lambda done, of: progress(done, of, "pictures"),
+            )
+    except KeyboardInterrupt:
+        raise terminal.Interrupted(f"Interrupted; {str(out)!r} was not written.") from None
+    if as_json:
+        click.echo(json_text({"animation": str(out), "pictures": frames, "bytes": out.stat().st_size}))
+    else:
+        click.echo(f"written: {out}, {frames} pictures, {out.stat().st_size / 1000:.0f} kB")

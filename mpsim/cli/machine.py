@@ -1,0 +1,130 @@
+"""`mpsim bench`, `mpsim warmup`, `mpsim completion`: mpsim and this machine."""
+
+import time
+from typing import Any
+
+import click
+
+from mpsim.cli import terminal
+from mpsim.core.plain import json_text
+from mpsim.engine.simulation import Simulation
+from mpsim.engine.workers.cores import usable_cores
+from mpsim.kernels.compiling import compiled_kernels
+from mpsim.measure.run_averages import NAMES
+from mpsim.scene import scenefile
+from mpsim.scene.settings import LAWS, PRECISIONS, Settings
+from mpsim.studies import benchmark
+
+BENCH_EXAMPLES = """\b
+Examples:
+  mpsim bench                          a few seconds
+  mpsim bench --count 3000 --workers 4 --json
+All of it, with pictures: python scripts/run_bench.py in a checkout.
+"""
+
+
+@click.command(epilog=BENCH_EXAMPLES, short_help="Tell how fast mpsim is here.")
+@click.option(
+    "--count", type=click.IntRange(1, 3000), default=100, show_default=True, help="Discs; all pairs are tried, too."
+)
+@click.option("--frames", type=click.IntRange(1, 100_000), default=500, show_default=True)
+@click.option("--workers", type=click.IntRange(1, terminal.MOST_WORKERS), help="Of parallel; else as many as cores.")
+@click.option("--law", type=click.Choice(LAWS), default="elastic", show_default=True)
+@click.option(
+    "--precision", type=click.Choice(PRECISIONS), default="float32", show_default=True, help="float32: the report's."
+)
+@terminal.json_option
+@terminal.quiet_option
+def bench(count: int, frames: int, workers: int | None, law: str, precision: str, as_json: bool, quiet: bool) -> None:
+    """The term-project report's first experiment on this machine: a gas by each method from the same start.
+
+    The answers are checked in the same run. Compilation is in no figure.
+    """
+    settings = Settings(dt=benchmark.DT, law=law, contact="push", precision=precision, workers=workers)
+    with terminal.progress(quiet) as progress:
+        done = iter(range(1, len(benchmark.METHODS) + 1))
+        tick = _silent if progress is None else lambda word: progress(next(done), len(benchmark.METHODS), word)
+        timings = benchmark.fixed(settings, frames, tick, count).timings
+    rows = [_row(timing, count) for timing in timings.values()]
+    if as_json:
+        click.echo(json_text({"discs": count, "frames": frames, "cores": usable_cores(), "methods": rows}))
+        return
+    click.echo(f"{count} discs, {frames} frames, packing {benchmark.PACKING}, {precision}, on {usable_cores()} cores:")
+    for row in rows:
+        ours = f"median {row['median_seconds'] * 1e6:8.1f} us a frame, mean {row['mean_seconds'] * 1e6:8.1f} us"
+        report = f" (the report's: {row['report_seconds'] * 1e6:.0f} us)" if row["report_seconds"] else ""
+        click.echo(f"  {row['method']:8} {row['workers']:2} worker{'s' * (row['workers'] > 1):1} {ours}{report}")
+    click.echo(f"grid and parallel gave the same bits: {timings['grid'].digest}")
+
+
+def _silent(word: str) -> None:
+    pass
+
+
+def _row(timing: benchmark.Timing, count: int) -> dict[str, Any]:
+    report = benchmark.REPORT_FIXED_MS[timing.method] * 1e-3 if count == 100 else None
+    return {
+        "method": timing.method,
+        "workers": timing.workers,
+        "median_seconds": timing.median,
+        "mean_seconds": timing.mean,
+        "report_seconds": report,
+        "digest": timing.digest,
+    }
+
+
+WARMUP_EXAMPLES = """\b
+Examples:
+  mpsim warmup                         for all scenes that come with mpsim: minutes, once
+  mpsim warmup gas hopper
+  mpsim warmup my_scene.toml --precision float32 --measure pressure
+"""
+
+
+@click.command(epilog=WARMUP_EXAMPLES, short_help="Compile ahead of the first run.")
+@click.argument("scenes", nargs=-1, shell_complete=terminal.complete_scene)
+@terminal.settings_options
+@click.option("--measure", "measures", type=click.Choice(NAMES), multiple=True, help="What runs will measure.")
+@terminal.json_option
+@terminal.quiet_option
+def warmup(scenes: tuple[str, ...], measures: tuple[str, ...], as_json: bool, quiet: bool, **options: Any) -> None:
+    """Compile what SCENES need, so that their first run starts at once. The machine code is kept between runs.
+
+    A kernel is compiled for each combination of features, so scenes with the same ones share theirs.
+    """
+    files = [scenefile.load(scene) for scene in scenes or scenefile.names()]
+    found: list[dict[str, Any]] = []
+    with terminal.progress(quiet) as progress:
+        for number, file in enumerate(files):
+            if progress is not None:
+                progress(number, len(files), file.name)
+            before, started = compiled_kernels(), time.perf_counter()
+            with Simulation(file.scene, terminal.settings_of(file, options)) as sim:
+                sim.run(frames=0, measures=measures or None)
+            seconds, kernels = time.perf_counter() - started, compiled_kernels() - before
+            found.append({"scene": file.name, "seconds": seconds, "kernels": kernels})
+    if as_json:
+        click.echo(json_text(found))
+        return
+    for row in found:
+        click.echo(f"{row['scene']:12} {row['seconds']:6.1f} s, {row['kernels']} kernels compiled or loaded")
+
+
+COMPLETION_EXAMPLES = """\b
+Examples:
+  mpsim completion bash >> ~/.bashrc
+  mpsim completion zsh >> ~/.zshrc
+  mpsim completion fish > ~/.config/fish/completions/mpsim.fish
+"""
+
+
+@click.command(epilog=COMPLETION_EXAMPLES, short_help="Let the shell complete mpsim's words.")
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """Print what SHELL needs to complete commands, options and scenes of mpsim."""
+    from click.shell_completion import get_completion_class  # noqa: PLC0415 - only here
+
+    kind = get_completion_class(shell)
+    assert kind is not None  # click knows these three
+    root = click.get_current_context().find_root().command
+    click.echo(kind(root, {}, "mpsim", "_MPSIM_COMPLETE").source())

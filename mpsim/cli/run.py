@@ -1,0 +1,260 @@
+"""`mpsim run` and `mpsim resume`: simulate a scene; a folder holds what happened, and from where to go on."""
+
+import contextlib
+import dataclasses
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mpsim.cli import terminal
+from mpsim.cli.runfolder import CHECKPOINT, MEASURES, PICTURE, STATE, TIMINGS, RunFolder, part_of
+from mpsim.core.deferred_signals import interrupts_held_back
+from mpsim.core.errors import MpsimError
+from mpsim.core.plain import json_text
+from mpsim.engine.report import Report
+from mpsim.engine.run_loop import frames_until
+from mpsim.engine.simulation import Simulation
+from mpsim.measure.run_averages import NAMES
+from mpsim.output.tables import measure_text
+from mpsim.scene import scenefile
+
+FRAMES = 500
+"""Frames of a run for which nobody said how many."""
+
+CHECKPOINT_SECONDS = 30.0
+"""Time of a run that a kill may cost."""
+
+RUN_EXAMPLES = """\b
+Examples:
+  mpsim run gas                                          500 frames, and what they took
+  mpsim run gas --until 50 --out run                     also write it all to the folder run/
+  mpsim run hopper --frames 2000 --every 20 --out run --format gsd
+  mpsim run my_scene.toml --method parallel --workers 4 --measure pressure --json
+"""
+
+
+@click.command(epilog=RUN_EXAMPLES, short_help="Simulate a scene.")
+@click.argument("scene", shell_complete=terminal.complete_scene)
+@click.option("--frames", type=click.IntRange(1), help=f"How many frames.  [default: {FRAMES}]")
+@click.option("--until", type=terminal.Positive("time"), help="Or until this time of the scene.")
+@terminal.settings_options
+@click.option("--measure", "measures", type=click.Choice(NAMES), multiple=True, help="Something to measure.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder to write the run to.")
+@click.option("--every", type=click.IntRange(1), help="Frames between two of the trajectory; else 10 to 100 in all.")
+@click.option(
+    "--format", "kind", type=click.Choice(["xyz", "gsd"]), default="xyz", show_default=True, help="Of the trajectory."
+)
+@click.option("--force", is_flag=True, help="Replace the run that is in the folder.")
+@terminal.json_option
+@terminal.quiet_option
+def run(
+    scene: str,
+    frames: int | None,
+    until: float | None,
+    measures: tuple[str, ...],
+    out: Path | None,
+    every: int | None,
+    kind: str,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+    **options: Any,
+) -> None:
+    """Simulate SCENE, with the settings it recommends but for those given here.
+
+    With --out, a folder is written: the trajectory for OVITO, tables of times and measures, the last state and a
+    picture of it, and a checkpoint. Ctrl-C leaves it so that `mpsim resume` goes on.
+    """
+    if frames is not None and until is not None:
+        raise click.UsageError("Give --frames or --until, not both.")
+    file = scenefile.load(scene)
+    settings = terminal.settings_of(file, options)
+    target = frames or (FRAMES if until is None else frames_until(until, settings.dt))
+    if out is None:
+        for option, given in (("--every", every), ("--force", force), ("--format", kind != "xyz")):
+            if given:
+                raise click.UsageError(f"{option} needs --out, the folder to write to.")
+        with Simulation(file.scene, settings) as sim:
+            _without_folder(sim, file, target, measures, as_json, quiet)
+        return
+    record = {
+        "scene": file.name,
+        "scene_digest": file.scene.digest(),
+        "settings": dataclasses.asdict(settings),
+        "target": target,
+        "every": every or max(target // pictures_of(file.scene.count), 1),
+        "trajectory": f"trajectory.{kind}",
+        "measures": list(measures),
+        "status": "starting",
+    }
+    with Simulation(file.scene, settings) as sim, RunFolder.create(out, record, force=force) as folder:
+        sim.save(folder[CHECKPOINT])  # so that the run can be gone on with, however early it ends
+        folder.note(sim, "running")
+        _advance(folder, sim, target, as_json, quiet)
+
+
+RESUME_EXAMPLES = """\b
+Examples:
+  mpsim resume run                    to the end that was asked for
+  mpsim resume run --frames 1000      1000 frames more
+  mpsim resume run --until 200 --workers 8
+"""
+
+
+@click.command(epilog=RESUME_EXAMPLES, short_help="Go on with a run.")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--frames", type=click.IntRange(1), help="So many frames more.")
+@click.option("--until", type=terminal.Positive("time"), help="Or until this time of the scene.")
+@click.option("--workers", type=click.IntRange(1, terminal.MOST_WORKERS), help="Processes; they change no bit.")
+@terminal.json_option
+@terminal.quiet_option
+def resume(
+    folder: Path, frames: int | None, until: float | None, workers: int | None, as_json: bool, quiet: bool
+) -> None:
+    """Go on with the run in FOLDER, to the same bits as if it had never stopped.
+
+    Without --frames or --until it goes on to the end that `mpsim run` was asked for.
+    """
+    if frames is not None and until is not None:
+        raise click.UsageError("Give --frames or --until, not both.")
+    with RunFolder.claim(folder) as found, Simulation.resume(found[CHECKPOINT], workers=workers) as sim:
+        target = found.record["target"]
+        if frames is not None:
+            target = sim.frame + frames
+        elif until is not None:
+            target = frames_until(until, sim.settings.dt)
+        if target <= sim.frame:
+            asked = f"--until {until:g} is frame {target}" if until is not None else f"it was to go to frame {target}"
+            raise click.UsageError(
+                f"The run in {str(folder)!r} is at frame {sim.frame}, time {sim.time:g}; {asked}. Say how far it is to "
+                "go on: --frames or --until."
+            )
+        _tell_of_frames_lost(found, sim, quiet)
+        found.record["target"] = max(target, found.record["target"])  # the end that was asked for stays
+        found.note(sim, "running")
+        _advance(found, sim, target, as_json, quiet)
+
+
+def _tell_of_frames_lost(folder: RunFolder, sim: Simulation, quiet: bool) -> None:
+    """After a kill the trajectory may hold frames that are later than the checkpoint."""
+    if quiet or not folder.trajectory.exists():
+        return
+    frames = folder.frames
+    kept = len(frames)
+    while kept and frames[kept - 1].frame > sim.frame:
+        kept -= 1
+    if kept < len(frames):
+        click.echo(
+            f"Going on from the checkpoint of frame {sim.frame}: the run was ended without a later one. Its "
+            f"{len(frames) - kept} recorded frames after that, up to {frames[-1].frame}, are computed again, to the "
+            "same bits.",
+            err=True,
+        )
+
+
+def _advance(folder: RunFolder, sim: Simulation, target: int, as_json: bool, quiet: bool) -> None:
+    """Run to a frame, and write down all of it."""
+    # With matplotlib, whose import would only delay the start of other commands.
+    from mpsim.output.history import final_picture  # noqa: PLC0415
+    from mpsim.output.recorder import Recorder  # noqa: PLC0415
+    from mpsim.output.trajectory import Trajectory  # noqa: PLC0415
+
+    every, measures = folder.record["every"], folder.record["measures"] or None
+    sim.run(frames=0, measures=measures)  # compiles what is missing, which is no part of the run's time
+    started = time.perf_counter()
+    with (
+        Trajectory.write(folder.trajectory, every, mode="a") as trajectory,
+        Recorder(folder[MEASURES], every, sim) as recorder,
+        _left_resumable(folder, sim),
+        terminal.progress(quiet) as progress,
+    ):
+        report = sim.run(
+            frames=target - sim.frame,
+            measures=measures,
+            observe=[trajectory, recorder],
+            checkpoint=folder[CHECKPOINT],
+            checkpoint_seconds=CHECKPOINT_SECONDS,
+            progress=None if progress is None else lambda done, of: progress(done, of, "frames"),
+        )
+        folder.finish(sim, report, time.perf_counter() - started)
+    final_picture(sim, folder[PICTURE])
+    if as_json:
+        click.echo(json_text(folder.record))
+        return
+    for line in summary(folder.record["parts"][-1], report, sim):
+        click.echo(line)
+    names = (folder.record["trajectory"], MEASURES, TIMINGS, STATE, PICTURE)
+    click.echo(f"written to {folder.path}/: {', '.join(names)}; {len(folder.frames)} frames in the trajectory")
+
+
+@contextlib.contextmanager
+def _left_resumable(folder: RunFolder, sim: Simulation) -> Iterator[None]:
+    """See to it that a run that does not come to its end can be gone on with, and say so."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        with interrupts_held_back(), contextlib.suppress(MpsimError):  # else the last checkpoint counts
+            sim.save(folder[CHECKPOINT])
+            folder.note(sim, "interrupted")
+        raise terminal.Interrupted(
+            f"Interrupted at frame {sim.frame} of {folder.record['target']}. Go on with: mpsim resume {folder.path}"
+        ) from None
+    except BaseException as end:
+        folder.record |= {"status": "ended early", "frame": sim.frame, "time": sim.time}
+        with contextlib.suppress(MpsimError):
+            folder.save()
+        if isinstance(end, SystemExit):  # by SIGTERM, after a checkpoint
+            click.echo(f"Ended by SIGTERM at frame {sim.frame}. Go on with: mpsim resume {folder.path}", err=True)
+        raise
+
+
+def _without_folder(
+    sim: Simulation, file: scenefile.SceneFile, frames: int, measures: tuple[str, ...], as_json: bool, quiet: bool
+) -> None:
+    """Run and tell, and write nothing."""
+    sim.run(frames=0, measures=measures or None)  # compiles what is missing
+    started = time.perf_counter()
+    try:
+        with terminal.progress(quiet) as progress:
+            report = sim.run(
+                frames=frames,
+                measures=measures or None,
+                progress=None if progress is None else lambda done, of: progress(done, of, "frames"),
+            )
+    except KeyboardInterrupt:
+        raise terminal.Interrupted(
+            f"Interrupted at frame {sim.frame} of {frames}. Nothing is kept without --out FOLDER."
+        ) from None
+    part = part_of(sim, report, time.perf_counter() - started)
+    if as_json:
+        found = {"scene": file.name, "scene_digest": sim.scene.digest(), "settings": dataclasses.asdict(sim.settings)}
+        click.echo(json_text({**found, "digest": sim.digest(), **part}))
+        return
+    for line in summary(part, report, sim):
+        click.echo(line)
+
+
+def pictures_of(count: int) -> int:
+    """Frames in the trajectory of so many discs, where nobody said how many: writing a million takes seconds."""
+    return min(max(1_000_000 // max(count, 1), 10), 100)
+
+
+def summary(part: dict[str, Any], report: Report, sim: Simulation) -> Iterator[str]:
+    """What a run did, in lines."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield f"{report!r}"[1:-1].removeprefix("Report: ")
+    yield (
+        f"frame {sim.frame}, time {sim.time:g}, {sim.count} discs; {part['wall_seconds']:.2f} s in all, of them "
+        f"{part['frame_seconds']:.2f} s frames and {part['writing_seconds']:.2f} s writing"
+    )
+    over = f", over frames {part['from_frame'] + 1} to {part['to_frame']}" if part["from_frame"] else ""
+    if report.workers > 1:
+        yield f"{100 * report.waiting:.0f} % of the workers' time was waiting for each other"
+    for name, measure in report.measures.items():
+        yield f"{name}: {measure_text(measure)}{over}"
+    yield f"digest {sim.digest()}"

@@ -1,0 +1,260 @@
+"""The folder of a run: what lies where in it, and the record run.json.
+
+run.json            scene, settings, versions, and what each part of the run did
+checkpoint.mpsim    from which `mpsim resume` goes on
+trajectory.xyz      (or .gsd) frames, for OVITO and mpsim.Trajectory
+measures.csv        energy, overlap and collision rate along the way
+timings.csv         time of each frame, phase and worker, of the parts that came to their end
+final.npz, final.png    the last state
+"""
+
+import dataclasses
+import fcntl
+import json
+import os
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from mpsim.core import atomic, untrusted
+from mpsim.core.errors import InputError, OutputError
+from mpsim.engine import checkpoint, checkpoint_validation
+from mpsim.engine.report import Report
+from mpsim.engine.simulation import Simulation
+from mpsim.output.trajectory import Trajectory
+from mpsim.scene.scene import Scene
+
+FORMAT = 1
+RECORD = "run.json"
+
+MOST_BYTES = 2**23
+"""Bytes of that file at most, to which each part of a run adds some hundred."""
+
+MOST_TIMINGS = 2**32
+"""Bytes of the table of times at most, to which each frame adds a row."""
+
+CHECKPOINT = "checkpoint.mpsim"
+MEASURES = "measures.csv"
+TIMINGS = "timings.csv"
+STATE = "final.npz"
+PICTURE = "final.png"
+
+_ALL = (
+    CHECKPOINT,
+    f"{CHECKPOINT}.previous",
+    MEASURES,
+    TIMINGS,
+    STATE,
+    PICTURE,
+    "plot.png",
+    "trajectory.xyz",
+    "trajectory.gsd",
+)
+
+
+class RunFolder:
+    """A folder that holds one run. `create` makes one, `claim` takes one to go on with, `open` looks at one.
+
+    What `create` and `claim` return is locked: use it in a `with` block, at whose end another process may write to it.
+
+    Attributes:
+        path: of the folder.
+        record: what run.json holds, plain values.
+    """
+
+    def __init__(self, path: Path, record: dict[str, Any]):
+        self.path = path
+        self.record = record
+        self._lock = -1
+
+    def __enter__(self) -> "RunFolder":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1
+
+    @classmethod
+    def create(cls, path: str | os.PathLike[str], record: dict[str, Any], *, force: bool = False) -> "RunFolder":
+        """A new folder, or, with `force`, that of another run, whose files are removed.
+
+        Raises:
+            InputError: if there is anything in the folder that would be lost, or another process writes to it.
+            OutputError: if it cannot be written.
+        """
+        folder = Path(path)
+        try:
+            old = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
+            if old:
+                _demand_leave(folder, force)
+            folder.mkdir(parents=True, exist_ok=True)
+            lock = _locked(folder)
+            if old:
+                for name in (RECORD, *_ALL, *(path.name for path in folder.glob("timings-*.csv"))):
+                    (folder / name).unlink(missing_ok=True)
+        except OSError as error:
+            raise _unwritable(folder, error) from error
+        made = cls(folder, {"format": FORMAT, "versions": versions(), **record, "parts": []})
+        made._lock = lock
+        made.save()
+        return made
+
+    @classmethod
+    def claim(cls, path: str | os.PathLike[str]) -> "RunFolder":
+        """The folder of a run, to go on with it.
+
+        Raises:
+            InputError: as `open`, or if another process writes to it.
+        """
+        lock = _locked(cls.open(path).path)
+        claimed = cls.open(path)  # again: who had it until now may have written
+        claimed._lock = lock
+        return claimed
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str]) -> "RunFolder":
+        """The folder of a run.
+
+        Raises:
+            InputError: if it is none, or of a newer version.
+        """
+        folder = Path(path)
+        try:
+            record = json.loads(untrusted.text(folder / RECORD, MOST_BYTES))
+            found = int(record["format"])
+        except (OSError, ValueError, OverflowError, TypeError, KeyError, RecursionError) as error:
+            raise InputError(
+                f"the folder of a run must hold {RECORD}; {str(folder)!r} does not "
+                f"({type(error).__name__}: {error!s:.200}). Give a folder that `mpsim run --out` has made."
+            ) from None
+        if found > FORMAT:
+            raise InputError(f"{str(folder)!r} is of format {found}; this mpsim reads up to {FORMAT}. Use a newer one.")
+        missing = {"scene", "target", "every", "trajectory", "measures", "status", "parts"} - record.keys()
+        missing |= {name for name in ("scene", "trajectory", "status") if not isinstance(record.get(name), str)}
+        if missing:
+            raise InputError(f"{RECORD} must hold {', '.join(sorted(missing))}; that in {str(folder)!r} does not.")
+        return cls(folder, record)
+
+    def __getitem__(self, name: str) -> Path:
+        return self.path / name
+
+    @property
+    def trajectory(self) -> Path:
+        """The file of the trajectory."""
+        return self.path / Path(self.record["trajectory"]).name  # in this folder, whatever the record says
+
+    @property
+    def scene(self) -> Scene:
+        """The scene, from the checkpoint.
+
+        Raises:
+            CheckpointError: if there is no whole one.
+        """
+        return checkpoint.read(self[CHECKPOINT], checkpoint_validation.check).scene
+
+    def save(self) -> None:
+        """Write run.json; whole or as it was before, whatever happens."""
+        try:
+            atomic.write_text(self.path / RECORD, json.dumps(self.record, indent=1) + "\n")
+        except OSError as error:
+            raise _unwritable(self.path, error) from error
+
+    def note(self, sim: Simulation, status: str) -> None:
+        """Write down where the run stands."""
+        self.record |= {"status": status, "frame": sim.frame, "time": sim.time, "discs": sim.count}
+        self.record["digest"] = sim.digest()
+        self.save()
+
+    def finish(self, sim: Simulation, report: Report, wall_seconds: float) -> None:
+        """Write down what a part of the run did, its times, and the last state."""
+        self.record["parts"].append(part_of(sim, report, wall_seconds))
+        table = report.to_csv(first_frame=sim.frame - report.frames + 1)
+        head, _, lines = table.partition("\n")
+        timings = self[TIMINGS]
+        try:
+            old = untrusted.text(timings, MOST_TIMINGS) if timings.exists() else ""
+            if old.partition("\n")[0] != head:  # another number of workers, so other columns: a file of its own
+                number = len(self.record["parts"])
+                timings, old = (self[TIMINGS] if not old else self[f"timings-{number}.csv"]), ""
+            atomic.write_text(timings, old + lines if old else table)
+        except OSError as error:
+            raise _unwritable(self.path, error) from error
+        sim.state.save(self[STATE])
+        self.note(sim, "done" if sim.frame >= self.record["target"] else "paused")
+
+    @property
+    def frames(self) -> Trajectory:
+        """The trajectory, to be read."""
+        return Trajectory(self.trajectory)
+
+
+def part_of(sim: Simulation, report: Report, wall_seconds: float) -> dict[str, Any]:
+    """What one call of `run` did, as plain values."""
+    frame_seconds = float(report.frame_seconds.sum())
+    return {
+        "from_frame": sim.frame - report.frames,
+        "to_frame": sim.frame,
+        "method": report.method,
+        "workers": report.workers,
+        "wall_seconds": wall_seconds,
+        "frame_seconds": frame_seconds,
+        "writing_seconds": report.observing_seconds,
+        "waiting": report.waiting,
+        "collisions": report.collisions,
+        "block_bytes": report.block_bytes,
+        "measures": {name: dataclasses.asdict(measure) for name, measure in report.measures.items()},
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of what decides the bits and reads the files."""
+    found = {"python": platform.python_version()}
+    for name in ("mpsim", "numpy", "numba"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # run from a folder, not installed
+            found[name] = "unknown"
+    return found
+
+
+def _demand_leave(folder: Path, force: bool) -> None:
+    """Only the folder of a run may be used again, and only if that was asked for."""
+    if not folder.is_dir():
+        raise InputError(f"--out must be a folder; {str(folder)!r} is a file. Give another name.")
+    if not (folder / RECORD).exists():
+        raise InputError(
+            f"--out must be a new or empty folder, or that of a run; {str(folder)!r} holds other files, which are not "
+            "overwritten. Give another name."
+        )
+    if not force:
+        raise InputError(
+            f"--out holds a run already: {str(folder)!r} is not overwritten. Give another name, --force to replace "
+            f"it, or go on with it: mpsim resume {folder}"
+        )
+
+
+def _locked(folder: Path) -> int:
+    """A descriptor that holds the folder's lock until it is closed, by the end of the process at the latest.
+
+    Raises:
+        InputError: if another process holds it.
+    """
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise InputError(
+            f"only one process may write to the folder of a run; another one is writing to {str(folder)!r} at this "
+            "moment. Wait for its end, or give another name."
+        ) from None
+    return descriptor
+
+
+def _unwritable(folder: Path, error: OSError) -> OutputError:
+    return OutputError(
+        f"--out must be a folder that can be written to, with room on its disk; got {str(folder)!r} "
+        f"({error.strerror or error}). Choose another place, or make room."
+    )

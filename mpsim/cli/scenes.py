@@ -1,0 +1,131 @@
+"""`mpsim scenes` and `mpsim show`: what there is to simulate."""
+
+import dataclasses
+import textwrap
+from typing import Any
+
+import click
+import numpy as np
+
+from mpsim.cli.terminal import complete_scene
+from mpsim.core.plain import json_text
+from mpsim.scene import scenefile
+from mpsim.scene.scenefile import SceneFile
+from mpsim.scene.settings import Settings
+
+
+@click.command(epilog="\b\nExamples:\n  mpsim scenes\n  mpsim scenes --json")
+@click.option("--json", "as_json", is_flag=True, help="As JSON: name and title of each.")
+def scenes(as_json: bool) -> None:
+    """List the scenes that come with mpsim."""
+    titles = scenefile.titles()
+    if as_json:
+        click.echo(json_text(titles))
+        return
+    width = max(map(len, titles), default=0)
+    for name, title in titles.items():
+        click.echo(f"{name:{width}}  {title}")
+
+
+@click.command(
+    short_help="Tell what a scene is.", epilog="\b\nExamples:\n  mpsim show hopper\n  mpsim show my_scene.toml --json"
+)
+@click.argument("scene", shell_complete=complete_scene)
+@click.option("--json", "as_json", is_flag=True, help="As JSON.")
+def show(scene: str, as_json: bool) -> None:
+    """Tell what SCENE is: box, discs, features, recommended settings, what to look for.
+
+    The whole file is checked; everything that is wrong in it is told at once.
+    """
+    file = scenefile.load(scene)
+    if as_json:
+        click.echo(json_text(record(file)))
+        return
+    click.echo(f"{file.name}: {file.title}" if file.title else file.name)
+    for text in (file.text, file.look_for and f"Look for: {file.look_for}"):
+        if text:
+            click.echo("\n" + textwrap.fill(" ".join(text.split()), 100))
+    click.echo()
+    for name, value in description(file).items():
+        click.echo(f"{name:12} {value}")
+
+
+def description(file: SceneFile) -> dict[str, str]:
+    """A scene in words, by what they are about."""
+    scene = file.scene
+    x, y = scene.boundary
+    boundary = x if x == y else f"{x} along x, {y} along y"
+    words = {"box": f"{scene.width:g} x {scene.height:g}, {boundary}"}
+    words["discs"] = f"{scene.count}, radius {_range(scene.radii)}, mass {_range(scene.masses)}, "
+    words["discs"] += f"packing {scene.packing:.3g}"
+    if scene.count:
+        mean = float(np.sqrt((scene.velocity**2).sum(axis=1).mean()))
+        words["speed"] = f"{mean:.3g} (root mean square)"
+    if scene.gravity is not None:
+        words["gravity"] = f"({scene.gravity[0]:g}, {scene.gravity[1]:g})"
+    if scene.acceleration is not None:
+        words["acceleration"] = "one per disc"
+    if min(scene.restitution, scene.wall_restitution) < 1:
+        words["restitution"] = f"{scene.restitution:g} of discs, {scene.wall_restitution:g} of walls"
+    if scene.obstacles:
+        words["obstacles"] = f"{len(scene.obstacles)}"
+    for emitter in scene.emitters:
+        limit = "no end" if emitter.limit is None else f"{emitter.limit} in all"
+        often = f"every {emitter.interval:g} of time" if emitter.every is None else f"every {emitter.every} frames"
+        words["emitters"] = f"{words['emitters']}; " if "emitters" in words else ""
+        words["emitters"] += f"one disc {often}, {limit}"
+    if scene.absorbing:
+        words["absorbing"] = ", ".join(scene.absorbing)
+    if scene.piston is not None:
+        piston, start = scene.piston, "" if scene.piston.start is None else f"from {scene.piston.start:g} "
+        words["piston"] = f"the {piston.wall} wall, speed {piston.speed:g}, {start}to {piston.stop:g}"
+    words["duration"] = "none recommended" if scene.duration is None else f"{scene.duration:g}"
+    words["settings"] = settings_text(file.settings)
+    words["read from"] = ", ".join(map(str, file.read))
+    return words
+
+
+def settings_text(settings: Settings | None) -> str:
+    """Settings that are not the default's, as Python takes them."""
+    if settings is None:
+        return "none recommended"
+    chosen, defaults = vars(settings), vars(Settings())
+    changed = [f"{name}={value!r}" for name, value in chosen.items() if name == "dt" or value != defaults[name]]
+    return f"Settings({', '.join(changed)})"
+
+
+def record(file: SceneFile) -> dict[str, Any]:
+    """The same as plain values."""
+    scene = file.scene
+    return {
+        "name": file.name,
+        "title": file.title,
+        "text": file.text,
+        "look_for": file.look_for,
+        "width": scene.width,
+        "height": scene.height,
+        "boundary": scene.boundary,
+        "count": scene.count,
+        "packing": scene.packing,
+        "radius": [float(scene.radii.min(initial=np.inf)), float(scene.radii.max(initial=0.0))],
+        "mass": [float(scene.masses.min(initial=np.inf)), float(scene.masses.max(initial=0.0))],
+        "gravity": None if scene.gravity is None else scene.gravity.tolist(),
+        "acceleration": scene.acceleration is not None,
+        "restitution": scene.restitution,
+        "wall_restitution": scene.wall_restitution,
+        "obstacles": len(scene.obstacles),
+        "emitters": [dataclasses.asdict(emitter) for emitter in scene.emitters],
+        "absorbing": scene.absorbing,
+        "piston": None if scene.piston is None else dataclasses.asdict(scene.piston),
+        "duration": scene.duration,
+        "settings": None if file.settings is None else dataclasses.asdict(file.settings),
+        "read": [str(path) for path in file.read],
+        "digest": scene.digest(),
+    }
+
+
+def _range(values: Any) -> str:
+    if not len(values):
+        return "-"
+    low, high = float(np.min(values)), float(np.max(values))
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"

@@ -1,0 +1,44 @@
+"""`mpsim stability`: every method at the extremes, on this machine."""
+
+from pathlib import Path
+
+import click
+
+from mpsim.cli import terminal
+from mpsim.core import atomic
+
+EXAMPLES = """\b
+Examples:
+  mpsim stability --only step --only places
+  mpsim stability --out stability/            (also heat maps; some minutes)
+"""
+
+
+@click.command(epilog=EXAMPLES, short_help="Drive every method through extremes.")
+@click.option("--only", "axes", multiple=True, metavar="AXIS", help="An axis to try, such as step or box; else all.")
+@click.option("--full", is_flag=True, help="Also what takes long: millions of discs, a million frames.")
+@click.option("--json", "as_json", is_flag=True, help="Print every outcome as JSON.")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder for JSON and heat maps.")
+@terminal.quiet_option
+def stability(axes: tuple[str, ...], full: bool, as_json: bool, out: Path | None, quiet: bool) -> None:
+    """Drive every method, contact, law and precision through extremes, and tell what becomes of them.
+
+    Each trial is correct, degraded (an error is large, and a warning told it) or refused. Anything else is forbidden,
+    and makes the exit code 1.
+    """
+    from mpsim.studies import stability as trials  # noqa: PLC0415 - not needed by any other command
+
+    chosen = trials.trials(axes or None, full)
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    with terminal.progress(quiet) as progress:
+        outcomes = trials.run_trials(chosen, progress=progress)
+    if out is not None:
+        from mpsim.output import stability_map  # noqa: PLC0415 - matplotlib
+
+        atomic.write_text(out / "stability.json", trials.to_json(outcomes))
+        stability_map.save(outcomes, out)
+    click.echo(trials.to_json(outcomes) if as_json else trials.counts_table(outcomes))
+    found = trials.counts(outcomes)
+    if any(found[kind] for kind in trials.FORBIDDEN):
+        raise click.exceptions.Exit(1)

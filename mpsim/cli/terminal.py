@@ -1,0 +1,202 @@
+"""What commands share: kinds of arguments, progress."""
+
+import dataclasses
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+from click.shell_completion import CompletionItem
+
+from mpsim.scene import scenefile
+from mpsim.scene.scenefile import SceneFile
+from mpsim.scene.settings import CONTACTS, DEATHS, LAWS, METHODS, MOST_WORKERS, ON_FAST, PRECISIONS, Settings
+
+SPARSE = 10.0
+"""Seconds between two lines of progress where nobody watches a terminal."""
+
+Progress = Callable[[int, int, str], None]
+"""Called as progress(done, of, what)."""
+
+
+class Positive(click.ParamType):
+    """A number above 0; `percent`: perhaps with a per cent sign.
+
+    >>> Positive(percent=True).convert("1%", None, None)
+    0.01
+    """
+
+    def __init__(self, what: str = "number", percent: bool = False):
+        self.name = what
+        self._percent = percent
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The number that a text stands for."""
+        text = str(value).strip()
+        scale = 0.01 if self._percent and text.endswith("%") else 1.0
+        try:
+            number = float(text[:-1] if scale != 1 else text) * scale
+        except ValueError:
+            number = math.nan
+        if not (math.isfinite(number) and number > 0):
+            example = "0.05 or 5%" if self._percent else "0.05"
+            self.fail(f"{value!r} must be a number > 0, such as {example}.", param, ctx)
+        # 7 * 0.01 is 0.07 but for rounding
+        return float(f"{number:.15g}")
+
+
+class Interrupted(Exception):  # noqa: N818 - it is no error
+    """Ctrl-C came; the text says where things stand."""
+
+
+def complete_scene(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Names of scenes for a shell, and files."""
+    names = [CompletionItem(name) for name in scenefile.names() if name.startswith(incomplete)]
+    return [*names, CompletionItem(incomplete, type="file")]
+
+
+def existing_refused(path: Path, force: bool) -> None:
+    """Refuse to overwrite a file unless --force was given.
+
+    Raises:
+        click.UsageError: naming the file.
+    """
+    if path.exists() and not force:
+        raise click.UsageError(
+            f"{str(path)!r} is there already, and is not overwritten. Give another name, or --force."
+        )
+
+
+def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The settings as options; `settings_of` puts them together."""
+    for option in reversed(
+        [
+            click.option("--dt", type=Positive("time"), help="Time of one frame."),
+            click.option("--method", type=click.Choice(METHODS), help="How pairs are found; event is exact."),
+            click.option("--workers", type=click.IntRange(1, MOST_WORKERS), help="Processes; else as many as cores."),
+            click.option("--contact", type=click.Choice(CONTACTS), help="impact is second order in dt, push first."),
+            click.option("--law", type=click.Choice(LAWS), help="elastic keeps momentum; reflect is the report's."),
+            click.option("--precision", type=click.Choice(PRECISIONS)),
+            click.option("--passes", type=click.IntRange(1, 1000), help="Times contacts are looked for in a step."),
+            click.option("--substeps", type=click.IntRange(1, 1_000_000), help="Steps in each frame."),
+            click.option("--on-fast", type=click.Choice(ON_FAST), help="When discs move too far in a step."),
+            click.option(
+                "--on-worker-death", type=click.Choice(DEATHS), help="restart: go on from a snapshot in memory."
+            ),
+        ]
+    ):
+        command = option(command)
+    return command
+
+
+def settings_of(file: SceneFile, options: dict[str, Any]) -> Settings:
+    """What the scene recommends, with the options that were given put in its place."""
+    given = {name: value for name, value in options.items() if value is not None}
+    return dataclasses.replace(file.settings or Settings(), **given)
+
+
+def json_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The option --json."""
+    return click.option("--json", "as_json", is_flag=True, help="Print JSON.")(command)
+
+
+def quiet_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The option --quiet."""
+    return click.option("-q", "--quiet", is_flag=True, help="Show no progress.")(command)
+
+
+@contextmanager
+def progress(quiet: bool) -> Iterator[Progress | None]:
+    """A bar on a terminal, a line now and then elsewhere, nothing under --quiet. On standard error."""
+    if quiet:
+        yield None
+    elif sys.stderr.isatty():
+        with _bar() as bar:
+            yield bar
+    else:
+        yield _Lines()
+
+
+@contextmanager
+def _bar() -> Iterator[Progress]:
+    from rich import progress as rich_progress  # noqa: PLC0415 - only where somebody watches
+    from rich.console import Console  # noqa: PLC0415
+    from rich.table import Column  # noqa: PLC0415
+
+    columns = (
+        # What is done is the first to be shortened where the terminal is narrow.
+        rich_progress.TextColumn(
+            "{task.description}", markup=False, table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")
+        ),
+        rich_progress.BarColumn(bar_width=20),
+        rich_progress.MofNCompleteColumn(),
+        rich_progress.TextColumn("{task.fields[rate]}"),
+        rich_progress.TextColumn("left"),
+        rich_progress.TimeRemainingColumn(),
+    )
+    with rich_progress.Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as display:
+        task = display.add_task("starting", total=None, rate="")
+        pace = _Pace()
+
+        def show(done: int, of: int, what: str) -> None:
+            if is_announcement(done, of):
+                display.console.print(what, markup=False)
+            display.update(task, completed=done, total=of, description=what, rate=pace.rate(done, of)[0])
+
+        yield show
+
+
+def is_announcement(done: int, of: int) -> bool:
+    """Whether a call of progress tells what comes, rather than what is done."""
+    return (done, of) == (0, 1)
+
+
+class _Pace:
+    """How fast something goes on, and when it will be done."""
+
+    def __init__(self) -> None:
+        self._started = time.monotonic()
+        self._first: int | None = None
+
+    def rate(self, done: int, of: int) -> tuple[str, str]:
+        """Rate since the first call, and time left, in words; empty before anything is known."""
+        if self._first is None:
+            self._first, self._started = done, time.monotonic()
+        seconds, gained = time.monotonic() - self._started, done - self._first
+        if seconds <= 0 or gained <= 0:
+            return "", ""
+        rate = gained / seconds
+        return f"{rate:,.0f}/s" if rate >= 100 else f"{rate:.3g}/s", f"{duration((of - done) * seconds / gained)} left"
+
+
+class _Lines:
+    """One line every SPARSE seconds."""
+
+    def __init__(self) -> None:
+        self._last = time.monotonic()
+        self._pace = _Pace()
+
+    def __call__(self, done: int, of: int, what: str) -> None:
+        if is_announcement(done, of):
+            click.echo(what, err=True)
+            return
+        rate, left = self._pace.rate(done, of)
+        if time.monotonic() - self._last >= SPARSE:
+            self._last = time.monotonic()
+            click.echo(", ".join(filter(None, [f"{done} of {of}: {what}", rate, left])), err=True)
+
+
+def duration(seconds: float) -> str:
+    """A time in words.
+
+    >>> duration(0.25), duration(42), duration(4000), duration(200000)
+    ('0.2 s', '42 s', '1 h 06 min', '55 h 33 min')
+    """
+    if seconds < 100:
+        return f"{seconds:.1f} s" if seconds < 10 else f"{seconds:.0f} s"
+    hours, minutes = divmod(int(seconds / 60), 60)
+    return f"{hours} h {minutes:02} min" if hours else f"{minutes} min"

@@ -1,0 +1,186 @@
+"""`mpsim tune` and `mpsim tradeoff`: speed against accuracy, on any scene."""
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mpsim.cli import terminal
+from mpsim.cli.scenes import settings_text
+from mpsim.core import atomic
+from mpsim.core.errors import OutputError
+from mpsim.core.plain import json_text
+from mpsim.output.tables import UNITS
+from mpsim.scene import scenefile
+from mpsim.studies import tradeoff as trades
+from mpsim.studies import tune as tuning
+from mpsim.studies.independent_starts import KINDS
+from mpsim.studies.replicas import MEASURES
+
+_WORDS = {"1/time": "per unit of time", "diam.": "in diameters"}
+
+until_option = click.option(
+    "--until", type=terminal.Positive("time"), help="Length of one run; else the scene's duration, or chosen."
+)
+replicas_option = click.option(
+    "--replicas", type=click.IntRange(2, 100_000), default=16, show_default=True, help="Runs per candidate."
+)
+starts_option = click.option(
+    "--starts",
+    type=click.Choice(KINDS),
+    help="kind: other starts of the same kind; same: this one, discs displaced by a thousandth of a diameter.",
+)
+
+
+def _budget_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """One option per measure that a budget may be given for."""
+    for name in reversed(MEASURES):
+        unit = _WORDS.get(UNITS.get(name, ""), "relative: 0.01 or 1%")
+        text = f"Largest error of {name.replace('_', ' ')}, {unit}."
+        kind = terminal.Positive("error", percent=True)
+        command = click.option(f"--{name.replace('_', '-')}", name, type=kind, help=text)(command)
+    return command
+
+
+TUNE_EXAMPLES = """\b
+Examples:
+  mpsim tune gas --pressure 1% --overlap 0.05
+  mpsim tune my_scene.toml --collision-rate 2% --until 50 --json > tuned.json
+"""
+
+
+@click.command(epilog=TUNE_EXAMPLES, short_help="Find the cheapest settings inside error budgets.")
+@click.argument("scene", shell_complete=terminal.complete_scene)
+@_budget_options
+@until_option
+@replicas_option
+@starts_option
+@click.option(
+    "--seconds", type=terminal.Positive("time"), default=150.0, show_default=True, help="Time it may take, about [s]."
+)
+@terminal.json_option
+@terminal.quiet_option
+def tune(
+    scene: str,
+    until: float | None,
+    replicas: int,
+    starts: str | None,
+    seconds: float,
+    as_json: bool,
+    quiet: bool,
+    **budgets: float | None,
+) -> None:
+    """Find the cheapest settings whose errors on SCENE stay inside every budget.
+
+    Give one budget or more; what has none is free.
+    """
+    asked = {name: budget for name, budget in budgets.items() if budget is not None}
+    if not asked:
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in MEASURES)
+        raise click.UsageError(f"Give at least one budget: {options}.")
+    chosen = scenefile.load(scene).scene
+    with terminal.progress(quiet) as progress:
+        how: dict[str, Any] = {"replicas": replicas, "starts": starts, "seconds": seconds, "progress": progress}
+        tuned = tuning.tune(chosen, asked, until=until, **how)
+    if as_json:
+        click.echo(json_text(_record(tuned)))
+        return
+    click.echo(str(tuned))
+    click.echo(f"in Python: {settings_text(tuned.settings)}")
+
+
+def _record(tuned: tuning.Tuned) -> dict[str, Any]:
+    """The answer as plain values."""
+    return {
+        "settings": dataclasses.asdict(tuned.settings),
+        "cost": dataclasses.asdict(tuned.cost),
+        "errors": {name: dataclasses.asdict(error) for name, error in tuned.errors.items()},
+        "budgets": tuned.budgets,
+        "verified": tuned.verified,
+        "exact": tuned.exact,
+        "reference": tuned.reference,
+        "starts": tuned.starts,
+        "until": tuned.until,
+        "warning": tuned.warning,
+        "tighter": tuned.tighter,
+        "tried": [{**trial.row.record(), "verdict": trial.verdict, "inside": trial.inside} for trial in tuned.tried],
+    }
+
+
+TRADEOFF_EXAMPLES = """\b
+Examples:
+  mpsim tradeoff gas
+  mpsim tradeoff gas --measure pressure --measure overlap --until 100 --csv
+  mpsim tradeoff dense --out dense.json --keep dense.part      (interrupted, it goes on from dense.part)
+"""
+
+
+@click.command(epilog=TRADEOFF_EXAMPLES, short_help="Tell what settings cost and how wrong they are.")
+@click.argument("scene", shell_complete=terminal.complete_scene)
+@click.option(
+    "--measure", "measures", type=click.Choice(MEASURES), multiple=True, help="An error to look at; else all."
+)
+@until_option
+@replicas_option
+@starts_option
+@click.option(
+    "--seconds",
+    type=terminal.Positive("time"),
+    default=150.0,
+    show_default=True,
+    help="Time that a stepped reference may take, about [s].",
+)
+@click.option("--csv", "as_csv", is_flag=True, help="Print CSV.")
+@terminal.json_option
+@click.option(
+    "--out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Write to a file: JSON if it ends in .json, else CSV.",
+)
+@click.option(
+    "--keep", type=click.Path(dir_okay=False, path_type=Path), help="Keep what is finished here; go on from it."
+)
+@click.option("--force", is_flag=True, help="Replace the file of --out.")
+@terminal.quiet_option
+def tradeoff(
+    scene: str,
+    measures: tuple[str, ...],
+    until: float | None,
+    replicas: int,
+    starts: str | None,
+    seconds: float,
+    as_csv: bool,
+    as_json: bool,
+    out: Path | None,
+    keep: Path | None,
+    force: bool,
+    quiet: bool,
+) -> None:
+    """Tell what settings cost on SCENE, and how wrong each is against the exact solver."""
+    if as_csv and as_json:
+        raise click.UsageError("Choose one of --csv and --json.")
+    if out is not None:
+        terminal.existing_refused(out, force)
+        _demand_writable(out)  # before the long work, not after
+    chosen = scenefile.load(scene).scene
+    with terminal.progress(quiet) as progress:
+        how: dict[str, Any] = {"replicas": replicas, "starts": starts, "seconds": seconds, "path": keep}
+        how["progress"] = progress
+        table = trades.tradeoff(chosen, None, until, measures or None, **how)
+    in_json = as_json or (not as_csv and out is not None and out.suffix == ".json")
+    if out is not None:
+        (table.to_json if in_json else table.to_csv)(out)
+        click.echo(f"{len(table.rows)} candidates written to {out}", err=True)
+    else:
+        click.echo(table.to_json() if in_json else table.to_csv() if as_csv else str(table), nl=False)
+
+
+def _demand_writable(out: Path) -> None:
+    try:
+        atomic.check_target(out)
+    except OSError as error:
+        raise OutputError(
+            f"--out must be a file that can be written; got {str(out)!r} ({error.strerror}). Choose another place."
+        ) from None

@@ -1,1 +1,0 @@
-"""The commands of `mpsim`, one module per group; terminal.py holds what they share."""

@@ -1,0 +1,163 @@
+"""Named arrays in one file, a NumPy .npz, read without trusting it: no size is taken from it before it is checked.
+
+Nothing is compressed and nothing is an object: what the file says it holds cannot be more than its own length, and
+nothing in it is executed.
+"""
+
+import math
+import os
+import re
+import struct
+import zipfile
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core.deferred_signals import interrupts_held_back
+
+Arrays = dict[str, NDArray[Any]]
+
+MOST_ARRAYS = 64
+"""Arrays in one file at most: several times what any simulation has."""
+
+DAMAGE = (
+    zipfile.BadZipFile,
+    struct.error,
+    EOFError,
+    ValueError,
+    LookupError,
+    TypeError,
+    OverflowError,
+    NotImplementedError,
+    RecursionError,
+)
+"""What reading a damaged file raises; all else (no memory, no right, an interrupt) says nothing about the file."""
+
+MOST_DIRECTORY = 2**16
+"""Bytes of the directory at the end of a file, which names its arrays, at most: each takes some 70."""
+
+# The end of a zip file: a record of 22 bytes; in large ones behind a record of 56 bytes and its locator, of 20.
+_END, _END_64, _LOCATOR = b"PK\x05\x06", b"PK\x06\x06", b"PK\x06\x07"
+
+_ENCRYPTED = 1
+"""Bit among the flags of a member of a zip file."""
+
+_LENGTH = rb"\d{1,19}"
+_HEADER = re.compile(
+    rb"\{'descr': '([<>|]?[fiubcU]\d{1,9})', 'fortran_order': (True|False), "
+    rb"'shape': \(((?:%b, ?)*(?:%b)?)\),? ?\}\s*" % (_LENGTH, _LENGTH)
+)
+"""The header of an array without objects. NumPy's reader evaluates the text, where
+9000 minus signs lead to a MemoryError."""
+
+
+def write_arrays(file: BinaryIO, arrays: Arrays) -> None:
+    """Write arrays, in this order."""
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
+        for name, array in arrays.items():
+            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, np.asarray(array, order="C"), (1, 0), allow_pickle=False)
+
+
+REAL = "fiu"
+"""Kinds of dtype that are real numbers: floating, signed, unsigned."""
+
+
+def read_array(file: Any, length: int, name: str, kinds: str) -> NDArray[Any]:
+    """An array as numpy.save writes it, read-only: `length` bytes, of which a header declares kind and shape.
+
+    Nothing is read or allocated before that is known to be of one of the kinds, and the shape of the bytes that follow.
+
+    Raises:
+        ValueError: if it is not.
+    """
+    if np.lib.format.read_magic(file) != (1, 0):
+        raise ValueError(f"{name!r} is of another version of the .npy format")
+    header = file.read(int.from_bytes(file.read(2), "little"))
+    found = _HEADER.fullmatch(header)
+    if not found:
+        raise ValueError(f"{name!r} is no plain array; its header is {header[:80]!r}")
+    try:
+        dtype = np.dtype(found[1].decode())
+    except TypeError:
+        raise ValueError(f"{name!r} is of a type that NumPy does not know, {found[1].decode()}") from None
+    if dtype.kind not in kinds:
+        raise ValueError(f"{name!r} holds {dtype}")
+    shape = tuple(int(length) for length in re.findall(_LENGTH, found[3]))
+    rest = length - file.tell()
+    if math.prod(shape) * dtype.itemsize != rest:
+        raise ValueError(f"{name!r} declares shape {shape!s:.60} of {dtype}, and has {rest} bytes")
+    content = file.read(rest)
+    if len(content) != rest:
+        raise ValueError(f"{name!r} is cut off")
+    return np.frombuffer(content, dtype).reshape(shape, order="F" if found[2] == b"True" else "C")
+
+
+class ArrayFile:
+    """The arrays in an open file, each read when it is asked for. Use it in a `with` block.
+
+    Raises:
+        DAMAGE: one of these exceptions, if the file is damaged.
+        OSError: if it cannot be read.
+    """
+
+    def __init__(self, file: BinaryIO):
+        length = os.fstat(file.fileno()).st_size
+        if _directory_bytes(file, length) > MOST_DIRECTORY:
+            raise ValueError(f"its directory is longer than {MOST_DIRECTORY:,} bytes; {MOST_ARRAYS} arrays are allowed")
+        try:
+            with interrupts_held_back():  # half made, it would complain when it is collected
+                self._zip = zipfile.ZipFile(file)
+        except zipfile.BadZipFile as error:
+            if isinstance(error.__context__, OSError):  # of the system, or of a signal handler: no fault of the file
+                raise error.__context__ from None
+            raise
+        members = self._zip.infolist()
+        self._members = {member.filename.removesuffix(".npy"): member for member in members}
+        if len(self._members) != len(members) or len(members) > MOST_ARRAYS:
+            raise ValueError(f"it holds {len(members)} arrays, or one twice; {MOST_ARRAYS} different ones are allowed")
+        for member in members:
+            if member.compress_type != zipfile.ZIP_STORED or member.compress_size != member.file_size:
+                raise ValueError(f"{member.filename!r} in it is compressed, as mpsim writes none")
+            if not 0 <= member.header_offset < length:  # where the system would refuse to look, as if it were at fault
+                raise ValueError(f"{member.filename!r} in it begins outside of it")
+            if member.flag_bits & _ENCRYPTED:
+                raise ValueError(f"{member.filename!r} in it is encrypted, as mpsim writes none")
+        # Members may overlap in a zip file: only the sum tells that what is read is no more than what is there.
+        if sum(member.file_size for member in members) > length:
+            raise ValueError("it declares more bytes than it has")
+
+    def __enter__(self) -> "ArrayFile":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        with interrupts_held_back():  # in Python code that runs because something is collected, Ctrl-C is lost
+            del self._zip
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the arrays."""
+        return list(self._members)
+
+    def read(self, name: str) -> NDArray[Any]:
+        """One array, read-only. Its declared shape must be that of the bytes that follow."""
+        info = self._members[name]
+        with self._zip.open(info) as member:
+            return read_array(member, info.file_size, name, f"{REAL}b")
+
+
+def _directory_bytes(file: BinaryIO, length: int) -> int:
+    """Bytes of the directory of a zip file, as its end declares them: zipfile would read all of it at once."""
+    file.seek(max(length - 98, 0))
+    end = file.read(98)[-98:].rjust(98, b"\0")
+    file.seek(0)
+    if not end[76:].startswith(_END):
+        raise ValueError("it does not end as a file of arrays does")
+    declared = [int.from_bytes(end[88:92], "little")]
+    if end[56:].startswith(_LOCATOR):
+        where = int.from_bytes(end[64:72], "little")
+        if not end.startswith(_END_64) or where != length - 98:
+            raise ValueError("it does not end as a large file of arrays does")
+        declared = [int.from_bytes(end[40:48], "little"), *(size for size in declared if size != 2**32 - 1)]
+    return max(declared)

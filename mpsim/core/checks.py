@@ -1,0 +1,215 @@
+"""The one gate that user input passes: finite first, then dtype, shape, range. Texts: name, rule, value, remedy."""
+
+import difflib
+import math
+import numbers
+import reprlib
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core.errors import InputError
+
+
+def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: str) -> NDArray[np.float64]:
+    """A read-only float64 copy of `value` with the given shape (None: any length). `meaning` words the shape."""
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:  # the last of a whole number beyond float64
+        raise InputError(f"{name} must be numbers of shape {meaning}; got {brief(value)} ({error!s:.200}).") from None
+    finite = np.isfinite(array)
+    if not finite.all():
+        bad = np.argwhere(~finite)
+        at = tuple(int(index) for index in bad[0])
+        raise InputError(
+            f"{name} must be finite; {name}{list(at)} is {array[at]} ({len(bad)} such values). "
+            "Correct them, or leave them out."
+        )
+    if array.size == 0 and shape[:1] in ((None,), (0,)):  # an empty list has lost its second axis
+        array = array.reshape((0, *[length or 0 for length in shape[1:]]))
+    fits = array.ndim == len(shape) and all(
+        wanted in (None, got) for wanted, got in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        raise InputError(f"{name} must have shape {meaning}; got shape {array.shape}. Reshape the array.")
+    array.flags.writeable = False
+    return array
+
+
+def resolution(array: NDArray[np.float64]) -> float:
+    """The relative spacing (eps) of the precision in which numbers were computed: float32 if each is such a number.
+
+    The dtype does not tell: numbers of a float32 run may have come as float64, from a file or through arithmetic.
+
+    >>> resolution(np.array([0.5, np.float32(0.1)])) == 2.0**-23, resolution(np.array([0.5, 0.1])) == 2.0**-52
+    (True, True)
+    """
+    with np.errstate(over="ignore"):
+        single = bool((array.astype(np.float32) == array).all())
+    return float(np.finfo(np.float32 if single else np.float64).eps)
+
+
+def positive(name: str, value: Any, unit: str) -> float:
+    """A finite number above 0."""
+    number = _number(name, value, f"a number > 0 {unit}")
+    if not (math.isfinite(number) and number > 0):
+        raise InputError(f"{name} must be a finite number > 0 {unit}; got {brief(value)}.")
+    return number
+
+
+def time_to_come(name: str, value: Any) -> float:
+    """A number, 0 or above, or infinity, for the end of all motion."""
+    number = _number(name, value, "a number >= 0 [time]")
+    if not number >= 0:
+        raise InputError(f"{name} must be a number >= 0 [time], or infinity; got {value!r}.")
+    return number
+
+
+def non_negative(name: str, value: Any, unit: str) -> float:
+    """A finite number, 0 or above."""
+    number = _number(name, value, f"a number >= 0 {unit}")
+    if not (math.isfinite(number) and number >= 0):
+        raise InputError(f"{name} must be a finite number >= 0 {unit}; got {brief(value)}.")
+    return number
+
+
+def fraction(name: str, value: Any) -> float:
+    """A number from 0 to 1."""
+    number = _number(name, value, "a number from 0 to 1")
+    if not 0 <= number <= 1:
+        raise InputError(f"{name} must be a number from 0 to 1; got {brief(value)}.")
+    return number
+
+
+def one_or_each(name: str, value: Any, count: int, unit: str) -> float | NDArray[np.float64]:
+    """A positive number for all, or one each, shape (count,); equal ones become one for all."""
+    if np.ndim(value) == 0:
+        return positive(name, value, unit)
+    array = finite_array(name, value, (count,), f"() or ({count},), one per row of position")
+    bad = np.flatnonzero(array <= 0)
+    if len(bad):
+        raise InputError(f"{name} must be > 0 {unit}; {name}[{bad[0]}] is {array[bad[0]]} ({len(bad)} such values).")
+    return float(array[0]) if count and (array == array[0]).all() else array
+
+
+def masses(value: Any, count: int) -> NDArray[np.float64] | None:
+    """One mass per disc, or None where all are 1."""
+    each = np.broadcast_to(one_or_each("mass", value, count, "[mass]"), count)
+    if (each == 1).all():
+        return None
+    return finite_array("mass", each, (count,), f"({count},)")
+
+
+def whole(name: str, value: Any, low: int, high: int, remedy: str) -> int:
+    """A whole number in [low, high]."""
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not low <= int(value) <= high:
+        raise InputError(f"{name} must be a whole number from {low} to {high}; got {brief(value)}. {remedy}")
+    return int(value)
+
+
+def truth(name: str, value: Any) -> bool:
+    """True or False, not something that merely counts as one."""
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(f"{name} must be True or False; got {brief(value)}.")
+    return bool(value)
+
+
+def fitting(name: str, array: NDArray[np.float64], precision: str) -> None:
+    """Refuse values that are finite in float64 but whose squares are not in the precision of the run."""
+    largest = float(np.sqrt(np.finfo(precision).max)) / 4
+    bad = np.argwhere(np.abs(array) > largest)
+    if len(bad):
+        at = tuple(int(index) for index in bad[0])
+        raise InputError(
+            f"{name} must be at most {largest:.3g} in {precision}, so that squares fit; {name}{list(at)} is "
+            f"{array[at]:g}. Use other units or precision='float64'."
+        )
+
+
+def equal(one: NDArray[Any], other: NDArray[Any]) -> bool:
+    """Whether two arrays have one shape and equal elements.
+
+    As numpy.array_equal, which takes an exception of a signal handler, at its end of a limit of time say, for a No.
+    """
+    return one.shape == other.shape and bool((one == other).all())
+
+
+def not_vanishing(name: str, value: float, least: float, precision: str) -> None:
+    """Refuse a positive value that the precision of the run would lose."""
+    if value < least:
+        raise InputError(
+            f"{name} must be at least {least:.3g} in {precision}, below which it counts as 0; got {brief(value)}. "
+            "Use other units or precision='float64'."
+        )
+
+
+def choice(name: str, value: Any, allowed: Iterable[str]) -> str:
+    """One of the allowed words, with a suggestion where the value is nearly one."""
+    words = list(allowed)
+    if value in words:
+        return str(value)
+    meant = near(value, words)
+    hint = f" Did you mean {meant!r}?" if meant else ""
+    raise InputError(f"{name} must be one of {', '.join(map(repr, words))}; got {brief(value)}.{hint}")
+
+
+def _number(name: str, value: Any, rule: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        raise InputError(f"{name} must be {rule}; got {brief(value)}.")
+    try:
+        return float(value)
+    except OverflowError:
+        raise InputError(f"{name} must be {rule}, finite in float64; got {brief(value)}.") from None
+
+
+MOST_BITS = 200
+"""Bits of whole numbers that are written out: those are LONGEST digits."""
+
+LONGEST = 60
+"""Characters of a value in a message at most."""
+
+
+class _Brief(reprlib.Repr):
+    """What repr would say, but of some of it only where it is large or deep; and of any whole number."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel = 6
+        self.maxlist = self.maxtuple = self.maxdict = self.maxset = self.maxfrozenset = 20
+        self.maxstring = self.maxother = 200
+
+    def repr_int(self, x: int, level: int) -> str:
+        if x.bit_length() < MOST_BITS:
+            return repr(x)
+        return f"a whole number of {int(math.log10(abs(x))) + 1:,} digits"
+
+
+_words = _Brief().repr
+
+
+def brief(value: Any) -> str:
+    """A value for a message, in at most LONGEST characters, however large or deep it is.
+
+    >>> brief("word"), brief(10**5000), len(brief([[1.5] * 1000] * 1000))
+    ("'word'", 'a whole number of 5,001 digits', 60)
+    """
+    return shortened(_words(value))
+
+
+def shortened(text: str) -> str:
+    """A text of at most LONGEST characters."""
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+
+
+def near(value: Any, words: Iterable[str]) -> str | None:
+    """The word that was probably meant, if any is like the value."""
+    likely = isinstance(value, str) and len(value) <= LONGEST
+    return next(iter(difflib.get_close_matches(value, list(words), n=1)), None) if likely else None
+
+
+def point(name: str, value: object) -> tuple[float, float]:
+    """x and y, finite."""
+    x, y = finite_array(name, value, (2,), "(2,)").tolist()
+    return x, y

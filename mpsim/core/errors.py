@@ -1,0 +1,180 @@
+"""Every exception and warning a user can meet. Each text says: what, the rule, the value received, what to do."""
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+
+def level_of_caller() -> int:
+    """The `stacklevel` that makes the caller of mpsim the place of a warning, however deep inside mpsim it is given."""
+    package = f"{Path(__file__).parents[1]}{os.sep}"
+    frame, depth = sys._getframe(1), 1  # pyright: ignore[reportPrivateUsage]
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(package):
+        frame, depth = frame.f_back, depth + 1
+    return depth
+
+
+def is_of_the_system(error: OSError) -> bool:
+    """Whether the system has refused something: else a program raised it by itself, as a time limit of its own."""
+    return error.errno is not None and not isinstance(error, TimeoutError)
+
+
+def reason_of(error: Exception) -> str:
+    """Why a file cannot be read: what the system says of it, or what is wrong in it.
+
+    Raises:
+        OSError: the error itself, if it is not of the system.
+    """
+    if isinstance(error, OSError) and not is_of_the_system(error):
+        raise error
+    return getattr(error, "strerror", None) or str(error)
+
+
+class MpsimError(Exception):
+    """Base of all exceptions of mpsim: `except mpsim.MpsimError` catches every one of them."""
+
+
+class InputError(MpsimError, ValueError):
+    """A scene, a setting or an argument breaks a rule; nothing was changed."""
+
+
+class SceneFileError(InputError):
+    """A scene file breaks rules.
+
+    Attributes: problems (one sentence each: key path, rule, value received), file (as it was named).
+    """
+
+    def __init__(self, file: str, problems: Sequence[str]):
+        self.file = file
+        self.problems: tuple[str, ...] = tuple(problems)
+        lines = [f"{file}: {problem}" for problem in problems]
+        super().__init__("\n".join([f"{len(lines)} problems in a scene file:", *lines] if len(lines) > 1 else lines))
+
+    def __reduce__(self) -> tuple[type, tuple[str, tuple[str, ...]]]:
+        return type(self), (self.file, self.problems)
+
+
+class ClosedError(MpsimError, RuntimeError):
+    """A simulation was used after `close()`, after its `with` block, or after an error that ended it."""
+
+
+class ForkedError(MpsimError, RuntimeError):
+    """A simulation was used in a fork of the process that made it; nothing of it was read or changed."""
+
+
+class BusyError(MpsimError, RuntimeError):
+    """A simulation was used by one thread while another was changing it; nothing was changed."""
+
+
+class DivergedError(MpsimError, ArithmeticError):
+    """A disc's position or velocity became NaN or infinite.
+
+    Attributes: particle (index in the scene), frame (frames finished before), position, velocity (two floats each).
+    """
+
+    def __init__(self, particle: int, frame: int, position: tuple[float, float], velocity: tuple[float, float]):
+        self.particle = particle
+        self.frame = frame
+        self.position = position
+        self.velocity = velocity
+        super().__init__(
+            f"disc {particle} is not finite in frame {frame}: position {position}, velocity {velocity}. "
+            "A state must stay finite. Usual causes: a velocity so large that its square overflows the precision, an "
+            "acceleration that never stops, or values written from outside. Use a smaller dt or precision='float64'."
+        )
+
+
+class TooFastError(InputError):
+    """Discs move so far in a step that they may pass through each other, or are pressed, and on_fast forbids it."""
+
+
+class ResourceError(MpsimError, OSError):
+    """The system refuses what a simulation needs: descriptors, processes, memory. Nothing was kept of what it gave."""
+
+
+class SharedMemoryError(ResourceError):
+    """The shared block could not be reserved."""
+
+
+class WorkerDied(MpsimError, RuntimeError):  # noqa: N818 - the established name of this event
+    """A worker process ended while it was needed.
+
+    Attributes: worker (its number), pid, exitcode (negative: the signal that ended it), frame, phase.
+    """
+
+    def __init__(self, worker: int, pid: int | None, exitcode: int | None, cause: str, frame: int, phase: str):
+        self.worker = worker
+        self.pid = pid
+        self.exitcode = exitcode
+        self.frame = frame
+        self.phase = phase
+        super().__init__(
+            f"worker {worker} (process {pid}) ended by {cause} in frame {frame}, phase '{phase}'. "
+            "The run cannot go on and its last frames are lost; the other workers were stopped. "
+            "SIGKILL often means that the machine ran out of memory. Start again, with fewer workers if it repeats."
+        )
+
+
+class WorkerStalled(MpsimError, RuntimeError):  # noqa: N818 - the established name of this event
+    """A worker is alive but did not come to a barrier in time."""
+
+
+class NotRecordedError(MpsimError, KeyError):
+    """A measure was asked of a run that did not record it."""
+
+    def __str__(self) -> str:
+        """The sentence itself; KeyError would quote it."""
+        return str(self.args[0])
+
+
+class BudgetError(MpsimError, ValueError):
+    """No settings meet the errors that `tune` was asked for."""
+
+
+class NotMeasurableError(MpsimError, ValueError):
+    """An error that `tune` was asked to bound means nothing on this scene; the text says why, and what to ask for."""
+
+
+class OutputError(MpsimError, OSError):
+    """A file cannot be written as asked; nothing was written."""
+
+
+class StalledError(MpsimError, RuntimeError):
+    """The exact solver met more collisions at one instant than can be."""
+
+
+class CheckpointError(MpsimError, OSError):
+    """A checkpoint cannot be read: it is missing, damaged, or of a newer version."""
+
+
+class TrajectoryError(MpsimError, OSError):
+    """A trajectory cannot be read, or lacks what it is asked for."""
+
+
+class TrajectoryWarning(UserWarning):
+    """The end of a trajectory was cut off in the middle of a frame, or frames of it are missing."""
+
+
+class CheckpointWarning(UserWarning):
+    """The newest checkpoint is damaged, and the one before it was taken instead."""
+
+
+class EmitterWarning(UserWarning):
+    """A disc that an emitter was to add waits: its place is occupied, or there is no room for it."""
+
+
+class FastWarning(UserWarning):
+    """Discs may pass through each other in a step, or are pressed into each other: the result is degraded."""
+
+
+class GuardWarning(UserWarning):
+    """The exact solver let collisions pass without their loss of energy, so that infinitely many came to an end."""
+
+
+class OverlapWarning(UserWarning):
+    """Discs of the start overlap: legal, the first frames push them apart, which adds no energy but moves them."""
+
+
+class ResolutionWarning(UserWarning):
+    """Coordinates or velocities of the precision of the run are too coarse for the scene: its result is degraded."""

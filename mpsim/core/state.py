@@ -1,0 +1,208 @@
+"""State: all discs at one moment. Each column says what it is, and whether it is in the digest."""
+
+# pyright: reportUnnecessaryIsInstance=false
+# Arguments are checked when the program runs as well, for callers without a type checker.
+
+import hashlib
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from mpsim.core import atomic, checks, untrusted
+from mpsim.core.archive import DAMAGE, ArrayFile
+from mpsim.core.errors import InputError, OutputError, reason_of
+
+Box = tuple[float, float, float, float]
+"""Where the walls are: x_low, x_high, y_low, y_high [length]."""
+
+STATE_ARRAYS = ("position", "velocity", "present", "image", "box")
+"""What a state consists of, and the arrays of its file."""
+
+
+def _in_digest(where: Callable[[Any], bool]) -> dict[str, Any]:
+    """Metadata of a field of a state: it is in the digest where that holds for its value.
+
+    What only some scenes have is there only where it says something, so that it changes no digest of other scenes.
+    """
+    return {"digested": where}
+
+
+_ALWAYS = _in_digest(lambda value: True)
+_WHERE_COUNTED = _in_digest(lambda image: image is not None)
+_WHERE_SOME_LEFT = _in_digest(lambda present: not present.all())
+_FOLLOWS = _in_digest(lambda value: False) | {"reason": "it follows from the scene and the time"}
+
+
+@dataclass(frozen=True, init=False)
+class State:
+    """All discs at one moment: copies, in the order of the scene's discs.
+
+    Args:
+        position, velocity: as below.
+        present, image, box: as below, by name; None: all present, no counts, nobody knows.
+
+    Attributes:
+        position: shape (N, 2) [length], in the precision of the run; along a periodic axis in [0, its length).
+        velocity: shape (N, 2) [length/time].
+        present: shape (N,), bool: False for discs that an absorbing edge has absorbed. They rest where they left, and
+            no observable counts them.
+        image: shape (N, 2), int64: how many periods each disc has moved through each periodic border since the scene
+            began, negative towards lower coordinates, 0 along axes with walls. None where no axis is periodic.
+        box: (x_low, x_high, y_low, y_high) [length]: where the walls are now, as a piston may have moved one of them,
+            and the period of a periodic axis. None where nobody knows: in a state made by hand.
+
+    Raises:
+        InputError: if present or image has another shape, or image comes without box, which has the periods.
+
+    >>> import numpy as np
+    >>> state = State(position=np.array([[1.0, 2.0]]), velocity=np.zeros((1, 2)))
+    >>> state.position.tolist(), state.present.tolist()
+    ([[1.0, 2.0]], [True])
+    """
+
+    # In the order of the digest. Each field says whether it is in it.
+    position: NDArray[np.floating] = field(metadata=_ALWAYS)
+    velocity: NDArray[np.floating] = field(metadata=_ALWAYS)
+    image: NDArray[np.int64] | None = field(metadata=_WHERE_COUNTED)
+    present: NDArray[np.bool_] = field(metadata=_WHERE_SOME_LEFT)
+    box: Box | None = field(metadata=_FOLLOWS)
+
+    def __init__(
+        self,
+        position: NDArray[np.floating],
+        velocity: NDArray[np.floating],
+        *,
+        present: NDArray[np.bool_] | None = None,
+        image: NDArray[np.int64] | None = None,
+        box: Box | None = None,
+    ):
+        count = len(position)
+        here = np.ones(count, np.bool_) if present is None else np.asarray(present, np.bool_)
+        if here.shape != (count,):
+            raise InputError(f"present of a state must have shape ({count},), one per disc; got {here.shape}.")
+        if image is not None:
+            image = _counts(image, count)
+            if box is None:
+                raise InputError("image of a state needs box, which has the periods; got None. Give both, or neither.")
+        edges = None if box is None else checks.finite_array("box of a state", box, (4,), "(4,)").tolist()
+        values = (position, velocity, here, image, None if edges is None else tuple(edges))
+        for name, value in zip(STATE_ARRAYS, values, strict=True):
+            object.__setattr__(self, name, value)
+
+    @property
+    def unwrapped(self) -> NDArray[np.float64]:
+        """Positions without the periodic borders, shape (N, 2), float64 [length]: position + image * period.
+
+        A disc that moves through a border goes on in these coordinates: differences of two states are displacements.
+        Where image is None they are the positions.
+
+        >>> import numpy as np
+        >>> place, image = np.array([[4.0, 2.0]]), np.array([[1, 0]])
+        >>> State(place, np.zeros((1, 2)), image=image, box=(0, 10, 0, 5)).unwrapped.tolist()
+        [[14.0, 2.0]]
+        """
+        places = np.asarray(self.position, np.float64)
+        if self.image is None or self.box is None:
+            return places.copy()
+        x_low, x_high, y_low, y_high = self.box
+        return places + self.image * np.array([x_high - x_low, y_high - y_low])
+
+    def digest(self) -> str:
+        """Hex digest of the bits of position and velocity; equal digests mean equal bits.
+
+        Counts of periods are digested too, where there are any, and who is present, where somebody has left.
+
+        >>> import numpy as np
+        >>> State(np.zeros((1, 2)), np.ones((1, 2))).digest() == State(np.zeros((1, 2)), np.ones((1, 2))).digest()
+        True
+        """
+        digest = hashlib.blake2b(digest_size=16)
+        for each in fields(self):
+            array = getattr(self, each.name)
+            if not each.metadata["digested"](array):  # which every field must say
+                continue
+            little_endian: DTypeLike = array.dtype.newbyteorder("<")
+            digest.update(f"{array.dtype.name} {array.shape} ".encode())
+            digest.update(np.ascontiguousarray(array, dtype=little_endian).tobytes())
+        return digest.hexdigest()
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write a NumPy .npz with the arrays position, velocity and present, and image and box where there are any.
+
+        An existing file is replaced by a whole one or stays as it was; a symbolic link is refused.
+
+        Raises:
+            InputError: if the path does not end in .npz.
+            OutputError: if it cannot be written.
+        """
+        target = _npz(path)
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in STATE_ARRAYS}
+        known = {name: value for name, value in arrays.items() if value is not None}
+        try:
+            with atomic.atomic_write(target) as file:
+                np.savez(file, **known)
+        except OSError as error:
+            raise OutputError(
+                f"a state must be in a folder that can be written to; got {str(target)!r} ({error.strerror}). "
+                "Choose another place."
+            ) from error
+        return target
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "State":
+        """Read what `save` wrote, with the same bits. Nothing in the file is executed.
+
+        A file with position and velocity alone, as older versions wrote it, is a state whose discs are all present.
+
+        Raises:
+            InputError: if it is no file of a state.
+
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = State(np.zeros((3, 2)), np.ones((3, 2))).save(f"{folder}/final.npz")
+        ...     State.load(path).velocity.sum()
+        np.float64(6.0)
+        """
+        source = _npz(path)
+        try:
+            with untrusted.opened(source) as file, ArrayFile(file) as arrays:
+                known: dict[str, Any] = {
+                    name: arrays.read(name).copy() for name in STATE_ARRAYS if name in arrays.names
+                }
+                state = cls(**known)
+        except (OSError, *DAMAGE) as error:
+            reason = reason_of(error)
+            raise InputError(
+                f"a state must be a .npz with position and velocity; {str(source)!r}: {reason:.200}."
+            ) from None
+        shapes, kinds = (
+            {getattr(each, name) for each in (state.position, state.velocity)} for name in ("shape", "dtype")
+        )
+        if len(shapes) > 1 or state.position.shape[1:] != (2,) or len(kinds) > 1 or state.position.dtype.kind != "f":
+            raise InputError(
+                f"position and velocity of a state must have one shape, (N, 2), and one floating dtype; "
+                f"{str(source)!r} holds {sorted(map(str, shapes))} of {sorted(map(str, kinds))}."
+            )
+        return state
+
+
+def _counts(image: Any, count: int) -> NDArray[np.int64]:
+    """Counts of periods, if they are whole numbers, one pair per disc."""
+    counts = np.asarray(image)
+    if counts.shape != (count, 2) or counts.dtype.kind not in "iu":
+        raise InputError(
+            f"image of a state must hold whole numbers of shape ({count}, 2), one pair per disc; got {counts.dtype} of "
+            f"shape {counts.shape}. Leave it out where nobody has counted."
+        )
+    return counts.astype(np.int64)
+
+
+def _npz(path: str | os.PathLike[str]) -> Path:
+    if not isinstance(path, str | os.PathLike) or Path(os.fsdecode(path)).suffix != ".npz":
+        raise InputError(f"the path of a state must end in .npz; got {path!r}. Use 'state.npz'.")
+    return Path(os.fsdecode(path))

@@ -1,0 +1,61 @@
+"""Files that anybody may have written: what they are and how large is known before anything of them is read."""
+
+import errno
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+from mpsim.core.deferred_signals import interrupts_held_back
+
+_KINDS = {
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
+}
+
+
+def opened(path: str | os.PathLike[str]) -> BinaryIO:
+    """A regular file, open for reading. From anything else nothing is read: a pipe would block, a device has no end.
+
+    Raises:
+        OSError: if it cannot be opened or is no regular file; its strerror says which.
+        ValueError: if no file can have that name.
+    """
+    with interrupts_held_back():  # a descriptor that Ctrl-C keeps from getting an owner would stay open
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            kind = stat.S_IFMT(os.fstat(descriptor).st_mode)
+            if kind == stat.S_IFDIR:
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+            if kind != stat.S_IFREG:
+                raise OSError(errno.EINVAL, f"it is {_KINDS.get(kind, 'something else')}, not a file")
+            return os.fdopen(descriptor, "rb")
+        except BaseException:
+            os.close(descriptor)
+            raise
+
+
+def content(path: str | os.PathLike[str], most: int) -> bytes:
+    """All bytes of a regular file, if they are no more than `most`.
+
+    Raises:
+        OSError: likewise, and if there are more.
+        ValueError: if no file can have that name.
+    """
+    with opened(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        found = file.read(most + 1) if size <= most else b""
+    if max(size, len(found)) > most:
+        raise OSError(errno.EFBIG, f"it has {max(size, len(found)):,} bytes, and at most {most:,} are read")
+    return found
+
+
+def text(path: Path, most: int) -> str:
+    """The text of a regular file in UTF-8, if it has no more than `most` bytes.
+
+    Raises:
+        OSError, ValueError: likewise; a UnicodeDecodeError is one of the latter.
+    """
+    return content(path, most).decode()

@@ -1,0 +1,89 @@
+"""Which method a run uses: what `auto` stands for."""
+
+import logging
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core.errors import InputError
+from mpsim.engine.workers.cores import may_start_processes, usable_cores
+from mpsim.kernels.compiling import JIT_DISABLED
+from mpsim.scene.settings import Settings
+
+logger: logging.Logger = logging.getLogger("mpsim")
+
+NAIVE_UP_TO = 160
+"""Discs up to which `auto` tests all pairs. A constant, not a measurement: naive and grid resolve contacts in different
+orders, so the choice between them must depend on the scene alone for the bits to be the same on every machine."""
+
+PARALLEL_FROM = 400
+"""Discs from which `auto` starts workers, where there are cores for them. Then it measures whether they pay: it may,
+because one worker or many give the same bits."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What runs.
+
+    Attributes:
+        method: "naive", "grid" or "parallel".
+        workers: numbers of workers to choose from while running, the likely best first.
+    """
+
+    method: str
+    workers: tuple[int, ...]
+
+
+def choose(count: int, settings: Settings) -> Choice:
+    """What runs `count` discs under these settings."""
+    method = settings.method
+    if method == "auto":
+        method = "naive" if count <= NAIVE_UP_TO else "parallel" if count >= PARALLEL_FROM else "grid"
+    if method != "parallel":
+        return Choice(method, (1,))
+    workers = settings.workers or usable_cores()
+    if workers > 1 and not may_start_processes():
+        logger.info("mpsim: this process is daemonic and may not start others; running on one worker.")
+        workers = 1
+    if workers > 1 and JIT_DISABLED:
+        logger.info("mpsim: without compilation there are no atomics to wait with; running on one worker.")
+        workers = 1
+    if settings.method != "auto":
+        return Choice(method, (workers,))
+    return Choice(method, (workers, 1)) if workers > 1 else Choice("grid", (1,))
+
+
+def what_ran(choice: Choice, best: int, settings: Settings) -> tuple[str, int]:
+    """Method and workers for a report.
+
+    Args:
+        choice: what runs.
+        best: of its numbers of workers, the fastest so far; `auto` may have found one to be faster than many.
+        settings: as they were given.
+    """
+    alone = settings.method == "auto" and choice.method == "parallel" and best == 1
+    return "grid" if alone else choice.method, best
+
+
+class Columns(NamedTuple):
+    """Who is where in the grid.
+
+    Attributes:
+        of_disc: column of each disc, shape (N,).
+        owner: the worker to whom the next frame gives that column, shape (N,).
+        number: of columns, of equal width.
+    """
+
+    of_disc: NDArray[np.int64]
+    owner: NDArray[np.int64]
+    number: int
+
+
+def no_columns(method: str) -> InputError:
+    """The error for who asks for the columns of a method that has none."""
+    return InputError(
+        f"columns are there only in methods that sort discs into them, 'grid' and 'parallel'; this run is by "
+        f"{method!r}. Use Settings(method='parallel', workers=...)."
+    )

@@ -1,0 +1,59 @@
+"""The speed from which on a disc ends a command: the number that kernels compare with, and what they have found."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.engine.speed_estimates import Pace
+from mpsim.kernels import layout
+
+
+class Alert(NamedTuple):
+    """When a disc is too fast for a step: where it moves, or is about to move, more than a fraction of its radius.
+
+    Attributes:
+        part: of the radius; infinite: never.
+        gain: speed that is added to that of each disc before [length/time].
+    """
+
+    part: float = math.inf
+    gain: float = 0.0
+
+    def square(self, dt: float, common: float | None, smallest: float, precision: str) -> float:
+        """What stands in the parameter FAST.
+
+        Args:
+            dt: of a step [time].
+            common: radius of all discs; None where they have their own [length].
+            smallest: radius [length].
+            precision: of the run.
+        """
+        if math.isinf(self.part) or smallest <= 0:
+            return math.inf
+        rate = max(self.part / dt - self.gain / smallest, 0.0) * (1.0 if common is None else common)
+        number = np.finfo(precision)
+        if rate > math.sqrt(float(number.max)):
+            return math.inf  # no speed of this precision is so large
+        return max(rate * rate, float(number.tiny))
+
+
+def caught(arrays: dict[str, Any], radii: NDArray[np.float64], own: bool, frame: int) -> Pace | None:
+    """The fastest disc of the last frame if it was too fast, reported once; None where there was none.
+
+    Args:
+        arrays: of the block.
+        radii: of all discs, shape (N,) [length].
+        own: whether discs have radii of their own, so that FAST is of speeds per radius.
+        frame: the last one.
+    """
+    team = arrays["team"]
+    worker = int(np.lexsort((team[:, layout.FASTEST_DISC], -team[:, layout.FASTEST]))[0])
+    part, disc = float(team[worker, layout.FASTEST]) / layout.FASTEST_SCALE, int(team[worker, layout.FASTEST_DISC])
+    if part == 0:
+        return None
+    team[:, layout.FASTEST] = 0
+    radius = float(radii[disc])
+    speed = part * math.sqrt(float(arrays["parameters"][layout.FAST])) * (radius if own else 1.0)
+    return Pace(disc, speed, radius, when=f"in frame {frame}")

@@ -1,0 +1,303 @@
+"""Whether steps are short enough for the speeds, and what is done where they are not.
+
+Two discs that touch at the start of a step and move towards each other are 2 R - 2 v dt apart at its end. While each
+moves less than its own radius, centres cannot pass one another, nor the middle of an obstacle: whatever overlaps is
+found on the side on which it came. Beyond, a pair may be met from behind, or pass unseen. Between two walls a disc must
+not move farther than its free distance, or the second bounce of one step is lost. And where discs meet more than one
+other in a step on average, collisions that follow from others are missed.
+
+The kernels see a disc that is too fast for the step to come, whatever made it fast, while they move it: the frame is
+then the last of its command, and the exact look follows. What no single speed tells, collisions in a step and the room
+between walls, is looked at in frames that follow from what can change it: at the start, where discs are added, as often
+as a piston has taken a little of the box, and now and then. All of it depends on the state alone. So what follows is
+the same with any number of workers, and however a run is cut into calls, saved or healed.
+"""
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from mpsim.core.errors import FastWarning, OverlapWarning, ResolutionWarning, TooFastError
+from mpsim.engine.compression import SELDOM, is_crowded, may_be_pressed, pressed
+from mpsim.engine.notices import Notices
+from mpsim.engine.precision_check import coarseness
+from mpsim.engine.speed_alarm import Alert
+from mpsim.engine.speed_estimates import (
+    Pace,
+    pace_after_fall,
+    pace_in_equilibrium,
+    pace_of,
+    pace_of_emitters,
+    pace_of_the_pushed,
+    pull_of,
+    sides_at,
+)
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+
+if TYPE_CHECKING:
+    from mpsim.engine.insertion import NewDiscs
+    from mpsim.engine.solvers.exact import ExactSolver
+    from mpsim.engine.solvers.stepped import SteppedSolver
+
+BOUND = 1.0
+"""Displacement of a disc in one step, as a fraction of its radius (of its free distance between walls), from which on
+it is too fast."""
+
+MEETINGS = 1.0
+"""Collisions of a disc in one step, on average, from which on too many are missed: those that follow from others."""
+
+AIM = 0.5
+"""Fraction of both bounds kept by on_fast="substep" where it looks."""
+
+ALERT = 0.7
+"""Fraction of the bound from which on on_fast="substep" looks at once: where two equal discs meet, neither leaves
+faster than sqrt(2) times the faster one came, so that the frame that is seen too late stays below the bound."""
+
+ADAPT_EVERY = 16
+"""Frames between two looks of on_fast="substep", and in boxes so narrow that a bound of theirs is below the radius."""
+
+WATCH_EVERY, WATCH_LARGE_EVERY, LARGE = 4096, 1024, 8192
+"""Frames between two looks where nothing but collisions changes speeds: fewer from LARGE discs on, where a look costs
+far less than a frame. Either way a look takes less than a hundredth of the time."""
+
+SQUEEZE = 0.02
+"""Fraction of the room that it will leave in the end by which a piston moves between two looks."""
+
+GAIN = 0.25
+"""Fraction of the bound of speed that acceleration adds to a disc between two looks."""
+
+MOST_SUBSTEPS = 10_000
+"""Sub-steps of a frame that on_fast="substep" chooses at most: more are a mistake in dt or in a speed."""
+
+ABOVE = 1 + 1e-5
+"""Where kernels see a disc, in parts of the bound: rounding of float32 must not let them see what is not above it."""
+
+
+class Watch:
+    """Looks at the fastest disc, and at collisions in a step, and acts as Settings.on_fast says.
+
+    Args:
+        scene, settings: of the simulation.
+        exact: the solver has no steps, so there is nothing to look for.
+    """
+
+    def __init__(self, scene: Scene, settings: Settings, exact: bool):
+        self._scene = scene
+        self._settings = settings
+        self._done = exact  # or the warning was given
+        self._pressing_done = exact  # or that one
+        self._pull = pull_of(scene)
+        narrow = any(
+            not wraps and length < 3 * scene.largest_radius
+            for wraps, length in zip(scene.periodic, sides_at(scene, math.inf), strict=True)
+        )
+        self._often = settings.on_fast == "substep" or narrow
+        self._squeezing, self._squeezed = self._frames_of_piston()
+
+    def _frames_of_piston(self) -> tuple[int, int]:
+        """Frames in which the piston takes SQUEEZE of the room that is left in the end, and the last of such looks."""
+        piston, dt = self._scene.piston, self._settings.dt
+        if piston is None:
+            return 0, -1
+        axis = 0 if piston.wall in ("left", "right") else 1
+        before, after = (sides_at(self._scene, time)[axis] for time in (0.0, math.inf))
+        displacement = abs(piston.speed) * dt
+        # A piston that needs 1e18 frames for it has no effect that can be told from none.
+        every = math.ceil(min(max(SQUEEZE * after / displacement, 1.0), 1e18))
+        return every, every * math.ceil((before - after) / displacement / every)
+
+    def at_start(self) -> Iterator[tuple[str, type[Warning]]]:
+        """What to warn of before anything is run: overlaps, lost digits, speeds.
+
+        Raises:
+            TooFastError: if the settings do not allow such speeds, or they would need too many sub-steps.
+        """
+        scene, settings = self._scene, self._settings
+        exact = self._done
+        overlaps = "" if exact else scene.overlaps_at_start()  # which the exact solver refuses
+        if overlaps:
+            text = "The first frames push them apart. Give places that leave room for the discs to avoid it."
+            yield f"{overlaps}. {text}", OverlapWarning
+        coarse = coarseness(scene, settings)
+        if coarse:
+            yield f"in {settings.precision} {coarse}", ResolutionWarning
+        if exact:
+            return
+        if self.adapts:
+            self.substeps_for(pace_of(scene.velocity, scene.radii, scene), 0)
+            return
+        fast = self.forecast()
+        if fast:
+            self._refuse_or_finish(fast)
+            yield fast, FastWarning
+
+    def forecast(self) -> str | None:
+        """What there is to say of the speeds at the start, and of those that will certainly come."""
+        scene = self._scene
+        pace = pace_of(scene.velocity, scene.radii, scene)
+        ahead = [pace, pace_after_fall(pace, scene), pace_of_emitters(scene), pace_of_the_pushed(pace, scene)]
+        if self._settings.law == "elastic":
+            ahead.append(pace_in_equilibrium(pace, scene))
+        return next(filter(None, (self._complaint(each, 0) for each in ahead)), None)
+
+    @property
+    def adapts(self) -> bool:
+        """Whether sub-steps are chosen."""
+        return self._settings.on_fast == "substep" and not self._done
+
+    def frames_ahead(self, frame: int, count: int) -> int:
+        """Frames until the next look; a very large number if there is none."""
+        if self._done and not self._looks_for_pressed(count):
+            return 2**62
+        return min(every - frame % every for every in self._periods(frame, count))
+
+    def is_due(self, frame: int, count: int) -> bool:
+        """Whether this is a frame before which to look."""
+        return not self._done and self._is_look(frame, count, 1)
+
+    def _is_look(self, frame: int, count: int, rarer: int) -> bool:
+        """Whether this frame is one of every so many looks, for any reason to look."""
+        return any(frame % (rarer * every) == 0 for every in self._periods(frame, count))
+
+    def _looks_for_pressed(self, count: int) -> bool:
+        """Whether so many discs are to be looked at for what presses them into each other."""
+        return not self._pressing_done and may_be_pressed(self._scene, count)
+
+    def arm(self, solver: "SteppedSolver | ExactSolver") -> None:
+        """Have the solver end its commands where a disc is too fast, or never, if there is no use in it."""
+        alert = Alert()
+        if self.adapts:
+            alert = Alert(ALERT * BOUND, self._gain(solver.frame, 1))
+        elif not self._done:
+            alert = Alert(ABOVE * BOUND)
+        solver.set_alert(alert)
+
+    def judge(self, solver: "SteppedSolver", notices: Notices, new: "NewDiscs | None" = None) -> int:
+        """Look at the speeds, and warn where that is wanted. Returns how many sub-steps to take from now on.
+
+        Args:
+            solver: whose discs are looked at.
+            notices: which take a warning.
+            new: discs that are about to be added.
+
+        Raises:
+            TooFastError: if the settings do not allow such speeds, or they would need too many sub-steps.
+        """
+        if self._done:
+            return solver.substeps
+        frame = solver.frame
+        pace = solver.pace(new).or_faster(solver.caught())
+        if self.adapts:
+            self.arm(solver)
+            return self.substeps_for(pace, frame)
+        text = self._complaint(pace, frame)
+        if text:
+            self._refuse_or_finish(text)
+            self.arm(solver)
+            notices.warn(text, FastWarning)
+        return solver.substeps
+
+    def look_for_pressed(self, solver: "SteppedSolver | ExactSolver", notices: Notices) -> None:
+        """Look for discs that are pressed into each other, after the frames that are looked at, and warn once.
+
+        Raises:
+            TooFastError: if the settings do not allow it.
+        """
+        frame, count = solver.frame, solver.count
+        if not self._looks_for_pressed(count) or not self._is_look(frame, count, 1):
+            return
+        anyway = frame == self._squeezed or self._is_look(frame, count, SELDOM)
+        if not anyway and not is_crowded(self._scene, solver.radii, solver.time):
+            return
+        text = pressed(solver, self._scene, self._settings)
+        if text and self._settings.on_fast == "error":
+            raise TooFastError(f"{text} on_fast='warn' runs it all the same.")
+        if text:
+            self._pressing_done = True
+            notices.warn(text, FastWarning)
+
+    def substeps_for(self, pace: Pace, frame: int) -> int:
+        """Sub-steps that keep speeds and meetings at AIM of their bounds, and below the bounds until the next look.
+
+        Raises:
+            TooFastError: if they are more than MOST_SUBSTEPS.
+        """
+        dt = self._settings.dt
+        gained = self._gain(frame, ADAPT_EVERY) * dt / min(pace.limit, pace.smallest)
+        part = max((pace.part(dt) + gained) / BOUND, pace.meetings * dt / MEETINGS) / AIM
+        if math.isinf(part):
+            raise TooFastError(f"{self._words(pace, frame)} No number of sub-steps is enough. Use a larger box.")
+        if not part <= MOST_SUBSTEPS:
+            raise TooFastError(
+                f"{self._words(pace, frame)} on_fast='substep' takes at most {MOST_SUBSTEPS} sub-steps, and would need "
+                f"{part:.3g}. Use a smaller dt."
+            )
+        return max(self._settings.substeps, math.ceil(part))
+
+    def _gain(self, frame: int, frames: int) -> float:
+        """Speed that a disc can gain in so many frames by other things than discs: acceleration, a moving piston.
+
+        Of the last frame at which sub-steps are looked at anyway: what a simulation that is resumed there would find.
+        """
+        last, piston = frame - frame % ADAPT_EVERY, self._scene.piston
+        push = 2 * abs(piston.speed) if piston is not None and last <= self._squeezed else 0.0
+        return self._pull * self._settings.dt * frames + push
+
+    def _complaint(self, pace: Pace, frame: int) -> str | None:
+        """What to tell of the fastest disc, or None where it is slow enough."""
+        settings = self._settings
+        dt = settings.dt / settings.substeps
+        part, meetings = pace.part(dt) / BOUND, pace.meetings * dt / MEETINGS
+        if part <= 1 and meetings <= 1:
+            return None
+        needed = settings.substeps * max(part, meetings) / AIM
+        remedy = "Use a larger box"
+        if math.isfinite(needed):
+            remedy = f"Use dt={settings.dt * settings.substeps / needed:.2g}"
+            remedy += f", substeps={math.ceil(needed)}" if needed <= MOST_SUBSTEPS else ""
+            remedy += " or on_fast='substep'"
+        text = f"{self._words(pace, frame)} {remedy}"
+        if settings.on_fast == "error":
+            return f"{text}; on_fast='warn' runs it all the same."
+        return f"{text}; method='event' has no such bound."
+
+    def _refuse_or_finish(self, text: str) -> None:
+        """Refuse, where that is wanted; else note that the warning is given now: once is enough."""
+        if self._settings.on_fast == "error":
+            raise TooFastError(text)
+        self._done = True
+
+    def _words(self, pace: Pace, frame: int) -> str:
+        dt = self._settings.dt / self._settings.substeps
+        part, meetings = pace.part(dt), pace.meetings * dt
+        when = pace.when or f"in frame {frame}"
+        if math.isinf(meetings):
+            return f"{when} discs fill the box more densely than they can be packed, so that they overlap."
+        if not part > BOUND and meetings > MEETINGS:
+            return (
+                f"{when} a disc collides some {meetings:.3g} times in one step (mean speed "
+                f"{pace.mean_speed:.3g}, step {dt:.3g}); above {MEETINGS:g} many collisions that follow from others "
+                "are missed."
+            )
+        length = f"its radius {pace.limit:.3g}"
+        if pace.between:
+            length = f"its free path {pace.limit:.3g} between the walls along {pace.between}"
+        lost = "bounces are lost" if pace.between else "discs may pass through each other unseen"
+        return (
+            f"{when} {'a disc' if pace.disc < 0 else f'disc {pace.disc}'} moves {part:.3g} times {length} in one step "
+            f"(speed {pace.speed:.3g}, step {dt:.3g}); above {BOUND:g} {lost}."
+        )
+
+    def _periods(self, frame: int, count: int) -> list[int]:
+        """Frames between two looks, for each reason that there is for them."""
+        periods = [WATCH_LARGE_EVERY if count >= LARGE else WATCH_EVERY]
+        if self._often:
+            periods.append(ADAPT_EVERY)
+        if self._pull > 0:
+            bound = BOUND * self._scene.smallest_radius / self._settings.dt * self._settings.substeps
+            frames = GAIN * bound / (self._pull * self._settings.dt)
+            periods.append(max(math.ceil(min(frames, WATCH_EVERY)), ADAPT_EVERY))
+        if frame <= self._squeezed:
+            periods.append(self._squeezing)
+        return periods

@@ -1,0 +1,1 @@
+"""Worker processes, the shared block, and what the system allows."""

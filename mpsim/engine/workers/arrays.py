@@ -1,0 +1,96 @@
+"""The arrays of the shared block: their names, dtypes and shapes; and the grid, which sets the shape of one."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mpsim.kernels import layout
+
+MOST_FRAMES = 4096
+"""Frames of one command at most: the length of the array of times in the shared block."""
+
+CELLS_PER_DISC = 2
+"""In a dilute scene cells grow beyond one diameter, so that there are about this many per disc."""
+
+
+@dataclass(frozen=True)
+class ArraySpec:
+    """dtype and shape of one array of the shared block."""
+
+    dtype: np.dtype
+    shape: tuple[int, ...]
+
+    @property
+    def nbytes(self) -> int:
+        """Size in bytes."""
+        return self.dtype.itemsize * math.prod(self.shape)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells of the broad phase. A function of box, diameter, precision and number of discs only: never of history."""
+
+    columns: int
+    rows: int
+    outside: bool = False
+
+    @property
+    def table_size(self) -> int:
+        """Length of the table of cell starts, with a ghost cell below and above each column and a ghost column.
+
+        outside: and a column for discs that are not in the grid, giants and those that have left.
+        """
+        return (self.columns + 1 + self.outside) * (self.rows + 2) + 1
+
+
+def grid_for(
+    count: int,
+    width: float,
+    height: float,
+    diameter: float,
+    precision: str,
+    boundary: tuple[str, str] = ("walls", "walls"),
+    outside: bool = False,
+) -> Grid:
+    """The grid of a scene: cells of one diameter, larger where there are fewer discs than cells / CELLS_PER_DISC.
+
+    A cell is wider than a diameter by the rounding of a coordinate times the number of cells, so that discs two cells
+    apart can never overlap. Along a periodic axis there are two or more, and an even number of columns: the last one is
+    odd, and meets the first in the odd pass.
+    """
+    rounding = 8 * float(np.finfo(precision).eps) * max(width, height)
+    side = max(diameter + rounding, math.sqrt(width * height / (CELLS_PER_DISC * max(count, 1))))
+    least = [2 if word == "periodic" else 1 for word in boundary]
+    columns, rows = max(int(width / side), least[0]), max(int(height / side), least[1])
+    # In a box so thin that it has one row (or column), as many cells along it as elsewhere: their number must not grow
+    # with the aspect of the box.
+    most = CELLS_PER_DISC * max(count, 1)
+    columns, rows = min(columns, max(most // rows, least[0])), min(rows, max(most // columns, least[1]))
+    return Grid(columns - columns % least[0], rows, outside)
+
+
+def block_arrays(
+    capacity: int, grid: Grid, workers: int, precision: str, features: dict[str, ArraySpec], tallied: bool
+) -> dict[str, ArraySpec]:
+    """Every array of the shared block, by name. `features` holds what only some scenes need.
+
+    tallied: whether measures are gathered, which needs a place for what each worker counts in each frame.
+    """
+    real, length = np.dtype(precision), capacity + layout.PADDING
+    arrays: dict[str, ArraySpec] = {}
+    for buffer in ("a", "b"):
+        for column in layout.Discs._fields[:-1]:  # the radius is a feature
+            integer = column in ("id", "cell")
+            arrays[f"{buffer}.{column}"] = ArraySpec(np.dtype(np.int32) if integer else real, (length,))
+    arrays["start"] = ArraySpec(np.dtype(np.int32), (grid.table_size,))
+    arrays["outbox"] = ArraySpec(np.dtype(np.int32), (length,))
+    arrays["parameters"] = ArraySpec(real, (layout.PARAMETERS,))
+    word = np.dtype(np.int64)
+    arrays["control"] = ArraySpec(word, (layout.CONTROL,))
+    arrays["team"] = ArraySpec(word, (workers, layout.TEAM))
+    arrays["sent"] = ArraySpec(word, (workers, max(workers, layout.TEAM)))
+    arrays["times"] = ArraySpec(word, (workers, MOST_FRAMES, len(layout.PHASES)))
+    if tallied:
+        arrays["tally"] = ArraySpec(word, (workers, MOST_FRAMES, layout.TALLIES))
+    return arrays | features

@@ -1,0 +1,297 @@
+"""The worker processes: start, wake, watch, stop. Nothing else in mpsim uses multiprocessing.Process."""
+
+import multiprocessing
+import multiprocessing.process
+import os
+import signal
+import sys
+import threading
+import time
+import types
+from contextlib import contextmanager, suppress
+from multiprocessing import forkserver, resource_tracker
+from multiprocessing.connection import Connection, wait
+from typing import Any
+
+import psutil
+
+from mpsim.core.deferred_signals import interrupts_held_back
+from mpsim.core.errors import ResourceError, WorkerDied, WorkerStalled, is_of_the_system
+from mpsim.engine.workers.shared import SharedBlock
+from mpsim.engine.workers.system_limits import demand_descriptors, refusal_of_process
+from mpsim.engine.workers.worker import NAME, worker_main
+from mpsim.kernels import layout
+from mpsim.kernels.waiting import add_to_word, load_word, store_word
+
+PATIENCE = 2.0
+"""Seconds in which a worker that was told to stop may do so before it is ended by signal."""
+
+LOOK = 0.05
+"""Seconds between two looks at workers whose fork server, which tells of their ends, has itself been ended."""
+
+START_PATIENCE = 1200.0
+"""Seconds in which a worker must be ready: it may have to compile every kernel, on a busy machine."""
+
+ENOUGH_DESCRIPTORS = 24
+"""Descriptors that are open at once, at most, while a worker is started, and with the first the fork server."""
+
+_hiding = threading.Lock()
+
+
+def default_start_method() -> str:
+    """forkserver where it exists: its workers are forked from a clean process, so threads here cannot harm them."""
+    return "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
+
+
+class WorkerPool:
+    """Workers 1 .. workers - 1 of one simulation; worker 0 is the coordinator itself. None until `start`.
+
+    So its owner knows of the pool before there is anything to stop.
+    """
+
+    def __init__(self, block: SharedBlock, start_method: str | None):
+        self._block = block
+        self._context: Any = multiprocessing.get_context(start_method or default_start_method())
+        self._control: Any = block.arrays["control"]
+        self._team: Any = block.arrays["team"]
+        self._connections: list[Connection] = []
+        self._processes: list[Any] = []
+        self._pids: list[int] = []
+        self._lost: int | None = None
+        self._creator = os.getpid()
+        self._watch_end = self._watched_end = -1
+        self._watcher = threading.Thread(target=self._watch, name="mpsim-watcher", daemon=True)
+
+    def start(self, workers: int) -> None:
+        """Start the workers, and wait until they are ready. Whatever stops this, `stop` then ends what was started.
+
+        Raises:
+            WorkerDied, WorkerStalled: if a worker ends or fails before it is ready.
+            ResourceError: if the system allows no more processes or descriptors.
+        """
+        if self._context.get_start_method() == "forkserver":
+            self._context.set_forkserver_preload(["mpsim.engine.workers.forkserver"])
+        for worker in range(1, workers):
+            self._start(worker)
+        for worker in range(1, workers):
+            self._await_ready(worker)
+        with interrupts_held_back():
+            try:
+                self._watch_end, self._watched_end = os.pipe()
+                self._watcher.start()
+            except (OSError, RuntimeError) as error:
+                raise refusal_of_process("the thread that watches the workers", error) from error
+
+    @property
+    def pids(self) -> list[int]:
+        """Process numbers of the workers, worker 1 first."""
+        return list(self._pids)  # a process that another thread is replacing right now would not tell its own
+
+    def wake(self) -> None:
+        """Announce a command and rouse the workers that sleep. The command itself is given by the kernel."""
+        store_word(self._control, layout.ANNOUNCED, load_word(self._control, layout.COMMAND) + 1)
+        for connection, mine in zip(self._connections, self._team[1:], strict=True):
+            if load_word(mine, layout.PARKED):
+                self._send(connection, ("wake", None, None))
+
+    def settle(self) -> None:
+        """Take the announcement back if no command followed, so that the workers may sleep again."""
+        store_word(self._control, layout.ANNOUNCED, load_word(self._control, layout.COMMAND))
+
+    def move_to(self, block: SharedBlock) -> None:
+        """Let every worker attach to another block. The old one must stay open until this returns."""
+        for connection in self._connections:
+            self._send(connection, ("attach", block.name, block.specs))
+        add_to_word(self._control, layout.MAIL, 1)
+        self._block, self._control, self._team = block, block.arrays["control"], block.arrays["team"]
+        for worker in range(1, len(self._processes) + 1):
+            self._await_ready(worker)
+
+    def failure(self) -> Exception:
+        """The exception for an abort that a worker's death or delay has caused."""
+        if self._lost is None:
+            late = int(self._team[:, layout.ARRIVALS].argmin())
+            return WorkerStalled(
+                f"worker {late} has not come to a barrier within {layout.PATIENCE / 1e9:g} s. A worker must keep "
+                "running. It may be stopped (SIGSTOP, a debugger) or starved; start again, with fewer workers."
+            )
+        return self._death(self._lost)
+
+    def stop(self) -> None:
+        """End all workers, and wait until they are gone. May be called again, and whatever state they are in."""
+        if os.getpid() != self._creator:
+            return  # a fork of the coordinator: the workers are not its own
+        if self._watcher.is_alive():
+            os.write(self._watched_end, b"x")
+            if self._watcher is not threading.current_thread():  # where garbage may be collected as well
+                self._watcher.join()
+        for connection in self._connections:
+            self._send(connection, ("stop", None, None))
+        if self._connections:
+            add_to_word(self._control, layout.MAIL, 1)
+        for process in self._processes:
+            process.join(PATIENCE)
+            for end in (process.terminate, process.kill):
+                if process.is_alive():
+                    end()
+                    process.join(PATIENCE)
+            if _lives(process.pid):  # without its fork server, `process` knows nothing of it
+                with suppress(ProcessLookupError):
+                    os.kill(process.pid, signal.SIGKILL)
+            process.close()
+        for connection in self._connections:
+            connection.close()
+        for descriptor in (self._watch_end, self._watched_end):
+            if descriptor >= 0:
+                os.close(descriptor)
+        self._watch_end = self._watched_end = -1
+        self._processes, self._pids, self._connections = [], [], []
+        self._control = self._team = None
+
+    def _start(self, worker: int) -> None:
+        """Start one worker. Ctrl-C waits until it is recorded."""
+        with interrupts_held_back():
+            try:
+                demand_descriptors(ENOUGH_DESCRIPTORS)
+                ours, theirs = self._context.Pipe()
+                self._connections.append(ours)
+                process = self._context.Process(
+                    target=worker_main,
+                    args=(worker, theirs, self._block.name, self._block.specs, self._creator),
+                    name=f"{NAME}{worker}",
+                    daemon=True,
+                )
+                try:
+                    with _main_module_hidden():
+                        process.start()
+                finally:
+                    theirs.close()
+            except OSError as error:
+                if not is_of_the_system(error):
+                    raise
+                raise refusal_of_process(f"worker {worker}", error) from error
+            self._processes.append(process)
+            self._pids.append(process.pid)
+
+    def _await_ready(self, worker: int) -> None:
+        connection, deadline = self._connections[worker - 1], time.monotonic() + START_PATIENCE
+        while not connection.poll(LOOK):
+            lost = [number for number, process in enumerate(self._processes, start=1) if not _lives(process.pid)]
+            if lost and not connection.poll():
+                raise self._death(lost[0], "start-up")
+            if time.monotonic() > deadline:
+                raise WorkerStalled(
+                    f"worker {worker} was not ready within {START_PATIENCE:g} s. A worker must keep running. It may be "
+                    "stopped (SIGSTOP, a debugger) or starved; start again, with fewer workers."
+                )
+        try:
+            kind, text = connection.recv()
+        except (EOFError, ConnectionResetError):
+            kind, text = "gone", None
+        if isinstance(text, ResourceError):
+            raise type(text)(f"worker {worker} was refused what it needs: {text}")
+        if kind != "ready":
+            raise self._death(worker, "start-up", text)
+
+    def _death(self, worker: int, phase: str | None = None, text: str | None = None) -> WorkerDied:
+        process, mine = self._processes[worker - 1], self._team[worker]
+        process.join(PATIENCE)
+        code = process.exitcode
+        cause = f"exit code {code}"
+        if code is not None and code < 0:
+            cause = f"signal {-code} ({signal.Signals(-code).name})"
+        connection = self._connections[worker - 1]
+        if text is None and connection.poll():
+            try:
+                text = connection.recv()[1]
+            except (EOFError, OSError):
+                text = None
+        if text:
+            cause += f" after an error:\n{text}"
+        # A worker that dies right after a command has no time to reset its count; the coordinator's is then 0.
+        frame = int(self._control[layout.DONE] + min(mine[layout.FRAME], self._team[0, layout.FRAME]))
+        return WorkerDied(worker, process.pid, code, cause, frame, phase or layout.PHASES[mine[layout.PHASE]])
+
+    def _watch(self) -> None:
+        """Thread: at the first death, tell everybody to leave the frame loop. Ends when told to.
+
+        A sentinel also fires when the fork server is ended, which a SIGTERM to the whole group does; its workers live
+        on, and are looked at now and then.
+        """
+        watched = {process.sentinel: worker for worker, process in enumerate(self._processes, start=1)}
+        orphans: set[int] = set()
+        lost: list[int] = []
+        while not lost:
+            ready = wait([*watched, self._watch_end], LOOK if orphans else None)
+            if self._watch_end in ready or not self._processes:
+                return
+            orphans |= {watched.pop(sentinel) for sentinel in ready}
+            lost = [worker for worker in orphans if not _lives(self._processes[worker - 1].pid)]
+        # After a bad state, or when told to stop, workers end as they should.
+        ended = load_word(self._control, layout.ABORT) != layout.RUNNING or load_word(self._control, layout.BAD)
+        if not ended:
+            self._lost = min(lost)
+            store_word(self._control, layout.ABORT, layout.WORKER_LOST)
+
+    @staticmethod
+    def _send(connection: Connection, message: tuple[Any, ...]) -> None:
+        with suppress(BrokenPipeError, ConnectionResetError):  # that worker is dead; the watcher says so
+            connection.send(message)
+
+
+def _lives(pid: int | None) -> bool:
+    """Whether a process runs, or is stopped; a zombie does not."""
+    try:
+        return psutil.Process(pid).status() not in (psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
+    except psutil.NoSuchProcess:
+        return False
+
+
+@contextmanager
+def _main_module_hidden():
+    """Keep the new process from importing the user's script again: workers need nothing of it.
+
+    So a script needs no `if __name__ == "__main__"`, and a notebook works like a script.
+    """
+    with _hiding:
+        main = sys.modules.get("__main__")
+        sys.modules["__main__"] = _Hidden(main)
+        try:
+            yield
+        finally:
+            if main is not None:
+                sys.modules["__main__"] = main
+
+
+class _Hidden(types.ModuleType):
+    """Stands for the main module. Attribute main: what it stands for."""
+
+    def __init__(self, main: types.ModuleType | None):
+        super().__init__("__main__")
+        self.main = main
+
+
+def _leave_to_the_parent() -> None:
+    """In a fork: forget what multiprocessing has of the parent's workers; the fork starts its own.
+
+    The parent's fork server answers to the parent alone (python/cpython#86354: its child waits for it, in vain), and a
+    thread of the parent that was just starting a worker does not exist here, nor lets go of its locks. The resource
+    tracker is shared, as it must be: one of the fork's own would remove what belongs to the parent.
+    """
+    server: Any = forkserver._forkserver  # type: ignore[attr-defined]
+    locks: list[Any] = [_hiding, server._lock, resource_tracker._resource_tracker._lock]  # type: ignore[attr-defined]
+    for lock in locks:
+        lock._at_fork_reinit()
+    main = sys.modules.get("__main__")
+    if isinstance(main, _Hidden) and main.main is not None:
+        sys.modules["__main__"] = main.main
+    if server._forkserver_pid is not None:
+        os.close(server._forkserver_alive_fd)
+        server._forkserver_pid = server._forkserver_alive_fd = server._forkserver_address = None
+    # Otherwise the end of the fork would end them, or try to wait for them.
+    children = multiprocessing.process._children  # type: ignore[attr-defined]
+    children -= {child for child in children if child.name.startswith(NAME)}
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_leave_to_the_parent)

@@ -1,0 +1,293 @@
+"""The one shared block of a simulation. Nothing else in mpsim uses multiprocessing.shared_memory.
+
+Ownership: the coordinator creates the block before any worker starts, and it alone unlinks it. Workers attach without
+registering for clean-up, because a registered worker that exits would take the block away from everybody.
+If the coordinator is killed, its resource tracker unlinks the block as soon as the last worker has gone. If that is
+killed as well, the block stays; `remove_stale_blocks` finds it.
+"""
+
+import _posixshmem  # type: ignore[import-not-found]
+import ctypes
+import fcntl
+import mmap
+import os
+import re
+import secrets
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing import resource_tracker
+from multiprocessing.shared_memory import SharedMemory
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import psutil
+from numpy.typing import NDArray
+
+from mpsim.core.deferred_signals import interrupts_held_back
+from mpsim.core.errors import is_of_the_system
+from mpsim.engine.workers.arrays import ArraySpec
+from mpsim.engine.workers.system_limits import refusal_of_block, refusal_of_process
+
+PAGE = 4096
+STAGGER = 384
+"""Bytes by which each array's place inside a memory page differs from that of the array before. A load that follows a
+store to another page at the same place waits for it in vain (4 KiB aliasing): with arrays of about a page or a power of
+two, which the sort reads and writes side by side, that doubles its time. A multiple of two cache lines, 128, which is
+what the prefetcher takes at a time."""
+
+
+FOLDER = Path("/dev/shm")
+"""Where Linux shows shared memory as files."""
+
+MAP_FIXED = 0x10
+"""Of the C function mmap: at that address, in place of what is there. Python's module has not got it."""
+
+_map_memory = ctypes.CDLL(None, use_errno=True).mmap
+_map_memory.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int, ctypes.c_int, ctypes.c_int, ctypes.c_long]
+_map_memory.restype = ctypes.c_void_p
+
+_OWN_NAME = re.compile(r"mpsim-(\d+)-[0-9a-f]{8}")
+
+_CLOCK_SLACK = 10.0
+"""Seconds by which a process must be younger than a block before it is not the block's owner: the start of a process
+is known to the tick of a clock that may have been set since."""
+
+
+class SharedBlock:
+    """Named arrays in one block of shared memory.
+
+    Attributes:
+        name: of the block, mpsim-<pid of the coordinator>-<token>.
+        arrays: views by name; they are dropped by `close`, and never handed out of the engine.
+    """
+
+    def __init__(self, specs: dict[str, ArraySpec], name: str | None = None):
+        """Holds nothing yet, so that its owner knows of the block before there is anything to give back."""
+        self.name: str = name or f"mpsim-{os.getpid()}-{secrets.token_hex(4)}"
+        self.specs = specs
+        self.nbytes: int = _offsets(specs)[-1]
+        self.arrays: dict[str, NDArray[Any]] = {}
+        self._memory: SharedMemory | None = None
+        self._owner = False
+        self._creator = os.getpid()
+
+    def create(self) -> None:
+        """Create and reserve the block, filled with zeros. Ctrl-C waits so long.
+
+        Raises:
+            ResourceError: if the resource tracker, which removes the block after a kill, cannot be started.
+            SharedMemoryError: if the machine does not give that much shared memory, with the sizes; nothing is left.
+        """
+        with interrupts_held_back():
+            _start_tracker()
+            try:
+                with self.closed_on_error():
+                    self._create()
+            except OSError as error:
+                if not is_of_the_system(error):
+                    raise
+                raise refusal_of_block(self.nbytes, error) from error
+
+    @contextmanager
+    def closed_on_error(self) -> Iterator[None]:
+        """Close the block if what it is filled with in the meantime cannot be had."""
+        try:
+            yield
+        except BaseException:
+            self.close()
+            raise
+
+    def _create(self) -> None:
+        # SharedMemory registers a block that it has made. A kill in between, which threads that wait for each other
+        # make likely, would leave it for ever; a name that never came to be is no harm. (Under `-W error` it is some:
+        # the tracker of CPython then ends at the first name that it cannot find. `remove_stale_blocks` finds the rest.)
+        resource_tracker.register(f"/{self.name}", "shared_memory")
+        self._owner = True
+        self._memory = memory = SharedMemory.__new__(SharedMemory)  # `close` knows of it at every line of what follows
+        try:
+            memory.__init__(self.name, create=True, size=self.nbytes)
+        except BaseException:
+            resource_tracker.register(f"/{self.name}", "shared_memory")  # it may have taken itself off the list
+            raise
+        # Without this a too small /dev/shm would only show later, as SIGBUS at the first write.
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(memory._fd, 0, self.nbytes)  # type: ignore[attr-defined]
+        with suppress(OSError):  # a system without such locks; then the process number alone tells who is dead
+            # Held until the owner closes the block or dies, however that happens and in whatever container.
+            fcntl.flock(memory._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)  # type: ignore[attr-defined]
+        self._map(memory)
+
+    @classmethod
+    def attach(cls, name: str, specs: dict[str, ArraySpec]) -> "SharedBlock":
+        """Map an existing block in a worker, leaving its clean-up to the coordinator.
+
+        Raises:
+            FileNotFoundError: if there is none any more.
+            SharedMemoryError: if this process may not map it.
+        """
+        block = cls(specs, name)
+        try:
+            if sys.version_info >= (3, 13):
+                block._memory = _Attached(name, track=False)
+            else:
+                with _registering_nothing():
+                    block._memory = _Attached(name)
+        except FileNotFoundError:
+            raise
+        except OSError as error:
+            raise refusal_of_block(block.nbytes, error) from error
+        block._map(block._memory)
+        return block
+
+    def _map(self, memory: SharedMemory) -> None:
+        for (name, spec), offset in zip(self.specs.items(), _offsets(self.specs), strict=False):
+            # frombuffer holds the block: closing while a view lives raises instead of crashing at the next read.
+            flat: NDArray[Any] = np.frombuffer(
+                cast(memoryview, memory.buf), spec.dtype, spec.nbytes // spec.dtype.itemsize, offset
+            )
+            self.arrays[name] = flat.reshape(spec.shape)
+
+    def close(self) -> None:
+        """Drop the views and the mapping; the owner also removes the block. May be called again, and at any moment."""
+        self.arrays.clear()
+        memory = self._memory
+        if memory is not None:
+            try:
+                memory.close()
+            except BufferError:
+                # The traceback of an exception on its way up still holds a view. The mapping goes when that view goes;
+                # SharedMemory must forget it, or it would complain when it is collected.
+                if os.getpid() != self._creator:
+                    _make_private(memory)
+                memory._buf = memory._mmap = None  # type: ignore[attr-defined]
+                memory.close()
+        if self._owner and os.getpid() == self._creator:  # a fork of the coordinator must not take its block away
+            self._owner = False
+            try:
+                _posixshmem.shm_unlink(f"/{self.name}")
+            except OSError:
+                if (FOLDER / self.name).exists():
+                    return  # it may not be removed; the tracker says so when the program ends
+                # Never made; or a foreign Python before 3.13 that attached took the name for a leak on its exit.
+            resource_tracker.unregister(f"/{self.name}", "shared_memory")
+
+
+@dataclass(frozen=True)
+class StaleBlock:
+    """A block whose owner is dead.
+
+    Attributes:
+        name: of the block.
+        pid: process number of the owner.
+        nbytes: its size.
+    """
+
+    name: str
+    pid: int
+    nbytes: int
+
+
+def stale_blocks(folder: Path = FOLDER) -> list[StaleBlock]:
+    """Blocks of mpsim whose owner is dead, by name; of this user only.
+
+    A block counts as stale only if both are true: nobody holds the lock that its owner holds while it lives, and no
+    process has the owner's number, or only one that was started after the block was made. The lock also knows owners
+    in other containers that share this folder, whose process numbers mean nothing here.
+    """
+    return [block for path in sorted(folder.glob("mpsim-*")) if (block := _as_stale(path)) is not None]
+
+
+def remove_stale_blocks(folder: Path = FOLDER) -> list[StaleBlock]:
+    """Remove `stale_blocks`, and nothing else. Returns those that were removed."""
+    removed = []
+    for block in stale_blocks(folder):
+        with suppress(OSError):
+            (folder / block.name).unlink()
+            removed.append(block)
+    return removed
+
+
+def _as_stale(path: Path) -> StaleBlock | None:
+    match = _OWN_NAME.fullmatch(path.name)
+    if match is None:
+        return None
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
+    except OSError:
+        return None
+    try:
+        status = os.fstat(descriptor)
+        if status.st_uid != os.getuid() or not _owner_is_dead(int(match[1]), status.st_mtime):
+            return None
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:  # BlockingIOError: it is held
+        return None
+    finally:
+        os.close(descriptor)
+    return StaleBlock(path.name, int(match[1]), status.st_size)
+
+
+def _owner_is_dead(pid: int, made: float) -> bool:
+    """Whether no process has this number, or one that did not live yet when the block was last known to be made."""
+    try:
+        process = psutil.Process(pid)
+        return process.status() == psutil.STATUS_ZOMBIE or process.create_time() > made + _CLOCK_SLACK
+    except psutil.NoSuchProcess:
+        return True
+    except psutil.Error:
+        return False
+
+
+def _start_tracker() -> None:
+    """Start the resource tracker, where it does not run yet: registering would, with an error that names no cause."""
+    try:
+        resource_tracker.ensure_running()
+    except OSError as error:
+        raise refusal_of_process(
+            "the resource tracker, a process of Python that removes shared memory after a kill,",
+            error,
+            "Every program with a simulation needs one, whatever the method. End other processes, or raise the limit.",
+        ) from error
+
+
+def _make_private(memory: SharedMemory) -> None:
+    """Put zeros in place of a block, in this process alone: for a fork that returns into a call that has views of it.
+
+    It would read and write its parent's discs. Kernels of the stepped solver do nothing on zeros; that of the exact one
+    is called without any Python code between the look for its arguments and the call.
+    """
+    mapping: Any = memory._mmap  # type: ignore[attr-defined]
+    address = np.frombuffer(mapping, np.uint8).__array_interface__["data"][0]
+    access, kind = mmap.PROT_READ | mmap.PROT_WRITE, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | MAP_FIXED
+    if _map_memory(address, memory.size, access, kind, -1, 0) != address:
+        raise OSError(ctypes.get_errno(), "the block of the parent cannot be unmapped in a fork")
+
+
+class _Attached(SharedMemory):
+    """A block in a worker. SharedMemory takes a name away if it cannot be mapped, whoever made it."""
+
+    def unlink(self) -> None:
+        """Nothing: the coordinator alone does."""
+
+
+@contextmanager
+def _registering_nothing():
+    """Keep SharedMemory from registering with the resource tracker (before 3.13 it has no parameter for that)."""
+    register = resource_tracker.register
+    resource_tracker.register = lambda name, rtype: None
+    try:
+        yield
+    finally:
+        resource_tracker.register = register
+
+
+def _offsets(specs: dict[str, ArraySpec]) -> list[int]:
+    """Where each array begins in the block, and where the last one ends."""
+    offsets = [0]
+    for index, spec in enumerate(specs.values(), start=1):
+        end, place = offsets[-1] + spec.nbytes, index * STAGGER % PAGE
+        offsets.append(end + (place - end) % PAGE)
+    return offsets

@@ -1,0 +1,176 @@
+"""What a worker process runs: wait for a command in the block, do one's part of the frames, wait again.
+
+This module is what `spawn` and `forkserver` import in a new process; it therefore imports only what a worker needs.
+"""
+
+import os
+import signal
+import threading
+import time
+import traceback
+from contextlib import suppress
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import parent_process
+from typing import Any
+
+import numpy as np
+
+from mpsim.core.errors import ResourceError
+from mpsim.engine.workers.arrays import ArraySpec
+from mpsim.engine.workers.shared import SharedBlock
+from mpsim.engine.workers.system_limits import refusal_of_process
+from mpsim.kernels import layout
+from mpsim.kernels.frame.stepping import run_grid
+from mpsim.kernels.waiting import add_to_word, load_word, store_word
+
+NAME = "mpsim-worker-"
+"""Names of worker processes begin with it."""
+
+LINGER = 2_000_000
+"""Nanoseconds for which a worker without a command polls (giving its core away) before it sleeps in its pipe: a loop
+of short runs then needs no system call to wake anybody, and an idle pool costs nothing."""
+
+NAP = 0.0005
+"""Seconds between two looks for a command that is announced and late."""
+
+ORPHANED = 3
+"""Exit code of a worker whose coordinator is gone."""
+
+REFUSED = 4
+"""Exit code of a worker to which the system refuses what it needs."""
+
+
+def kernel_arguments(block: SharedBlock, worker: int) -> tuple[Any, ...]:
+    """Arguments of `run_grid` for one worker, views of the block."""
+    arrays = block.arrays
+    return (
+        *(layout.Discs(*(arrays.get(f"{name}.{field}") for field in layout.Discs._fields)) for name in "ab"),
+        arrays["start"],
+        arrays["outbox"],
+        features_of(block),
+        arrays["parameters"],
+        arrays["control"],
+        arrays["team"],
+        arrays["sent"],
+        arrays["tally"][worker] if "tally" in arrays else None,
+        arrays["times"][worker],
+        worker,
+        LINGER,
+    )
+
+
+def naive_arguments(block: SharedBlock) -> tuple[Any, ...]:
+    """Arguments of `run_naive`, views of the block."""
+    discs, _, _, _, features, parameters, control, team, _, tally, times, *_ = kernel_arguments(block, 0)
+    return discs, features, parameters, control, team, tally, times
+
+
+def live_discs(block: SharedBlock) -> layout.Discs:
+    """The buffer that holds the state."""
+    return kernel_arguments(block, 0)[int(block.arrays["control"][layout.LIVE])]
+
+
+def features_of(block: SharedBlock) -> layout.Features:
+    """What the scene has, as the kernels take it; None for the rest."""
+    arrays = block.arrays
+    obstacles = layout.Obstacles(*(arrays.get(f"obstacles.{field}") for field in layout.Obstacles._fields))
+    return layout.Features(**{field: arrays.get(field) for field in layout.Features._fields[:-1]}, obstacles=obstacles)
+
+
+def load_kernels(block: SharedBlock) -> None:
+    """Compile or load everything that coordinator and workers call, by running no frame on private control words."""
+    arguments = list(kernel_arguments(block, 0))
+    control, team = arguments[6].copy(), np.zeros_like(arguments[7])
+    control[layout.FRAMES], control[layout.WORKERS] = 0, 1
+    arguments[6:8] = control, team
+    run_grid(*arguments)
+    store_word(control, layout.MAIL, 1)
+    add_to_word(control, layout.ANNOUNCED, load_word(control, layout.MAIL))
+
+
+def worker_main(worker: int, connection: Connection, name: str, specs: dict[str, ArraySpec], coordinator: int) -> None:
+    """Entry point of worker `worker` (1 or above); ends with its coordinator (a process number), whatever happens."""
+    for number in (signal.SIGINT, signal.SIGTERM):  # they may reach the whole group; the coordinator alone decides
+        signal.signal(number, signal.SIG_IGN)
+    try:
+        _watch(coordinator)
+        _serve(worker, connection, SharedBlock.attach(name, specs))
+    except ResourceError as refusal:
+        connection.send(("refused", refusal))
+        os._exit(REFUSED)
+    except (EOFError, BrokenPipeError, ConnectionResetError, FileNotFoundError):
+        os._exit(ORPHANED)  # the pipe's other end or the block is gone: the coordinator has given up
+    except BaseException:
+        connection.send(("error", traceback.format_exc()))
+        raise
+
+
+def _watch(coordinator: int) -> None:
+    """Start the thread that ends this worker with its coordinator."""
+    try:
+        threading.Thread(target=_end_with_coordinator, args=(coordinator,), daemon=True).start()
+    except RuntimeError as error:
+        raise refusal_of_process("its thread that watches the coordinator", error) from error
+
+
+def _end_with_coordinator(pid: int) -> None:
+    """Exit at once when the coordinator is gone. Kernels release the GIL, so this also acts in the middle of a frame.
+
+    The sentinel is right under every start method; the parent's process number is not (under forkserver it is the
+    fork server's). But it is a pipe that forks of the coordinator hold open, too, so where there are such things a
+    descriptor of the process itself is waited on as well.
+    """
+    coordinator = parent_process()
+    if coordinator is not None:
+        ends = [coordinator.sentinel]
+        with suppress(AttributeError, OSError):  # not on this system; or it is gone by now, which the sentinel tells
+            ends.append(os.pidfd_open(pid))
+        wait(ends)
+        os._exit(ORPHANED)
+
+
+def _serve(worker: int, connection: Connection, block: SharedBlock) -> None:
+    """Run commands until the coordinator says stop. Does not return."""
+    load_kernels(block)
+    arguments = _join(worker, connection, block)
+    while True:
+        outcome = run_grid(*arguments)
+        if outcome == layout.IDLE:
+            _park(connection, block.arrays["control"], block.arrays["team"][worker])
+        elif outcome != layout.MAILED:
+            os._exit(0)  # the frame loop was aborted, and the coordinator knows why
+        # Counted as read before the pipe is looked at: a message that comes in between is announced once more.
+        block.arrays["team"][worker, layout.MAILS] = load_word(block.arrays["control"], layout.MAIL)
+        while connection.poll():
+            kind, name, specs = connection.recv()
+            if kind == "stop":
+                os._exit(0)  # at once, views and all: a worker owns nothing that would need cleaning up
+            if kind == "attach":
+                del arguments
+                block.close()
+                block = SharedBlock.attach(name, specs)
+                load_kernels(block)
+                arguments = _join(worker, connection, block)
+
+
+def _join(worker: int, connection: Connection, block: SharedBlock) -> tuple[Any, ...]:
+    """Say that this worker is ready for the next command in the block; returns its arguments for `run_grid`."""
+    control, mine = block.arrays["control"], block.arrays["team"][worker]
+    mine[layout.COMMANDS] = load_word(control, layout.COMMAND)
+    mine[layout.MAILS] = load_word(control, layout.MAIL)
+    connection.send(("ready", None))
+    return kernel_arguments(block, worker)
+
+
+def _park(connection: Connection, control: Any, mine: Any) -> None:
+    """Sleep in the pipe until a message comes, unless a command is announced.
+
+    Parked is said first and the announcement looked at second; the coordinator announces first and looks at parked
+    second. Whatever the timing, one of the two sees the other, and no command is slept through.
+    """
+    store_word(mine, layout.PARKED, 1)
+    if load_word(control, layout.ANNOUNCED) <= mine[layout.COMMANDS]:
+        wait([connection])
+    else:
+        time.sleep(NAP)  # the coordinator lost its core between announcing the command and giving it
+    store_word(mine, layout.PARKED, 0)

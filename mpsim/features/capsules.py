@@ -1,0 +1,321 @@
+"""Capsules, segments with a radius, of which all obstacles are made: how far they are, and which are near a place.
+
+A capsule is a row (ax, ay, bx, by, radius) [length]; one of length 0 is a disc. Nothing here compares every disc with
+every capsule: time and memory grow with the number of capsules and of those that really are near.
+"""
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core.errors import InputError
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+CELLS_PER_CAPSULE = 16
+"""Cells of a grid for each capsule, about."""
+
+MOST_LISTED = 2**23
+"""Entries of all cell lists together, about: more only where there are very many capsules (LISTED_EACH). They take less
+than a second; only where capsules fill the box several hundred times over, or thousands cross all of it, are there more
+in a grid of CELLS_PER_CAPSULE."""
+
+LISTED_EACH = 32
+"""Entries for each capsule that there may be besides: as many as discs on a lattice have that touch each other."""
+
+MOST_COMPARED = 2**31
+"""Pairs of a disc and a capsule near it that are compared in all: a few minutes."""
+
+MOST_PAIRS = 1_000_000
+"""Pairs, of a cell or a disc and a capsule, that are looked at in one go: some 100 MB."""
+
+FEW = 64
+"""Discs up to which comparing each with every capsule is quicker than making a grid."""
+
+
+class Images(NamedTuple):
+    """Capsules with their images beyond periodic borders.
+
+    capsule: shape (M, 5) [length]. source: which capsule each is an image of, shape (M,). shift: where to, shape (M, 2)
+    [length].
+    """
+
+    capsule: Floats
+    source: Integers
+    shift: Floats
+
+
+class CellLists(NamedTuple):
+    """A grid over the box: which capsules are near each cell, in ascending order.
+
+    near: where the list of each cell begins in `listed`, column-major, shape (columns * rows + 1,). grid: columns and
+    rows. per_length: cells per length along x and y [1/length].
+    """
+
+    near: NDArray[np.int32]
+    listed: NDArray[np.int32]
+    grid: Integers
+    per_length: Floats
+
+
+def distance(position: Floats, capsules: Floats) -> Floats:
+    """Distance from centres to the surfaces of capsules, negative inside, shape (...) [length].
+
+    Args:
+        position: shape (..., 2) [length].
+        capsules: shape (..., 5), which fits that of the positions [length].
+    """
+    a, radius = capsules[..., :2], capsules[..., 4]
+    along, r = capsules[..., 2:4] - a, position - a
+    squared = along[..., 0] ** 2 + along[..., 1] ** 2
+    part = (r[..., 0] * along[..., 0] + r[..., 1] * along[..., 1]) / np.where(squared > 0, squared, 1)
+    gap = r - np.clip(part, 0, 1)[..., None] * along
+    return np.hypot(gap[..., 0], gap[..., 1]) - radius
+
+
+def with_images(capsules: Floats, size: tuple[float, float], periodic: tuple[bool, bool], reach: float) -> Images:
+    """Capsules, and their images one period away along periodic axes if a disc in the box can touch them.
+
+    Args:
+        capsules: shape (K, 5) [length].
+        size: width and height of the box [length].
+        periodic: along x and along y.
+        reach: radius of the largest disc [length].
+    """
+    found = Images(capsules, np.arange(len(capsules)), np.zeros((len(capsules), 2)))
+    for axis, length in enumerate(size):
+        if periodic[axis] and len(capsules):
+            step = length * np.eye(2)[axis]
+            moved = [found.capsule + np.append(np.tile(sign * step, 2), 0.0) for sign in (1, -1)]
+            shift = np.concatenate([found.shift, found.shift + step, found.shift - step])
+            every = Images(np.concatenate([found.capsule, *moved]), np.tile(found.source, 3), shift)
+            ends, margin = every.capsule[:, [axis, axis + 2]], reach + every.capsule[:, 4]
+            near = (ends.max(axis=1) > -margin) & (ends.min(axis=1) < length + margin)
+            found = Images(every.capsule[near], every.source[near], every.shift[near])
+    return found
+
+
+def cell_lists(capsules: Floats, size: tuple[float, float], reach: float) -> CellLists:
+    """A grid whose cells list every capsule that a disc with its centre in the cell can touch.
+
+    Args:
+        capsules: images included, shape (K, 5) [length].
+        size: width and height of the box [length].
+        reach: radius of the largest disc [length].
+    """
+    columns, rows, per_length, margin = _grid(capsules, size, reach)
+    pairs = [cell * len(capsules) + index for index, cell in _cells_near(capsules, margin, per_length, columns, rows)]
+    every = np.concatenate([np.zeros(0, np.int64), *pairs])
+    del pairs
+    every.sort()
+    cell, index = np.divmod(every, max(len(capsules), 1))
+    near = np.append(0, np.cumsum(np.bincount(cell, minlength=columns * rows)))
+    ordered = np.append(index, 0).astype(np.int32)
+    return CellLists(near.astype(np.int32), ordered, np.array([columns, rows], np.int64), per_length)
+
+
+def _grid(capsules: Floats, size: tuple[float, float], reach: float) -> tuple[int, int, Floats, float]:
+    """Columns, rows, cells per length and the distance from a cell's middle in which capsules are listed.
+
+    Cells are twice as long until their lists are short enough: where capsules lie on each other, smaller ones would
+    each list nearly all of them.
+    """
+    most = MOST_LISTED + LISTED_EACH * len(capsules)
+    side = max(2 * reach, math.sqrt(size[0] * size[1] / (CELLS_PER_CAPSULE * (len(capsules) + 1))))
+    while True:
+        columns, rows = (max(int(length / side), 1) for length in size)
+        per_length = np.array([columns / size[0], rows / size[1]])
+        # A disc may be a rounding outside its cell; a thousandth of the cell is far more than that.
+        margin = reach + math.hypot(*(0.5 / per_length)) * 1.001
+        if columns * rows == 1 or _cells_in_reach(capsules, margin, per_length, np.array([columns, rows])) <= most:
+            return columns, rows, per_length, margin
+        side *= 2
+
+
+def _cells_in_reach(capsules: Floats, margin: float, per_length: Floats, number: Integers) -> int:
+    """About how many cells are within `margin` of the surfaces of all capsules, each capsule counted by itself.
+
+    The area of each, grown by the margin, or that of the rectangle round it in the box, if that is less. The sum of
+    whole numbers, each found with operations that are rounded alike on every machine: so is the grid.
+    """
+    with np.errstate(over="ignore"):  # a radius may be as large as a float can be
+        reach = np.minimum((margin + capsules[:, 4:]) * per_length, number)
+    ends = capsules[:, :4].reshape(-1, 2, 2) * per_length
+    inside = np.clip([ends.min(axis=1) - reach, ends.max(axis=1) + reach], 0, number)
+    across = (ends[:, 1] - ends[:, 0]) * reach[:, ::-1]
+    grown = math.pi * reach.prod(axis=1) + 2 * np.sqrt(across[:, 0] ** 2 + across[:, 1] ** 2)
+    return int(np.ceil(np.minimum((inside[1] - inside[0]).prod(axis=1), grown)).astype(np.int64).sum())
+
+
+def depths(
+    position: Floats, radius: Floats, capsules: Floats, size: tuple[float, float], periodic: tuple[bool, bool]
+) -> Floats:
+    """How deep each disc is in the capsule that it overlaps most, images included; 0 outside all, shape (N,) [length].
+
+    Args:
+        position: in the box, shape (N, 2) [length].
+        radius: shape (N,) [length].
+        capsules: shape (K, 5) [length].
+        size: width and height of the box [length].
+        periodic: along x and along y.
+
+    Raises:
+        InputError: if that would take comparisons of more than MOST_COMPARED discs and capsules.
+    """
+    depth = np.zeros(len(position))
+    binary = np.frexp(radius)[1]
+    for power in np.unique(binary) if len(capsules) else ():  # discs of about one size share a grid
+        discs = np.flatnonzero(binary == power)
+        reach = float(radius[discs].max())
+        images = with_images(capsules, size, periodic, reach)
+        pairs = _disc_pairs(position[discs], images.capsule, size, reach)
+        depth[discs] = _deepest(position[discs], radius[discs], capsules, images, pairs)
+    return depth
+
+
+class Among:
+    """Capsules in a box, for those who ask again and again how deep a few discs are in them.
+
+    The first FEW discs are compared with every capsule, as `depths` does; then a grid is made, and kept.
+
+    Args:
+        capsules: shape (K, 5) [length].
+        size: width and height of the box [length].
+        periodic: along x and along y.
+    """
+
+    def __init__(self, capsules: Floats, size: tuple[float, float], periodic: tuple[bool, bool]):
+        self.capsules: Floats = capsules
+        self.size: tuple[float, float] = size
+        self.periodic: tuple[bool, bool] = periodic
+        self._asked = 0
+        self._reach = 0.0
+        self._grid: tuple[Images, CellLists] | None = None
+
+    def depths(self, position: Floats, radius: Floats) -> Floats:
+        """How deep each disc is in the capsule that it overlaps most, as `depths` has it, to the bit."""
+        self._asked += len(position)
+        if not len(self.capsules) or len(position) > FEW or self._asked <= FEW:
+            return depths(position, radius, self.capsules, self.size, self.periodic)
+        largest = float(radius.max(initial=0.0))
+        if self._grid is None or largest > self._reach:
+            self._reach = 2 * largest  # so that few grids are made, however the radii grow
+            images = with_images(self.capsules, self.size, self.periodic, self._reach)
+            self._grid = images, cell_lists(images.capsule, self.size, self._reach)
+        images, lists = self._grid
+        return _deepest(position, radius, self.capsules, images, _listed_pairs(position, lists))
+
+
+def _deepest(
+    position: Floats, radius: Floats, capsules: Floats, images: Images, pairs: Iterator[tuple[Integers, Integers]]
+) -> Floats:
+    """How deep each disc is in the image of a capsule that it overlaps most, of some pairs of both, shape (N,)."""
+    depth = np.zeros(len(position))
+    for disc, capsule in pairs:
+        # Not the place of the image: rounded as the disc's own coordinates are.
+        gap = distance(position[disc] - images.shift[capsule], capsules[images.source[capsule]])
+        np.maximum.at(depth, disc, radius[disc] - gap)
+    return depth
+
+
+def nearest(position: Floats, capsules: Floats, size: tuple[float, float], periodic: tuple[bool, bool]) -> int:
+    """The capsule whose surface, or that of an image, is nearest to a place, shape (2,) [length]: its index."""
+    images = with_images(capsules, size, periodic, math.inf)
+    gap = distance(position - images.shift, capsules[images.source])
+    return int(images.source[gap == gap.min()].min())
+
+
+def _disc_pairs(
+    position: Floats, capsules: Floats, size: tuple[float, float], reach: float
+) -> Iterator[tuple[Integers, Integers]]:
+    """Discs and capsules that may overlap, some pairs at a time: indices of both."""
+    if len(position) <= FEW:
+        every = np.arange(len(position))
+        for chosen in _chunks(np.full(len(capsules), len(position))):
+            index = np.arange(len(capsules))[chosen]
+            yield np.repeat(every, len(index)), np.tile(index, len(every))
+        return
+    yield from _listed_pairs(position, cell_lists(capsules, size, reach))
+
+
+def _listed_pairs(position: Floats, lists: CellLists) -> Iterator[tuple[Integers, Integers]]:
+    """Discs and the capsules that their cells list, some pairs at a time: indices of both."""
+    column, row = np.clip(position * lists.per_length, 0, lists.grid - 1).astype(np.int64).T
+    cell = column * lists.grid[1] + row
+    first, last = (lists.near[each].astype(np.int64) for each in (cell, cell + 1))
+    compared = int((last - first).sum())
+    if compared > MOST_COMPARED:
+        raise InputError(
+            f"obstacles must not lie on each other so much that more than {MOST_COMPARED:,} pairs of a disc and "
+            f"an obstacle are near; got {compared:,} of {len(position):,} discs. Use fewer or smaller obstacles."
+        )
+    for chosen in _chunks(last - first) if compared else ():
+        disc, place = _expanded(first[chosen], last[chosen])
+        yield np.arange(len(position))[chosen][disc], lists.listed[place].astype(np.int64)
+
+
+def _cells_near(
+    capsules: Floats, margin: float, per_length: Floats, columns: int, rows: int
+) -> Iterator[tuple[Integers, Integers]]:
+    """Capsules and numbers, column-major, of the cells whose middle is at most `margin` from the surface of each.
+
+    First the columns that each one reaches, then the rows that it reaches in each of them: a long oblique one is near
+    few of the cells in the rectangle round it.
+    """
+    with np.errstate(over="ignore"):  # a radius may be as large as a float can be
+        reach = margin + capsules[:, 4]
+        left = np.minimum(capsules[:, 0], capsules[:, 2]) - reach
+        right = np.maximum(capsules[:, 0], capsules[:, 2]) + reach
+        first, last = _cells(left, right, per_length[0], columns)
+    for some in _chunks(last - first):
+        index, column = _expanded(first[some], last[some])
+        index = index + some.start
+        with np.errstate(over="ignore"):
+            low, high = _heights(capsules[index], (column + 0.5) / per_length[0], reach[index])
+            bottom, top = _cells(low, high, per_length[1], rows)
+        for few in _chunks(top - bottom):
+            which, row = _expanded(bottom[few], top[few])
+            which = which + few.start
+            centre = np.stack([column[which], row], axis=1) + 0.5
+            near = distance(centre / per_length, capsules[index[which]]) <= margin
+            yield index[which][near], (column[which] * rows + row)[near]
+
+
+def _heights(capsules: Floats, x: Floats, reach: Floats) -> tuple[Floats, Floats]:
+    """Least and largest y at which a capsule can be within `reach` of the line at x, shapes (M,) [length]."""
+    ax, ay, bx, by, _ = capsules.T
+    wider = reach * (1 + 1e-9) + 1e-9 * np.abs(x)  # no rounding may leave out what is just within
+    run = bx - ax
+    ends = [
+        np.where(run == 0, part, np.clip((x + side - ax) / np.where(run == 0, 1, run), 0, 1)) * (by - ay) + ay
+        for side, part in ((-wider, 0.0), (wider, 1.0))
+    ]
+    return np.minimum(*ends) - wider, np.maximum(*ends) + wider
+
+
+def _cells(low: Floats, high: Floats, per_length: float, number: int) -> tuple[Integers, Integers]:
+    """The first cell between two places along an axis, and the one behind the last."""
+    first = np.clip(low * per_length, 0, number).astype(np.int64)
+    return first, np.minimum(np.clip(high * per_length, -1, number).astype(np.int64) + 1, number)
+
+
+def _expanded(first: Integers, last: Integers) -> tuple[Integers, Integers]:
+    """The whole numbers from first[i] to last[i] - 1, for each i: the i's, and the numbers."""
+    length = np.maximum(last - first, 0)
+    which = np.repeat(np.arange(len(first)), length)
+    return which, np.arange(len(which)) - np.repeat(np.cumsum(length) - length - first, length)
+
+
+def _chunks(lengths: NDArray[Any]) -> Iterator[slice]:
+    """Slices in order, of elements whose lengths add up to MOST_PAIRS at most, or of one that alone is longer."""
+    total = np.cumsum(np.maximum(lengths, 0))
+    start = 0
+    while start < len(total):
+        before = int(total[start - 1]) if start else 0
+        stop = max(int(np.searchsorted(total, before + MOST_PAIRS, side="right")), start + 1)
+        yield slice(start, stop)
+        start = stop

@@ -1,0 +1,93 @@
+"""Emitters: places where discs enter. Checked when made; immutable."""
+
+# pyright: reportUnnecessaryIsInstance=false
+# Arguments are checked when the program runs as well, for callers without a type checker.
+
+from dataclasses import KW_ONLY, dataclass, fields
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+
+LARGEST_EMITTERS = 1_000_000
+"""More emitters than this likewise."""
+
+
+@dataclass(frozen=True)
+class Emitter:
+    """A place where discs enter, one after the other.
+
+    With `interval`, disc k enters at the time k * interval, whatever the time step and the method. The exact solver
+    stops there; of the others a disc enters at the end of the frame that reaches its time, having flown for the rest
+    of that frame: at position + v s + g s^2/2 with velocity v + g s, where s is the time since it was due and g the
+    scene's gravity. A flight that meets a wall, the piston or an obstacle ends there.
+
+    With `every`, a disc enters before each so manieth frame: another scene for each dt.
+
+    Where a disc finds its place occupied it waits, an EmitterWarning says so once, and those after it are put off as
+    long: it tries again every interval / 8 (of `every`: before each frame).
+
+    Args:
+        position: centre of the new disc (x, y) [length], a radius from walls and obstacles. Where a piston has passed
+            it, no more discs enter, and a warning says so.
+        velocity: of the new disc v (vx, vy) [length/time].
+        interval: time between two discs [time], > 0.
+        every: frames between two discs, >= 1, instead of interval.
+        limit: discs in all, >= 1; None: no end.
+        radius, mass: of the new discs [length], [mass]; None: those of the scene, if its discs have one.
+
+    Raises:
+        InputError: naming the argument, its rule and the value received; both or neither of interval and every.
+
+    >>> Emitter(position=(1, 2), velocity=(3, 0), interval=0.25, limit=5)
+    Emitter(position=(1.0, 2.0), velocity=(3.0, 0.0), interval=0.25, limit=5, radius=None, mass=None)
+    """
+
+    position: ArrayLike
+    velocity: ArrayLike
+    _: KW_ONLY
+    interval: float | None = None
+    every: int | None = None
+    limit: int | None = None
+    radius: float | None = None
+    mass: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", checks.point("position of an Emitter", self.position))
+        object.__setattr__(self, "velocity", checks.point("velocity of an Emitter", self.velocity))
+        if (self.interval is None) == (self.every is None):
+            raise InputError(
+                "an Emitter must have either interval, the time between two discs, or every, the frames between two; "
+                f"got interval={checks.brief(self.interval)}, every={checks.brief(self.every)}."
+            )
+        if self.interval is not None:
+            object.__setattr__(self, "interval", checks.positive("interval of an Emitter", self.interval, "[time]"))
+        if self.every is not None:
+            every = checks.whole("every of an Emitter", self.every, 1, 10**12, "One disc every `every` frames.")
+            object.__setattr__(self, "every", every)
+        if self.limit is not None:
+            limit = checks.whole("limit of an Emitter", self.limit, 1, 10**8, "Leave it out for no end.")
+            object.__setattr__(self, "limit", limit)
+        for name in ("radius", "mass"):
+            if getattr(self, name) is not None:
+                unit = "[length]" if name == "radius" else "[mass]"
+                object.__setattr__(self, name, checks.positive(f"{name} of an Emitter", getattr(self, name), unit))
+
+    def __repr__(self) -> str:
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        del values["every" if self.every is None else "interval"]  # so a scene's digest depends on what it has only
+        return f"Emitter({', '.join(f'{name}={value!r}' for name, value in values.items())})"
+
+
+def check_emitters(emitters: object) -> tuple[Emitter, ...]:
+    """The emitters as a tuple, if each is one and they are not too many; a single one counts as one."""
+    each_of: Any = emitters
+    chosen = (each_of,) if isinstance(each_of, Emitter) else tuple(each_of)
+    if len(chosen) > LARGEST_EMITTERS:
+        raise InputError(f"emitters must be at most {LARGEST_EMITTERS:,}; got {len(chosen):,}. Use fewer.")
+    for index, emitter in enumerate(chosen):
+        if not isinstance(emitter, Emitter):
+            raise InputError(f"emitters[{index}] must be an mpsim.Emitter; got {type(emitter).__name__}.")
+    return chosen

@@ -1,0 +1,208 @@
+"""The calendar of the exact solver: which disc has the next event, at a cost that does not grow with their number.
+
+A ring of lists, one per small step of time, stands in front of a binary heap that sorts only the discs of the current
+step (Paul, J. Comput. Phys. 221, 615, 2007; Smallenburg, arXiv 2201.01100, 2022). One turn of the ring is a lap;
+a disc whose event lies beyond the lap is in no list until the next lap begins.
+
+The order of events is (time, disc), a total order: where the calendar keeps an event cannot matter for the result.
+
+Time is counted from the start of the lap, so its resolution does not fade as a run grows long. A lap is a power of
+two long, which makes its subtraction exact for every time that lies in its second half or after it.
+"""
+
+import numpy as np
+
+from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.events.state import (
+    AFTER,
+    BASE,
+    BEFORE,
+    BORDER,
+    CURSOR,
+    IMPACT,
+    LAP,
+    LAP_EVENTS,
+    LAST,
+    NOW,
+    PLACE,
+    SINCE,
+    STEP,
+    WAITING,
+)
+
+NOWHERE = -1
+
+
+@inlined
+def due(disc, i):
+    """The time of the next event of disc i [time]."""
+    return min(disc[i, IMPACT], disc[i, BORDER])
+
+
+@inlined
+def sooner(disc, i, j):
+    """Whether disc i comes before disc j: by time, equal times by number."""
+    ti = due(disc, i)
+    tj = due(disc, j)
+    return ti < tj or (ti == tj and i < j)
+
+
+@inlined
+def heap_rise(position, i, store):
+    """Settle disc i in the heap at `position` or nearer the root."""
+    heap = store.heap
+    while position > 0:
+        parent = (position - 1) >> 1
+        other = heap[parent]
+        if not sooner(store.disc, i, other):
+            break
+        heap[position] = other
+        store.entry[other, PLACE] = -2 - position
+        position = parent
+    heap[position] = i
+    store.entry[i, PLACE] = -2 - position
+
+
+@inlined
+def heap_sink(position, i, store):
+    """Settle disc i in the heap at `position` or further from the root."""
+    heap = store.heap
+    size = store.counter[WAITING]
+    child = 2 * position + 1
+    while child < size:
+        if child + 1 < size and sooner(store.disc, heap[child + 1], heap[child]):
+            child += 1
+        other = heap[child]
+        if not sooner(store.disc, other, i):
+            break
+        heap[position] = other
+        store.entry[other, PLACE] = -2 - position
+        position = child
+        child = 2 * position + 1
+    heap[position] = i
+    store.entry[i, PLACE] = -2 - position
+
+
+@inlined
+def heap_push(i, store):
+    """Add disc i to the heap."""
+    size = store.counter[WAITING]
+    store.counter[WAITING] = size + 1
+    heap_rise(size, i, store)
+
+
+@inlined
+def heap_remove(position, store):
+    """Take the disc at `position` out of the heap; the last one fills the gap."""
+    size = store.counter[WAITING] - 1
+    store.counter[WAITING] = size
+    if position < size:
+        filler = np.int64(store.heap[size])
+        heap_sink(position, filler, store)
+        heap_rise(-2 - np.int64(store.entry[filler, PLACE]), filler, store)
+
+
+@inlined
+def list_remove(i, step, store):
+    """Take disc i out of the list of its step."""
+    entry = store.entry
+    after = entry[i, AFTER]
+    before = entry[i, BEFORE]
+    if before >= 0:
+        entry[before, AFTER] = after
+    else:
+        store.step_head[step] = after
+    if after >= 0:
+        entry[after, BEFORE] = before
+
+
+@inlined
+def list_insert(i, step, store):
+    """Put disc i at the front of the list of a step."""
+    entry = store.entry
+    after = store.step_head[step]
+    entry[i, AFTER] = after
+    entry[i, BEFORE] = NOWHERE
+    entry[i, PLACE] = step
+    if after >= 0:
+        entry[after, BEFORE] = i
+    store.step_head[step] = i
+
+
+@inlined
+def insert(i, store):
+    """Enter disc i, which has no place: in the heap, in a list, or nowhere if its event lies beyond the lap."""
+    t = due(store.disc, i)
+    if not t < store.clock[LAP]:
+        return
+    step = np.int64(t / store.clock[STEP])
+    if step <= store.counter[CURSOR]:
+        heap_push(i, store)
+    else:
+        list_insert(i, step, store)
+
+
+@inlined
+def reschedule(i, store):
+    """Move disc i to where its new time belongs."""
+    place = np.int64(store.entry[i, PLACE])
+    store.entry[i, PLACE] = NOWHERE
+    if place >= 0:
+        list_remove(i, place, store)
+    elif place <= -2:
+        heap_remove(-2 - place, store)
+    insert(i, store)
+
+
+@inlined
+def earliest(store):
+    """The disc whose event is next, or -1 when nothing is left in this lap."""
+    counter = store.counter
+    cursor = counter[CURSOR]
+    last = store.step_head.size - 1
+    while counter[WAITING] == 0 and cursor < last:
+        cursor += 1
+        i = store.step_head[cursor]
+        store.step_head[cursor] = NOWHERE
+        while i >= 0:
+            after = store.entry[i, AFTER]
+            heap_push(i, store)
+            i = after
+    counter[CURSOR] = cursor
+    return np.int64(store.heap[0]) if counter[WAITING] > 0 else np.int64(NOWHERE)
+
+
+@compiled
+def fill(store):
+    """Empty the calendar and enter every disc."""
+    store.step_head[:] = NOWHERE
+    store.counter[CURSOR] = -1
+    store.counter[WAITING] = 0
+    store.counter[LAP_EVENTS] = 0
+    for i in range(store.disc.shape[0]):
+        store.entry[i, PLACE] = NOWHERE
+        insert(i, store)
+
+
+@compiled
+def begin_lap(store):
+    """Count time from the end of this lap on, and fit the step to the rate of events.
+
+    About one event a step is fastest. A step is doubled or halved, so it stays a power of two; in an idle scene it
+    grows faster, so that a long wait takes few laps.
+    """
+    clock = store.clock
+    lap = clock[LAP]
+    clock[BASE] += lap
+    clock[NOW] -= lap
+    for i in range(store.disc.shape[0]):
+        for column in (SINCE, IMPACT, BORDER, LAST):
+            store.disc[i, column] -= lap
+    steps = store.step_head.size
+    events = store.counter[LAP_EVENTS]
+    if 5 * events < 2 * steps and clock[STEP] < 1e200:
+        clock[STEP] *= 2.0 if events > 0 else 16.0
+    elif 5 * events > 8 * steps and clock[STEP] > 1e-200:
+        clock[STEP] *= 0.5
+    clock[LAP] = clock[STEP] * steps
+    fill(store)

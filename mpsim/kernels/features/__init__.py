@@ -1,0 +1,1 @@
+"""What features add to a frame; None compiles to nothing."""

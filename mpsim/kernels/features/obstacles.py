@@ -1,0 +1,132 @@
+"""Discs against obstacles that never move: segments with a radius (capsules), a fixed disc being one of length 0.
+
+An obstacle is met like a wall: right after the motion, by each disc alone, so no order of discs can matter and every
+worker can do its own slice. A grid of its own tells which obstacles are near a place.
+"""
+
+import math
+
+import numpy as np
+
+from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.features.absorption import is_gone
+from mpsim.kernels.features.acceleration import bounce_back
+from mpsim.kernels.features.images import count_flight
+from mpsim.kernels.layout import CONTACT, DIAMETER, DT, IMPACT, WALL_RESTITUTION, X_HIGH, X_LOW, Y_HIGH, Y_LOW
+from mpsim.kernels.optional import confined, own_or, pull_on, wrapped
+
+
+@inlined
+def nearest_offset(x, y, capsule, k):
+    """From the nearest point of segment k to (x, y): the vector, and whether that point lies between the ends."""
+    along_x, along_y = capsule[k, 2] - capsule[k, 0], capsule[k, 3] - capsule[k, 1]
+    rx, ry = x - capsule[k, 0], y - capsule[k, 1]
+    squared = along_x * along_x + along_y * along_y
+    part = rx * along_x + ry * along_y
+    if part <= 0 or squared == 0:
+        return rx, ry, False
+    if part >= squared:
+        return x - capsule[k, 2], y - capsule[k, 3], False
+    part /= squared
+    return rx - part * along_x, ry - part * along_y, True
+
+
+@inlined
+def normal_of(rx, ry, distance, flat, capsule, k):
+    """Unit vector from the nearest point of segment k to a disc `distance` away; on the segment itself, across it."""
+    if distance > 0:
+        return rx / distance, ry / distance
+    if not flat:
+        return 0.0, 1.0
+    along_x, along_y = np.float64(capsule[k, 2] - capsule[k, 0]), np.float64(capsule[k, 3] - capsule[k, 1])
+    length = math.sqrt(along_x * along_x + along_y * along_y)
+    return -along_y / length, along_x / length
+
+
+@inlined
+def normal_at_touch(rx, ry, squared, reach, vx, vy, dt):
+    """Unit vector from an end of a segment to where a disc that approaches it, and now overlaps, has touched it.
+
+    Found like the contact of two discs, along a straight way: -c / (sqrt(b^2 - v^2 c) - b). If that was before this
+    step, the disc had been pushed in, and the direction is that from which it comes out.
+    """
+    b, c = rx * vx + ry * vy, squared - reach * reach
+    time = -c / (math.sqrt(b * b - (vx * vx + vy * vy) * c) - b)
+    if time > dt:
+        time -= time
+    nx, ny = rx - vx * time, ry - vy * time
+    length = math.sqrt(nx * nx + ny * ny)
+    return nx / length, ny / length
+
+
+@inlined
+def meet_capsule(discs, i, k, capsule, radius, pull_x, pull_y, parameters, impact):
+    """Contact of the disc in slot i with obstacle k, if they overlap: by impact, or pushed out to its surface.
+
+    Impact takes the side of a segment, and the plane that touches an end, for a wall: `bounce_back` keeps the energy
+    of discs that gravity pulls, and lets a disc rest.
+    """
+    offset_x, offset_y, flat = nearest_offset(discs.x[i], discs.y[i], capsule, k)
+    reach = radius + capsule[k, 4]
+    if not offset_x * offset_x + offset_y * offset_y < reach * reach:
+        return False
+    # In float64 whatever the run's precision, as between two discs: see `contacts.impact_contact`.
+    rx, ry, vx, vy = np.float64(offset_x), np.float64(offset_y), np.float64(discs.vx[i]), np.float64(discs.vy[i])
+    squared = rx * rx + ry * ry
+    distance = np.sqrt(squared)
+    nx, ny = normal_of(rx, ry, distance, flat, capsule, k)
+    if impact and rx * vx + ry * vy < 0:
+        if not flat:
+            nx, ny = normal_at_touch(rx, ry, squared, reach, vx, vy, parameters[DT])
+        depth, speed = reach - (rx * nx + ry * ny), -(vx * nx + vy * ny)
+        way, inward = bounce_back(depth, max(speed, 0.0), -(pull_x * nx + pull_y * ny), parameters)
+        way, change = way + depth, inward + speed
+    else:
+        along = vx * nx + vy * ny
+        back = 1.0 + np.float64(parameters[WALL_RESTITUTION])
+        way, change = reach - distance, -back * along if along < 0 else 0.0
+    discs.vx[i] += change * nx
+    discs.vy[i] += change * ny
+    discs.x[i] += way * nx
+    discs.y[i] += way * ny
+    return True
+
+
+@compiled
+def meet_capsules(discs, low, high, features, parameters, control):
+    """Contacts of a slice with the obstacles near each disc, in the order in which the scene lists them."""
+    zero = discs.x.dtype.type(0)
+    half = parameters[DIAMETER] / discs.x.dtype.type(2)
+    impact = control[CONTACT] == IMPACT
+    obstacles = features.obstacles
+    columns, rows = obstacles.grid[0], obstacles.grid[1]
+    for i in range(low, high):
+        disc = discs.id[i]
+        if is_gone(features.exits, disc):
+            continue
+        column = min(max(int(discs.x[i] * obstacles.per_length[0]), 0), columns - 1)
+        row = min(max(int(discs.y[i] * obstacles.per_length[1]), 0), rows - 1)
+        cell = column * rows + row
+        radius = own_or(discs.radius, i, half)
+        pull_x = pull_on(features.gravity, features.acceleration, 0, disc, zero)
+        pull_y = pull_on(features.gravity, features.acceleration, 1, disc, zero)
+        met = False
+        for entry in range(obstacles.near[cell], obstacles.near[cell + 1]):
+            k = obstacles.index[entry]
+            met |= meet_capsule(discs, i, k, obstacles.capsule, radius, pull_x, pull_y, parameters, impact)
+        if met:
+            margin = own_or(discs.radius, i, zero)
+            x = confined(discs.x[i], parameters[X_LOW], parameters[X_HIGH], margin, features.wrap_x)
+            y = confined(discs.y[i], parameters[Y_LOW], parameters[Y_HIGH], margin, features.wrap_y)
+            # Out of a thick obstacle it may be far beyond the border, where there are no cells.
+            discs.x[i], discs.y[i] = x, y
+            x, y = wrapped(x, features.wrap_x), wrapped(y, features.wrap_y)
+            count_flight(discs, i, x, y, zero, zero, features)
+            discs.x[i], discs.y[i] = x, y
+
+
+@inlined
+def meet_obstacles(discs, low, high, capsule, features, parameters, control):
+    """The above, where there are obstacles."""
+    if capsule is not None:
+        meet_capsules(discs, low, high, features, parameters, control)

@@ -1,0 +1,1 @@
+"""One frame of the stepped solver: move, sort, contacts."""

@@ -1,0 +1,84 @@
+"""The few discs that are far larger than all others: they are not in the grid, whose cells follow the others.
+
+A giant looks at all cells under it, after the odd columns, on worker 0 alone. One disc of 20 radii among 10,000 would
+otherwise make each cell 400 times as large, and each disc look at hundreds of neighbours.
+"""
+
+from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.frame.contacts import resolve_far
+from mpsim.kernels.layout import CELLS_PER_X, CELLS_PER_Y, COLUMNS, ROWS
+from mpsim.kernels.machine import natural
+
+
+@inlined
+def take_out(discs, low, high, giants, control):
+    """Bin the giants of a slice in a cell of their own, beyond the grid."""
+    if giants is not None:
+        cell = (control[COLUMNS] + 1) * (control[ROWS] + 2)
+        for i in range(low, high):
+            if discs.radius[i] > giants[0]:
+                discs.cell[i] = cell
+
+
+@inlined
+def first_image(wrap):
+    """Images of a disc along an axis: -1, 0 and 1 periods away where it is periodic, 0 elsewhere."""
+    if wrap is None:
+        return 0
+    return -1
+
+
+@inlined
+def period_of(wrap, zero):
+    """Length of a periodic axis; zero elsewhere."""
+    if wrap is None:
+        return zero
+    return wrap[0]
+
+
+@inlined
+def cells_under(centre, reach, per_length, cells):
+    """First and one past the last cell along an axis that discs of the grid may touch from `centre`."""
+    first = int(max((centre - reach) * per_length, -1.0))
+    last = int(max((centre + reach) * per_length, -1.0))
+    return max(first, 0), min(last, cells - 1) + 1
+
+
+@compiled
+def resolve_giants(discs, start, features, parameters, control, tally, frame):
+    """Contacts of each giant with the discs of the grid under it, then with the giants after it. Returns how many."""
+    columns, rows = control[COLUMNS], control[ROWS]
+    stride = rows + 2
+    zero = discs.x.dtype.type(0)
+    first_x, first_y = first_image(features.wrap_x), first_image(features.wrap_y)
+    width, height = period_of(features.wrap_x, zero), period_of(features.wrap_y, zero)
+    giants_end = start[(columns + 1) * stride + 1]
+    contacts = 0
+    for slot in range(start[(columns + 1) * stride], giants_end):
+        i = natural(slot)
+        for image_x in range(first_x, 1 - first_x):
+            for image_y in range(first_y, 1 - first_y):
+                sx, sy = discs.x.dtype.type(image_x * width), discs.x.dtype.type(image_y * height)
+                reach = discs.radius[i] + features.giants[0]
+                left, right = cells_under(discs.x[i] - sx, reach, parameters[CELLS_PER_X], columns)
+                low, high = cells_under(discs.y[i] - sy, reach, parameters[CELLS_PER_Y], rows)
+                for column in range(left, right):
+                    if low < high:
+                        cell = column * stride + 1
+                        contacts += resolve_far(
+                            discs,
+                            i,
+                            start[cell + low],
+                            start[cell + high],
+                            sx,
+                            sy,
+                            features,
+                            parameters,
+                            control,
+                            tally,
+                            frame,
+                        )
+                contacts += resolve_far(
+                    discs, i, i + 1, giants_end, sx, sy, features, parameters, control, tally, frame
+                )
+    return contacts

@@ -1,0 +1,187 @@
+"""Motion of a slice of discs over one step: acceleration, drift, walls, and the check that the state is finite."""
+
+import math
+
+import numpy as np
+
+from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.features.absorption import is_gone, rest, swallow
+from mpsim.kernels.features.acceleration import fall
+from mpsim.kernels.features.images import count_flight
+from mpsim.kernels.features.obstacles import meet_obstacles
+from mpsim.kernels.frame.speed_limit import end_where_fast
+from mpsim.kernels.frame.walls import reach_wall
+from mpsim.kernels.layout import (
+    BAD,
+    BAD_SLOT,
+    CONTACT,
+    DT,
+    FRAME,
+    IMPACT,
+    TALLY_SCALE,
+    WALL_BOUNCE,
+    WALL_RESTITUTION,
+    X_HIGH,
+    X_LOW,
+    Y_HIGH,
+    Y_LOW,
+)
+from mpsim.kernels.machine import atomic_store
+from mpsim.kernels.optional import has_any, own_or, wall_speed, wrapped
+from mpsim.kernels.wall_free import BLOCK, glide
+
+
+@inlined
+def accelerate(discs, low, high, gravity, acceleration, parameters):
+    """v += a dt, for what the scene has: one acceleration for all, one per disc, or both. None compiles to nothing."""
+    if gravity is not None:
+        vx, vy = discs.vx[low:high], discs.vy[low:high]
+        kick_x, kick_y = gravity[0] * parameters[DT], gravity[1] * parameters[DT]
+        for i in range(high - low):
+            vx[i] += kick_x
+            vy[i] += kick_y
+    if acceleration is not None:
+        for i in range(low, high):
+            discs.vx[i] += acceleration[0, discs.id[i]] * parameters[DT]
+            discs.vy[i] += acceleration[1, discs.id[i]] * parameters[DT]
+
+
+@inlined
+def drift_between_walls(discs, low, high, parameters):
+    """p += v dt and the wall rule; returns True if a position or velocity is not finite.
+
+    A disc beyond a wall and moving outward has that velocity component turned round. Its centre is clamped to
+    [R, W - R] x [R, H - R] under contact `push`; under `impact` it is where the bounce, at the instant when it reached
+    the wall, has brought it by now: as far inside as it would be outside. Without branches, so it becomes vector code.
+    """
+    x, y, vx, vy = discs.x[low:high], discs.y[low:high], discs.vx[low:high], discs.vy[low:high]
+    zero = x.dtype.type(0)  # an integer 0 would turn float32 arithmetic into float64
+    infinity = x.dtype.type(math.inf)
+    dt = parameters[DT]
+    x_low, x_high, y_low, y_high = parameters[X_LOW], parameters[X_HIGH], parameters[Y_LOW], parameters[Y_HIGH]
+    bounce, restitution = parameters[WALL_BOUNCE], parameters[WALL_RESTITUTION]
+    bad = False
+    for i in range(high - low):
+        ux = vx[i]
+        uy = vy[i]
+        px = x[i] + ux * dt
+        py = y[i] + uy * dt
+        vx[i] = -ux * restitution if ((px < x_low) & (ux < zero)) | ((px > x_high) & (ux > zero)) else ux
+        vy[i] = -uy * restitution if ((py < y_low) & (uy < zero)) | ((py > y_high) & (uy > zero)) else uy
+        px = x_low + bounce * (x_low - px) if (px < x_low) & (px > -infinity) else px
+        px = x_high + bounce * (x_high - px) if (px > x_high) & (px < infinity) else px
+        py = y_low + bounce * (y_low - py) if (py < y_low) & (py > -infinity) else py
+        py = y_high + bounce * (y_high - py) if (py > y_high) & (py < infinity) else py
+        # A bounce that leads beyond the opposite wall (a disc faster than a box per step) ends at the first one.
+        px = x_low if (px < x_low) & (px > -infinity) else px
+        py = y_low if (py < y_low) & (py > -infinity) else py
+        px = x_high if (px > x_high) & (px < infinity) else px
+        py = y_high if (py > y_high) & (py < infinity) else py
+        x[i] = px
+        y[i] = py
+        # NaN and infinity pass the clamps and end outside; for a velocity, inf - inf = NaN equals nothing.
+        inside = (px >= x_low) & (px <= x_high) & (py >= y_low) & (py <= y_high)
+        bad |= not (inside & (ux - ux == zero) & (uy - uy == zero))
+    return bad
+
+
+@inlined
+def along_axis(p, v, axis_low, margin, wrap, piston, parameters):
+    """One step along x (axis_low is X_LOW) or y (Y_LOW): through a periodic border, or up to the walls and back."""
+    zero = parameters.dtype.type(0)
+    p = wrapped(p, wrap) + v * parameters[DT]
+    if wrap is not None:
+        return wrapped(p, wrap), v
+    low, high = parameters[axis_low] + margin, parameters[axis_low + 1] - margin
+    speeds = wall_speed(piston, axis_low, zero), wall_speed(piston, axis_low + 1, zero)
+    if p - p != zero:  # not finite: found out by the caller
+        return p, v
+    return reach_wall(p, v, low, high, *speeds, parameters[WALL_BOUNCE], parameters[WALL_RESTITUTION])
+
+
+@compiled
+def drift_anyhow(discs, low, high, features, parameters):
+    """p += v dt with radii, periodic axes or a piston; returns True if a position or velocity is not finite."""
+    zero = discs.x.dtype.type(0)
+    bad = False
+    for first in range(low, high, BLOCK):
+        last = min(first + BLOCK, high)
+        if glide(discs, first, last, None, None, None, None, parameters):
+            continue
+        for i in range(first, last):
+            margin = own_or(discs.radius, i, zero)
+            x, vx = along_axis(discs.x[i], discs.vx[i], X_LOW, margin, features.wrap_x, features.piston, parameters)
+            y, vy = along_axis(discs.y[i], discs.vy[i], Y_LOW, margin, features.wrap_y, features.piston, parameters)
+            count_flight(discs, i, x, y, vx * parameters[DT], vy * parameters[DT], features)
+            discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x, y, vx, vy
+            bad |= not ((x - x == zero) & (y - y == zero) & (vx - vx == zero) & (vy - vy == zero))
+    return bad
+
+
+@inlined
+def drift(discs, low, high, radius, wrap_x, wrap_y, piston, features, parameters):
+    """p += v dt, walls and borders; returns True if a position or velocity is not finite."""
+    # Numba drops the branch of a test of one argument, not of several at once.
+    if radius is None:  # noqa: SIM102
+        if wrap_x is None:  # noqa: SIM102
+            if wrap_y is None:  # noqa: SIM102
+                if piston is None:
+                    return drift_between_walls(discs, low, high, parameters)
+    return drift_anyhow(discs, low, high, features, parameters)
+
+
+@compiled
+def tally_walls(discs, low, high, features, parameters, tally, frame):
+    """Add up the impulses on the walls when this slice drifts: m (1 + e) |v| of each disc that they turn round."""
+    dt, scale = parameters[DT], np.float64(parameters[TALLY_SCALE])
+    zero, one = discs.x.dtype.type(0), discs.x.dtype.type(1)
+    walls_x, walls_y = features.wrap_x is None, features.wrap_y is None
+    for i in range(low, high):
+        if is_gone(features.exits, discs.id[i]):
+            continue
+        margin = own_or(discs.radius, i, zero)
+        gain = (1 + parameters[WALL_RESTITUTION]) * own_or(features.mass, discs.id[i], one)
+        ux, uy = discs.vx[i], discs.vy[i]
+        px = discs.x[i] + ux * dt
+        py = discs.y[i] + uy * dt
+        for limit, p, u, walls in ((X_LOW, px, ux, walls_x), (Y_LOW, py, uy, walls_y)):
+            slow = u - wall_speed(features.piston, limit, zero)
+            fast = u - wall_speed(features.piston, limit + 1, zero)
+            if walls and p < parameters[limit] + margin and slow < 0:
+                tally[frame, limit - X_LOW] -= np.int64(gain * slow * scale)
+            if walls and p > parameters[limit + 1] - margin and fast > 0:
+                tally[frame, limit + 1 - X_LOW] += np.int64(gain * fast * scale)
+
+
+@compiled
+def worst_slot(discs, low, high):
+    """Slot of the non-finite disc with the lowest id in [low, high), or -1."""
+    worst = -1
+    for i in range(low, high):
+        x, y, vx, vy = discs.x[i], discs.y[i], discs.vx[i], discs.vy[i]
+        fine = (x - x == 0) & (y - y == 0) & (vx - vx == 0) & (vy - vy == 0)
+        if not fine and (worst < 0 or discs.id[i] < discs.id[worst]):
+            worst = i
+    return worst
+
+
+@compiled
+def move(discs, low, high, features, parameters, control, mine, tally):
+    """Advance a slice. False: a disc is not finite, and nothing may be binned by its position."""
+    end_where_fast(discs, low, high, parameters, control, mine)
+    swallow(discs, low, high, features.exits, features, parameters, control)
+    if has_any(features.gravity, features.acceleration) and control[CONTACT] == IMPACT:
+        bad = fall(discs, low, high, features, parameters, tally, mine[FRAME])
+    else:
+        accelerate(discs, low, high, features.gravity, features.acceleration, parameters)
+        if tally is not None:
+            tally_walls(discs, low, high, features, parameters, tally, mine[FRAME])
+        wrap_x, wrap_y, piston = features.wrap_x, features.wrap_y, features.piston
+        bad = drift(discs, low, high, discs.radius, wrap_x, wrap_y, piston, features, parameters)
+    rest(discs, low, high, features.exits)
+    if bad:
+        mine[BAD_SLOT] = worst_slot(discs, low, high)
+        atomic_store(control, BAD, 1)
+        return False
+    meet_obstacles(discs, low, high, features.obstacles.capsule, features, parameters, control)
+    return True

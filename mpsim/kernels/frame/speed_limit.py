@@ -1,0 +1,57 @@
+"""Which discs are too fast for the step to come: seen while they are moved, reported by the fastest one.
+
+Without a branch and without an order, so that it becomes vector code: whether any disc of a slice is beyond the limit.
+Only then does anybody ask which one.
+"""
+
+import math
+
+import numpy as np
+
+from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.layout import FAST, FASTEST, FASTEST_DISC, FASTEST_SCALE, FRAME, FRAMES
+from mpsim.kernels.optional import own_or
+from mpsim.kernels.wall_free import part_of
+
+MOST = 2.0**40
+"""Largest speed that is reported, in parts of the limit: more does not fit the word."""
+
+
+@compiled
+def any_fast(discs, low, high, parameters):
+    """Whether a disc of a slice is beyond the limit. What is not finite is not."""
+    vx, vy, radius = discs.vx[low:high], discs.vy[low:high], part_of(discs.radius, low, high)
+    limit, one = parameters[FAST], parameters.dtype.type(1)
+    fast = False
+    for i in range(high - low):
+        own = own_or(radius, i, one)
+        fast |= vx[i] * vx[i] + vy[i] * vy[i] > limit * (own * own)
+    return fast
+
+
+@compiled
+def note_fastest(discs, low, high, parameters, mine):
+    """Note the disc of a slice that is farthest beyond the limit, the one with the lowest number among equals."""
+    limit = np.float64(parameters[FAST])
+    for i in range(low, high):
+        vx, vy, own = np.float64(discs.vx[i]), np.float64(discs.vy[i]), np.float64(own_or(discs.radius, i, 1.0))
+        square = vx * vx + vy * vy
+        if square > limit * own * own:
+            part = MOST
+            if square < MOST * MOST * limit * own * own:
+                part = math.sqrt(square / (limit * own * own))
+            scaled = np.int64(part * FASTEST_SCALE)
+            if scaled > mine[FASTEST] or (scaled == mine[FASTEST] and discs.id[i] < mine[FASTEST_DISC]):
+                mine[FASTEST], mine[FASTEST_DISC] = scaled, discs.id[i]
+
+
+@inlined
+def end_where_fast(discs, low, high, parameters, control, mine):
+    """Make this frame the last of the command if a disc of the slice is too fast for the step to come.
+
+    For all workers, before they move their slices. They write the same number, and nobody compares with it before the
+    barriers of this frame, or he sees that this frame is still to be run.
+    """
+    if parameters[FAST] < math.inf and any_fast(discs, low, high, parameters):
+        note_fastest(discs, low, high, parameters, mine)
+        control[FRAMES] = mine[FRAME] + 1

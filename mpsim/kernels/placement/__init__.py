@@ -1,0 +1,1 @@
+"""Places of discs before the first frame."""

@@ -1,0 +1,360 @@
+"""Measures gathered along a run: what each needs, and how its value and error come from the frames.
+
+Three kinds. *Counted* measures are sums that the kernels keep for each frame when asked to (impulses on walls and
+between discs, pairs met). *Sampled* measures are functions of a state, taken at fixed frames, so that neither the
+number of workers nor the length of a slice can change them. *Balances* compare the state at the end with that at the
+start, and what the kernels have counted in between.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError, NotRecordedError
+from mpsim.core.state import State
+from mpsim.kernels import layout
+from mpsim.measure import observables
+from mpsim.measure.counted import COMPONENTS, COUNTED, Counts, Run
+from mpsim.measure.statistics import Measure, block_average
+from mpsim.scene.scene import Scene
+
+SAMPLES = 200
+"""States sampled in a run, about: each costs a copy of all positions and velocities."""
+
+FLOW_SAMPLES = 1000
+"""Likewise of the flow of momentum, of which a pressure is made: it fluctuates more than what is left of the error."""
+
+
+def _of_those_present(mean: Callable[[State, Scene], float]) -> Callable[[State, Scene], float]:
+    """A mean over discs that is NaN once all have left: a run goes on, and says that it was not defined all along."""
+    return lambda state, scene: mean(state, scene) if state.present.any() else float("nan")
+
+
+def _of_those_moving(mean: Callable[[State, Scene], float]) -> Callable[[State, Scene], float]:
+    """Likewise NaN once all that are present have come to rest."""
+    return lambda state, scene: mean(state, scene) if state.velocity[state.present].any() else float("nan")
+
+
+SAMPLED: dict[str, Callable[[State, Scene], float]] = {
+    "kinetic_energy": observables.kinetic_energy,
+    "temperature": _of_those_present(observables.temperature),
+    "speed_kurtosis": _of_those_moving(lambda state, scene: observables.speed_kurtosis(state)),
+}
+
+
+def energy_drift(counts: Counts, run: Run, before: State, after: State) -> float:
+    """Change of kinetic plus potential energy per time, over the larger kinetic energy of both ends [1/time]."""
+    kinetic = [observables.kinetic_energy(state, run.scene) for state in (before, after)]
+    potential = [observables.potential_energy(state, run.scene) for state in (before, after)]
+    change = kinetic[1] - kinetic[0] + potential[1] - potential[0]
+    return change / (max(kinetic) * run.dt * len(counts)) if max(kinetic) else 0.0
+
+
+def momentum_drift(counts: Counts, run: Run, before: State, after: State) -> float:
+    """Change of momentum that neither walls nor gravity have given, per time, over the sum of m |v| [1/time], >= 0.
+
+    Newton's third law keeps it at rounding; `reflect` does not know that law. Over the larger sum of both ends.
+    """
+    left, right, bottom, top = counts[:, layout.WALLS].sum(axis=0)
+    time, given = run.dt * len(counts), np.array([left - right, bottom - top])
+    masses = 1.0 if run.scene.mass is None else run.scene.mass
+    if run.scene.gravity is not None:
+        given += (run.count if run.scene.mass is None else run.scene.mass.sum()) * run.scene.gravity * time
+    if run.scene.acceleration is not None:
+        given += (run.scene.acceleration.T * masses).sum(axis=1) * time
+    gained = observables.momentum(after, run.scene) - observables.momentum(before, run.scene)
+    momenta = max(float((masses * np.hypot(*state.velocity.astype(float).T)).sum()) for state in (before, after))
+    return float(np.hypot(*(gained - given))) / (momenta * time) if momenta else 0.0
+
+
+BALANCES: dict[str, Callable[[Counts, Run, State, State], float]] = {
+    "energy_drift": energy_drift,
+    "momentum_drift": momentum_drift,
+}
+
+NAMES = (*COUNTED, *SAMPLED, *BALANCES)
+
+
+def _has_losses(scene: Scene) -> bool:
+    return scene.restitution < 1 or (scene.wall_restitution < 1 and not all(scene.periodic))
+
+
+def _fills(scene: Scene, axis: int) -> bool:
+    """Whether the largest disc stands between both walls of an axis."""
+    return not scene.periodic[axis] and (scene.width, scene.height)[axis] <= 2 * scene.largest_radius
+
+
+_Rule = tuple[tuple[str, ...], Callable[[Scene], bool], str, str]
+
+_BALANCED = ("energy_drift", "momentum_drift")
+_VIRIALS = ("pressure_virial", *COMPONENTS)
+
+_RULES: tuple[_Rule, ...] = (
+    (
+        _VIRIALS,
+        lambda scene: scene.gravity is not None or scene.acceleration is not None,
+        "gravity and acceleration, which the virial leaves out",
+        "Use 'pressure', the impulses on the walls.",
+    ),
+    (
+        (*_VIRIALS, "momentum_drift"),
+        lambda scene: bool(scene.obstacles),
+        "obstacles, whose impulses are not counted",
+        "Use 'energy_drift' for the health of a run, 'pressure' for the load on the walls.",
+    ),
+    (
+        _VIRIALS,
+        _has_losses,
+        "losses (a restitution below 1), as the virial takes the kinetic energy for constant",
+        "Use 'pressure', the impulses on the walls.",
+    ),
+    (
+        _VIRIALS,
+        lambda scene: scene.smallest_radius < scene.largest_radius and not all(scene.periodic),
+        "discs of several sizes between walls, which each keep the centres at a distance of their own",
+        "Use 'pressure', the impulses on the walls.",
+    ),
+    (
+        ("pressure_virial",),
+        lambda scene: _fills(scene, 0) and _fills(scene, 1),
+        "discs as wide and high as the box, which have no room to move",
+        "Use 'pressure', the impulses on the walls.",
+    ),
+    (
+        ("pressure_xx",),
+        lambda scene: _fills(scene, 0),
+        "discs as wide as the box, which have no room to move along x",
+        "Use 'pressure_yy', along which they have.",
+    ),
+    (
+        ("pressure_yy",),
+        lambda scene: _fills(scene, 1),
+        "discs as high as the box, which have no room to move along y",
+        "Use 'pressure_xx', along which they have.",
+    ),
+    (
+        ("pressure", *_VIRIALS, "energy_drift"),
+        lambda scene: scene.piston is not None,
+        "moving walls (a piston), which do work and change the box",
+        "Run until the piston rests, and measure in a scene without it, made of sim.state, in a box of that size.",
+    ),
+    (
+        (*_VIRIALS, "collision_rate", "contact_rate", *_BALANCED),
+        lambda scene: bool(scene.absorbing),
+        "absorbing edges, as the number of discs changes",
+        "Run until none leaves any more, and measure in a scene without those edges that is made of sim.state.",
+    ),
+    (
+        (*_VIRIALS, "collision_rate", "contact_rate", *_BALANCED),
+        lambda scene: bool(scene.emitters),
+        "emitters, as the number of discs changes",
+        "Run until they have ended, and measure in a scene without them that is made of sim.state.",
+    ),
+    (
+        ("pressure_xy",),
+        lambda scene: not all(scene.periodic),
+        "walls, which are smooth and take up no such momentum",
+        "Use 'pressure_xx' and 'pressure_yy', or a box with boundary='periodic'.",
+    ),
+    (
+        ("collision_rate", "missed_collisions"),
+        lambda scene: _has_losses(scene) and (scene.gravity is not None or scene.acceleration is not None),
+        "losses under gravity or acceleration, where discs come to rest on each other and are in contact all the time",
+        "Use 'overlap'; or of a run 'contact_rate', the contacts resolved, of which each step makes anew those of "
+        "discs at rest.",
+    ),
+    (
+        ("energy_drift",),
+        observables.falls_round,
+        "fields along periodic axes, round which discs fall without end",
+        "Give such an axis walls.",
+    ),
+    (
+        ("pressure",),
+        lambda scene: not all(scene.periodic) and not Run(scene, 0, 1.0).walls,
+        "absorbing edges all round, which leave no wall",
+        "Give the scene a wall.",
+    ),
+)
+
+
+def refusal(name: str, scene: Scene, count: int | None = None) -> str | None:
+    """Why a measure would be wrong in a scene, or None.
+
+    Args:
+        name: of the measure, or of an error of a trade (`replicas.MEASURES`).
+        scene: the scene.
+        count: discs in it now; None: those of the scene.
+
+    >>> refusal("pressure", Scene.random(count=3, packing=0.1, radius=0.5)) is None
+    True
+    """
+    virial = name == "pressure" and all(scene.periodic)
+    for names, present, what, remedy in _RULES:
+        if ("pressure_virial" if virial else name) in names and present(scene):
+            hint = "Without walls it is the virial: give the scene walls." if virial else remedy
+            return f"measures may hold {name!r} only without {what}; this scene has them. {hint}"
+    grown = count not in (None, scene.count) or bool(scene.emitters)
+    weighed = name in ("kinetic_energy", "temperature", *_VIRIALS, *_BALANCED) or virial
+    pulled = name in _BALANCED and scene.acceleration is not None
+    if grown and (pulled or (weighed and (scene.mass is not None or any(e.mass for e in scene.emitters)))):
+        what = "acceleration" if pulled else "mass"
+        return (
+            f"measures may hold {name!r} only where the scene holds the {what} of every disc; it has {scene.count} "
+            f"discs, and others are added. Make a scene of all discs, and measure there."
+        )
+    return None
+
+
+def checked(names: Iterable[str] | None, scene: Scene | None = None, count: int | None = None) -> tuple[str, ...]:
+    """The names of measures, each checked.
+
+    Args:
+        names: one, several, or None for none.
+        scene: refuse what would be wrong in it.
+        count: discs in it now; None: those of the scene.
+
+    Raises:
+        InputError: for a name that is none, or a measure that the scene cannot have, with the reason.
+    """
+    if names is None:
+        return ()
+    chosen = tuple(checks.choice("measures", name, NAMES) for name in ([names] if isinstance(names, str) else names))
+    reasons = [] if scene is None else [refusal(name, scene, count) for name in chosen]
+    for reason in filter(None, reasons):
+        raise InputError(reason)
+    return chosen
+
+
+class Measures(dict[str, Measure]):
+    """Measures of one run by name. One that was not asked for says how to ask for it."""
+
+    def __missing__(self, name: str) -> Measure:
+        """Explain instead of a bare KeyError."""
+        checks.choice("the name of a measure", name, NAMES)
+        raise NotRecordedError(
+            f"{name} was not recorded in this run (recorded: {', '.join(self) or 'nothing'}). Measures are gathered "
+            f"only when asked for. Use sim.run(..., measures=[{name!r}])."
+        )
+
+
+class Gathering:
+    """Collects what the asked-for measures need, slice by slice.
+
+    Args:
+        names: of measures, checked.
+        frames: of the run; states are sampled about every frames / SAMPLES frames.
+        state: copies the present state.
+        whole: whether the run begins with a whole frame. After Ctrl-C inside a frame it does not; the counts are then
+            those of all of that frame, which are right per time, but balance no two states.
+    """
+
+    def __init__(self, names: tuple[str, ...], frames: int, state: Callable[[], State], whole: bool = True):
+        self._names = names
+        self._state = state
+        self._before = state() if whole and any(name in BALANCES for name in names) else None
+        self._counts: list[Counts] = []
+        self._sampled: dict[str, Callable[[State, Scene], Any]] = {n: SAMPLED[n] for n in names if n in SAMPLED}
+        if any(name in COMPONENTS for name in names):
+            self._sampled["flow"] = _flow
+        self._samples: dict[str, list[Any]] = {name: [] for name in self._sampled}
+        self._every = max(frames // (FLOW_SAMPLES if "flow" in self._sampled else SAMPLES), 1)
+
+    @property
+    def counting(self) -> bool:
+        """Whether the kernels must count."""
+        return any(name in COUNTED or name in BALANCES for name in self._names)
+
+    def frames_to_sample(self, done: int) -> int:
+        """Frames until a state is wanted; a very large number where none is."""
+        return self._every - done % self._every if self._samples else 2**62
+
+    def take(self, counts: Counts | None, done: int, scene: Scene) -> None:
+        """Take in a slice, and a state if it is time for one."""
+        if counts is not None:
+            self._counts.append(counts)
+        if self._samples and done % self._every == 0:
+            now = self._state()
+            for name, values in self._samples.items():
+                values.append(self._sampled[name](now, scene))
+
+    def mark(self) -> tuple[int, dict[str, int]]:
+        """How much was gathered so far, for `rewind`."""
+        return len(self._counts), {name: len(values) for name, values in self._samples.items()}
+
+    def rewind(self, mark: tuple[int, dict[str, int]]) -> None:
+        """Forget what was gathered after a mark."""
+        counts, samples = mark
+        del self._counts[counts:]
+        for name, length in samples.items():
+            del self._samples[name][length:]
+
+    def measures(self, run: Run) -> Measures:
+        """The measures, when the run is over."""
+        counts = np.concatenate(self._counts) if self._counts else np.zeros((0, layout.TALLIES))
+        run = self._with_what_is_needed(run)
+        results = Measures()
+        unknown = {name for name, values in self._samples.items() if not values or np.isnan(values).any()}
+        unknown |= set() if len(counts) else set(COUNTED)
+        for name in self._names:
+            if name in unknown:  # after no frames, or of means over nobody
+                results[name] = Measure(float("nan"), float("nan"), 0, settled=False)
+            elif name in COUNTED:
+                results[name] = COUNTED[name](counts, run)
+            elif name in SAMPLED:
+                results[name] = block_average(self._samples[name], constant=_cannot_change(name, run))
+            elif self._before is None or not len(counts):
+                results[name] = Measure(float("nan"), float("nan"), 1, settled=False)
+            else:
+                value = BALANCES[name](counts, run, self._before, self._state())
+                results[name] = Measure(value, float("nan"), 1, settled=False)
+        return results
+
+    def _with_what_is_needed(self, run: Run) -> Run:
+        """The run with what the measures asked for take from states."""
+        walls = "pressure" in self._names and not all(run.scene.periodic)
+        if walls or "pressure_virial" in self._names or "pressure" in self._names:
+            state = self._state()
+            if walls:
+                run = replace(run, speed=_speed(state))
+            if "pressure_virial" in self._names or not walls:
+                run = replace(run, kinetic_energy=_energy_without_drift(state, run.scene))
+        if self._samples.get("flow"):
+            run = replace(run, flow=np.array(self._samples["flow"]), every=self._every)
+        return run
+
+
+def _cannot_change(name: str, run: Run) -> bool:
+    """Whether a mean over discs keeps whatever happens; if not, one that has not changed may only not have done so yet.
+
+    Collisions change a kurtosis, and leave the energy where nothing takes or gives any.
+    """
+    scene = run.scene
+    forced = any(field is not None and field.any() for field in (scene.gravity, scene.acceleration))
+    open_to = forced or _has_losses(scene) or scene.piston is not None or scene.absorbing or scene.emitters
+    return not open_to and (name != "speed_kurtosis" or run.count == 1)
+
+
+def _speed(state: State) -> float:
+    """Root mean square of the velocities along one axis."""
+    return float(np.sqrt((state.velocity.astype(np.float64) ** 2).mean())) if len(state.velocity) else 0.0
+
+
+def _flow(state: State, scene: Scene) -> tuple[float, float, float]:
+    """Sums of m v_x v_x, m v_y v_y, m v_x v_y, less those of the mean flow along periodic axes."""
+    velocity = state.velocity.astype(np.float64)
+    masses = np.ones(len(velocity)) if scene.mass is None else scene.mass
+    drift = masses @ velocity * scene.periodic / max(float(masses.sum()), 1e-300)
+    x, y = (velocity - drift).T
+    return float(masses @ (x * x)), float(masses @ (y * y)), float(masses @ (x * y))
+
+
+def _energy_without_drift(state: State, scene: Scene) -> float:
+    """Kinetic energy less that of the mean flow along periodic axes, which no collision changes."""
+    energy = observables.kinetic_energy(state, scene)
+    mass = float(scene.masses.sum()) if scene.mass is not None else len(state.position)
+    flow = observables.momentum(state, scene)[list(scene.periodic)]
+    return energy - float((flow**2).sum()) / (2 * mass) if mass else energy

@@ -1,0 +1,174 @@
+"""Tables of a trade for people: in a terminal, in a notebook, on a page."""
+
+import html
+import io
+import math
+import shutil
+import textwrap
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from rich.cells import cell_len
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from mpsim.measure.statistics import FEWEST_BLOCKS, Measure
+from mpsim.studies import windows
+from mpsim.studies.deviations import FEW, RESOLVED, Deviation
+
+if TYPE_CHECKING:
+    from mpsim.studies.tradeoff import Row, Tradeoff
+
+UNITS = {"energy_drift": "1/time", "momentum_drift": "1/time", "overlap": "diam.", "largest_overlap": "diam.",
+         "trajectory": "diam."}  # fmt: skip
+"""Units of errors; those of all others are per cent."""
+
+WIDTH = 220
+"""Columns of the page where there is no terminal."""
+
+FRAME = 3
+"""Characters that a column of a table takes beside its text: a line and two spaces."""
+
+
+def header(table: "Tradeoff") -> list[str]:
+    """Heads of the columns."""
+    errors = [f"{name.replace('_', ' ')} [{UNITS.get(name, '%')}]" for name in table.measures]
+    return ["settings", "ns / (disc time)", "ran", "bytes per disc", *errors]
+
+
+def cells(row: "Row", measures: tuple[str, ...]) -> list[str]:
+    """One row in words: errors with their standard errors in brackets, `<` where they are not resolved."""
+    if row.cost is None:
+        return [row.label, f"failed: {row.failure}"]
+    cost = cost_text(row.cost.median, (row.cost.high - row.cost.low) / 2)
+    ran = f"{row.cost.method} x{row.cost.workers}"
+    return [row.label, cost, ran, f"{row.cost.memory:.0f}", *(error_text(name, row.errors[name]) for name in measures)]
+
+
+def cost_text(median: float, spread: float) -> str:
+    """A cost such as "12300 ± 140" or "1.52 ± 0.03", never with an exponent."""
+    smallest = spread if spread > 0 else median / 100
+    decimals = min(max(-math.floor(math.log10(smallest)), 0), 3) if smallest > 0 else 0
+    return f"{median:.{decimals}f} ± {spread:.{decimals}f}"
+
+
+def error_text(name: str, error: Deviation) -> str:
+    """An error such as "-1.92(6)"; "< 0.12" where it is not resolved, "n/m" where it is not measurable."""
+    scale = 1.0 if name in UNITS else 100.0
+    if not error.measurable:
+        return "n/m"
+    if not error.resolved and 0 < error.bound < math.inf:
+        return f"< {scale * error.bound:.2g}"
+    if error.exact:
+        return "0"
+    return repr(Deviation(scale * error.value, scale * error.error, error.freedom))
+
+
+def unresolved_text(errors: Iterable[Deviation]) -> str:
+    """What "not resolved" means for some errors, in words: how many standard errors would be, more of few runs."""
+    freedom = min((each.freedom for each in errors if each.measurable), default=math.inf)
+    few = f" (of so few runs {windows.quantile(RESOLVED, freedom):.3g})" if freedom + 1 < FEW else ""
+    return f"not resolved, below {RESOLVED:g} standard errors{few}"
+
+
+def measure_text(measure: Measure) -> str:
+    """A measure in words such as "2.24 +- 0.016"; what is not known of its error is said."""
+    value = f"{measure.value:.6g}"
+    if math.isnan(measure.error):
+        few = measure.samples < FEWEST_BLOCKS
+        return f"{value} ({'too few samples for an error' if few else 'error unknown'})"
+    if measure.settled:
+        return f"{value} +- {measure.error:.2g}"
+    bound = "at most" if measure.upper else "at least"
+    return f"{value} (error {bound} {measure.error:.2g}, not settled: run longer)"
+
+
+def terminal_table(table: "Tradeoff", width: int | None = None) -> str:
+    """The table with lines; where it is wider than the terminal, in parts below each other, each with the settings.
+
+    Args:
+        table: what is shown.
+        width: columns of the terminal; None: as it is now.
+    """
+    width = shutil.get_terminal_size((WIDTH, 24)).columns if width is None else width
+    heads, rows = header(table), [cells(row, table.measures) for row in table.rows]
+    rows = [line if len(line) == len(heads) else [line[0], "failed", *[""] * (len(heads) - 2)] for line in rows]
+    columns = [[head, *column] for head, *column in zip(heads, *rows, strict=True)]
+    widths = [max([*map(cell_len, column[1:]), *map(len, column[0].split())]) for column in columns]
+    parts = [
+        _grid([columns[index] for index in part], [widths[index] for index in part]) for part in _parts(widths, width)
+    ]
+    console = Console(width=max(width, 2 * max(widths) + 9), record=True, file=io.StringIO())
+    lines = textwrap.wrap(title(table), max(width, 20))
+    for part in parts:
+        console.print(part)
+    lines += [line.rstrip() for line in console.export_text(styles=False).splitlines()]
+    for row in table.rows:
+        if row.cost is None:
+            lines += textwrap.wrap(f"{row.label} failed: {row.failure}", max(width, 20))
+    for text in reasons(table):
+        lines += textwrap.wrap(text, max(width, 20))
+    return "\n".join(lines)
+
+
+def reasons(table: "Tradeoff") -> list[str]:
+    """Why some errors are not measurable, one line for each reason."""
+    found = {(name, error.reason): None for row in table.rows for name, error in row.errors.items() if error.reason}
+    return [f"n/m, {name.replace('_', ' ')}: {reason}" for name, reason in found]
+
+
+def html_table(table: "Tradeoff") -> str:
+    """The table as HTML."""
+    heads = header(table)
+    lines = []
+    for row in table.rows:
+        texts = [html.escape(cell) for cell in cells(row, table.measures)]
+        span = f' colspan="{len(heads) - 1}"' if row.cost is None else ""
+        lines.append(f"<tr><td>{texts[0]}</td>" + "".join(f"<td{span}>{text}</td>" for text in texts[1:]) + "</tr>")
+    head = "".join(f"<th>{html.escape(text)}</th>" for text in heads)
+    caption = html.escape(". ".join([title(table), *reasons(table)]))
+    return f"<table><caption>{caption}</caption><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
+
+
+def markdown_table(table: "Tradeoff") -> str:
+    """The table for a page of the docs."""
+    heads = header(table)
+    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
+    for row in table.rows:
+        texts = [" ".join(cell.split()).replace("|", "\\|") for cell in cells(row, table.measures)]
+        lines.append(f"| {' | '.join(texts + [''] * (len(heads) - len(texts)))} |")
+    return "\n".join([*lines, "", title(table), *reasons(table)])
+
+
+def title(table: "Tradeoff") -> str:
+    """Which scene, against what, how long, and what the signs mean."""
+    unresolved = unresolved_text(error for row in table.rows for error in row.errors.values())
+    return (
+        f"{table.scene}; errors against {table.reference}; "
+        f"{f'averages over {table.starts}; ' if table.starts else ''}runs of {table.until:.3g}, short ones of "
+        f"{table.short:.3g}; <: {unresolved}; n/m: not measurable"
+    )
+
+
+def _parts(widths: list[int], width: int) -> list[list[int]]:
+    """Columns of each part, of which column 0 is always the first."""
+    parts, used = [[0]], widths[0] + FRAME + 1
+    for index, each in enumerate(widths[1:], start=1):
+        if used + each + FRAME > width and len(parts[-1]) > 1:
+            parts.append([0])
+            used = widths[0] + FRAME + 1
+        parts[-1].append(index)
+        used += each + FRAME
+    return parts
+
+
+def _grid(columns: list[list[str]], widths: list[int]) -> Table:
+    """One part. Texts are no markup: a unit in brackets is not a style."""
+    grid = Table()
+    for (head, *_), width in zip(columns, widths, strict=True):
+        left = head in ("settings", "ran")
+        grid.add_column(Text("\n".join(textwrap.wrap(head, width))), justify="left" if left else "right", no_wrap=True)
+    for line in zip(*(column[1:] for column in columns), strict=True):
+        grid.add_row(*map(Text, line))
+    return grid

@@ -1,0 +1,1 @@
+"""What is simulated, and how: the scene, its start, its settings, its files."""

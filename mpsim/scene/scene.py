@@ -1,0 +1,497 @@
+"""Scene: what is simulated."""
+
+import copy
+import functools
+import hashlib
+import math
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+from mpsim.core.state import Box, State
+from mpsim.core.views import view
+from mpsim.features.capsules import Among
+from mpsim.features.edges import EDGES, check_boundary, check_edges
+from mpsim.features.emitters import Emitter, check_emitters
+from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles
+from mpsim.features.piston import Piston, check_piston
+from mpsim.scene import placement, room, starts
+
+LARGEST_COUNT = 100_000_000
+"""More discs than this is taken for a mistake (a scene of this size needs some 10 GB)."""
+
+
+class Scene:
+    """Discs in a box. Checked when made; its arrays are read-only copies. What is left out costs nothing.
+
+    Args:
+        width, height: inner size of the box, x in [0, width], y in [0, height] [length], > 0.
+        position: centres, shape (N, 2) [length], each one radius from the walls or more (along a periodic axis: in
+            the box); N may be 0. Discs may overlap: the first frames push them apart.
+        velocity: shape (N, 2) [length/time].
+        radius: of every disc, or one each, shape (N,) [length], > 0, at most half of the box.
+        mass: one each, shape (N,) [mass], > 0; None: 1 each.
+        gravity: (gx, gy), one acceleration for all discs [length/time^2].
+        acceleration: one per disc, shape (N, 2) [length/time^2].
+        restitution: of two discs, from 0 (they part at rest against each other) to 1 (no loss) [dimensionless].
+        wall_restitution: of a disc and a wall or an obstacle, likewise.
+        boundary: "walls" or "periodic", or one for x and one for y. A periodic axis is at least two diameters long.
+        obstacles: FixedDisc and Polyline objects, in the box.
+        emitters: Emitter objects, which add discs while the scene runs.
+        absorbing: edges, of "left", "right", "bottom", "top", at which discs leave for good.
+        piston: one wall that moves.
+        duration: how long it should run to show what it is about [time], > 0: a recommendation, on which no bit of a
+            run depends.
+
+    Raises:
+        InputError: naming the argument, its rule and the value received.
+
+    >>> scene = Scene(width=4, height=3, position=[[1, 1], [3, 2]], velocity=[[1, 0], [0, 0]], radius=0.5)
+    >>> scene.count, round(scene.packing, 3)
+    (2, 0.131)
+    """
+
+    _others: Callable[[int], "Scene"] | None = None
+    _capsules: tuple[tuple[Obstacle, ...], NDArray[np.float64]] | None = None  # and what they were made of
+    _among: Among | None = None
+
+    def __init__(
+        self,
+        *,
+        width: float,
+        height: float,
+        position: ArrayLike,
+        velocity: ArrayLike,
+        radius: ArrayLike,
+        mass: ArrayLike | None = None,
+        gravity: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+        restitution: float = 1.0,
+        wall_restitution: float = 1.0,
+        boundary: str | Sequence[str] = "walls",
+        obstacles: Sequence[Obstacle] | Obstacle = (),
+        emitters: Sequence[Emitter] | Emitter = (),
+        absorbing: Sequence[str] | str = (),
+        piston: Piston | None = None,
+        duration: float | None = None,
+    ):
+        self.width: float = checks.positive("width", width, "[length]")
+        self.height: float = checks.positive("height", height, "[length]")
+        self.position: NDArray[np.float64] = checks.finite_array("position", position, (None, 2), "(N, 2)")
+        count = len(self.position)
+        checks.whole("the number of discs", count, 0, LARGEST_COUNT, "Simulate fewer discs.")
+        rows = f"({count}, 2), one row per row of position"
+        self.velocity: NDArray[np.float64] = checks.finite_array("velocity", velocity, (count, 2), rows)
+        self.radius: float | NDArray[np.float64] = checks.one_or_each("radius", radius, count, "[length]")
+        self.mass: NDArray[np.float64] | None = None if mass is None else checks.masses(mass, count)
+        self.gravity: NDArray[np.float64] | None = None
+        if gravity is not None:
+            self.gravity = checks.finite_array("gravity", gravity, (2,), "(2,)")
+        self.acceleration: NDArray[np.float64] | None = None
+        if acceleration is not None:
+            self.acceleration = checks.finite_array("acceleration", acceleration, (count, 2), rows)
+        self.restitution: float = checks.fraction("restitution", restitution)
+        self.wall_restitution: float = checks.fraction("wall_restitution", wall_restitution)
+        self.boundary: tuple[str, str] = check_boundary(boundary)
+        self.obstacles: tuple[Obstacle, ...] = check_obstacles(obstacles, self.width, self.height)
+        self.emitters: tuple[Emitter, ...] = check_emitters(emitters)
+        self.absorbing: tuple[str, ...] = check_edges(absorbing, self.boundary)
+        self.piston: Piston | None = check_piston(piston, self.boundary, self.width, self.height, self.absorbing)
+        self.duration: float | None = None if duration is None else checks.positive("duration", duration, "[time]")
+        self._check_room()
+        self.check_inside("position", self.position, self.radius)
+        room.check_emitters(self)
+
+    def _check_room(self) -> None:
+        """The box must hold its largest disc; along a periodic axis, two of them."""
+        radii = np.append(np.ravel(self.radius), [e.radius for e in self.emitters if e.radius is not None])
+        largest = float(radii.max(initial=0.0))
+        starts.demand_room(largest, self.width, self.height, self.boundary)
+        if self.piston is not None:
+            length = self.width if self.piston.wall in ("left", "right") else self.height
+            left = self.piston.stop if self.piston.wall in ("right", "top") else length - self.piston.stop
+            if 2 * largest > left:
+                raise InputError(
+                    f"stop of the piston must leave room for the largest disc, of diameter {2 * largest:g}; got "
+                    f"{self.piston.stop:g}, which leaves {left:g}. Let it stop earlier."
+                )
+            limits = [emitter.limit for emitter in self.emitters if emitter.limit is not None]
+            radii = [emitter.radius or largest for emitter in self.emitters if emitter.limit is not None]
+            number = np.concatenate([np.ones(self.count), np.array(limits, float)])
+            room.check_end(self, "stop of the piston", np.concatenate([self.radii, np.array(radii, float)]), number)
+
+    def walls_at(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Corners (x, y) of the box at a time, the least and the largest: a piston may have made it smaller [length].
+
+        Raises:
+            InputError: for a time that is no number >= 0; it may be infinite.
+
+        >>> Scene.load("piston").walls_at(math.inf)[1].tolist()
+        [20.0, 20.0]
+        """
+        time, low, high = checks.time_to_come("time", time), np.array(self.box[::2]), np.array(self.box[1::2])
+        if self.piston is not None:
+            axis, far = divmod(EDGES.index(self.piston.wall), 2)
+            place = (low, high)[far][axis] + self.piston.speed * time
+            (low, high)[far][axis] = (min, max)[far](place, self.piston.stop)
+        return low, high
+
+    def limits(
+        self, radius: float | NDArray[np.float64], time: float = 0.0
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Least and largest centre of discs of a radius at a time, shapes (2,) or (N, 2) [length]."""
+        low, high = self.walls_at(time)
+        walls = np.array([word == "walls" for word in self.boundary])
+        margin = np.multiply.outer(np.asarray(radius), walls)
+        return low + margin, high - margin
+
+    def check_inside(
+        self, name: str, position: NDArray[np.float64], radius: float | NDArray[np.float64], time: float = 0.0
+    ) -> None:
+        """Refuse discs that are not in the box.
+
+        Args:
+            name: of the argument, for the text of the error.
+            position: centres, shape (N, 2) [length].
+            radius: of every disc, or one each, shape (N,) [length].
+            time: at which they are to be there: a piston may have made the box smaller [time].
+
+        Raises:
+            InputError: naming the first centre that is less than one radius from a wall.
+        """
+        low, high = self.limits(radius, time)
+        # A centre may touch the wall to within rounding of the box's own coordinates.
+        slack = 4 * np.finfo(np.float64).eps * max(self.width, self.height)
+        outside = np.argwhere(((position < low - slack) | (position > high + slack)).any(axis=1))
+        if len(outside):
+            index = int(outside[0, 0])
+            now = f", the piston's place at time {time:g} included" if self.piston is not None and time > 0 else ""
+            shape = position.shape
+            (x_low, y_low), (x_high, y_high) = (np.broadcast_to(limit, shape)[index] for limit in (low, high))
+            raise InputError(
+                f"{name}[{index}] must lie in [{x_low:g}, {x_high:g}] x [{y_low:g}, {y_high:g}] (one "
+                f"radius from the walls{now}); got {tuple(position[index].tolist())} ({len(outside)} discs outside). "
+                "Move the disc or enlarge the box."
+            )
+
+    @classmethod
+    def load(cls, source: str | os.PathLike[str]) -> "Scene":
+        """A scene that comes with mpsim, or one from a scene file.
+
+        Args:
+            source: a name, such as "gas", or a path that ends in .toml. The file may lead to arrays in its own folder
+                or below; nothing in it is executed. mpsim.scene.scenefile.load also tells its settings and texts.
+
+        Raises:
+            InputError: if there is no such scene; SceneFileError, one of these, names all that is wrong in a file.
+
+        >>> Scene.load("gas")
+        <Scene: 100 discs of radius 0.5 in 14.0125 x 14.0125, packing 0.4>
+        """
+        return view("scene of a file", source).scene
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a scene file, from which `load` makes the same scene, bit for bit.
+
+        Args:
+            path: ends in .toml; an existing file is replaced. Arrays of more than 64 rows go to .npy files beside it.
+
+        Raises:
+            InputError: if the path does not end in .toml.
+            OutputError: if it cannot be written.
+        """
+        view("scene to a file", self, path)
+
+    def digest(self) -> str:
+        """Hex digest of all that a run depends on, so not of its duration; equal digests mean equal bits.
+
+        >>> Scene.load("gas").digest() == Scene.random(count=100, packing=0.4, radius=0.5, seed=1).digest()
+        True
+        """
+        digest = hashlib.blake2b(digest_size=16)
+        for name in sorted(self.__getstate__().keys() - {"duration"}):
+            digest.update(f"{name} ".encode())
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray):
+                array = np.ascontiguousarray(value, "<f8")
+                digest.update(f"{array.shape} ".encode() + array.tobytes())
+            else:
+                digest.update(f"{value!r} ".encode())  # in which floats lose no bit
+        return digest.hexdigest()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All that the scene holds; how it was made stays behind."""
+        return {name: value for name, value in vars(self).items() if name not in ("_others", "_capsules", "_among")}
+
+    @property
+    def has_others(self) -> bool:
+        """Whether `another` can make other starts of the same kind."""
+        return self._others is not None
+
+    def drawn_by(self, make: Callable[[int], "Scene"]) -> "Scene":
+        """This scene, which from now on calls `make`, with a seed, for `another`."""
+        self._others = make
+        return self
+
+    def another(self, seed: int) -> "Scene":
+        """Another start of the same kind: drawn at random as this one was, with other random numbers.
+
+        Args:
+            seed: which one, >= 0; the same seed gives the same start.
+
+        Raises:
+            InputError: if it was not drawn at random, by `Scene.random` or a file with random places or velocities.
+
+        >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+        >>> bool((scene.another(3).position == scene.position).any()), scene.another(3).packing == scene.packing
+        (False, True)
+        """
+        seed = checks.whole("seed", seed, 0, 2**63 - 1, "Any whole number will do.")
+        if self._others is None:
+            raise InputError(
+                "another start needs a scene that was drawn at random, by Scene.random or by a scene file with random "
+                f"places or velocities; got {self!r}, whose discs were given. Make other starts yourself."
+            )
+        return self._others(seed)
+
+    @property
+    def largest_radius(self) -> float:
+        """Radius of the largest disc, emitters' discs included [length]."""
+        radii = np.append(np.ravel(self.radius), [e.radius for e in self.emitters if e.radius is not None])
+        return float(radii.max(initial=0.0))
+
+    @property
+    def smallest_radius(self) -> float:
+        """Radius of the smallest disc, emitters' discs included [length]."""
+        radii = np.append(np.ravel(self.radius), [e.radius for e in self.emitters if e.radius is not None])
+        return float(radii.min(initial=self.largest_radius))
+
+    @property
+    def periodic(self) -> tuple[bool, bool]:
+        """Whether x, and whether y, is periodic."""
+        return self.boundary[0] == "periodic", self.boundary[1] == "periodic"
+
+    @property
+    def box(self) -> Box:
+        """Where the walls are at the start: x_low, x_high, y_low, y_high [length]. A piston may start inside."""
+        edges = [0.0, self.width, 0.0, self.height]
+        if self.piston is not None and self.piston.start is not None:
+            edges[EDGES.index(self.piston.wall)] = self.piston.start
+        return edges[0], edges[1], edges[2], edges[3]
+
+    @property
+    def radii(self) -> NDArray[np.float64]:
+        """Radius of each disc, shape (N,) [length]."""
+        return np.broadcast_to(np.asarray(self.radius), self.count)
+
+    @property
+    def masses(self) -> NDArray[np.float64]:
+        """Mass of each disc, shape (N,) [mass]."""
+        return np.ones(self.count) if self.mass is None else self.mass
+
+    @property
+    def capsules(self) -> NDArray[np.float64]:
+        """Obstacles as segments with a radius, read-only, shape (K, 5): ax, ay, bx, by, radius [length]."""
+        if self._capsules is None or self._capsules[0] is not self.obstacles:
+            found = capsules_of(self.obstacles)
+            found.flags.writeable = False
+            self._capsules = self.obstacles, found
+        return self._capsules[1]
+
+    @property
+    def among(self) -> Among:
+        """The obstacles in their box, for those who ask again and again how deep discs are in them."""
+        found, size = self._among, (self.width, self.height)
+        if (
+            found is None
+            or found.capsules is not self.capsules
+            or (found.size, found.periodic) != (size, self.periodic)
+        ):
+            found = self._among = Among(self.capsules, size, self.periodic)
+        return found
+
+    @property
+    def count(self) -> int:
+        """Number of discs."""
+        return len(self.position)
+
+    @property
+    def packing(self) -> float:
+        """Packing fraction at the start: area of the discs over that of the box, a piston being one of its walls."""
+        low, high = self.walls_at(0.0)
+        width, height = high - low
+        return math.pi * float((self.radii / width * (self.radii / height)).sum())
+
+    def starting_from(self, state: State) -> "Scene":
+        """The same scene with the places and velocities of a state, to go on from there.
+
+        Discs that an absorbing edge has absorbed are left out, with their radii, masses and accelerations. The piston
+        starts where the state has it. Counts of periods start at 0.
+
+        Args:
+            state: of as many discs as the scene has, absorbed ones included. Coordinates may be beyond a wall by the
+                rounding of their precision, which is float32 if each is such a number; they are put at the wall.
+
+        Raises:
+            InputError: if the number of discs differs, or the state does not fit the box.
+
+        >>> scene = Scene(width=4, height=3, position=[[1, 1]], velocity=[[1, 0]], radius=0.5, gravity=(0, -1))
+        >>> scene.starting_from(State(np.array([[2.0, 2.0]]), np.array([[0.0, 0.0]]))).position.tolist()
+        [[2.0, 2.0]]
+        """
+        if len(state.position) != self.count:
+            raise InputError(
+                f"a state for starting_from must hold the scene's {self.count} discs; got {len(state.position)}. "
+                "Make a new Scene for another number of discs."
+            )
+        other, shape, meaning = copy.copy(self), (self.count, 2), f"({self.count}, 2)"
+        position = checks.finite_array("position", state.position, shape, meaning)
+        velocity = checks.finite_array("velocity", state.velocity, shape, meaning)
+        if self.piston is not None and state.box is not None:
+            start = state.box[EDGES.index(self.piston.wall)]
+            other.piston = check_piston(
+                replace(self.piston, start=start), self.boundary, self.width, self.height, self.absorbing
+            )
+        other._keep(state.present)
+        low, high = other.limits(other.radius)
+        inside = np.clip(position[state.present], low, high)
+        rounding = 8 * checks.resolution(position[state.present]) * max(self.width, self.height)
+        moved = np.abs(inside - position[state.present])
+        other.position = np.where(moved <= rounding, inside, position[state.present])
+        other.velocity = velocity[state.present]
+        for array in (other.position, other.velocity):
+            array.flags.writeable = False
+        other.check_inside("position", other.position, other.radius)
+        return other
+
+    def _keep(self, kept: NDArray[np.bool_]) -> None:
+        """Keep the radii, masses and accelerations of some discs, shape (count,), and forget those of the others."""
+        if kept.all():
+            return
+        count = int(kept.sum())
+        if isinstance(self.radius, np.ndarray):
+            self.radius = checks.one_or_each("radius", self.radius[kept], count, "[length]")
+        if self.mass is not None:
+            self.mass = checks.masses(self.mass[kept], count)
+        if self.acceleration is not None:
+            self.acceleration = checks.finite_array("acceleration", self.acceleration[kept], (count, 2), "(N, 2)")
+
+    def overlaps_at_start(self) -> str:
+        """What overlaps in words, for a warning: discs with each other, through periodic borders too, and obstacles.
+
+        >>> places, rest = [[2, 2], [2.75, 2]], np.zeros((2, 2))
+        >>> Scene(width=9, height=9, position=places, velocity=rest, radius=0.5).overlaps_at_start()
+        '1 pairs of discs overlap at the start, discs 0 and 1 deepest, by 0.25'
+        """
+        words: list[str] = []
+        pairs, (i, j), depth = placement.overlaps(
+            self.position, self.width, self.height, 2 * self.radius, self.periodic
+        )
+        if pairs:
+            words.append(f"{pairs} pairs of discs overlap at the start, discs {i} and {j} deepest, by {depth:.3g}")
+        discs, disc, owner, depth = room.discs_in_obstacles(self, self.position, self.radii)
+        if discs:
+            words.append(
+                f"{discs} discs overlap an obstacle at the start, disc {disc} and obstacles[{owner}] deepest, "
+                f"by {depth:.3g}"
+            )
+        return "; ".join(words)
+
+    def _repr_png_(self) -> bytes:
+        """A small still, for notebooks."""
+        return view("scene in a notebook", self)
+
+    def __repr__(self) -> str:
+        radii = f"radius {self.largest_radius:g}"
+        if np.ndim(self.radius):
+            radii = f"radii {self.radii.min(initial=np.inf):g} to {self.radii.max(initial=0):g}"
+        extras = [name for name in ("mass", "gravity", "acceleration", "piston") if getattr(self, name) is not None]
+        extras += [name for name in ("obstacles", "emitters", "absorbing") if getattr(self, name)]
+        losses = ("restitution", "wall_restitution")
+        extras += [f"{name} {getattr(self, name):g}" for name in losses if getattr(self, name) < 1]
+        axes = "".join(axis for axis, wraps in zip("xy", self.periodic, strict=True) if wraps)
+        extras += [f"periodic {axes}"] if axes else []
+        low, high = self.walls_at(0.0)
+        size = " x ".join(f"{side:g}" for side in high - low)
+        if self.piston is not None and self.piston.start is not None:
+            size += f" of {self.width:g} x {self.height:g}"
+        return (
+            f"<Scene: {self.count} discs of {radii} in {size}, "
+            f"packing {self.packing:.3g}{''.join(', ' + name for name in extras)}>"
+        )
+
+    @classmethod
+    def random(
+        cls,
+        *,
+        count: int,
+        radius: ArrayLike,
+        mass: ArrayLike | None = None,
+        temperature: float = 1.0,
+        seed: int = 0,
+        packing: float | None = None,
+        width: float | None = None,
+        height: float | None = None,
+        boundary: str | Sequence[str] = "walls",
+        obstacles: Sequence[Obstacle] | Obstacle = (),
+        **others: Any,
+    ) -> "Scene":
+        """Discs at random places without overlap, with thermal velocities.
+
+        Args:
+            count: number of discs, >= 0.
+            radius: of every disc, or one each, shape (count,) [length], > 0.
+            mass: likewise [mass], > 0; None: 1 each.
+            temperature: kT: the mean of m v_x^2 and m v_y^2 over the discs [mass length^2/time^2], >= 0. Velocities are
+                normally distributed, without momentum in all from 2 discs on, and scaled so that this mean is exact.
+            seed: of the random numbers, >= 0; the same seed gives the same scene.
+            packing: packing fraction of a square box made to fit, 0 < packing <= 0.8.
+            width, height: the box, instead of packing.
+            boundary, obstacles: as of Scene. Discs stay clear of obstacles; packing leaves them out of account.
+            others: further arguments of Scene, such as gravity or duration.
+
+        Places are drawn by random sequential addition up to packing 0.4. Denser scenes start from a hexagonal lattice,
+        or, with discs of several sizes, periodic axes or obstacles, from discs that are parted until none overlap;
+        then they take Monte Carlo steps (Metropolis et al. 1953), so they are near equilibrium.
+
+        Raises:
+            InputError: naming the argument, its rule and the value received; if no arrangement is found.
+
+        >>> scene = Scene.random(count=1000, packing=0.3, radius=0.5, seed=7)
+        >>> round(scene.packing, 12), round(float((scene.velocity**2).mean()), 12)
+        (0.3, 1.0)
+        >>> mixture = Scene.random(count=90, packing=0.7, radius=[0.5] * 30 + [0.2] * 60, boundary="periodic")
+        >>> round(mixture.packing, 12)
+        0.7
+        """
+        count = checks.whole("count", count, 0, LARGEST_COUNT, "Simulate fewer discs.")
+        seed = checks.whole("seed", seed, 0, 2**63 - 1, "Any whole number will do.")
+        radius = checks.one_or_each("radius", radius, count, "[length]")
+        masses = None if mass is None else checks.masses(mass, count)
+        temperature = checks.non_negative("temperature", temperature, "[mass length^2/time^2]")
+        edges = check_boundary(boundary)
+        width, height = starts.box_for(count, radius, packing, width, height, edges)
+        walls = check_obstacles(obstacles, width, height)
+        rng = np.random.default_rng(seed)
+        if isinstance(radius, float) and edges == ("walls", "walls") and not walls:
+            position = placement.random_places(count, width, height, radius, rng)
+        else:
+            periodic, radii = (edges[0] == "periodic", edges[1] == "periodic"), np.broadcast_to(radius, count)
+            position = placement.random_crowd(radii, width, height, rng, periodic, capsules_of(walls))
+        velocity = starts.thermal_velocities(count, temperature, masses, rng)
+        box: dict[str, Any] = {"width": width, "height": height, "boundary": edges, "obstacles": walls, **others}
+        made = cls(position=position, velocity=velocity, radius=radius, mass=masses, **box)
+        kind: dict[str, Any] = {"count": count, "radius": radius, "mass": mass, "temperature": temperature, **box}
+        return made.drawn_by(functools.partial(_drawn_again, kind, seed))
+
+
+def _drawn_again(arguments: dict[str, Any], first: int, seed: int) -> Scene:
+    """A scene as `Scene.random` has drawn it with the seed `first`, drawn with another one."""
+    other = hashlib.blake2b(f"{first} {seed}".encode(), digest_size=7).digest()
+    return Scene.random(**arguments, seed=int.from_bytes(other, "big"))

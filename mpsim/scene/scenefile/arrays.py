@@ -1,0 +1,193 @@
+"""Arrays of a scene file: numbers in the file itself, or a .npy or .csv file beside it. Nothing is ever executed."""
+
+import csv
+import io
+import logging
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core import checks, untrusted
+from mpsim.core.archive import REAL, read_array
+from mpsim.core.errors import InputError, is_of_the_system
+from mpsim.scene.scenefile.limits import MOST_ARRAY_BYTES, MOST_CSV
+
+logger: logging.Logger = logging.getLogger("mpsim")
+
+INLINE = 64
+"""Rows up to which an array is saved in the scene file itself, where a person can read it."""
+
+
+@dataclass
+class Source:
+    """Where the arrays of a scene file may come from.
+
+    Attributes:
+        folder: that of the scene file; arrays lie in it or below.
+        read: array files read so far.
+        length: of all of them [bytes].
+        emitters: number of those in the tables checked so far.
+    """
+
+    folder: Path
+    read: list[Path] = field(default_factory=list)
+    length: int = 0
+    emitters: int = 0
+
+    def note(self, name: str, path: Path, length: int) -> None:
+        """One more array file, if all of them together are not too long."""
+        self.read.append(path)
+        self.length += length
+        if self.length > MOST_ARRAY_BYTES:
+            raise InputError(
+                f"{name} must leave the array files of a scene at most {MOST_ARRAY_BYTES:,} bytes together; got "
+                f"{self.length:,} with {path.name}. Use fewer or smaller arrays."
+            )
+
+
+def array(
+    name: str, value: Any, shapes: tuple[tuple[int | None, ...], ...], meaning: str, source: Source
+) -> NDArray[np.float64]:
+    """Numbers, or those of the file that a text names, as a float64 array with one of the shapes (None: any length).
+
+    Raises:
+        InputError: naming the rule and the value received.
+    """
+    if isinstance(value, str):
+        numbers = from_file(name, value, source)
+    else:
+        demand_numbers(name, value)
+        numbers = _array_of(name, value, meaning)
+    fitting = [shape for shape in shapes if len(shape) == numbers.ndim]
+    # An empty list, which has lost its axes, fits the largest shape.
+    return checks.finite_array(name, numbers, fitting[0] if fitting and numbers.size else shapes[-1], meaning)
+
+
+def from_file(name: str, path: str, source: Source) -> NDArray[Any]:
+    """The array in a .npy or .csv file in the scene file's folder or below.
+
+    Raises:
+        InputError: if there is none, or none that can be read without running code.
+    """
+    full, shown = source.folder / path, checks.brief(path)
+    suffix = full.suffix.lower()
+    if suffix not in (".npy", ".csv"):
+        raise InputError(f"{name} must be numbers or the name of a .npy or .csv file; got {shown}.")
+    try:
+        inside = full.resolve().is_relative_to(source.folder.resolve())
+    except (OSError, ValueError, RuntimeError):  # a name too long, a null byte, a ring of links
+        inside = False
+    if not inside or Path(path).is_absolute():
+        raise InputError(
+            f"{name} must be a file in the folder of the scene file, or below; got {shown}, which is not. "
+            "Move the file there, or make the scene in Python."
+        )
+    logger.info("mpsim: reading %s", full)
+    try:
+        with untrusted.opened(full) as file:
+            length = os.fstat(file.fileno()).st_size
+            source.note(name, full, length)
+            return _from_npy(name, full.name, file, length) if suffix == ".npy" else _from_csv(name, full)
+    except FileNotFoundError:
+        raise InputError(f"{name} must be a file that exists; got {shown}: no such file in {source.folder}.") from None
+    except IsADirectoryError:
+        raise InputError(f"{name} must be a file that exists; got {shown}: a folder in {source.folder}.") from None
+    except OSError as error:
+        if not is_of_the_system(error):
+            raise
+        raise InputError(f"{name} must be a file that can be read; got {shown} ({error.strerror}).") from None
+
+
+def _from_npy(name: str, label: str, file: BinaryIO, length: int) -> NDArray[Any]:
+    try:
+        return read_array(file, length, label, REAL)  # a pickle, which could run code, is none
+    except ValueError as error:
+        raise InputError(
+            f"{name} must be an array of real numbers as numpy.save writes it; {label} is not ({error!s:.200}). "
+            "Save it anew."
+        ) from None
+
+
+def _from_csv(name: str, path: Path) -> NDArray[np.float64]:
+    """One row per line, one line of headings at the top if there is any."""
+    try:
+        text = io.StringIO(untrusted.content(path, MOST_CSV).decode("utf-8-sig"), newline="")
+        lines = [(number, row) for number, row in enumerate(csv.reader(text), 1) if any(map(str.strip, row))]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{name} must be a text file of numbers; {path.name} is not ({error}).") from None
+    if lines and not any(_is_number(cell) for cell in lines[0][1]):
+        del lines[0]
+    width = len(lines[0][1]) if lines else 0
+    for number, row in lines:
+        if len(row) != width:
+            raise InputError(
+                f"{name} must have as many numbers in every row; line {number} of {path.name} has {len(row)}, and "
+                f"line {lines[0][0]} has {width}."
+            )
+    try:
+        numbers = np.fromiter((float(cell) for _, row in lines for cell in row), np.float64)
+    except ValueError:
+        number, cell = next((number, cell) for number, row in lines for cell in row if not _is_number(cell))
+        raise InputError(f"{name} must be numbers; line {number} of {path.name} has {checks.brief(cell)}.") from None
+    return numbers if width == 1 else numbers.reshape(-1, width) if width else numbers
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def demand_numbers(name: str, value: Any) -> None:
+    """Refuse texts, truth values and dates in place of numbers: numpy would turn some of them into numbers."""
+    if isinstance(value, list):
+        for index, part in enumerate(value):
+            demand_numbers(f"{name}[{index}]", part)
+        return
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{name} must be a number; got {checks.brief(value)}.")
+    try:
+        float(value)
+    except OverflowError:
+        raise InputError(f"{name} must be finite in float64; got {checks.brief(value)}.") from None
+
+
+def _array_of(name: str, value: Any, meaning: str) -> NDArray[np.float64]:
+    try:
+        return np.array(value, dtype=np.float64)
+    except ValueError:
+        lengths = sorted({len(row) if isinstance(row, list) else 0 for row in value})
+        raise InputError(
+            f"{name} must be numbers of shape {meaning}; got rows of different lengths, {lengths[0]} to {lengths[-1]}."
+        ) from None
+
+
+def positive(name: str, numbers: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
+    """The array, if each of its numbers is above 0."""
+    bad = np.flatnonzero(numbers <= 0)
+    if len(bad):
+        at = f"[{bad[0]}]" if numbers.ndim else ""
+        raise InputError(f"{name} must be > 0 {unit}; {name}{at} is {float(numbers.flat[bad[0]])!r}.")
+    return numbers
+
+
+def text_of(numbers: NDArray[np.float64]) -> str:
+    """An array as TOML; reading it gives the same bits."""
+    if numbers.ndim == 0:
+        return repr(float(numbers))
+    if numbers.ndim == 1:
+        return f"[{', '.join(map(repr, numbers.tolist()))}]"
+    if len(numbers) <= 1:
+        return f"[{', '.join(map(text_of, numbers))}]"
+    return "[\n" + "".join(f"    {text_of(row)},\n" for row in numbers) + "]"
+
+
+def is_small(numbers: NDArray[np.float64]) -> bool:
+    """Whether an array is written into the scene file itself."""
+    return numbers.ndim == 0 or len(numbers) <= INLINE

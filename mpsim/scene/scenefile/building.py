@@ -1,0 +1,258 @@
+"""From the tables of a checked scene file to the Scene."""
+
+import functools
+import math
+from collections.abc import Callable, Iterator
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core.errors import InputError
+from mpsim.features.obstacles import LARGEST_OBSTACLES, Obstacle, capsules_of
+from mpsim.scene.scene import LARGEST_COUNT, Scene
+from mpsim.scene.scenefile.limits import MOST_PROBLEMS
+from mpsim.scene.scenefile.schema import Discs, SceneTable
+from mpsim.scene.starts import Taken, demand_area, lattice_sites, random_places, side_for, thermal_velocities
+
+Problem = tuple[str, str]
+"""Key path and what is wrong there."""
+
+Arguments = dict[str, Any]
+"""Position, velocity, radius, mass and acceleration of a group of discs."""
+
+
+class ProblemsError(Exception):
+    """What is wrong with a scene whose tables are right one by one."""
+
+    def __init__(self, problems: list[Problem]):
+        super().__init__()
+        self.problems = problems
+
+
+def build(table: SceneTable, variation: int | None = None) -> Scene:
+    """The scene that the tables describe.
+
+    Args:
+        table: of the file.
+        variation: None: as the seeds of the file say; a number: drawn with other random numbers.
+
+    Raises:
+        ProblemsError: with all that is wrong.
+    """
+    problems: list[Problem] = []
+    sides = _box(table, problems)
+    obstacles, owners = _obstacles(table, problems)
+    periodic = table.boundary[0] == "periodic", table.boundary[1] == "periodic"
+    taken = Taken(capsules=capsules_of(tuple(obstacles)))
+    groups: list[Arguments] = []
+    width, height = sides or (1.0, 1.0)
+    for index, discs in enumerate(table.discs):
+        if sides is None and discs.places is not None:
+            continue  # nobody knows yet where
+        if taken.count + (discs.count or 0) > LARGEST_COUNT:
+            problems.append((f"discs[{index}]", f"all discs must be at most {LARGEST_COUNT:,}; got more. Use fewer."))
+            break
+        try:
+            groups.append(_group(discs, (width, height), taken, periodic, variation))
+        except InputError as error:
+            problems.append((f"discs[{index}]", str(error)))
+    if problems:
+        raise ProblemsError(problems)
+    box = {"width": width, "height": height, "boundary": table.boundary}
+    parts = {
+        "obstacles": obstacles,
+        "emitters": [emitter for each in table.emitters for emitter in each.made()],
+        "absorbing": table.absorbing,
+        "piston": None if table.piston is None else table.piston.made(),
+    }
+    plain = {name: getattr(table, name) for name in ("gravity", "restitution", "wall_restitution", "duration")}
+    try:
+        scene = Scene(**box, **_joined(groups), **parts, **plain)
+        if any(discs.places == "random" or discs.temperature for discs in table.discs):
+            scene.drawn_by(functools.partial(build, table))
+        return scene
+    except InputError as error:
+        tables = {
+            "obstacles": owners,
+            "emitters": [index for index, each in enumerate(table.emitters) for _ in each.made()],
+        }
+        found = list(islice(_all_problems(box, groups, parts, tables), MOST_PROBLEMS + 1))
+        raise ProblemsError(found or [("", str(error))]) from None
+
+
+def _box(table: SceneTable, problems: list[Problem]) -> tuple[float, float] | None:
+    """Width and height, which `packing` leaves to the discs; None if they cannot be told."""
+    if table.width is not None and table.height is not None:
+        return table.width, table.height
+    area, largest = 0.0, 0.0
+    for index, discs in enumerate(table.discs):
+        count = discs.count if discs.position is None else len(discs.position)
+        if count is None:
+            problems.append((f"discs[{index}].count", "count must be given where packing makes the box; got none."))
+            continue
+        try:
+            demand_area("radius", discs.radius)
+        except InputError as error:
+            problems.append((f"discs[{index}].radius", str(error)))
+            continue
+        if isinstance(discs.radius, float):
+            area += count * math.pi * discs.radius**2
+        else:
+            area += math.pi * float(np.square(discs.radius).sum())
+        largest = max(largest, float(np.max(discs.radius, initial=0.0)))
+    if not area and not problems:
+        problems.append(("packing", "packing needs discs to make a box for; got none. Give width and height."))
+    if problems:
+        return None
+    assert table.packing is not None
+    try:
+        side = side_for(table.packing, area, largest, table.boundary)
+    except InputError as error:
+        problems.append(("packing", str(error)))
+        return None
+    return side, side
+
+
+def _obstacles(table: SceneTable, problems: list[Problem]) -> tuple[list[Obstacle], list[int]]:
+    """All obstacles, and the number of the table of each."""
+    made: list[Obstacle] = []
+    owners: list[int] = []
+    for index, each in enumerate(table.obstacles):
+        try:
+            if len(made) + each.number > LARGEST_OBSTACLES:
+                text = f"obstacles must be at most {LARGEST_OBSTACLES:,}; got more. Use fewer, or a larger spacing."
+                problems.append(("obstacles", text))
+                return [], []
+            some = each.made()
+        except InputError as error:
+            problems.append((f"obstacles[{index}]", str(error)))
+            continue
+        made += some
+        owners += [index] * len(some)
+    return made, owners
+
+
+def _group(
+    discs: Discs, box: tuple[float, float], taken: Taken, periodic: tuple[bool, bool], variation: int | None
+) -> Arguments:
+    """One group of discs as arguments of Scene; it is noted in `taken`."""
+    rng = np.random.default_rng(discs.seed if variation is None else [discs.seed, variation])
+    if discs.places == "random":
+        assert discs.count is not None
+        _demand_one_each(discs, discs.count)
+        position = random_places(discs.radius, discs.count, box, discs.region, taken, rng, periodic)
+    else:
+        position = _places(discs, box)
+    count = len(position)
+    _demand_one_each(discs, count)
+    mass = discs.mass
+    if discs.temperature is not None:
+        velocity = thermal_velocities(count, discs.temperature, mass, rng)
+    else:
+        velocity = _rows("velocity", discs.velocity, count)
+    acceleration = None if discs.acceleration is None else _rows("acceleration", discs.acceleration, count)
+    taken.add(position, np.broadcast_to(discs.radius, count))
+    return {
+        "position": position,
+        "velocity": velocity,
+        "radius": discs.radius,
+        "mass": mass,
+        "acceleration": acceleration,
+    }
+
+
+def _demand_one_each(discs: Discs, count: int) -> None:
+    for name in ("radius", "mass"):
+        value = getattr(discs, name)
+        if np.ndim(value) and len(value) != count:
+            raise InputError(f"{name} must be one number or {count}, one per disc; got {len(value)}.")
+
+
+def _places(discs: Discs, box: tuple[float, float]) -> NDArray[np.float64]:
+    """Centres that are given, or on a lattice."""
+    if discs.position is not None:
+        return discs.position
+    assert discs.places is not None
+    margin = float(np.max(discs.radius))
+    region = discs.region or (margin, margin, max(box[0] - margin, margin), max(box[1] - margin, margin))
+    return lattice_sites(discs.places, region, discs.spacing, discs.count)
+
+
+def _rows(name: str, value: NDArray[np.float64] | None, count: int) -> NDArray[np.float64]:
+    """One row per disc; None: zeros."""
+    if value is None:
+        return np.zeros((count, 2))
+    if value.ndim == 1:
+        return np.tile(value, (count, 1))
+    if len(value) != count:
+        raise InputError(f"{name} must be one row or {count}, one per disc; got {len(value)}.")
+    return value
+
+
+def _joined(groups: list[Arguments]) -> Arguments:
+    """The arguments of all groups as those of one."""
+    if len(groups) == 1:
+        return groups[0]
+    if not groups:
+        return {"position": (), "velocity": (), "radius": np.empty(0)}
+    joined: Arguments = {name: np.concatenate([group[name] for group in groups]) for name in ("position", "velocity")}
+    counts = [len(group["position"]) for group in groups]
+    for name in ("radius", "mass"):
+        values = [1.0 if group[name] is None else group[name] for group in groups]
+        if not any(map(np.ndim, values)) and len(set(values)) == 1:
+            joined[name] = values[0]  # one number for all, on which emitters may then rely
+        else:
+            each = [np.broadcast_to(value, count) for value, count in zip(values, counts, strict=True)]
+            joined[name] = np.concatenate(each)
+    if any(group["acceleration"] is not None for group in groups):
+        rows = [_rows("acceleration", group["acceleration"], len(group["position"])) for group in groups]
+        joined["acceleration"] = np.concatenate(rows)
+    return joined
+
+
+def _all_problems(
+    box: Arguments, groups: list[Arguments], parts: Arguments, tables: dict[str, list[int]]
+) -> Iterator[Problem]:
+    """What is wrong with a scene that was refused: each part is tried in the box by itself.
+
+    tables: number of the table that each obstacle, and each emitter, comes from.
+    """
+    bare: Arguments = {**box, **_joined([])}
+    every = _joined(groups)
+    # An emitter may rely on the radius and the mass of the discs.
+    few = {name: value for name, value in every.items() if name in ("radius", "mass") and not np.ndim(value)}
+    trials: list[tuple[str, list[int], list[Any], Callable[[list[Any]], Arguments]]] = [
+        ("discs", [*range(len(groups))], groups, lambda some: {**box, **_joined(some)}),
+        ("obstacles", tables["obstacles"], parts["obstacles"], lambda some: {**bare, "obstacles": some}),
+        ("emitters", tables["emitters"], parts["emitters"], lambda some: {**bare, **few, "emitters": some}),
+        ("absorbing", [], [()], lambda _: {**bare, "absorbing": parts["absorbing"]}),
+        ("piston", [], [()], lambda _: {**bare, "piston": parts["piston"]}),
+        ("piston", [], [()], lambda _: {**bare, "absorbing": parts["absorbing"], "piston": parts["piston"]}),
+    ]
+    known: set[str] = set()
+    for name, numbers, members, arguments in trials:
+        for at, error in islice(_refused(members, arguments), MOST_PROBLEMS + 1):
+            key = f"{name}[{numbers[at]}]" if numbers else name
+            text = str(error).replace(f"{name}[0]", key) if numbers else str(error)
+            if text not in known:
+                known.add(text)
+                yield key, text
+
+
+def _refused(
+    members: list[Any], arguments: Callable[[list[Any]], Arguments], first: int = 0
+) -> Iterator[tuple[int, InputError]]:
+    """Members that Scene refuses, by their index, with what it says. Many without any of them take one trial."""
+    if not members:
+        return
+    try:
+        Scene(**arguments(members))
+    except InputError as error:
+        if len(members) == 1:
+            yield first, error
+            return
+        half = len(members) // 2
+        yield from _refused(members[:half], arguments, first)
+        yield from _refused(members[half:], arguments, first + half)

@@ -1,0 +1,235 @@
+"""From a name or a path to a scene: find the file, check all of it, say all that is wrong at once."""
+
+import errno
+import logging
+import os
+import re
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import pydantic
+
+from mpsim.core import checks, untrusted
+from mpsim.core.errors import InputError, SceneFileError, reason_of
+from mpsim.scene.scene import Scene
+from mpsim.scene.scenefile import schema
+from mpsim.scene.scenefile.arrays import Source
+from mpsim.scene.scenefile.building import ProblemsError, build
+from mpsim.scene.scenefile.limits import MOST_BYTES, MOST_PARTS, MOST_PROBLEMS, MOST_TABLES
+from mpsim.scene.settings import Settings
+
+logger: logging.Logger = logging.getLogger("mpsim")
+
+_OF_WHAT = re.compile(r"(?<=\w) of (a|an|the) (FixedDisc|Polyline|Emitter|Piston|piston)(?= must)")
+_FIRST_WORD = re.compile(r"(?:\w+|'')(?=[ \[])")
+
+_TEXTS = re.compile(
+    r'"""(?:[^"\\]|\\.?|"(?!""))*+(?:"{3,5}|\Z)|'
+    r"'''(?:[^']|'(?!''))*+(?:'{3,5}|\Z)|"
+    r'"(?:[^"\\\n]|\\[^\n])*+"?|'
+    r"'[^'\n]*+'?|#[^\n]++",
+    re.DOTALL,
+)
+"""What no key is in: texts and comments. Texts without an end count too: their end is looked for once, not again from
+each quotation mark in them."""
+
+_MANY_PARTS = re.compile(rf"(?:\.[^.=,\n\[\]{{}}]*+){{{MOST_PARTS},}}")
+
+_TOO_DEEP = "the file must be TOML; got tables or lists nested too deeply."
+_TOO_LARGE = "Put long arrays into .npy files beside it, as Scene.save does."
+
+PACKAGED = Path(str(resources.files("mpsim.scene"))) / "named"
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """A scene file that was read.
+
+    Attributes:
+        name: of the file, without .toml.
+        scene: what it describes.
+        settings: those that it recommends; None if it has none.
+        title, text, look_for: for people; "" if it has none.
+        read: files that were read, the scene file first.
+    """
+
+    name: str
+    scene: Scene
+    settings: Settings | None
+    title: str
+    text: str
+    look_for: str
+    read: tuple[Path, ...]
+
+
+def names() -> tuple[str, ...]:
+    """Names of the scenes that come with mpsim, in alphabetical order."""
+    return tuple(sorted(path.stem for path in PACKAGED.glob("*.toml")))
+
+
+def titles() -> dict[str, str]:
+    """Titles of the scenes that come with mpsim, by name; quick, as no scene is made."""
+    return {name: tomllib.loads((PACKAGED / f"{name}.toml").read_text())["about"]["title"] for name in names()}
+
+
+def load(source: str | os.PathLike[str]) -> SceneFile:
+    """Read a scene file.
+
+    Args:
+        source: the name of a scene that comes with mpsim, such as "gas", or a path that ends in .toml.
+
+    Raises:
+        InputError: if there is no such scene or file.
+        SceneFileError: with all that is wrong in it; an InputError too.
+
+    >>> load("gas").scene.count
+    100
+    """
+    path = _find(source)
+    label = os.fspath(source) if path.parent != PACKAGED else f"scenes/{path.name}"
+    tables = _parsed(path, label)
+    arrays = Source(path.parent)
+    logger.info("mpsim: reading %s", path)
+    try:
+        table = schema.SceneTable.model_validate(tables, context=arrays)
+        scene = build(table)
+    except pydantic.ValidationError as error:
+        raise SceneFileError(label, _sentences(error)) from None
+    except ProblemsError as error:
+        raise SceneFileError(label, _some([_at(key, text) for key, text in error.problems])) from None
+    except RecursionError:
+        raise SceneFileError(label, [_TOO_DEEP]) from None
+    chosen = None if table.settings is None else Settings(**dict(table.settings))
+    about = table.about or schema.About(title="")
+    return SceneFile(path.stem, scene, chosen, about.title, about.text, about.look_for, (path, *arrays.read))
+
+
+def _find(source: Any) -> Path:
+    """The file of a name or a path."""
+    if not isinstance(source, str | os.PathLike) or not isinstance(os.fspath(source), str):
+        raise InputError(f"scene must be a name or a path to a .toml file; got {type(source).__name__}.")
+    text = os.fspath(source)
+    known = names()
+    if text in known:
+        return PACKAGED / f"{text}.toml"
+    path = Path(text)
+    if path.suffix != ".toml":
+        near = checks.near(text, known)
+        hint = f" Did you mean {near!r}?" if near else ""
+        words = ", ".join(known)
+        raise InputError(f"scene must be a path that ends in .toml or one of {words}; got {checks.brief(text)}.{hint}")
+    return path
+
+
+def _parsed(path: Path, label: str) -> dict[str, Any]:
+    """The file as nested tables."""
+    try:
+        text = untrusted.text(path, MOST_BYTES)
+    except UnicodeDecodeError as error:
+        raise SceneFileError(
+            label, [f"the file must be text in UTF-8; got byte {error.start} ({error.reason})."]
+        ) from None
+    except (OSError, ValueError) as error:
+        reason = reason_of(error)
+        hint = "" if getattr(error, "errno", None) != errno.EFBIG else f" {_TOO_LARGE}"
+        raise InputError(
+            f"scene must be a file that can be read; got {checks.brief(str(path))} ({reason}).{hint}"
+        ) from None
+    if _MANY_PARTS.search(_TEXTS.sub("", text)):
+        raise SceneFileError(label, [f"keys must have at most {MOST_PARTS} parts with dots between them; got more."])
+    try:
+        tables = tomllib.loads(text)
+    except RecursionError:
+        raise SceneFileError(label, [_TOO_DEEP]) from None
+    except ValueError as error:
+        raise SceneFileError(label, [f"the file must be TOML; got this error: {error!s:.200}."]) from None
+    for name in ("discs", "obstacles", "emitters"):
+        listed = tables.get(name)
+        if isinstance(listed, list) and len(listed) > MOST_TABLES:
+            problem = (
+                f"{name} must be at most {MOST_TABLES:,} tables; got {len(listed):,}. One may hold many: give arrays."
+            )
+            raise SceneFileError(label, [problem])
+    version = tables.get("schema")
+    if isinstance(version, int) and version != schema.SCHEMA:  # then nothing else can be judged
+        problem = schema.version_problem(version)
+        raise SceneFileError(label, [problem])
+    return tables
+
+
+def _sentences(error: pydantic.ValidationError) -> list[str]:
+    """What is wrong, a sentence each; of very many problems, of the first."""
+    sentences: list[str] = []
+    found = error.errors(include_url=False)
+    for each in found[:MOST_PROBLEMS]:
+        location = tuple(part for part in each["loc"] if part not in schema.OBSTACLES)
+        sentences.append(_at(_path(location), _sentence(location, each["type"], each.get("input"), each)))
+    return _some(sentences, len(found))
+
+
+def _some(sentences: list[str], number: int = 0) -> list[str]:
+    """The first sentences, and how many there are besides, if they are very many."""
+    more = max(number, len(sentences)) - MOST_PROBLEMS
+    return [*sentences[:MOST_PROBLEMS], f"and at least {more:,} more."] if more > 0 else sentences
+
+
+def _sentence(location: tuple[int | str, ...], kind: str, value: Any, details: Any) -> str:
+    name = _path(location[-2:] if location and isinstance(location[-1], int) else location[-1:])
+    match kind:
+        case "extra_forbidden":
+            keys = _keys_beside(location)
+            near = checks.near(name, keys)
+            hint = f"Did you mean {near!r}?" if near else f"Keys there: {', '.join(keys)}."
+            known = f"{name} must be a key of a scene file; this one is unknown, with the value"
+            return f"{known} {checks.brief(value)}. {hint}"
+        case "missing":
+            example = f"schema = {schema.SCHEMA}" if name == "schema" else ""
+            return f"{name} must be given; got nothing.{f' Write {example!r} at the top.' if example else ''}"
+        case "list_type":
+            return f"{name} must be a list of tables, [[{name}]] for each; got {checks.brief(value)}."
+        case "model_type" | "model_attributes_type" | "dict_type":
+            return f"{name} must be a table; got {checks.brief(value)}."
+        case "value_error":
+            return str(details["ctx"]["error"])
+    return f"{name}: {details['msg']}; got {checks.brief(value)}."
+
+
+def _keys_beside(location: tuple[int | str, ...]) -> list[str]:
+    """Keys that the table of a key may have."""
+    return _keys_of(str(location[0]) if len(location) > 1 else "")
+
+
+def _keys_of(level: str) -> list[str]:
+    """Keys of the tables of a level."""
+    tables = schema.OBSTACLES.values() if level == "obstacles" else [schema.LEVELS[level]]
+    return list(dict.fromkeys(key for table in tables for key in schema.keys_of(table)))
+
+
+def _path(location: Iterable[int | str]) -> str:
+    """A key path such as discs[0].radius."""
+    text = ""
+    for part in location:
+        word = checks.shortened(str(part)) or "''"
+        text += f"[{part}]" if isinstance(part, int) else f".{word}" if text else word
+    return text
+
+
+def _at(key: str, text: str) -> str:
+    """A sentence that begins with the key path, instead of the bare key if it begins with that."""
+    if not key:
+        return text
+    text = _OF_WHAT.sub("", text, count=1)  # the key path says of what
+    first = _FIRST_WORD.match(text)
+    word = first[0] if first else ""
+    level, _, own = re.sub(r"\[\d+\]", "", key).partition(".")
+    if text.startswith(key) or key == word:
+        return text
+    if word == (own or level):
+        return key + text[len(word) :]
+    if not own and level in (*schema.LEVELS, "obstacles") and word in _keys_of(level):
+        return f"{key}.{text}"
+    return f"{key}: {text}"

@@ -1,0 +1,91 @@
+"""Settings: how a scene is simulated."""
+
+from dataclasses import dataclass
+
+from mpsim.core import checks
+
+METHODS = ("naive", "grid", "parallel", "event", "auto")
+LAWS = ("reflect", "elastic")
+CONTACTS = ("push", "impact")
+PRECISIONS = ("float32", "float64")
+DEATHS = ("raise", "restart")
+START_METHODS = ("fork", "spawn", "forkserver")
+ON_FAST = ("warn", "substep", "error")
+
+MOST_WORKERS = 1024
+"""More worker processes than this is taken for a mistake: no machine that mpsim runs on has so many cores."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a scene is simulated: speed against accuracy. Checked when made; immutable.
+
+    Args:
+        dt: time of one frame [time], > 0. A disc should move less than its radius in one step.
+        method: "naive" tests all pairs; "grid" uses cells, one process; "parallel" uses cells and several processes;
+            "auto" takes the fastest of these for the scene and this machine. "event" is the exact solver, from
+            collision to collision: contact, passes and substeps mean nothing to it.
+        workers: processes that compute, the coordinator being one of them, 1 to 1024; None: as many as this process may
+            really use (affinity and container quota). Never changes the result.
+        law: "elastic" exchanges the normal velocities of discs that approach, keeping momentum and energy;
+            "reflect", the term-project report's, mirrors each velocity about the contact line.
+        contact: "impact" takes overlapping discs back to the instant at which they touched, applies the law there, and
+            lets them go on: second order in dt. "push", the report's, separates them, half the overlap each, and
+            applies the law where the frame ended: first order, and 10 % cheaper.
+        passes: times that contacts are looked for in one step, >= 1. A second one catches the collisions that follow
+            from those of the first.
+        substeps: steps of dt / substeps in each frame, >= 1.
+        precision: "float32" (the report's) or "float64".
+        start_method: how worker processes start: "forkserver" (the default where it exists: safe with threads, and each
+            start after the first is quick), "fork" (quickest, unsafe in a program with threads) or "spawn".
+        unguarded: True resolves neighbouring columns at the same time, which is a race and *wrong*: each run of
+            `parallel` then differs. For showing what the odd/even passes are for; never for results.
+        on_worker_death: "raise" WorkerDied, or "restart": go back to the last snapshot in memory and on from there with
+            new workers, to the same bits. Snapshots take 1 % of the time or less.
+        on_fast: what to do when a disc moves farther in a step than its own radius, so that discs may pass through each
+            other, or meets more than one other in a step on average: "warn" (FastWarning, once), "error"
+            (TooFastError), or "substep": divide frames into as many more steps as keep every disc below half its
+            radius, chosen every 16 frames, and after any frame in which one was fast, from the state alone. The frame
+            in which a disc becomes fast is finished first. Discs that a scene presses into each other for want of room
+            are warned of likewise; sub-steps do not help there. See docs/stability.md.
+
+    Raises:
+        InputError: naming the setting, its rule and the value received.
+
+    >>> Settings(dt=0.02, law="reflect").substeps
+    1
+    >>> Settings(method="gird")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+        ...
+    mpsim.errors.InputError: method must be one of 'naive', 'grid', ... got 'gird'. Did you mean 'grid'?
+    """
+
+    dt: float = 0.01
+    method: str = "auto"
+    workers: int | None = None
+    law: str = "elastic"
+    contact: str = "impact"
+    passes: int = 1
+    substeps: int = 1
+    precision: str = "float64"
+    start_method: str | None = None
+    unguarded: bool = False
+    on_worker_death: str = "raise"
+    on_fast: str = "warn"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "dt", checks.positive("dt", self.dt, "[time]"))
+        checks.choice("method", self.method, METHODS)
+        checks.choice("law", self.law, LAWS)
+        checks.choice("contact", self.contact, CONTACTS)
+        checks.choice("precision", self.precision, PRECISIONS)
+        checks.whole("substeps", self.substeps, 1, 1_000_000, "Use dt for the frame and substeps to divide it.")
+        checks.whole("passes", self.passes, 1, 1000, "1 or 2 will do for most scenes.")
+        if self.workers is not None:
+            remedy = "Leave it out to use every core that this process may use."
+            checks.whole("workers", self.workers, 1, MOST_WORKERS, remedy)
+        checks.truth("unguarded", self.unguarded)
+        checks.choice("on_worker_death", self.on_worker_death, DEATHS)
+        checks.choice("on_fast", self.on_fast, ON_FAST)
+        if self.start_method is not None:
+            checks.choice("start_method", self.start_method, START_METHODS)

@@ -1,0 +1,288 @@
+"""Starts by rule: lattices, random places among what is there already, thermal velocities."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+from mpsim.scene import placement
+
+LATTICES = ("square", "hexagonal")
+
+LARGEST_LATTICE = 10_000_000
+"""More sites than this are taken for a mistake in the spacing."""
+
+LARGEST_RADIUS = 1e140
+"""Radii of random places are at most this, and at least its inverse, so that their areas and sums of them fit float64
+[length]."""
+
+Region = tuple[float, float, float, float]
+"""x_low, y_low, x_high, y_high of the part of the box in which centres lie [length]."""
+
+
+@dataclass
+class Taken:
+    """What stands in the box already.
+
+    Attributes:
+        capsules: obstacles, and discs as obstacles of no length: segments with a radius, shape (K, 5) [length].
+        count: number of discs among them.
+    """
+
+    capsules: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 5)))
+    count: int = 0
+    _new: list[NDArray[np.float64]] = field(default_factory=lambda: [])
+
+    def add(self, position: NDArray[np.float64], radius: NDArray[np.float64]) -> None:
+        """Note more discs."""
+        self._new.append(np.column_stack([position, position, radius]))
+        self.count += len(position)
+
+    def near(self, room: Region) -> NDArray[np.float64]:
+        """Obstacles, and discs as obstacles of no length, that reach into a part of the box, shape (K, 5) [length]."""
+        self.capsules = np.concatenate([self.capsules, *self._new])
+        self._new = []
+        (ax, ay, bx, by, radius), (x_low, y_low, x_high, y_high) = self.capsules.T, room
+        apart_x = (np.maximum(ax, bx) + radius <= x_low) | (np.minimum(ax, bx) - radius >= x_high)
+        apart_y = (np.maximum(ay, by) + radius <= y_low) | (np.minimum(ay, by) - radius >= y_high)
+        return self.capsules[~(apart_x | apart_y)]
+
+
+def side_for(packing: float, area: float, largest: float, boundary: tuple[str, str]) -> float:
+    """Side of the square box in which discs have a packing fraction [length].
+
+    It has room for the largest of them, and in a periodic box for twice as many, so that no disc meets its own image.
+
+    Args:
+        packing: area of the discs over that of the box, > 0.
+        area: of all discs together [length^2].
+        largest: radius [length].
+        boundary: of the two axes.
+
+    Raises:
+        InputError: if the side is not finite.
+    """
+    side = max(math.sqrt(area / packing), (4 if "periodic" in boundary else 2) * largest)
+    if not math.isfinite(side):
+        raise InputError(f"packing must leave the box finite; got {packing:g}. Use a larger one.")
+    return side
+
+
+def lattice_sites(
+    kind: str, region: Region, spacing: float | None = None, count: int | None = None
+) -> NDArray[np.float64]:
+    """Sites of a lattice, row by row from the lower left corner of a region, shape (K, 2) [length].
+
+    Args:
+        kind: "square" or "hexagonal": rows sqrt(3)/2 of the spacing apart, every other one shifted by half of it.
+        region: in which the sites lie.
+        spacing: between neighbours [length], > 0; None: the widest at which `count` sites fit.
+        count: number of sites; None: as many as fit.
+
+    Raises:
+        InputError: if the region holds fewer sites than wanted.
+
+    >>> lattice_sites("square", (0, 0, 2, 1), spacing=1.0).tolist()
+    [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [0.0, 1.0], [1.0, 1.0], [2.0, 1.0]]
+    >>> lattice_sites("hexagonal", (0, 0, 2, 1), spacing=1.0, count=4).round(3).tolist()
+    [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [0.5, 0.866]]
+    """
+    width, height = region[2] - region[0], region[3] - region[1]
+    if spacing is None:
+        spacing = _widest(kind, width, height, count or 1)
+    rows, even, odd = _rows(kind, width, height, spacing)
+    found = _number(rows, even, odd)
+    if count is not None and found < count:
+        raise InputError(
+            f"count must be at most {found}, the sites of a {kind} lattice of spacing {spacing:g} in the region "
+            f"{_words(region)}; got {count}. Use a smaller spacing or a larger region."
+        )
+    if found > LARGEST_LATTICE:
+        raise InputError(
+            f"spacing must leave at most {LARGEST_LATTICE} sites in the region {_words(region)}; got {spacing:g}. "
+            "Use a larger spacing or a smaller region."
+        )
+    counts = np.where(np.arange(rows) % 2 == 0, even, odd)
+    row = np.repeat(np.arange(rows), counts)
+    column = np.arange(found) - np.repeat(np.cumsum(counts) - counts, counts)
+    rise, shift = (math.sqrt(3) / 2, 0.5) if kind == "hexagonal" else (1.0, 0.0)
+    sites = np.column_stack([column + shift * (row % 2), row * rise]) * spacing + np.array(region[:2])
+    return np.minimum(sites, region[2:])[:count]  # which the slack of _rows may have left by rounding
+
+
+def random_places(
+    radius: float | NDArray[np.float64],
+    count: int,
+    box: tuple[float, float],
+    region: Region | None,
+    taken: Taken,
+    rng: np.random.Generator,
+    periodic: tuple[bool, bool] = (False, False),
+) -> NDArray[np.float64]:
+    """Centres of discs at random, free of each other and of what is there, shape (count, 2) [length].
+
+    In a box without other discs these are the places of Scene.random.
+
+    Args:
+        radius: of all, or of each, shape (count,) [length], > 0.
+        count: number of discs, >= 0.
+        box: width and height [length].
+        region: in which the centres lie; None: the box.
+        taken: what is there already.
+        rng: source of the numbers.
+        periodic: along x and along y; of a region neither is.
+
+    Raises:
+        InputError: if they do not fit.
+    """
+    demand_area("radius", radius)
+    corner, (width, height) = np.zeros(2), box
+    if region is not None:
+        margin = float(np.min(radius, initial=math.inf)) if count else 0.0
+        corner = np.array(region[:2]) - margin
+        width, height = np.array(region[2:]) - corner + margin
+        periodic = (False, False)
+    largest = float(np.max(radius, initial=0.0))
+    if min(width, height) < 2 * largest:
+        raise InputError(
+            f"radius must be at most half the room, {min(width, height) / 2:g} here; got {largest!r}. "
+            "Use smaller discs."
+        )
+    radii = np.broadcast_to(radius, count)
+    packing = math.pi * float((radii**2).sum()) / (width * height)
+    if packing > placement.LARGEST_PACKING:
+        raise InputError(
+            f"packing must be at most {placement.LARGEST_PACKING} for random places; got {packing:.3g}. "
+            "Use fewer or smaller discs, a larger box or region, or a lattice."
+        )
+    near = taken.near((corner[0], corner[1], corner[0] + width, corner[1] + height))
+    if isinstance(radius, float) and not len(near) and not any(periodic):
+        return placement.random_places(count, width, height, radius, rng) + corner
+    near[:, :4] -= np.tile(corner, 2)
+    return placement.random_crowd(radii.astype(np.float64), width, height, rng, periodic, near) + corner
+
+
+def thermal_velocities(
+    count: int, temperature: float, mass: float | NDArray[np.float64] | None, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Normally distributed velocities, shape (count, 2) [length/time]; those of Scene.random where all masses are 1.
+
+    From 2 discs on without drift (no momentum in all), and scaled so that the mean of m v_x^2 and m v_y^2 is exact.
+
+    Args:
+        count: number of discs.
+        temperature: kT [mass length^2/time^2], >= 0.
+        mass: of all or of each, shape (count,) [mass]; None: 1.
+        rng: source of the numbers.
+    """
+    velocity = rng.normal(size=(count, 2))
+    if mass is None:
+        if count > 1:
+            velocity -= velocity.mean(axis=0)
+            velocity *= math.sqrt(temperature) / math.sqrt((velocity**2).mean())
+            return velocity
+        return velocity * math.sqrt(temperature)
+    masses = np.broadcast_to(mass, count)[:, None]
+    velocity /= np.sqrt(masses)
+    if count > 1:
+        velocity -= (masses * velocity).sum(axis=0) / masses.sum()
+        with np.errstate(over="ignore"):
+            mean = float((masses * velocity**2).mean())
+        if not math.isfinite(mean):  # masses so small that squares of velocities are beyond float64
+            mean = float(((np.sqrt(masses) * velocity) ** 2).mean())
+        return velocity * (math.sqrt(temperature) / math.sqrt(mean))
+    return velocity * math.sqrt(temperature)
+
+
+def _rows(kind: str, width: float, height: float, spacing: float) -> tuple[int, int, int]:
+    """Number of rows of a lattice, and of sites in the first row, the third, ... and in the second, the fourth, ..."""
+    slack = 1e-9  # sites on the far edge of the region are in it, whatever rounding says
+    rise, shift = (math.sqrt(3) / 2, 0.5) if kind == "hexagonal" else (1.0, 0.0)
+    up, across = (min(length / spacing + slack, 1e12) for length in (height / rise, width))
+    return int(up) + 1, int(across) + 1, int(across - shift + 1)
+
+
+def _number(rows: int, even: int, odd: int) -> int:
+    return (rows + 1) // 2 * even + rows // 2 * odd
+
+
+def _widest(kind: str, width: float, height: float, count: int) -> float:
+    """The widest spacing at which a region holds so many sites; their number never rises with the spacing."""
+
+    def enough(spacing: float) -> bool:
+        return _number(*_rows(kind, width, height, spacing)) >= count
+
+    high = 4 * max(width, height) or 1.0
+    low = high
+    for _ in range(100):
+        if enough(low):
+            break
+        low /= 2
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if enough(middle) else (low, middle)
+    return low
+
+
+def _words(region: Region) -> str:
+    return f"[{region[0]:g}, {region[2]:g}] x [{region[1]:g}, {region[3]:g}]"
+
+
+def demand_area(name: str, radius: float | NDArray[np.float64]) -> None:
+    """Refuse radii whose areas are beyond float64, alone or in sums, or lost in it."""
+    radii = np.atleast_1d(radius)
+    bad = radii[(radii > LARGEST_RADIUS) | (radii < 1 / LARGEST_RADIUS)]
+    if len(bad):
+        raise InputError(
+            f"{name} must be from {1 / LARGEST_RADIUS:g} to {LARGEST_RADIUS:g}, so that areas fit float64; "
+            f"got {bad[0]:g}. Use other units."
+        )
+
+
+def demand_room(largest: float, width: float, height: float, boundary: tuple[str, str]) -> None:
+    """The box must hold its largest disc; along a periodic axis, two of them."""
+    for length, word in zip((width, height), boundary, strict=True):
+        diameters = 2 if word == "periodic" else 1
+        if 2 * largest * diameters > length:
+            rule = "a quarter of a periodic axis" if diameters == 2 else "half the box"
+            raise InputError(
+                f"radius must be at most {rule}, {length / (2 * diameters):g} here; got {largest!r}. "
+                "Use smaller discs or a larger box."
+            )
+
+
+def box_for(
+    count: int,
+    radius: float | NDArray[np.float64],
+    packing: float | None,
+    width: float | None,
+    height: float | None,
+    boundary: tuple[str, str],
+) -> tuple[float, float]:
+    """Width and height from either a packing fraction (square box) or the two lengths themselves."""
+    if (packing is None) == (width is None and height is None) or (width is None) != (height is None):
+        raise InputError(
+            "the box must be given either by packing or by width and height; "
+            f"got packing={packing!r}, width={width!r}, height={height!r}."
+        )
+    demand_area("radius", radius)
+    if isinstance(radius, np.ndarray):
+        area, largest = math.pi * float((radius**2).sum()), float(radius.max(initial=0.0)) or 1.0
+    else:
+        area, largest = count * math.pi * radius**2, radius
+    if width is not None and height is not None:
+        width, height = checks.positive("width", width, "[length]"), checks.positive("height", height, "[length]")
+        packing = area / (width * height)
+        demand_room(largest, width, height, boundary)
+    else:
+        packing = checks.positive("packing", packing, "(a fraction of the area)")
+        width = height = side_for(packing, area, largest, boundary)
+    if packing > placement.LARGEST_PACKING:
+        raise InputError(
+            f"packing must be at most {placement.LARGEST_PACKING} for random places; got {packing:.3g}. "
+            "Use fewer or smaller discs, a larger box, or give the positions yourself."
+        )
+    return width, height

@@ -1,0 +1,145 @@
+"""Runs of one scene side by side: how fast they part, and how far off a setting is before chaos takes over."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+from mpsim.core.state import State
+from mpsim.engine.simulation import Simulation
+from mpsim.measure.observables import TrajectoryError, trajectory_error
+from mpsim.measure.predictability import Predictability, predictability, require_predictable
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+
+KICK = 1e-10
+"""Part of a typical speed by which the velocities of two runs differ at first: far above rounding."""
+
+HIGHEST = 1e-3
+"""Distance, in diameters of the smallest disc, up to which two runs count as close together."""
+
+STRAIGHT = 10.0
+"""A difference that has grown less than so many times what it would without any collision shows no exponent: it is
+that of straight flight, or of one collision."""
+
+SAMPLES = 400
+"""Times at most at which two runs are compared."""
+
+
+@dataclass(frozen=True)
+class ShortRun:
+    """A short run beside an exact one from the same start.
+
+    Attributes:
+        time: at which both were compared [time].
+        error: of the places of the discs.
+        collisions: contacts resolved, in the run and in the exact one; of discs that rest on each other, a stepped run
+            resolves them anew in each step.
+    """
+
+    time: float
+    error: TrajectoryError
+    collisions: tuple[int, int]
+
+
+def typical_speed(scene: Scene) -> float:
+    """Root mean square of the speeds, and of what gravity adds to them over the largest diameter [length/time]."""
+    kinetic = float((scene.velocity**2).sum(axis=1).mean()) if scene.count else 0.0
+    pull = 0.0 if scene.gravity is None else float(np.hypot(*scene.gravity))
+    if scene.acceleration is not None and scene.count:
+        pull += float(np.hypot(*scene.acceleration.T).max())
+    return math.sqrt(kinetic + 2 * pull * 2 * scene.largest_radius)
+
+
+def parting(scene: Scene, seed: int = 0, progress: Callable[[int, int], None] | None = None) -> Predictability:
+    """How fast two exact runs of the scene part whose velocities differ by a ten-billionth.
+
+    Args:
+        scene: that `method="event"` can run, with discs that move.
+        seed: of the small difference.
+        progress: as for `Simulation.run`.
+
+    Returns:
+        The Lyapunov exponent with its error, and up to which time trajectories can be compared. The exponent is that
+        of this start; of a gas, average over several starts.
+
+    Raises:
+        InputError: if the scene cannot be run exactly, or the runs do not part, as in a scene without collisions.
+
+    Source: see `predictability`.
+
+    >>> found = parting(Scene.random(count=64, packing=0.3, radius=0.5, seed=1))
+    >>> 1.5 < found.rate.value < 4.5, found.comparable_until < found.horizon
+    (True, True)
+    """
+    speed, diameter = typical_speed(scene), 2 * scene.smallest_radius
+    kick = np.random.default_rng(seed).normal(size=(scene.count, 2)) * KICK * speed
+    other = scene.starting_from(State(scene.position, scene.velocity + kick))
+    # Some twenty looks while a lone disc would move ten diameters: e-folding takes about as long as a free path.
+    settings = Settings(method="event", dt=0.05 * diameter / speed if speed else 1.0)
+    times, distances = [], []
+    with Simulation(scene, settings) as one, Simulation(other, settings) as two:
+        for _ in range(SAMPLES):
+            one.run(frames=1, progress=progress)
+            two.run(frames=1, progress=progress)
+            times.append(one.time)
+            distances.append(trajectory_error(one.state, two.state, scene).rms)
+            if distances[-1] > HIGHEST * diameter:
+                break
+    straight = KICK * speed * times[-1]
+    if distances[-1] <= STRAIGHT * straight:
+        raise InputError(
+            f"the runs of a scene must part for a growth rate; a distance of {distances[-1]:.3g} in a time of "
+            f"{times[-1]:.3g} is that of straight flight, {straight:.3g}. Take a scene in which discs collide."
+        )
+    return predictability(times, distances, highest=HIGHEST * diameter)
+
+
+def short_run(
+    scene: Scene,
+    settings: Settings,
+    until: float,
+    *,
+    rate: float | None = None,
+    reference: Settings | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> ShortRun:
+    """Run a scene as settings say and exactly, and compare where the discs are.
+
+    Args:
+        scene: that `method="event"` can run.
+        settings: of the run.
+        until: time to compare at, rounded to whole frames, one at least [time], > 0.
+        rate: Lyapunov exponent of the scene, if known [1/time]; else it is estimated by `parting`.
+        reference: what to compare with, where `event` cannot do the scene; its dt is rounded to fit the time.
+        progress: as for `Simulation.run`, which both runs call.
+
+    Raises:
+        InputError: if the time lies beyond that up to which two correct solvers agree, or the scene cannot be run
+            exactly.
+
+    >>> scene = Scene.random(count=64, packing=0.3, radius=0.5, seed=1)
+    >>> coarse, fine = (short_run(scene, Settings(dt=dt, method="grid"), until=0.5, rate=3.0) for dt in (0.05, 0.005))
+    >>> fine.error.rms < coarse.error.rms < 0.5
+    True
+    >>> short_run(scene, Settings(dt=0.05, method="grid"), until=5, rate=3.0)
+    Traceback (most recent call last):
+    ...
+    mpsim.errors.InputError: time of a comparison of trajectories must be at most 3.33333 (half of 20 Lyapunov times \
+of 1/3); got 5.0. Beyond that two correct solvers differ: compare averages such as pressure, or an earlier time.
+    """
+    frames = max(round(checks.positive("until", until, "[time]") / settings.dt), 1)
+    time = frames * settings.dt
+    require_predictable(time, parting(scene).rate.value if rate is None else rate)
+    with Simulation(scene, settings) as run:
+        collisions = run.run(frames=frames, progress=progress).collisions
+        state = run.state
+    reference = Settings(method="event", dt=time) if reference is None else reference
+    steps = 1 if reference.method == "event" else max(round(time / reference.dt), 1)
+    with Simulation(scene, replace(reference, dt=time / steps)) as exact:
+        report = exact.run(frames=steps, progress=progress)
+        error = trajectory_error(state, exact.state, scene)
+    return ShortRun(time, error, (collisions, report.collisions))

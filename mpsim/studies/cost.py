@@ -1,0 +1,131 @@
+"""What a candidate costs: time per disc and unit of the scene's time, and memory, measured alone on the machine."""
+
+import resource
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mpsim.core.errors import MpsimError
+from mpsim.engine.simulation import Simulation
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+from mpsim.studies.replicas import failure, quietly
+
+WARM_UP = 0.05
+"""Seconds of running before the clock counts: caches fill, workers wake, `auto` makes its first choice."""
+
+RESTARTS = 3
+"""Runs at most in warming up: where the whole run is shorter than WARM_UP, starting workers anew for each would take
+minutes."""
+
+CHUNKS = 21
+"""Timed pieces; their median is the cost and their quartiles the spread."""
+
+CHUNK_SECONDS = 0.002
+"""Length of a timed piece, about: most are shorter than a turn of the scheduler, so that on a busy machine enough of
+them are not interrupted."""
+
+WHOLE = 16
+"""Pieces of a run that is timed whole, after which its discs are counted."""
+
+PATIENCE = 1.0
+"""Seconds after which pieces count although they were interrupted, if fewer than half of CHUNKS were not."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Wall time of a run.
+
+    Attributes:
+        median, low, high: median and quartiles over pieces that were not interrupted [ns per disc and time].
+        memory: size of the shared block [bytes per disc].
+        method, workers: what ran ("auto" is resolved).
+    """
+
+    median: float
+    low: float
+    high: float
+    memory: float
+    method: str
+    workers: int
+
+
+def measure(scene: Scene, settings: Settings, until: float, whole: bool = False) -> dict[str, Any]:
+    """Cost of a run of the scene, as the fields of `Cost`; {"failure": reason} if it cannot go on.
+
+    Nothing else should run on the machine meanwhile.
+
+    Args:
+        scene: what is run, from its start.
+        settings: how. The frames of `event` are chosen here, as its dt costs nothing but looks at the clock.
+        until: longest time of the scene to look at [time]; where that is over, it starts again.
+        whole: time whole runs to `until`, of a scene whose cost changes along them.
+    """
+    if settings.method == "event":
+        settings = replace(settings, dt=until / 1000)
+    try:
+        with quietly():
+            if whole:
+                return _whole(scene, settings, until)
+            return _measured(scene, settings, max(int(until / settings.dt), 1))
+    except (MpsimError, ArithmeticError, MemoryError) as error:
+        return failure(error)
+
+
+def _measured(scene: Scene, settings: Settings, most_frames: int) -> dict[str, Any]:
+    calm: list[float] = []
+    costs: list[float] = []
+    per_frame, warm, starts, what_ran = 0.0, 0.0, 0, {}
+    end = time.monotonic() + PATIENCE
+
+    def wanting() -> bool:
+        patient = starts <= RESTARTS and time.monotonic() < end
+        return len(costs) < CHUNKS or (len(calm) < CHUNKS and patient)
+
+    while wanting():
+        starts += 1
+        with Simulation(scene, settings) as sim:
+            while wanting() and sim.frame < most_frames:
+                wanted = int(CHUNK_SECONDS / per_frame) if per_frame else 1
+                before = _interruptions()
+                report = sim.run(frames=max(min(wanted, most_frames - sim.frame), 1))
+                seconds = float(report.frame_seconds.sum())
+                per_frame = max(seconds / report.frames, 1e-9)
+                if warm >= WARM_UP or starts > RESTARTS:
+                    costs.append(seconds / (report.frames * settings.dt * max(scene.count, 1)) * 1e9)
+                    calm += costs[-1:] if _interruptions() == before else []
+                warm += seconds
+                what_ran = {
+                    "memory": report.block_bytes / max(scene.count, 1),
+                    "method": report.method,
+                    "workers": report.workers,
+                }
+    low, median, high = np.percentile(calm if len(calm) > CHUNKS // 2 else costs, [25, 50, 75]).tolist()
+    return {"median": median, "low": low, "high": high, **what_ran}
+
+
+def _whole(scene: Scene, settings: Settings, until: float) -> dict[str, Any]:
+    """Cost of whole runs, by the discs that were there on average."""
+    costs: list[float] = []
+    what_ran: dict[str, Any] = {}
+    end = time.monotonic() + PATIENCE
+    while not costs or (len(costs) < RESTARTS and time.monotonic() < end):
+        with Simulation(scene, settings) as sim:
+            seconds, discs = 0.0, 0.0
+            for piece in range(1, WHOLE + 1):
+                before = sim.time
+                report = sim.run(until=until * piece / WHOLE)
+                seconds += float(report.frame_seconds.sum())
+                discs += sim.count * (sim.time - before)
+                memory = report.block_bytes / max(sim.count, 1)
+                what_ran = {"memory": memory, "method": report.method, "workers": report.workers}
+            costs.append(seconds / max(discs, sim.time) * 1e9)
+    low, median, high = np.percentile(costs, [0, 50, 100]).tolist()
+    return {"median": median, "low": low, "high": high, **what_ran}
+
+
+def _interruptions() -> int:
+    """Times that this thread has lost its core to another."""
+    return resource.getrusage(getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF)).ru_nivcsw

@@ -1,0 +1,47 @@
+"""The settings that a trade compares when nobody says which."""
+
+from dataclasses import replace
+
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+
+STEPS = (0.2, 0.1, 0.05, 0.02, 0.01)
+"""Steps of the default ladder, in units of the time in which a disc at typical speed moves one diameter."""
+
+
+def step(scene: Scene, speed: float, h: float) -> float:
+    """dt for h = dt x speed / smallest diameter, with two digits so that people can read and repeat it [time]."""
+    return float(f"{h * 2 * scene.smallest_radius / speed:.2g}")
+
+
+def families(dt: float = 0.01) -> list[Settings]:
+    """The ways of stepping that are worth a look at any step: one of each contact, and a second pass."""
+    fine = Settings(dt=dt)
+    return [fine, replace(fine, passes=2), replace(fine, contact="push")]
+
+
+def ladder(scene: Scene, speed: float) -> list[Settings]:
+    """The exact solver, each family over STEPS, and one row each for law, precision, substeps and method.
+
+    Args:
+        scene: to be run.
+        speed: root mean square of one velocity component [length/time].
+    """
+    steps = [step(scene, speed, h) for h in STEPS]
+    candidates = [Settings(method="event")]
+    candidates += [replace(family, dt=dt) for family in families() for dt in steps]
+    middle = Settings(dt=steps[2])
+    candidates += [
+        replace(middle, precision="float32"),
+        replace(middle, precision="float32", dt=steps[-1]),
+        replace(middle, law="reflect", contact="push"),
+        replace(middle, dt=2 * middle.dt, substeps=2),
+        replace(middle, method="naive"),
+        replace(middle, method="grid"),
+        replace(middle, method="parallel"),
+    ]
+    return [each for each in candidates if not (each.method == "naive" and scene.count > NAIVE_UP_TO)]
+
+
+NAIVE_UP_TO = 3000
+"""Discs beyond which testing all pairs is left out: it would take longer than all other rows together."""

@@ -1,0 +1,202 @@
+"""What each feature of a scene costs per disc and frame, and what the bare scene costs beside another version."""
+
+import os
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mpsim.core.errors import FastWarning
+from mpsim.engine.simulation import Simulation
+from mpsim.features.obstacles import FixedDisc, Polyline
+from mpsim.features.piston import Piston
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+from mpsim.studies.benchmark import DT, WrongAnswerError
+
+SIDE = 100
+"""Discs along each side of the square lattice from which the scenes start."""
+
+PITCH = 1.4
+"""Its spacing [diameters]: packing 0.40."""
+
+ROUNDS = 5
+"""Each scene is timed so often, taking turns; the least median counts, as other load only adds."""
+
+FRAMES = 150
+
+SPREADS = (1, 2, 4, 8, 16)
+"""Ratios of the largest radius to the smallest: cells follow the largest disc, so small ones crowd in them."""
+
+WARM_UP = 100
+"""Frames before the first timing: the lattice melts."""
+
+
+@dataclass(frozen=True)
+class FeatureCost:
+    """Cost of one scene.
+
+    Attributes:
+        name: of the feature.
+        nanoseconds: per disc and frame.
+        arrays: names of the arrays in the shared block that the bare scene has not.
+        bytes_per_disc: of the block.
+    """
+
+    name: str
+    nanoseconds: float
+    arrays: tuple[str, ...]
+    bytes_per_disc: float
+
+
+def scene(name: str, **features: Any) -> Scene:
+    """10,000 discs of radius 0.5 on a lattice, packing 0.40, with thermal velocities and the given features."""
+    rng = np.random.default_rng(1)
+    places = (np.arange(SIDE) + 0.5) * PITCH
+    position = np.stack(np.meshgrid(places, places, indexing="ij"), axis=-1).reshape(-1, 2)
+    velocity = rng.normal(size=position.shape)
+    size = SIDE * PITCH
+    if name == "one giant":
+        clear = np.hypot(*(position - size / 2).T) > 10.6
+        position = np.concatenate([position[clear], [[size / 2, size / 2]]])
+        velocity = np.concatenate([velocity[clear], [[0.0, 0.0]]])
+        features["radius"] = np.append(np.full(int(clear.sum()), 0.5), 10.0)
+    return Scene(width=size, height=size, position=position, velocity=velocity, **{"radius": 0.5, **features})
+
+
+def scenes() -> dict[str, Scene]:
+    """The bare scene, each feature alone, and all that go together."""
+    rng = np.random.default_rng(2)
+    count, size = SIDE**2, SIDE * PITCH
+    pegs = [FixedDisc((x, y), 0.1) for x in np.arange(1, 100, 10) * PITCH for y in np.arange(1, 100, 10) * PITCH]
+    alone: dict[str, dict[str, Any]] = {
+        "bare": {},
+        "gravity": {"gravity": (0.0, -0.1)},
+        "acceleration per disc": {"acceleration": rng.normal(size=(count, 2)) * 0.1},
+        "restitution": {"restitution": 0.95, "wall_restitution": 0.95},
+        "radii": {"radius": rng.uniform(0.3, 0.5, count)},
+        "masses": {"mass": rng.uniform(0.5, 2.0, count)},
+        "periodic": {"boundary": "periodic"},
+        "100 pegs": {"obstacles": pegs},
+        "a polyline": {"obstacles": [Polyline([(0, size / 2), (size / 3, size / 2)])]},
+        "an absorbing edge": {"absorbing": "top"},
+        "a piston": {"piston": Piston("right", -0.01, size / 2)},
+    }
+    together = {
+        "gravity": (0.0, -0.1), "acceleration": alone["acceleration per disc"]["acceleration"], "restitution": 0.95,
+        "wall_restitution": 0.95, **alone["radii"], **alone["masses"], "boundary": ("periodic", "walls"),
+        "obstacles": pegs, "absorbing": "top", "piston": Piston("bottom", 0.01, size / 2),
+    }  # fmt: skip
+    found = {name: scene(name, **features) for name, features in alone.items()}
+    found |= {"one giant": scene("one giant"), "all together": scene("all together", **together)}
+    return found | {f"radii 1 to {spread}, packing 0.5": polydisperse(spread) for spread in SPREADS}
+
+
+def polydisperse(spread: int) -> Scene:
+    """As many discs at packing 0.5, their radii spread evenly in the logarithm from 0.5 / spread to 0.5."""
+    radius = 0.5 * np.exp(-np.random.default_rng(3).random(SIDE**2) * np.log(spread))
+    return Scene.random(count=SIDE**2, packing=0.5, radius=radius if spread > 1 else 0.5, seed=3)
+
+
+def feature_costs(settings: Settings, tick: Callable[[str], None]) -> list[FeatureCost]:
+    """Time every scene by `grid`, in turns, and check that no disc was lost.
+
+    Raises:
+        WrongAnswerError: if a state is not whole at the end.
+    """
+    simulations: dict[str, Simulation] = {}
+    try:
+        for name, each in scenes().items():
+            tick(f"compiling {name}")
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", FastWarning)  # of discs a sixteenth as large: only times are wanted
+                simulations[name] = Simulation(each, settings)
+                simulations[name].run(frames=WARM_UP)
+        best = dict.fromkeys(simulations, np.inf)
+        for turn in range(ROUNDS):
+            tick(f"round {turn + 1}")
+            for name, sim in simulations.items():
+                seconds = float(np.median(sim.run(frames=FRAMES).frame_seconds))
+                best[name] = min(best[name], seconds / sim.count * 1e9)
+        for name, sim in simulations.items():
+            _check(name, sim)
+        bare = set(simulations["bare"].array_names)
+        return [
+            FeatureCost(
+                name,
+                best[name],
+                families(each for each in sim.array_names if each not in bare),
+                sim.run(frames=0).block_bytes / sim.count,
+            )
+            for name, sim in simulations.items()
+        ]
+    finally:
+        for sim in simulations.values():
+            sim.close()
+
+
+def families(arrays: Iterable[str]) -> tuple[str, ...]:
+    """What arrays hold: both buffers of a quantity are one, and all that stands for the obstacles is one.
+
+    >>> families(["a.radius", "b.radius", "obstacles.near", "obstacles.index"])
+    ('radius', 'obstacles')
+    """
+    names = (name.removeprefix("a.").removeprefix("b.").partition(".")[0] for name in arrays)
+    return tuple(dict.fromkeys(names))
+
+
+def _check(name: str, sim: Simulation) -> None:
+    low, high = sim.scene.limits(sim.radii)
+    state = sim.state
+    slack = 1e-3  # float32 coordinates of a box of 140 diameters
+    inside = (state.position >= low - slack) & (state.position <= high + slack)
+    if not (inside.all() and np.isfinite(state.velocity).all() and sim.count == sim.scene.count):
+        raise WrongAnswerError(f"{name}: the state is not whole after {sim.frame} frames")
+
+
+TIMER = """
+import numpy as np, mpsim
+rng = np.random.default_rng(1)
+places = (np.arange({side}) + 0.5) * {pitch}
+position = np.stack(np.meshgrid(places, places, indexing="ij"), axis=-1).reshape(-1, 2)
+scene = mpsim.Scene(width={side} * {pitch}, height={side} * {pitch}, position=position,
+                    velocity=rng.normal(size=position.shape), radius=0.5)
+with mpsim.Simulation(scene, mpsim.Settings(dt={dt}, method="grid", precision="{precision}")) as sim:
+    sim.run(frames={warm_up})
+    best = min(float(np.median(sim.run(frames={frames}).frame_seconds)) for _ in range({rounds}))
+    print(best / scene.count * 1e9, sim.digest())
+"""
+
+
+def bare_beside(folder: Path, settings: Settings, turns: int, tick: Callable[[str], None]) -> tuple[list[float], bool]:
+    """Cost of the bare scene here over that of another checkout, once per turn, and whether the digests are equal.
+
+    Args:
+        folder: of the other checkout's top level.
+        settings: whose precision is used.
+        turns: how often; each is a new process of either version, one right after the other.
+    """
+    here = Path(__file__).parents[2]
+    script = TIMER.format(
+        side=SIDE, pitch=PITCH, dt=DT, precision=settings.precision, warm_up=WARM_UP, frames=FRAMES, rounds=ROUNDS
+    )
+    ratios, equal = [], True
+    for turn in range(turns):
+        tick(f"turn {turn + 1}")
+        costs, digests = [], []
+        for top in (here, folder) if turn % 2 else (folder, here):
+            run = subprocess.run(
+                [sys.executable, "-c", script], cwd=top, env={**os.environ, "PYTHONPATH": str(top)},
+                capture_output=True, text=True, check=True,
+            )  # fmt: skip
+            cost, digest = run.stdout.split()
+            costs.append(float(cost))
+            digests.append(digest)
+        ratios.append(costs[0] / costs[1] if turn % 2 else costs[1] / costs[0])
+        equal &= digests[0] == digests[1]
+    return ratios, equal

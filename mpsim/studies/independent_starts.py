@@ -1,0 +1,161 @@
+"""The ensemble of a scene: independent starts over which a trade averages."""
+
+# pyright: reportUnnecessaryIsInstance=false
+# Arguments are checked when the program runs as well, for callers without a type checker.
+
+import dataclasses
+import functools
+import inspect
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from mpsim.core.errors import InputError
+from mpsim.core.state import State
+from mpsim.features.emitters import Emitter
+from mpsim.scene import placement, room
+from mpsim.scene.scene import Scene
+
+VARIATION = 1e-3
+"""Displacement of a disc, in diameters of the smallest, and relative change of its velocity, between two starts that
+count as the same: too small to matter, large enough for collisions to make independent samples of them soon."""
+
+KINDS = ("kind", "same")
+
+StartsGiven = str | Callable[[int], Scene] | Sequence[Scene] | None
+"""What may be given as `starts`: see `Starts`."""
+
+
+class Starts:
+    """Numbered starts of one scene. The same number always gives the same start; of "kind" and "same" 0 is the scene.
+
+    Args:
+        scene: the scene.
+        given: "kind": other starts of the same kind (`Scene.another`); "same": this start, but for VARIATION;
+            a function from a number to a Scene, or a list of Scenes; None: "kind" where the scene knows how it was
+            made, else "same".
+
+    Attributes:
+        name: which starts these are, in words.
+        key: a text that is the same for the same starts only; functions are told apart by the two first that they make.
+        same: whether they are one start but for VARIATION, so that their runs are alike at first.
+        number: how many there are; None where there are as many as are wanted.
+
+    Raises:
+        InputError: if the scene has no other starts, or `given` is none of these.
+    """
+
+    def __init__(self, scene: Scene, given: StartsGiven = None):
+        kind = ("kind" if scene.has_others else "same") if given is None else given
+        if isinstance(kind, str) and kind not in KINDS:
+            raise InputError(f"starts must be 'kind', 'same', a function or a list of Scenes; got {given!r}.")
+        self.same: bool = isinstance(kind, str) and kind == "same"
+        self.number: int | None = None
+        self._made: dict[int, Scene] = {}
+        if callable(kind):
+            self._make: Callable[[int], Scene] = _of_one_number(kind)
+            self.name: str = "starts that were given by a function"
+        elif isinstance(kind, str) and kind == "kind":
+            self._made = {0: scene, 1: scene.another(1)}  # which refuses a scene that has only one
+            self._make = scene.another
+            self.name = "other starts of the same kind"
+        elif isinstance(kind, str):
+            self._made, self._make = {0: scene}, functools.partial(varied, scene)
+            self.name = f"this start, each disc displaced by up to {VARIATION:g} of a diameter"
+        else:
+            chosen = _listed(kind)
+            self._made = dict(enumerate(chosen))
+            self._make = lambda number: _too_few(len(chosen), number)
+            self.number = len(chosen)
+            self.name = f"the {len(chosen)} starts that were given"
+        known = [] if isinstance(kind, str) else [self[number] for number in range(self.number or 2)]
+        self.key: str = " ".join([self.name, *(each.digest() for each in known)])
+
+    def __getitem__(self, number: int) -> Scene:
+        """The start of a number, >= 0.
+
+        Raises:
+            InputError: if what was given for it is no Scene, or there are too few of them.
+        """
+        if number not in self._made:
+            made: Any = self._make(number)
+            if not isinstance(made, Scene):
+                raise InputError(f"starts must give Scenes; for {number} it gave {type(made).__name__}.")
+            self._made[number] = made
+        return self._made[number]
+
+
+def varied(scene: Scene, seed: int) -> Scene:
+    """The scene with discs displaced by up to VARIATION, and velocities changed by as much, of the same kinetic energy.
+
+    A displacement that would lead to an overlap, or out of the box, is left out. What emitters add is varied likewise.
+    """
+    rng = np.random.default_rng(seed)
+    moves = rng.uniform(-1, 1, (scene.count, 2)) * (VARIATION * 2 * scene.smallest_radius)
+    solid = np.vstack([scene.capsules, *_piston_as_capsule(scene)])
+    position = placement.displaced(
+        scene.position, scene.radii, (scene.width, scene.height), scene.periodic, solid, moves
+    )
+    velocity = scene.velocity * (1 + VARIATION * rng.normal(size=scene.velocity.shape))
+    masses = 1.0 if scene.mass is None else scene.mass[:, None]
+    energy = float((masses * velocity**2).sum())
+    if energy > 0:
+        velocity *= np.sqrt(float((masses * scene.velocity**2).sum()) / energy)
+    other = scene.starting_from(State(position, velocity))
+    common = scene.largest_radius
+    other.emitters = tuple(_varied_emitter(scene, emitter, common, rng) for emitter in scene.emitters)
+    return other
+
+
+def _piston_as_capsule(scene: Scene) -> list[list[float]]:
+    """A line along the piston where it starts, from which discs keep away as they do from obstacles."""
+    if scene.piston is None:
+        return []
+    (left, bottom), (right, top) = scene.walls_at(0.0)
+    ends = {
+        "left": (left, bottom, left, top),
+        "right": (right, bottom, right, top),
+        "bottom": (left, bottom, right, bottom),
+        "top": (left, top, right, top),
+    }
+    return [[*ends[scene.piston.wall], 0.0]]
+
+
+def _varied_emitter(scene: Scene, emitter: Emitter, common: float, rng: np.random.Generator) -> Emitter:
+    """The emitter with its place and the velocity of its discs varied; it stays where an obstacle is too near."""
+    radius = common if emitter.radius is None else emitter.radius
+    before, speed = np.array(emitter.position), np.array(emitter.velocity)
+    place = np.clip(before + rng.uniform(-1, 1, 2) * VARIATION * 2 * radius, *scene.limits(radius))
+    if room.discs_in_obstacles(scene, place[None], np.array([radius]))[0]:
+        place = before
+    return dataclasses.replace(emitter, position=place, velocity=speed * (1 + VARIATION * rng.normal(size=2)))
+
+
+def _listed(given: Any) -> list[Scene]:
+    try:
+        chosen = list(given)
+    except TypeError:
+        chosen = []
+    if len(chosen) < 2 or not all(isinstance(each, Scene) for each in chosen):
+        raise InputError(f"starts must be 'kind', 'same', a function or a list of two Scenes or more; got {given!r}.")
+    return chosen
+
+
+def _of_one_number(given: Callable[[int], Scene]) -> Callable[[int], Scene]:
+    try:
+        inspect.signature(given).bind(0)
+    except TypeError as error:
+        raise InputError(
+            f"starts must be a function of one number, from 0 on, that returns a Scene; got {given!r} ({error})."
+        ) from None
+    except ValueError:  # one without a signature, as some of C have
+        pass
+    return given
+
+
+def _too_few(there: int, number: int) -> Scene:
+    raise InputError(
+        f"starts must hold a Scene for every run; {there} were given, and number {number} is needed. Give a function "
+        "that makes them, or fewer replicas."
+    )

@@ -1,0 +1,93 @@
+"""What a trade has found so far: results by key, in memory and in a file."""
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from mpsim.core import atomic, untrusted
+from mpsim.core.errors import InputError
+
+FORMAT = 3
+"""Of the file that keeps what is finished: runs that are cut or counted in another way are not to be mixed."""
+
+SAVE_EVERY = 1.0
+"""Seconds between two writes of the file that keeps what is finished."""
+
+
+MOST_BYTES = 2**23
+"""Bytes of that file at most: thousands of runs with all their errors."""
+
+
+class Kept:
+    """Results by key, in memory and, if there is a path, in a JSON file that is never half written."""
+
+    def __init__(self, path: str | Path | None, scene: str):
+        self._path = None if path is None else _checked(path)
+        self._results: dict[str, Any] = {}
+        self._title = {"format": FORMAT, "scene": scene}
+        self._plan: str | None = None
+        self.reference: str | None = None
+        self._open = False
+        self._saved = time.monotonic()
+        if self._path is not None and self._path.exists():
+            self._plan, self.reference, self._results = _loaded(self._path, self._title)
+
+    def open(self, plan: str, reference: str) -> None:
+        """Begin to keep results of a plan and a reference, which must be those of the file, if there is one."""
+        if self._plan not in (None, plan):
+            raise _other(self._path)
+        self._plan, self.reference, self._open = plan, reference, True
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._results
+
+    def __getitem__(self, key: str) -> Any:
+        return self._results[key]
+
+    def put(self, key: str, value: Any) -> None:
+        """Keep a result; the file follows within SAVE_EVERY seconds, or at the end."""
+        self._results[key] = value
+        if time.monotonic() - self._saved > SAVE_EVERY:
+            self.save()
+
+    def save(self) -> None:
+        """Write the file; a kill leaves the old one or the new one."""
+        self._saved = time.monotonic()
+        if self._path is not None and self._open:
+            results = {key: value for key, value in self._results.items() if "machine" not in value}
+            kept = {"title": self._title, "plan": self._plan, "reference": self.reference, "results": results}
+            atomic.write_text(self._path, json.dumps(kept))
+
+
+def _checked(path: str | Path) -> Path:
+    """A path that can be written, as is seen before hours are spent, not after."""
+    try:
+        atomic.check_target(Path(path))
+    except (OSError, TypeError, ValueError) as error:  # the last two: no path at all
+        raise InputError(
+            f"path must be a file in a folder that can be written to; got {path!r} "
+            f"({getattr(error, 'strerror', None) or error}). Make the folder, or give another path."
+        ) from None
+    return Path(path)
+
+
+def _loaded(path: Path, title: dict[str, Any]) -> tuple[str, str, dict[str, Any]]:
+    try:
+        kept = json.loads(untrusted.text(path, MOST_BYTES))
+        found, plan, reference, results = kept["title"], kept["plan"], kept["reference"], dict(kept["results"])
+    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
+        raise InputError(
+            f"path must be a file of an earlier trade, or none yet; {path} cannot be read as one ({error!s:.200}). "
+            "Remove it, or give another path."
+        ) from None
+    if found != title:
+        raise _other(path)
+    return plan, reference, results
+
+
+def _other(path: Path | None) -> InputError:
+    return InputError(
+        f"path must be a file of the same scene and the same lengths of runs; {path} is of others. "
+        "Remove it, or give another path."
+    )

@@ -1,0 +1,296 @@
+"""The trade: what each of many settings costs on a scene, and how wrong it is, as a table."""
+
+import csv
+import dataclasses
+import io
+import math
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mpsim.core import atomic, checks
+from mpsim.core.deferred_signals import terminated_by_exit
+from mpsim.core.errors import InputError, MpsimError
+from mpsim.core.plain import json_text
+from mpsim.core.views import view
+from mpsim.engine.simulation import Simulation
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+from mpsim.studies import ensemble
+from mpsim.studies.cost import Cost
+from mpsim.studies.default_candidates import ladder
+from mpsim.studies.deviations import Deviation
+from mpsim.studies.ensemble import Campaign
+from mpsim.studies.independent_starts import StartsGiven
+from mpsim.studies.replicas import MEASURES, available, demand_available, quietly, starts_of
+
+SETTINGS = ("method", "contact", "law", "passes", "substeps", "dt", "precision", "workers")
+"""Settings that are columns of the table."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One candidate.
+
+    Attributes:
+        settings: the candidate.
+        cost: what it costs; None if it failed.
+        errors: measure -> its error against the reference.
+        failure: why it could not be run to the end; None if it could.
+    """
+
+    settings: Settings
+    cost: Cost | None = None
+    errors: dict[str, Deviation] = field(default_factory=dict[str, Deviation])
+    failure: str | None = None
+
+    @property
+    def label(self) -> str:
+        """The settings in a few words, such as "grid impact x2 dt=0.05"."""
+        return label(self.settings)
+
+    def record(self) -> dict[str, Any]:
+        """The row as plain values by column name."""
+        values: dict[str, Any] = {name: getattr(self.settings, name) for name in SETTINGS}
+        cost = dataclasses.asdict(self.cost) if self.cost else {}
+        for name in ("median", "low", "high"):
+            values["cost" if name == "median" else f"cost_{name}"] = cost.get(name)
+        values["memory"] = cost.get("memory")
+        values["ran"] = f"{cost['method']} x{cost['workers']}" if cost else None
+        for name, deviation in self.errors.items():
+            values[name], values[f"{name}_error"] = deviation.value, deviation.error
+            values[f"{name}_resolved"], values[f"{name}_reason"] = deviation.resolved, deviation.reason
+        values["failure"] = self.failure
+        return values
+
+
+@dataclass(frozen=True)
+class Tradeoff:
+    """Costs and errors of candidates on one scene.
+
+    Attributes:
+        scene: which, in words.
+        reference: what the errors are measured against, in words.
+        until: length of a long run [time].
+        short: length of a short run [time].
+        measures: names of the errors.
+        rows: one per candidate, in the order in which they were given.
+        starts: of what starts the errors are, in words.
+    """
+
+    scene: str
+    reference: str
+    until: float
+    short: float
+    measures: tuple[str, ...]
+    rows: tuple[Row, ...]
+    starts: str = ""
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns of the table."""
+        parts = ("", "_error", "_resolved", "_reason")
+        errors = [name + part for name in self.measures for part in parts]
+        return (*SETTINGS, "cost", "cost_low", "cost_high", "memory", "ran", *errors, "failure")
+
+    def frontier(self, measure: str) -> list[Row]:
+        """The Pareto front: rows than which no other is both cheaper and less wrong, cheapest first.
+
+        An error that is not resolved counts as its bound; it improves on another that is not resolved only where the
+        noise is smaller too, as otherwise chance would choose.
+
+        Raises:
+            InputError: if the table has no such measure.
+        """
+        checks.choice("measure", measure, self.measures)
+        fit = [row for row in self.rows if row.cost is not None and measure in row.errors]
+        fit.sort(key=lambda row: (row.cost.median if row.cost else math.inf, row.errors[measure].shown))
+        front: list[Row] = []
+        for row in fit:
+            error = row.errors[measure]
+            if math.isfinite(error.shown) and (not front or error.shown < front[-1].errors[measure].least):
+                front.append(row)
+        return front
+
+    def to_csv(self, path: str | Path | None = None) -> str:
+        """The table as CSV, one line per candidate; also written to `path`, if given."""
+        text = io.StringIO()
+        writer = csv.DictWriter(text, self.columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(row.record() for row in self.rows)
+        return _written(text.getvalue(), path)
+
+    def to_json(self, path: str | Path | None = None) -> str:
+        """The table as JSON: scene, reference, until, short, and rows of plain values; also written to `path`.
+
+        What is not finite is null: JSON has no word for it.
+        """
+        values = {name: getattr(self, name) for name in ("scene", "reference", "starts", "until", "short", "measures")}
+        values["rows"] = [row.record() for row in self.rows]
+        return _written(json_text(values) + "\n", path)
+
+    def __str__(self) -> str:
+        return view("trade in a terminal", self)
+
+    def _repr_html_(self) -> str:
+        return view("trade in a notebook", self)
+
+
+def label(settings: Settings) -> str:
+    """Settings in a few words; what is left out is the default, and dt means nothing to `event`."""
+    if settings.method == "event":
+        return "event"
+    words = [settings.method, settings.contact]
+    words += [f"x{settings.passes}"] if settings.passes > 1 else []
+    words += [settings.law] if settings.law != "elastic" else []
+    words += [f"/{settings.substeps}"] if settings.substeps > 1 else []
+    words += [settings.precision] if settings.precision != "float64" else []
+    words += [f"{settings.workers} workers"] if settings.workers else []
+    return " ".join([*words, f"dt={settings.dt:.3g}"])
+
+
+def tradeoff(
+    scene: Scene,
+    candidates: Iterable[Settings] | None = None,
+    until: float | None = None,
+    measures: Iterable[str] | None = None,
+    *,
+    starts: StartsGiven = None,
+    executor: Executor | None = None,
+    replicas: int = 16,
+    seconds: float = 150.0,
+    path: str | Path | None = None,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> Tradeoff:
+    """Cost and errors of each candidate on a scene.
+
+    Errors are those of the physics: averages over `replicas` runs of length `until` from independent starts, against
+    twice as many of the exact solver. Where that cannot do the scene, is too slow, or may never end (discs that lose
+    energy and rest in a field), they are of the finest affordable stepped run, and the table says so. A difference
+    below three standard errors (more, where few replicas know them badly) is "not resolved". On a scene that changes
+    with time the errors of pressure, collision_rate, overlap and speed_distribution are means over windows along its
+    duration, with the largest of a window beside them; energy_drift, momentum_drift and largest_overlap are of whole
+    runs, trajectory and missed_collisions of short ones. What means nothing on the scene is "not measurable", with the
+    reason.
+
+    pressure, collision_rate
+        relative difference of the averages [1]
+    energy_drift
+        difference of the relative change of energy per time [1/time]
+    momentum_drift
+        momentum that came from nowhere, per time, over the sum of all |v| [1/time]
+    overlap, largest_overlap
+        mean and largest depth at which pairs are met [diameters]
+    speed_distribution
+        largest difference of the cumulative distributions of speeds [1]
+    trajectory
+        distance of the discs from where the exact solver has them after a short time, rms [diameters]; from states
+        along one run of the scene, whatever `starts` is
+    missed_collisions
+        fraction of the exact solver's collisions that did not happen in that time; < 0: too many [1]; from the same
+        states
+
+    Cost is measured when all accuracy runs are over, one candidate at a time.
+
+    Args:
+        scene: what is simulated.
+        candidates: settings to compare; None: a ladder of contacts, steps, passes, laws, precisions, methods.
+        until: length of one run [time], > 0; None: the scene's duration; where it has none, so that collisions fix the
+            pressure to about a thousandth.
+        measures: names of errors; None: all that the scene can have.
+        starts: "kind": other starts of the same kind (see `Scene.another`), so that errors hold for the kind; "same":
+            this start, each disc displaced by up to a thousandth of a diameter; a function from a number to a Scene, or
+            a list of Scenes; None: "kind" where the scene was drawn at random, else "same".
+        executor: any concurrent.futures.Executor for the accuracy runs, which are independent; None: threads, as many
+            as there are cores. The costs are always measured here.
+        replicas: runs per candidate, >= 2.
+        seconds: that runs of the reference may take, about, where it is a stepped one: it is as fine as there is time
+            for [s].
+        path: file that keeps what is finished; an interrupted call goes on from it.
+        progress: called as progress(done, of, what).
+
+    Raises:
+        InputError: naming the argument and its rule; or the candidate that this scene cannot be run with.
+
+    >>> scene = Scene.random(count=30, packing=0.2, radius=0.5, seed=1)
+    >>> pair = [Settings(dt=dt, method="naive") for dt in (0.2, 0.02)]
+    >>> table = tradeoff(scene, pair, until=20.0, measures=["overlap", "missed_collisions"], replicas=2)
+    >>> coarse, fine = table.rows
+    >>> coarse.cost.median < fine.cost.median, coarse.errors["overlap"].value > fine.errors["overlap"].value
+    (True, True)
+    """
+    names = _measures(measures, scene)
+    checks.whole("replicas", replicas, 2, 100_000, "16 will do for most scenes.")
+    how: dict[str, Any] = {"executor": executor, "path": path, "progress": progress, "starts": starts}
+    seconds = checks.positive("seconds", seconds, "[s]")
+    with terminated_by_exit():
+        run = Campaign(scene, until, names, replicas=replicas, seconds=seconds, **how)
+        settings = ladder(scene, run.pilot.speed) if candidates is None else _checked(scene, candidates)
+        with run:
+            run.assess(settings)
+            run.time(settings)
+    rows = tuple(row_of(run, each) for each in settings)
+    lengths = run.plan.until, run.plan.short
+    return Tradeoff(repr(scene), run.pilot.reference_name, *lengths, names, rows, starts_of(names, run.starts.name))
+
+
+def row_of(run: Campaign, settings: Settings) -> Row:
+    """What a campaign has found out about one candidate."""
+    try:
+        errors = run.errors(settings)
+        cost = run.cost(settings)
+    except ensemble.CandidateFailed as failed:
+        return Row(settings, failure=str(failed))
+    return Row(settings, cost, errors)
+
+
+def _measures(measures: Iterable[str] | None, scene: Scene) -> tuple[str, ...]:
+    if measures is None:
+        return available(scene)
+    names = [measures] if isinstance(measures, str) else listed("measures", measures, "names of errors")
+    if not names:
+        raise InputError(f"measures must name at least one error; got none. Choose from {', '.join(MEASURES)}.")
+    chosen = tuple(dict.fromkeys(checks.choice("measures", name, MEASURES) for name in names))
+    demand_available(chosen, scene)
+    return chosen
+
+
+def _checked(scene: Scene, candidates: Iterable[Settings]) -> Sequence[Settings]:
+    """The candidates, if each is one and can run the scene."""
+    settings = listed("candidates", [candidates] if isinstance(candidates, Settings) else candidates, "mpsim.Settings")
+    if not settings:
+        raise InputError("candidates must hold at least one Settings; got none. Leave it out for a default ladder.")
+    for index, candidate in enumerate(settings):
+        if not isinstance(candidate, Settings):
+            raise InputError(f"candidates[{index}] must be an mpsim.Settings; got {type(candidate).__name__}.")
+        if candidate.unguarded:
+            raise InputError(
+                f"candidates[{index}] must not be unguarded: each of its runs differs from the one before, so that no "
+                "row could be reproduced. Leave out unguarded=True."
+            )
+        try:
+            with quietly():
+                Simulation(scene, dataclasses.replace(candidate, workers=1)).close()
+        except MpsimError as error:
+            raise InputError(f"candidates[{index}] ({label(candidate)}) cannot run this scene: {error}") from error
+    return settings
+
+
+def listed(name: str, values: Any, what: str) -> list[Any]:
+    """The values as a list.
+
+    Raises:
+        InputError: if they cannot be listed.
+    """
+    try:
+        return list(values)
+    except TypeError:
+        raise InputError(f"{name} must be a list of {what}; got {values!r}.") from None
+
+
+def _written(text: str, path: str | Path | None) -> str:
+    if path is not None:
+        atomic.write_text(path, text)
+    return text

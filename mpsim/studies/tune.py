@@ -1,0 +1,446 @@
+"""The chooser: the cheapest settings whose errors stay inside given budgets, found by search and verified anew."""
+
+# pyright: reportUnnecessaryIsInstance=false
+# Arguments are checked when the program runs as well, for callers without a type checker.
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mpsim.core import checks
+from mpsim.core.deferred_signals import terminated_by_exit
+from mpsim.core.errors import BudgetError, InputError, NotMeasurableError
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+from mpsim.studies.default_candidates import families, step
+from mpsim.studies.deviations import Deviation
+from mpsim.studies.ensemble import REFERENCE, Campaign, CandidateFailed
+from mpsim.studies.independent_starts import StartsGiven
+from mpsim.studies.replicas import MEASURES, PIECES, demand_available, starts_of
+from mpsim.studies.tradeoff import Row, label, listed, row_of
+from mpsim.studies.tuned import Trial, Tuned
+
+FIRST = 0.1
+"""Step at which each family is first looked at, in units of diameter / speed."""
+
+LONGEST, SHORTEST = 0.5, 0.0005
+"""Steps between which the search stays, likewise: beyond, discs may pass each other unseen; below, `event` is cheap."""
+
+CLOSE = 1.15
+"""Ratio of two steps, one inside the budgets and one not, at which the search is over."""
+
+LOOKS = 8
+"""Steps of one family that are looked at, at most."""
+
+MOST_REPLICAS = 64
+"""Replicas at most, where the noise leaves it open whether a budget is met."""
+
+FEWEST_REPLICAS = 6
+"""... and at least, where runs are long: with fewer their standard error is known too badly to decide anything."""
+
+SEARCH, LEAST_SEARCH = 0.6, 0.25
+"""Fraction of the time there is in which candidates are looked at, the rest being for verification and timing; and the
+fraction that is left for them where the reference has taken longer than was forecast."""
+
+AIM = 0.9
+"""Fraction of the budget at which the next step is aimed."""
+
+LEAST_RATIO = 4.0
+"""Steps of candidates, at least, over that of a stepped reference."""
+
+TRIALS, TYPICAL, TIMING = 12, 0.03, 1.5
+"""Candidates that a search looks at, their typical step (diameter / speed), seconds to time one: for a forecast."""
+
+VERIFICATIONS = 4
+"""Settings that may fail their verification before the search gives up."""
+
+
+def tune(
+    scene: Scene,
+    max_error: Mapping[str, float],
+    until: float | None = None,
+    candidates: Iterable[Settings] | None = None,
+    *,
+    starts: StartsGiven = None,
+    executor: Executor | None = None,
+    replicas: int = 16,
+    seconds: float = 150.0,
+    path: str | Path | None = None,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> Tuned:
+    """The cheapest settings whose errors on a scene stay inside every budget.
+
+    For each family of settings the longest step inside the budgets is searched along the order that was measured so
+    far; the cheapest family wins, and runs of its own, from starts of their own, verify it. An error counts with two of
+    its standard errors. On a scene that changes with time the errors of pressure, collision_rate, overlap and
+    speed_distribution are means over windows along its duration, and no single window may be seen to be outside;
+    energy_drift, momentum_drift and largest_overlap are of whole runs, trajectory and missed_collisions of short ones.
+
+    Args:
+        scene: what is simulated.
+        max_error: measure -> largest |error|, > 0, in the unit of the measure (see `tradeoff`): {"pressure": 0.01} is
+            one per cent, {"overlap": 0.05} a twentieth of a diameter.
+        until: length of one run [time]; None: the scene's duration; where it has none, so that collisions fix the
+            pressure to about a thousandth, if the scene does not change with time.
+        candidates: families to choose from, whose dt is searched; None: impact with one and two passes, push, and the
+            exact solver.
+        starts, executor, replicas, path, progress: as for `tradeoff`; replicas are doubled where noise leaves an answer
+            open, and fewer where runs are long. `progress` is called first with how long it will take.
+        seconds: that it may take, about [s]: a longer search reaches smaller errors where runs are long.
+
+    Raises:
+        BudgetError: if no candidate meets all budgets, with the least error that was reached.
+        NotMeasurableError: if the scene shows no such error: nothing happens, or all runs are one run.
+        InputError: naming the argument and its rule.
+
+    >>> scene = Scene.random(count=30, packing=0.2, radius=0.5, seed=1)
+    >>> found = tune(scene, {"overlap": 0.05}, until=10.0, replicas=2)
+    >>> found.errors["overlap"].value < 0.05
+    True
+    """
+    budgets = _budgets(max_error)
+    demand_available(budgets, scene)
+    choices = _families(candidates)
+    replicas = checks.whole("replicas", replicas, 2, MOST_REPLICAS, "16 will do for most scenes.")
+    seconds = checks.positive("seconds", seconds, "[s]")
+    how: dict[str, Any] = {"executor": executor, "path": path, "progress": progress, "starts": starts}
+    how |= {"replicas": replicas, "seconds": seconds}
+    with terminated_by_exit(), Campaign(scene, until, tuple(budgets), **how) as run:
+        search = Search(run, scene, budgets, seconds)
+        search.look_at_the_reference()
+        for family in choices:
+            search.longest_step(family)
+        return search.answer()
+
+
+class Search:
+    """The trials of one call of `tune`."""
+
+    def __init__(self, run: Campaign, scene: Scene, budgets: dict[str, float], seconds: float):
+        self._run = run
+        self._scene = scene
+        self._budgets = budgets
+        self._seconds = seconds
+        self._end = time.monotonic() + SEARCH * seconds
+        self._most, self._block, self._attempts = _blocks(run)
+        run.replicas = min(run.replicas, self._most)
+        self._verifying = max(self._most // 2, run.replicas)
+        self._trials: dict[Settings, Trial] = {}
+        self._orders: dict[str, float] = {}
+        self._numbers: dict[Settings, int] = {}
+
+    def look_at_the_reference(self) -> None:
+        """Choose how many runs there is time for, say how long it will take, and refuse what they cannot measure.
+
+        Raises:
+            NotMeasurableError: for a measure whose error would mean nothing.
+        """
+        run, fine = self._run, self._run.pilot.reference
+        self._choose_numbers()
+        typical = Settings(dt=TYPICAL * 2 * self._scene.smallest_radius / run.pilot.speed)
+        looks = TRIALS * (run.seconds_for(typical, run.replicas) + TIMING)
+        verification = run.seconds_for(typical, self._verifying, verify=True)
+        references = run.seconds_for(fine, run.replicas, verify=True) - run.seconds_for(fine, run.replicas)
+        needed = references + min(looks, SEARCH * self._seconds) + verification
+        run.announce(f"about {needed:.0f} s: {run.replicas} runs of each candidate, to {run.plan.until:.3g}")
+        run.assess([], run.replicas)
+        try:
+            run.demand_measurable(self._budgets)
+        except CandidateFailed as failed:
+            raise NotMeasurableError(
+                f"nothing is measurable here: {failed}. Ask for shorter runs (until=...)."
+            ) from None
+        self._choose_numbers()  # as it is known by now how long runs really take
+        self._end = max(self._end, time.monotonic() + LEAST_SEARCH * self._seconds)
+
+    def _choose_numbers(self) -> None:
+        """Choose how many runs of a candidate there is time for, in the search and in a verification."""
+        run = self._run
+        one = run.seconds_for(run.pilot.reference, 1, verify=True)
+        affordable = int(SEARCH / 2 * self._seconds / one) if one else self._most
+        run.replicas = max(min(run.replicas, affordable), min(run.replicas, FEWEST_REPLICAS))
+        self._verifying = max(min(self._verifying, affordable), run.replicas)
+
+    def longest_step(self, family: Settings) -> None:
+        """Look for the longest step of a family inside all budgets."""
+        if family.method == "event" and not self._run.pilot.exact:  # which is why it is not the reference
+            reason = f"not tried: errors are against {self._run.pilot.reference_name}"
+            self._trials[family] = Trial(Row(family, failure=reason), reason, False)
+            return
+        if family.method == "event":
+            self._try(family)
+            return
+        speed = self._run.pilot.speed
+        dt, shortest, longest = (step(self._scene, speed, h) for h in (FIRST, SHORTEST, LONGEST))
+        longest = min(longest, self._run.plan.until / PIECES)
+        dt, shortest = min(dt, longest), min(shortest, longest)
+        if not self._run.pilot.exact:  # which resolves no error that is not far above its own
+            shortest = max(shortest, LEAST_RATIO * self._run.pilot.reference.dt)
+        inside, outside = 0.0, math.inf
+        found: list[tuple[float, float]] = []  # step and largest error over budget
+        for _ in range(LOOKS):
+            settings = dataclasses.replace(family, dt=dt)
+            if not self._is_time_for(settings):
+                break
+            trial = self._try(settings)
+            if not _is_measurable(trial):
+                break
+            if trial.inside:
+                inside = max(inside, dt)
+            else:
+                outside = min(outside, dt)
+                if self._is_too_costly(trial):
+                    break
+            ratio = _worst(trial.row, self._budgets)
+            if math.isfinite(ratio) and ratio > 0:
+                found.append((dt, ratio))
+            if outside < inside * CLOSE or inside >= longest or outside <= shortest:
+                break
+            dt = self._next(dt, found, inside, outside, (shortest, longest))
+            if dataclasses.replace(family, dt=dt) in self._trials:
+                break
+        self._orders[label(dataclasses.replace(family, dt=1.0))] = _order(found)
+
+    def answer(self) -> Tuned:
+        """The cheapest trial inside all budgets that passes its verification.
+
+        Raises:
+            BudgetError: if there is none.
+        """
+        for attempt in range(self._attempts + 1):
+            best = self._best(attempt)
+            if best is None:
+                break
+            if self._is_exact(best.row.settings):
+                return self._tuned(best, best.row.errors)
+            errors = self._verified(best.row.settings, self._block * (1 + attempt))
+            broken = [name for name, budget in self._budgets.items() if not errors[name].inside(budget)]
+            if not broken:
+                return self._tuned(best, errors)
+            self._set_back(best, errors, broken)
+        raise self._refusal()
+
+    def _best(self, attempt: int) -> Trial | None:
+        """The cheapest inside all budgets; the exact solver where there is no time for one more verification."""
+        inside = [trial for trial in self._trials.values() if trial.inside]
+        best = min(inside, key=_cost, default=None)
+        if best is None or not attempt or self._is_exact(best.row.settings):
+            return best
+        if attempt < self._attempts and self._is_time_for(best.row.settings, self._verifying, last=True):
+            return best
+        return next((trial for trial in inside if self._is_exact(trial.row.settings)), None)
+
+    def _verified(self, settings: Settings, first: int) -> dict[str, Deviation]:
+        """Errors of runs from starts, numbered from `first` on, that had no part in anything before."""
+        self._choose_numbers()
+        number = max(self._numbers[settings], self._verifying)
+        self._run.assess([settings], number, first=first)
+        return self._run.errors(settings, number, first=first)
+
+    def _set_back(self, best: Trial, errors: dict[str, Deviation], broken: list[str]) -> None:
+        """Note that settings have failed their verification, and try a shorter step if there is time."""
+        settings = best.row.settings
+        verdict = f"inside at first, but {broken[0]} {errors[broken[0]]!r} when verified"
+        self._trials[settings] = Trial(dataclasses.replace(best.row, errors=errors), verdict, False)
+        if self._is_time_for(settings, last=True):
+            self._step_back(settings, max(_ratio(errors[name], self._budgets[name]) for name in broken))
+
+    def _step_back(self, settings: Settings, ratio: float) -> None:
+        """Try the step that the order found suggests for one that came out so many times too wrong when verified."""
+        order = self._orders.get(label(dataclasses.replace(settings, dt=1.0)), 1.0)
+        dt = float(f"{settings.dt / max((ratio / AIM) ** (1 / order), CLOSE):.2g}")
+        for other, trial in list(self._trials.items()):
+            if trial.inside and other == dataclasses.replace(settings, dt=other.dt) and other.dt > dt:
+                verdict = "inside at first, but not likely to be when verified, as the next longer step was not"
+                self._trials[other] = Trial(trial.row, verdict, False)
+        if dt >= step(self._scene, self._run.pilot.speed, SHORTEST):
+            self._try(dataclasses.replace(settings, dt=dt))
+
+    def _try(self, settings: Settings) -> Trial:
+        """Errors and cost of a candidate; with more replicas while noise leaves the answer open."""
+        if settings in self._trials:
+            return self._trials[settings]
+        number = self._run.replicas
+        while True:
+            self._run.assess([settings], number)
+            try:
+                errors = self._run.errors(settings, number)
+            except CandidateFailed as failed:
+                self._trials[settings] = Trial(Row(settings, failure=str(failed)), str(failed), False)
+                return self._trials[settings]
+            if number * 2 > self._most or self._is_exact(settings) or not self._open(errors):
+                break
+            if not self._is_time_for(settings, 2 * number):
+                break
+            number *= 2
+        self._numbers[settings] = number
+        self._run.time([settings])
+        row = dataclasses.replace(row_of(self._run, settings), errors=errors)
+        broken = [name for name, budget in self._budgets.items() if not errors[name].inside(budget)]
+        verdict = _words(broken[0], errors, self._budgets) if broken else "inside all budgets"
+        self._trials[settings] = Trial(row, verdict, not broken)
+        return self._trials[settings]
+
+    def _is_time_for(self, settings: Settings, replicas: int = 0, last: bool = False) -> bool:
+        """Whether there is time for the runs of another candidate, or for its verification as the last one."""
+        needed = self._run.seconds_for(settings, replicas or self._run.replicas, verify=last or bool(replicas))
+        return time.monotonic() + needed < self._end + (1 - SEARCH) * self._seconds * last
+
+    def _is_exact(self, settings: Settings) -> bool:
+        """Whether this is the reference itself."""
+        return settings.method == self._run.pilot.reference.method == "event"
+
+    def _open(self, errors: dict[str, Deviation]) -> bool:
+        """Whether more replicas could bring inside what is outside now."""
+        outside = [(errors[name], budget) for name, budget in self._budgets.items() if not errors[name].inside(budget)]
+        return bool(outside) and all(abs(each.value) - each.noise < budget for each, budget in outside)
+
+    def _is_too_costly(self, trial: Trial) -> bool:
+        """Whether something inside the budgets is already cheaper than this one, which is not."""
+        inside = [_cost(each) for each in self._trials.values() if each.inside]
+        return bool(inside) and _cost(trial) > min(inside)
+
+    def _next(
+        self, dt: float, found: list[tuple[float, float]], inside: float, outside: float, limits: tuple[float, float]
+    ) -> float:
+        """The step at which the error is likely to meet its budget, between those that are known."""
+        last, ratio = found[-1] if found else (dt, 4.0)
+        aim = last * float(np.clip((AIM / ratio) ** (1 / _order(found)), 0.2, 4.0))
+        if inside and math.isfinite(outside) and not inside * 1.02 < aim < outside / 1.02:
+            aim = math.sqrt(inside * outside)
+        aim = min(max(aim, limits[0]), limits[1])
+        return float(f"{aim:.2g}")
+
+    def _tuned(self, best: Trial, errors: dict[str, Deviation]) -> Tuned:
+        assert best.row.cost is not None
+        settings = best.row.settings
+        tighter = 1.0
+        if settings.method != "event":
+            order = self._orders.get(label(dataclasses.replace(settings, dt=1.0)), 1.0)
+            tighter = 2 ** (1 / order)
+            exact = [_cost(each) for each in self._trials.values() if each.inside and each.row.label == "event"]
+            tighter = min(tighter, *(cost / best.row.cost.median for cost in exact)) if exact else tighter
+        tried = tuple(sorted(self._trials.values(), key=_cost))
+        run = self._run
+        said: dict[str, Any] = {
+            "starts": starts_of(self._budgets, run.starts.name),
+            "until": run.plan.until,
+            "warning": run.warning_of(settings),
+        }
+        reference = run.pilot.reference_name
+        return Tuned(settings, best.row.cost, errors, self._budgets, reference, tried, tighter, **said)
+
+    def _refusal(self) -> BudgetError | NotMeasurableError:
+        """Why nothing meets the budgets, with the least error that was reached."""
+        wanted = ", ".join(f"{name} {budget:g}" for name, budget in self._budgets.items())
+        rows = [
+            trial.row for trial in self._trials.values() if trial.row.errors and not self._is_exact(trial.row.settings)
+        ]
+        for name in self._budgets:
+            reasons = [row.errors[name].reason for row in rows]
+            if reasons and all(reasons):
+                return NotMeasurableError(f"{name} is not measurable here: {reasons[0]}")
+        rows = [row for row in rows if 1 < _worst(row, self._budgets) < math.inf]
+        if not rows:
+            reasons = [f"{trial.row.label}: {trial.verdict}" for trial in self._trials.values()]
+            return BudgetError(
+                f"no candidate could run this scene for max_error {wanted}: {'; '.join(reasons)}. Choose other "
+                "candidates."
+            )
+        best = min(rows, key=lambda row: _worst(row, self._budgets))
+        reached = ", ".join(f"{name} {best.errors[name].bound:.3g}" for name in self._budgets)
+        event = "; or let candidates hold Settings(method='event')" if self._run.pilot.exact else ""
+        return BudgetError(
+            f"max_error must be within reach: no candidate stays inside {wanted}. The best of {len(rows)} tried, "
+            f"{best.label}, reaches {reached} (two standard errors included). Allow these errors; where the noise is "
+            f"what is left, run longer (until=..., seconds=...){event}."
+        )
+
+
+def _blocks(run: Campaign) -> tuple[int, int, int]:
+    """Replicas at most, starts of the search and of each verification, and verifications at most.
+
+    Each has starts of its own, which is what makes the verification one. Of a list there are only so many.
+
+    Raises:
+        InputError: if a list of starts is too short.
+    """
+    references = REFERENCE if run.pilot.exact else 1
+    if run.starts.number is None:
+        return MOST_REPLICAS, references * MOST_REPLICAS, VERIFICATIONS
+    least = 2 * references * FEWEST_REPLICAS
+    if run.starts.number < least:
+        raise InputError(
+            f"starts must hold at least {least} Scenes, for the search, the runs of the reference beside it, and a "
+            f"verification of its own; got {run.starts.number}. Give more, or a function that makes them."
+        )
+    block = run.starts.number // 2
+    return min(block // references, MOST_REPLICAS), block, 1
+
+
+def _budgets(max_error: Mapping[str, float]) -> dict[str, float]:
+    if not isinstance(max_error, Mapping) or not max_error:
+        raise InputError(
+            f"max_error must hold at least one budget, as in {{'pressure': 0.01}}; got {max_error!r}. "
+            f"Choose from {', '.join(MEASURES)}."
+        )
+    return {
+        checks.choice("max_error", name, MEASURES): checks.positive(f"max_error[{name!r}]", budget, "(an error)")
+        for name, budget in max_error.items()
+    }
+
+
+def _families(candidates: Iterable[Settings] | None) -> list[Settings]:
+    if candidates is None:
+        return [Settings(method="event"), *families()]
+    chosen: list[Settings] = listed(
+        "candidates", [candidates] if isinstance(candidates, Settings) else candidates, "mpsim.Settings"
+    )
+    if not chosen or not all(isinstance(each, Settings) for each in chosen):
+        raise InputError(
+            f"candidates must hold at least one mpsim.Settings; got {chosen!r}. Leave it out for a choice."
+        )
+    return chosen
+
+
+def _cost(trial: Trial) -> float:
+    return trial.row.cost.median if trial.row.cost else math.inf
+
+
+def _ratio(error: Deviation, budget: float) -> float:
+    """Size of an error over its budget; infinite where it is not measurable."""
+    if not error.measurable:
+        return math.inf
+    largest = 0.0 if error.largest is None else abs(error.largest.value) - error.largest.noise
+    return max(error.bound, largest) / budget
+
+
+def _is_measurable(trial: Trial) -> bool:
+    """Whether the candidate could run and each of its errors means something."""
+    return all(error.measurable for error in trial.row.errors.values())
+
+
+def _worst(row: Row, budgets: dict[str, float]) -> float:
+    """Largest error of a row over its budget."""
+    return max((_ratio(row.errors[name], budget) for name, budget in budgets.items() if row.errors), default=math.inf)
+
+
+def _order(found: list[tuple[float, float]]) -> float:
+    """Order of the error in the step, a line through the logarithms of what was seen; 1.5 before anything is known."""
+    if len({dt for dt, _ in found}) < 2:
+        return 1.5
+    logarithms = np.log(np.array(found, dtype=np.float64))
+    slope = float(np.polyfit(logarithms[:, 0], logarithms[:, 1], 1)[0])
+    return min(max(slope, 0.7), 4.0)
+
+
+def _words(name: str, errors: dict[str, Deviation], budgets: dict[str, float]) -> str:
+    if not errors[name].measurable:
+        return f"{name} {errors[name]!r}"
+    return f"{name} {errors[name]!r} is outside {budgets[name]:g}, two standard errors included"

@@ -1,0 +1,100 @@
+"""What a search for settings gives: each candidate with its verdict, and the answer."""
+
+import math
+from dataclasses import dataclass
+
+from mpsim.core.views import view
+from mpsim.scene.settings import Settings
+from mpsim.studies.cost import Cost
+from mpsim.studies.deviations import Deviation
+from mpsim.studies.tradeoff import Row, label
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One candidate of the search.
+
+    Attributes:
+        row: its settings, cost and errors.
+        verdict: "inside all budgets", or which budget it broke and by how much.
+        inside: whether all budgets are met, standard errors included.
+    """
+
+    row: Row
+    verdict: str
+    inside: bool
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """The answer of `tune`.
+
+    Attributes:
+        settings: the cheapest settings found inside all budgets.
+        cost: what they cost.
+        errors: their errors, from runs that had no part in choosing them.
+        budgets: as they were asked for.
+        reference: what the errors are measured against, in words.
+        starts: of what starts the errors are, in words.
+        until: length of the runs [time].
+        warning: what mpsim warns of when these settings are used on the scene, or "".
+        tried: every candidate of the search with its verdict, cheapest first.
+        tighter: cost of half of every budget, estimated from the fitted order, over the cost of this one [1].
+    """
+
+    settings: Settings
+    cost: Cost
+    errors: dict[str, Deviation]
+    budgets: dict[str, float]
+    reference: str
+    tried: tuple[Trial, ...]
+    tighter: float
+    starts: str = ""
+    until: float = math.nan
+    warning: str = ""
+
+    @property
+    def exact(self) -> bool:
+        """Whether these settings are the reference itself, so that their errors are 0 by definition."""
+        return all(error.exact for error in self.errors.values())
+
+    @property
+    def verified(self) -> bool:
+        """Whether runs that had no part in choosing, and could have shown otherwise, found each error in its budget."""
+        return not self.exact and all(error.inside(self.budgets[name]) for name, error in self.errors.items())
+
+    def _repr_html_(self) -> str:
+        return view("tuned settings in a notebook", self)
+
+    def __str__(self) -> str:
+        lines = [f"{label(self.settings)}: {self.cost.median:.3g} ns per disc and unit of time ({self.cost.method})"]
+        for name, budget in self.budgets.items():
+            error = self.errors[name]
+            claim = "exact" if error.exact else "verified by runs of its own"
+            lines.append(f"  {name}: {error!r}, budget {budget:g} ({claim}{_where(error, self.until)})")
+        cheaper = [each for each in self.tried if not each.inside and each.row.cost is not None]
+        cheaper = [each for each in cheaper if each.row.cost and each.row.cost.median < self.cost.median]
+        lines += ["cheaper, and why not:"] if cheaper else ["nothing cheaper was found"]
+        for each in cheaper:
+            assert each.row.cost is not None
+            lines.append(f"  {each.row.label}, {each.row.cost.median:.3g} ns: {each.verdict}")
+        lines += [f"  {each.row.label} failed: {each.row.failure}" for each in self.tried if each.row.cost is None]
+        lines.append(f"half of every budget would cost about {self.tighter:.2g} times as much")
+        lines.append(f"errors against {self.reference}; averages over {self.starts}, runs of {self.until:.3g}")
+        lines += (
+            [f"with these settings mpsim warns: {self.warning} The errors above include it."] if self.warning else []
+        )
+        return "\n".join(lines)
+
+
+def _where(error: Deviation, until: float) -> str:
+    """Where along the duration an error was taken, in words."""
+    if error.exact:
+        return ""
+    if error.largest is None and error.span == (0.0, 1.0):
+        return ""
+    first, end = (fraction * until for fraction in error.span)
+    if error.largest is None:
+        return f"; where nothing changes with time, {first:.3g} to {end:.3g}"
+    later = "" if error.steady is None else f"; nothing changes with time from {error.steady * until:.3g} on"
+    return f"; mean over windows, {first:.3g} to {end:.3g}{later}"
