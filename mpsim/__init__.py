@@ -66,14 +66,14 @@ _LATE = {"animate": "mpsim.output.animation", "Trajectory": "mpsim.output.trajec
 """Names that are imported on first use, so that `import mpsim` stays quick."""
 
 _VIEWS = {
-    "scene of a file": ("mpsim.scene.scenefile", "load"),
-    "scene to a file": ("mpsim.scene.scenefile", "save"),
-    "scene in a notebook": ("mpsim.output.notebook", "scene_png"),
-    "report in a notebook": ("mpsim.output.notebook", "report_html"),
-    "times of a report": ("mpsim.output.times", "times"),
-    "trade in a terminal": ("mpsim.output.tables", "terminal_table"),
-    "trade in a notebook": ("mpsim.output.tables", "html_table"),
-    "tuned settings in a notebook": ("mpsim.output.notebook", "tuned_html"),
+    "scene_from_file": ("mpsim.scene.scenefile", "load"),
+    "scene_to_file": ("mpsim.scene.scenefile", "save"),
+    "scene_png": ("mpsim.output.notebook", "scene_png"),
+    "report_html": ("mpsim.output.notebook", "report_html"),
+    "report_times": ("mpsim.output.times", "times"),
+    "trade_text": ("mpsim.output.tables", "terminal_table"),
+    "trade_html": ("mpsim.output.tables", "html_table"),
+    "tuned_html": ("mpsim.output.notebook", "tuned_html"),
 }
 """What upper packages do for objects of lower ones; each is imported when it is asked for."""
 

@@ -178,3 +178,8 @@ class OverlapWarning(UserWarning):
 
 class ResolutionWarning(UserWarning):
     """Coordinates or velocities of the precision of the run are too coarse for the scene: its result is degraded."""
+
+
+for _each in tuple(vars().values()):
+    if isinstance(_each, type) and _each.__module__ == __name__:
+        _each.__module__ = "mpsim"  # the name by which people catch it, and which tracebacks show

@@ -123,10 +123,10 @@ class Report:
         >>> len(figure.axes)
         2
         """
-        return view("times of a report", self)
+        return view("report_times", self)
 
     def _repr_html_(self) -> str:
-        return view("report in a notebook", self)
+        return view("report_html", self)
 
     def __repr__(self) -> str:
         workers = f" on {self.workers} workers" if self.workers > 1 else ""

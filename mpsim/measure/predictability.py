@@ -126,7 +126,7 @@ def require_predictable(time: float, rate: float) -> None:
     >>> require_predictable(4.0, rate=2.9)
     Traceback (most recent call last):
     ...
-    mpsim.errors.InputError: time of a comparison of trajectories must be at most 3.44828 (half of 20 Lyapunov times \
+    mpsim.InputError: time of a comparison of trajectories must be at most 3.44828 (half of 20 Lyapunov times \
 of 1/2.9); got 4.0. Beyond that two correct solvers differ: compare averages such as pressure, or an earlier time.
     """
     limit = comparable_until(rate)

@@ -194,7 +194,7 @@ class Scene:
         >>> Scene.load("gas")
         <Scene: 100 discs of radius 0.5 in 14.0125 x 14.0125, packing 0.4>
         """
-        return view("scene of a file", source).scene
+        return view("scene_from_file", source).scene
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a scene file, from which `load` makes the same scene, bit for bit.
@@ -206,7 +206,7 @@ class Scene:
             InputError: if the path does not end in .toml.
             OutputError: if it cannot be written.
         """
-        view("scene to a file", self, path)
+        view("scene_to_file", self, path)
 
     def digest(self) -> str:
         """Hex digest of all that a run depends on, so not of its duration; equal digests mean equal bits.
@@ -405,7 +405,7 @@ class Scene:
 
     def _repr_png_(self) -> bytes:
         """A small still, for notebooks."""
-        return view("scene in a notebook", self)
+        return view("scene_png", self)
 
     def __repr__(self) -> str:
         radii = f"radius {self.largest_radius:g}"

@@ -57,7 +57,7 @@ class Settings:
     >>> Settings(method="gird")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
         ...
-    mpsim.errors.InputError: method must be one of 'naive', 'grid', ... got 'gird'. Did you mean 'grid'?
+    mpsim.InputError: method must be one of 'naive', 'grid', ... got 'gird'. Did you mean 'grid'?
     """
 
     dt: float = 0.01

@@ -128,7 +128,7 @@ def short_run(
     >>> short_run(scene, Settings(dt=0.05, method="grid"), until=5, rate=3.0)
     Traceback (most recent call last):
     ...
-    mpsim.errors.InputError: time of a comparison of trajectories must be at most 3.33333 (half of 20 Lyapunov times \
+    mpsim.InputError: time of a comparison of trajectories must be at most 3.33333 (half of 20 Lyapunov times \
 of 1/3); got 5.0. Beyond that two correct solvers differ: compare averages such as pressure, or an earlier time.
     """
     frames = max(round(checks.positive("until", until, "[time]") / settings.dt), 1)

@@ -132,10 +132,10 @@ class Tradeoff:
         return _written(json_text(values) + "\n", path)
 
     def __str__(self) -> str:
-        return view("trade in a terminal", self)
+        return view("trade_text", self)
 
     def _repr_html_(self) -> str:
-        return view("trade in a notebook", self)
+        return view("trade_html", self)
 
 
 def label(settings: Settings) -> str:

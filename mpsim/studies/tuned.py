@@ -64,7 +64,7 @@ class Tuned:
         return not self.exact and all(error.inside(self.budgets[name]) for name, error in self.errors.items())
 
     def _repr_html_(self) -> str:
-        return view("tuned settings in a notebook", self)
+        return view("tuned_html", self)
 
     def __str__(self) -> str:
         lines = [f"{label(self.settings)}: {self.cost.median:.3g} ns per disc and unit of time ({self.cost.method})"]

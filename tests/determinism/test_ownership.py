@@ -210,7 +210,7 @@ SCENES = {
 }
 
 
-@pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning")  # one of everything's emitters finds its place taken
+@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")  # one of everything's emitters finds its place taken
 @pytest.mark.parametrize("name", SCENES)
 def test_no_disc_has_two_writers_in_a_phase_and_none_is_read_while_it_is_written(name, figures):
     watched = watch(SCENES[name](), frames=8)
