@@ -13,7 +13,7 @@ from mpsim.core.errors import EmitterWarning, InputError
 from mpsim.engine.entry_flight import Landing, launched
 from mpsim.engine.feature_arrays import has_masses, has_radii
 from mpsim.engine.insertion import NewDiscs, checked, hindrance
-from mpsim.engine.notices import Notices
+from mpsim.engine.notices import Notices, Once
 from mpsim.engine.solvers.exact import ExactSolver
 from mpsim.engine.solvers.stepped import SteppedSolver
 from mpsim.features.emitters import Emitter
@@ -64,7 +64,7 @@ class Emission:
         self._common_radius = scene.largest_radius
         self._emitted = [0] * len(scene.emitters)
         self._due = [emitter.every or TRIES for emitter in scene.emitters]
-        self._warned = False
+        self._waiting = Once()
 
     @property
     def progress(self) -> Progress:
@@ -177,16 +177,14 @@ class Emission:
 
     def _warn(self, index: int, emitter: Emitter, when: float, hindered: str | None) -> None:
         """Say once that a disc waits."""
-        if not self._warned:
-            self._warned = True
-            name, moment = ("every", f"before frame {when}") if emitter.every else ("interval", f"at time {when:g}")
-            text = (
-                f"emitters[{index}] found its place {emitter.position} occupied {moment}: its disc waits "
-                f"until the place is free. Give a larger `{name}`, or a velocity that leads away."
-            )
-            if hindered:
-                text = f"emitters[{index}] found no room {moment}, and its disc waits: {hindered}"
-            self._notices.warn(text, EmitterWarning)
+        name, moment = ("every", f"before frame {when}") if emitter.every else ("interval", f"at time {when:g}")
+        text = (
+            f"emitters[{index}] found its place {emitter.position} occupied {moment}: its disc waits "
+            f"until the place is free. Give a larger `{name}`, or a velocity that leads away."
+        )
+        if hindered:
+            text = f"emitters[{index}] found no room {moment}, and its disc waits: {hindered}"
+        self._notices.warn(text, EmitterWarning, self._waiting)
 
 
 class _Crowd:

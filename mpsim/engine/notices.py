@@ -4,11 +4,19 @@ import logging
 import warnings
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from mpsim.core.errors import level_of_caller
 
 logger: logging.Logger = logging.getLogger("mpsim")
+
+
+@dataclass
+class Once:
+    """A warning that is given once. Attribute given: whether it was; not where a filter makes an error of it."""
+
+    given: bool = False
 
 
 class Notices:
@@ -18,20 +26,29 @@ class Notices:
     """
 
     def __init__(self) -> None:
-        self._waiting: deque[Callable[[], None]] = deque()
+        self._waiting: deque[tuple[Once | None, Callable[[], None]]] = deque()
 
-    def warn(self, text: str, kind: type[Warning]) -> None:
-        """Note a warning."""
-        self._waiting.append(lambda: warnings.warn(text, kind, stacklevel=level_of_caller()))
+    def warn(self, text: str, kind: type[Warning], once: Once | None = None) -> None:
+        """Note a warning, unless it is to be given once, and was, or waits already."""
+        if once is not None and (once.given or any(each is once for each, _ in self._waiting)):
+            return
+
+        def say() -> None:
+            warnings.warn(text, kind, stacklevel=level_of_caller())
+            if once is not None:
+                once.given = True
+
+        self._waiting.append((once, say))
 
     def log(self, text: str, *values: Any) -> None:
         """Note a line of the log, at the level of warnings."""
-        self._waiting.append(lambda: logger.warning(text, *values))
+        self._waiting.append((None, lambda: logger.warning(text, *values)))
 
     def give(self) -> None:
         """Say what waits."""
         while self._waiting:
-            self._waiting.popleft()()
+            _, say = self._waiting.popleft()
+            say()
 
     def give_beside(self, error: Exception) -> None:
         """Say what waits while an error is on its way, which a warning that is an error, too, must not replace."""

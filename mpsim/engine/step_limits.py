@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from mpsim.core.errors import FastWarning, OverlapWarning, ResolutionWarning, TooFastError
 from mpsim.engine.compression import SELDOM, is_crowded, may_be_pressed, pressed
-from mpsim.engine.notices import Notices
+from mpsim.engine.notices import Notices, Once
 from mpsim.engine.precision_check import coarseness
 from mpsim.engine.speed_alarm import Alert
 from mpsim.engine.speed_estimates import (
@@ -85,8 +85,9 @@ class Watch:
     def __init__(self, scene: Scene, settings: Settings, exact: bool):
         self._scene = scene
         self._settings = settings
-        self._done = exact  # or the warning was given
-        self._pressing_done = exact  # or that one
+        self._fast = Once(given=exact)  # as if it were: there is no use in looking
+        self._pressed = Once(given=exact)
+        self._armed = False
         self._pull = pull_of(scene)
         narrow = any(
             not wraps and length < 3 * scene.largest_radius
@@ -114,7 +115,7 @@ class Watch:
             TooFastError: if the settings do not allow such speeds, or they would need too many sub-steps.
         """
         scene, settings = self._scene, self._settings
-        exact = self._done
+        exact = self._fast.given
         overlaps = "" if exact else scene.overlaps_at_start()  # which the exact solver refuses
         if overlaps:
             text = "The first frames push them apart. Give places that leave room for the discs to avoid it."
@@ -129,8 +130,9 @@ class Watch:
             return
         fast = self.forecast()
         if fast:
-            self._refuse_or_finish(fast)
+            self._refuse_if_wanted(fast)
             yield fast, FastWarning
+            self._fast.given = True
 
     def forecast(self) -> str | None:
         """What there is to say of the speeds at the start, and of those that will certainly come."""
@@ -144,17 +146,17 @@ class Watch:
     @property
     def adapts(self) -> bool:
         """Whether sub-steps are chosen."""
-        return self._settings.on_fast == "substep" and not self._done
+        return self._settings.on_fast == "substep" and not self._fast.given
 
     def frames_ahead(self, frame: int, count: int) -> int:
         """Frames until the next look; a very large number if there is none."""
-        if self._done and not self._looks_for_pressed(count):
+        if self._fast.given and not self._looks_for_pressed(count):
             return 2**62
         return min(every - frame % every for every in self._periods(frame, count))
 
     def is_due(self, frame: int, count: int) -> bool:
-        """Whether this is a frame before which to look."""
-        return not self._done and self._is_look(frame, count, 1)
+        """Whether this is a frame before which to look, or to end the alert as the warning was given."""
+        return self._armed if self._fast.given else self._is_look(frame, count, 1)
 
     def _is_look(self, frame: int, count: int, rarer: int) -> bool:
         """Whether this frame is one of every so many looks, for any reason to look."""
@@ -162,14 +164,15 @@ class Watch:
 
     def _looks_for_pressed(self, count: int) -> bool:
         """Whether so many discs are to be looked at for what presses them into each other."""
-        return not self._pressing_done and may_be_pressed(self._scene, count)
+        return not self._pressed.given and may_be_pressed(self._scene, count)
 
     def arm(self, solver: "SteppedSolver | ExactSolver") -> None:
         """Have the solver end its commands where a disc is too fast, or never, if there is no use in it."""
         alert = Alert()
+        self._armed = not self._fast.given
         if self.adapts:
             alert = Alert(ALERT * BOUND, self._gain(solver.frame, 1))
-        elif not self._done:
+        elif self._armed:
             alert = Alert(ABOVE * BOUND)
         solver.set_alert(alert)
 
@@ -184,7 +187,9 @@ class Watch:
         Raises:
             TooFastError: if the settings do not allow such speeds, or they would need too many sub-steps.
         """
-        if self._done:
+        if self._fast.given:
+            if self._armed:
+                self.arm(solver)
             return solver.substeps
         frame = solver.frame
         pace = solver.pace(new).or_faster(solver.caught())
@@ -193,9 +198,8 @@ class Watch:
             return self.substeps_for(pace, frame)
         text = self._complaint(pace, frame)
         if text:
-            self._refuse_or_finish(text)
-            self.arm(solver)
-            notices.warn(text, FastWarning)
+            self._refuse_if_wanted(text)
+            notices.warn(text, FastWarning, self._fast)
         return solver.substeps
 
     def look_for_pressed(self, solver: "SteppedSolver | ExactSolver", notices: Notices) -> None:
@@ -214,8 +218,7 @@ class Watch:
         if text and self._settings.on_fast == "error":
             raise TooFastError(f"{text} on_fast='warn' runs it all the same.")
         if text:
-            self._pressing_done = True
-            notices.warn(text, FastWarning)
+            notices.warn(text, FastWarning, self._pressed)
 
     def substeps_for(self, pace: Pace, frame: int) -> int:
         """Sub-steps that keep speeds and meetings at AIM of their bounds, and below the bounds until the next look.
@@ -262,11 +265,9 @@ class Watch:
             return f"{text}; on_fast='warn' runs it all the same."
         return f"{text}; method='event' has no such bound."
 
-    def _refuse_or_finish(self, text: str) -> None:
-        """Refuse, where that is wanted; else note that the warning is given now: once is enough."""
+    def _refuse_if_wanted(self, text: str) -> None:
         if self._settings.on_fast == "error":
             raise TooFastError(text)
-        self._done = True
 
     def _words(self, pace: Pace, frame: int) -> str:
         dt = self._settings.dt / self._settings.substeps

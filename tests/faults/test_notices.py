@@ -83,15 +83,53 @@ def test_a_warning_that_is_an_error_ends_the_run_at_the_end_of_a_frame_and_chang
         with pytest.raises(mpsim.EmitterWarning, match="occupied before frame 5"):
             sim.run(frames=50)
         assert 5 <= sim.frame < 50
-        sim.run(frames=50 - sim.frame)
+        with pytest.raises(mpsim.EmitterWarning):  # it was not given: an error came in its place
+            sim.run(frames=50 - sim.frame)
+        assert sim.frame < 50
+        with pytest.warns(mpsim.EmitterWarning) as given:
+            sim.run(frames=50 - sim.frame)
         assert (sim.count, sim.digest()) == undisturbed
+        assert len(given) == 1
 
 
-def test_nothing_is_added_where_the_warning_of_it_is_an_error():
+def test_nothing_is_added_as_often_as_the_warning_of_it_is_an_error():
+    """The second time the disc was added without a word."""
+    fast = (1.2, 1.2), (1000.0, 0.0)
     with simulate(lattice(9, 9), method="grid", dt=0.01) as sim:
-        with pytest.raises(mpsim.FastWarning):
-            sim.add((1.2, 1.2), (1000.0, 0.0))
-        assert sim.count == 81
+        for _ in range(2):
+            with pytest.raises(mpsim.FastWarning):
+                sim.add(*fast)
+            assert sim.count == 81
+        with warnings.catch_warnings(record=True) as given:
+            warnings.simplefilter("always")
+            sim.add(*fast)
+            sim.add((2.4, 1.2), (1000.0, 0.0))
+            sim.run(frames=5)
+        assert (sim.count, len(given)) == (83, 1), "once it has been given it is not given again"
+
+
+def test_a_run_ends_as_often_as_the_warning_of_a_fast_disc_is_an_error_and_changes_no_bit():
+    def fast():
+        """A disc that falls through a periodic box: too fast from frame 500 on."""
+        scene = mpsim.Scene(
+            width=20, height=20, position=[(4.0, 10.0)], velocity=[(0.0, 0.0)], radius=0.1, gravity=(0.0, -2.0),
+            boundary="periodic",
+        )  # fmt: skip
+        return simulate(scene, method="grid", dt=0.01)
+
+    with fast() as sim, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sim.run(frames=600)
+        undisturbed = sim.digest()
+    with fast() as sim:
+        for _ in range(3):
+            before = sim.frame
+            with pytest.raises(mpsim.FastWarning, match="in frame"):
+                sim.run(frames=600)
+            assert before < sim.frame < 510
+        with pytest.warns(mpsim.FastWarning) as given:
+            sim.run(frames=600 - sim.frame)
+        assert (sim.digest(), len(given)) == (undisturbed, 1)
 
 
 def test_a_warning_of_what_is_resumed_has_its_place_where_resume_is_called(tmp_path):

@@ -63,6 +63,15 @@ def test_it_is_warned_of_once_and_the_run_goes_on(on_fast):
         assert sim.time == 28
 
 
+def test_a_run_ends_as_often_as_the_warning_is_an_error():
+    """Only once: it counted as given."""
+    with mpsim.Simulation(closing(0.2), mpsim.Settings(method="naive")) as sim:
+        for _ in range(2):
+            with pytest.raises(mpsim.FastWarning, match=PRESSED):
+                sim.run(until=28)
+            assert sim.time < 27
+
+
 def test_the_place_of_the_complaint_depends_neither_on_pieces_nor_on_resuming(tmp_path):
     scene, settings = closing(0.2), mpsim.Settings(method="naive", on_fast="error")
     whole = complaint(scene, 30)
