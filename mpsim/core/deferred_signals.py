@@ -109,6 +109,11 @@ def _action(number: int) -> Any:
     return action
 
 
+def _is_default(number: int) -> bool:
+    """Whether the system itself acts at a signal; the address of what handles it comes first in an action."""
+    return not any(_action(number).raw[: ctypes.sizeof(ctypes.c_void_p)])
+
+
 _holding: list[_Held] = []
 """Blocks of the main thread that hold signals back now, the outermost first."""
 
@@ -124,14 +129,35 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_let_go_in_fork)
 
 
+class Handled:
+    """A signal that a function handles until `put_back`: then what handled it before does, in the main thread.
+
+    That may be C code that Python does not know: of faulthandler, or of a program that embeds Python. Where
+    `signal.getsignal` said None of it, it says SIG_DFL afterwards, as for all that comes after the start of Python.
+    """
+
+    def __init__(self, number: int, handler: Callable[[int, FrameType | None], Any]):
+        self._number = number
+        self._action = _action(number)
+        before = signal.getsignal(number)
+        self._before = signal.SIG_DFL if before is None else before
+        signal.signal(number, handler)
+
+    def put_back(self) -> None:
+        """Let what handled the signal before do so again."""
+        signal.signal(self._number, self._before)
+        _act(self._number, self._action, None)
+
+
 @contextmanager
 def terminated_by_exit() -> Iterator[None]:
     """Let SIGTERM end the program by SystemExit(143) in this block, so that what the block has open is closed.
 
-    Only where nobody handles it, so that it would end the process at once; in the main thread, which handles signals.
+    Only where nobody handles it, C code included, so that it would end the process at once; in the main thread, which
+    handles signals.
     """
     in_main_thread = threading.current_thread() is threading.main_thread()
-    if not in_main_thread or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
+    if not in_main_thread or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL or not _is_default(signal.SIGTERM):
         yield
         return
     signal.signal(signal.SIGTERM, _exit)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
+from mpsim.core.deferred_signals import Handled
 from mpsim.core.errors import GuardWarning, InputError, WorkerDied
 from mpsim.engine.notices import Notices
 from mpsim.engine.report import Slice
@@ -270,6 +271,8 @@ class Keeper:
 class Checkpointer:
     """Writes checkpoints while a run goes on, and one when the process is asked to end (SIGTERM).
 
+    Whatever handled SIGTERM before does so again afterwards, also a handler in C.
+
     Args:
         save: writes one.
         path: where; None: no checkpoints, and SIGTERM is left alone.
@@ -292,19 +295,19 @@ class Checkpointer:
         self._last = time.monotonic()
         self._frames = 0
         self._asked_to_end = False
-        self._handler: Any = None
+        self._handled: Handled | None = None
         self._creator = os.getpid()
 
     def __enter__(self) -> "Checkpointer":
         if self._path is not None and threading.current_thread() is threading.main_thread():
-            self._handler = signal.signal(signal.SIGTERM, self._note)
+            self._handled = Handled(signal.SIGTERM, self._note)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *exception: object) -> None:
-        if self._handler is None:
+        if self._handled is None:
             return
-        signal.signal(signal.SIGTERM, self._handler)
-        self._handler = None
+        self._handled.put_back()
+        self._handled = None
         if self._asked_to_end and kind is None:  # after the last look
             raise SystemExit(128 + signal.SIGTERM)
         if self._asked_to_end and kind is not SystemExit:
@@ -333,7 +336,7 @@ class Checkpointer:
             raise SystemExit(128 + signal.SIGTERM)
 
     def _note(self, number: int, frame: Any) -> None:
-        if os.getpid() != self._creator:  # a fork, where nobody looks at it
-            signal.signal(signal.SIGTERM, self._handler)
+        if os.getpid() != self._creator and self._handled is not None:  # a fork, where nobody looks at it
+            self._handled.put_back()
             signal.raise_signal(signal.SIGTERM)
         self._asked_to_end = True

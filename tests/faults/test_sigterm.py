@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from support.checkpoints import frame_in
-from support.processes import Script, assert_nothing_left_of
+from support.processes import Script, assert_clean, assert_nothing_left_of, run_script
 from support.scenes import lattice, simulate, state_after
 from support.selection import long_but
 
@@ -104,6 +104,63 @@ def test_the_handler_of_the_user_is_back_after_the_run(tmp_path):
     finally:
         signal.signal(signal.SIGTERM, before)
     assert caught == []
+
+
+IN_C = """
+import ctypes, faulthandler, signal
+import mpsim
+from support.scenes import gas, lattice, simulate
+
+def address():
+    action = ctypes.create_string_buffer(512)
+    ctypes.CDLL(None).sigaction(signal.SIGTERM, None, action)
+    return action.raw[:8]
+
+caught = []
+mine = ctypes.CFUNCTYPE(None, ctypes.c_int)(caught.append)
+dump = open({dump!r}, "w+b", buffering=0)
+{register}
+before = address()
+{act}
+print(address() == before)
+signal.raise_signal(signal.SIGTERM)
+print(caught, dump.seek(0, 2) > 0)
+dump.close()
+"""
+REGISTER = {
+    "ctypes": "ctypes.CDLL(None).signal(signal.SIGTERM, mine)",
+    "before Python": "ctypes.CDLL(None).signal(signal.SIGTERM, mine)\nknown = signal.getsignal\n"
+    "signal.getsignal = lambda number: None if known(number) == signal.SIG_DFL else known(number)",
+    "faulthandler": "faulthandler.register(signal.SIGTERM, file=dump)",
+}
+ACTS = {
+    "run": """
+with simulate(lattice(4, 4), method="grid") as sim:
+    sim.run(frames=3, checkpoint={path!r})
+    try:
+        sim.run(frames=10**9, checkpoint={path!r}, progress=lambda *_: signal.raise_signal(signal.SIGTERM))
+    except SystemExit as end:
+        print(end.code)
+""",
+    "tradeoff": """
+mpsim.tradeoff(
+    gas(20, 0.3), [mpsim.Settings(dt=0.1, method="grid")], until=2.0, replicas=2, measures=["overlap"],
+    progress=lambda *_: print(address() == before),
+)
+""",
+}
+
+
+@pytest.mark.parametrize("act", ACTS)
+@pytest.mark.parametrize("register", REGISTER)
+def test_a_handler_in_c_is_back_after_a_run_and_left_alone_by_a_search_of_settings(register, act, tmp_path):
+    """Python set what it knew of, the default; of what came before it, nothing: the handler of the run stayed."""
+    path, dump = str(tmp_path / "run"), str(tmp_path / "dump")
+    outcome = run_script(IN_C.format(register=REGISTER[register], act=ACTS[act].format(path=path), dump=dump))
+    assert_clean(outcome)
+    *during, back, called = outcome.out.splitlines()
+    assert during == ["143"] if act == "run" else set(during) == {"True"}
+    assert (back, called) == ("True", "[] True" if register == "faulthandler" else "[15] False")
 
 
 def test_a_sigterm_that_comes_after_the_last_look_is_not_lost(tmp_path):
