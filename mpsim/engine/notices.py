@@ -40,9 +40,9 @@ class Notices:
 
         self._waiting.append((once, say))
 
-    def log(self, text: str, *values: Any) -> None:
-        """Note a line of the log, at the level of warnings."""
-        self._waiting.append((None, lambda: logger.warning(text, *values)))
+    def log(self, text: str, *values: Any, level: int = logging.WARNING) -> None:
+        """Note a line of the log."""
+        self._waiting.append((None, lambda: logger.log(level, text, *values)))
 
     def give(self) -> None:
         """Say what waits."""

@@ -87,6 +87,8 @@ class Simulation:
         self._watch = step_limits.Watch(scene, settings, exact=solver is ExactSolver)
         for text, kind in self._watch.at_start():
             warnings.warn(text, kind, stacklevel=level_of_caller())
+        methods.note_remark(choice, None, self._access.notices)
+        self._access.notices.give()
         self._pacer = Pacer(choice.workers, MOST_FRAMES)
         self._solver: Solver = solver(scene, settings, choice)
         self._closing = Closing(self, self._solver, self._access)  # before there is anything to close
@@ -320,9 +322,10 @@ class Simulation:
 
     def _restore(self, kept: tuple[Any, Any], new_workers: bool = True) -> None:
         snapshot, progress = kept
-        choice = methods.choose(self._solver.count_in(snapshot), self._settings)
+        before, choice = self._solver.choice, methods.choose(self._solver.count_in(snapshot), self._settings)
         with interrupts_held_back(), self._access.moving():
             self._solver.restore(snapshot, choice, new_workers)
+            methods.note_remark(choice, before, self._access.notices)
             self._emission.progress = progress
             self._pacer = Pacer(choice.workers, MOST_FRAMES)
 
@@ -437,6 +440,7 @@ class Simulation:
             solver.divide(substeps)
 
         self._between_frames(grow)
+        methods.note_remark(choice, before, self._access.notices)
         if choice != before:
             self._pacer = Pacer(choice.workers, MOST_FRAMES)
 

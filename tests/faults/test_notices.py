@@ -10,6 +10,7 @@ import pytest
 from support.scenes import digest_after, lattice, simulate
 
 import mpsim
+from mpsim.engine import methods
 
 PATIENCE = 20
 """Seconds after which a reader counts as kept out."""
@@ -70,6 +71,27 @@ def test_a_handler_of_the_log_may_wait_for_a_reader():
             logging.getLogger("mpsim").removeHandler(handler)
         assert handler.emit.calls == len(handler.emit.frames) >= 1
         assert sim.digest() == digest_after(lattice(12, 12), 55, method="grid")
+
+
+def test_a_handler_of_the_log_may_wait_for_a_reader_when_emitters_bring_discs_enough_for_workers(monkeypatch, caplog):
+    """The line that a daemonic process has none was written while the run held the simulation, at each disc."""
+    for name, value in {"NAIVE_UP_TO": 0, "PARALLEL_FROM": 2}.items():
+        monkeypatch.setattr(methods, name, value)
+    monkeypatch.setattr(methods, "usable_cores", lambda: 2)
+    monkeypatch.setattr(methods, "may_start_processes", lambda: False)
+    logger = logging.getLogger("mpsim")
+    caplog.set_level(logging.INFO, logger="mpsim")
+    with blocked("auto") as sim, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        handler = logging.Handler()
+        handler.emit = Waiting(sim)
+        logger.addHandler(handler)
+        try:
+            sim.run(frames=60)
+        finally:
+            logger.removeHandler(handler)
+        assert sim.count > 3
+        assert handler.emit.calls == len(handler.emit.frames) == 1, "once, not at each disc"
 
 
 @pytest.mark.parametrize("method", ["grid", "event"])

@@ -57,11 +57,11 @@ def test_parallel_uses_the_usable_cores_unless_told_otherwise(monkeypatch):
     assert methods.choose(10, mpsim.Settings(method="grid", workers=2)).workers == (1,)
 
 
-def test_a_daemonic_process_chooses_one_worker(monkeypatch, caplog):
+def test_a_daemonic_process_chooses_one_worker(monkeypatch):
     monkeypatch.setattr(methods, "may_start_processes", lambda: False)
-    caplog.set_level("INFO", logger="mpsim")
-    assert methods.choose(10**5, mpsim.Settings(method="parallel", workers=4)).workers == (1,)
-    assert "daemonic" in caplog.text
+    choice = methods.choose(10**5, mpsim.Settings(method="parallel", workers=4))
+    assert choice.workers == (1,)
+    assert "daemonic" in choice.remark
 
 
 def pace(pacer, seconds, frames, limit=10**9):

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.errors import InputError
+from mpsim.engine.notices import Notices
 from mpsim.engine.workers.cores import may_start_processes, usable_cores
 from mpsim.kernels.compiling import JIT_DISABLED
 from mpsim.scene.settings import Settings
-
-logger: logging.Logger = logging.getLogger("mpsim")
 
 NAIVE_UP_TO = 160
 """Discs up to which `auto` tests all pairs. A constant, not a measurement: naive and grid resolve contacts in different
@@ -30,10 +29,12 @@ class Choice:
     Attributes:
         method: "naive", "grid" or "parallel".
         workers: numbers of workers to choose from while running, the likely best first.
+        remark: why there is one worker where there could be more; empty: there is nothing to say.
     """
 
     method: str
     workers: tuple[int, ...]
+    remark: str = ""
 
 
 def choose(count: int, settings: Settings) -> Choice:
@@ -43,16 +44,22 @@ def choose(count: int, settings: Settings) -> Choice:
         method = "naive" if count <= NAIVE_UP_TO else "parallel" if count >= PARALLEL_FROM else "grid"
     if method != "parallel":
         return Choice(method, (1,))
-    workers = settings.workers or usable_cores()
+    workers, remark = settings.workers or usable_cores(), ""
     if workers > 1 and not may_start_processes():
-        logger.info("mpsim: this process is daemonic and may not start others; running on one worker.")
-        workers = 1
-    if workers > 1 and JIT_DISABLED:
-        logger.info("mpsim: without compilation there are no atomics to wait with; running on one worker.")
+        remark = "mpsim: this process is daemonic and may not start others; running on one worker."
+    elif workers > 1 and JIT_DISABLED:
+        remark = "mpsim: without compilation there are no atomics to wait with; running on one worker."
+    if remark:
         workers = 1
     if settings.method != "auto":
-        return Choice(method, (workers,))
-    return Choice(method, (workers, 1)) if workers > 1 else Choice("grid", (1,))
+        return Choice(method, (workers,), remark)
+    return Choice(method, (workers, 1)) if workers > 1 else Choice("grid", (1,), remark)
+
+
+def note_remark(choice: Choice, before: Choice | None, notices: Notices) -> None:
+    """Have the log say what there is to say of a choice, unless that was said of the one before."""
+    if choice.remark and (before is None or choice.remark != before.remark):
+        notices.log(choice.remark, level=logging.INFO)
 
 
 def what_ran(choice: Choice, best: int, settings: Settings) -> tuple[str, int]:
