@@ -307,12 +307,14 @@ class Simulation:
     def _adapt(self) -> None:
         """Look at the speeds where there is reason to, and divide the frames to come as they need it."""
         solver = self._solver
+        if isinstance(solver, ExactSolver):  # which has no steps
+            return
         if solver.alarmed or self._watch.is_due(solver.frame, solver.count):
             with interrupts_held_back(), self._access.moving():
-                solver.divide(self._look())
+                solver.divide(self._watch.judge(solver, self._access.notices))
 
-    def _look(self, new: insertion.NewDiscs | None = None) -> int:
-        """Look at the speeds, with new discs, and warn or refuse as is set. Returns the sub-steps from now on."""
+    def _look(self, new: insertion.NewDiscs) -> int:
+        """Look at the speeds with new discs, and warn or refuse as is set. Returns the sub-steps from now on."""
         solver, notices = self._solver, self._access.notices
         with interrupts_held_back(), self._access.moving():
             return solver.substeps if isinstance(solver, ExactSolver) else self._watch.judge(solver, notices, new)
