@@ -220,7 +220,7 @@ def test_four_threads_save_one_scene_file_at_once(tmp_path, monkeypatch, figures
 PROCESSES = """
 import os, time, warnings
 from pathlib import Path
-from mpsim import atomic
+from mpsim.core import atomic
 
 warnings.simplefilter("ignore", DeprecationWarning)  # 3.12: fork in a process with threads
 os.fsync = lambda descriptor: None  # which tells nothing here
