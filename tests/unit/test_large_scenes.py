@@ -14,9 +14,9 @@ from support.seconds import quickest
 from support.selection import long_but
 
 import mpsim
-from mpsim import features
 from mpsim.engine import emission, entry_flight, insertion
 from mpsim.features import capsules
+from mpsim.features.obstacles import capsules_of, fixed_discs
 
 LONGEST = 2e-5
 """Seconds of processor time per obstacle or emitter, from the scene to the end of the first frame."""
@@ -166,7 +166,7 @@ def test_a_long_wall_is_listed_in_the_cells_along_it_alone(slope):
 
 def thick(count):
     """Pegs each of which covers the box of 10 x 10."""
-    return features.fixed_discs(np.random.default_rng(2).uniform(0, 10, (count, 2)), 20.0)
+    return fixed_discs(np.random.default_rng(2).uniform(0, 10, (count, 2)), 20.0)
 
 
 def zigzag(count):
@@ -196,12 +196,10 @@ def test_cells_list_no_more_where_obstacles_lie_on_each_other(make, each, monkey
 def test_coarser_cells_give_the_same_bits(boundary, monkeypatch):
     """A cell lists all that a disc in it can touch, in one order, so what else it lists is never met."""
     places, side = lattice(400)
-    pegs = features.fixed_discs(places[::3], 0.5)
+    pegs = fixed_discs(places[::3], 0.5)
     walls = [mpsim.Polyline([(1, 1), (side - 1, side / 2), (side / 2, side - 1)], 0.1)]
     box = {"width": side, "height": side, "radius": 0.4, "boundary": boundary, "obstacles": [*pegs, *walls]}
-    inside = capsules.depths(
-        places + 1, np.full(400, 0.4), features.capsules_of((*pegs, *walls)), (side, side), (True, True)
-    )
+    inside = capsules.depths(places + 1, np.full(400, 0.4), capsules_of((*pegs, *walls)), (side, side), (True, True))
     position = places[inside == 0] + 1
     velocity = np.random.default_rng(3).normal(size=position.shape)
 
@@ -282,7 +280,7 @@ def pegs_and_emitters(obstacles, emitters, velocity=(10.0, 0.0)):
     middles = (places[(places < side - 1).all(axis=1)] + 0.5)[:emitters]
     spouts = tuple(mpsim.Emitter(place, velocity, interval=0.006, limit=1) for place in middles)
     box = {"width": side, "height": side, "position": np.zeros((0, 2)), "radius": 0.1}
-    return {**box, "obstacles": features.fixed_discs(places, 0.05), "emitters": spouts}
+    return {**box, "obstacles": fixed_discs(places, 0.05), "emitters": spouts}
 
 
 def test_looks_at_obstacles_grow_with_the_number_of_discs_that_enter(monkeypatch):

@@ -8,8 +8,8 @@ import pytest
 from support.scenes import simulate
 
 import mpsim
-from mpsim import features
 from mpsim.features.capsules import distance
+from mpsim.features.obstacles import capsules_of
 from mpsim.scene import room
 
 BOX = {"width": 20, "height": 10, "radius": 0.5}
@@ -115,7 +115,7 @@ def test_no_packing_that_exists_is_above_the_bound_among_obstacles():
         walls = [mpsim.Polyline(rng.random((3, 2)) * high, rng.choice([0, 0.3])) for _ in range(rng.integers(0, 3))]
         obstacles = (*pegs, *walls)
         places = hexagonal(rng, 0, high)
-        capsules = features.capsules_of(obstacles)
+        capsules = capsules_of(obstacles)
         deep = distance(places[:, None], capsules).min(axis=1, initial=np.inf) < 0.5
         most = room.most_equal(0.5, (0, 0), tuple(high.tolist()), capsules)
         assert (~deep).sum() <= most
@@ -129,7 +129,7 @@ def test_channels_as_wide_as_a_disc_count_as_room(gap, above):
     low, thick = gap + 1.0, 2.0
     walls = tuple(mpsim.Polyline([(0, y), (10, y)], thick) for y in (low, low + thick + gap))
     top = low + thick + gap + 1.0 + gap
-    assert 30 <= room.most_equal(0.5, (0, 0), (10, top), features.capsules_of(walls)) < above
+    assert 30 <= room.most_equal(0.5, (0, 0), (10, top), capsules_of(walls)) < above
 
 
 def test_the_bound_among_many_obstacles_of_many_sizes_of_discs_is_found_without_looking_at_each_pair(monkeypatch):
@@ -138,7 +138,7 @@ def test_the_bound_among_many_obstacles_of_many_sizes_of_discs_is_found_without_
     radius, looks, apart = 0.02 + 0.001 * np.arange(16), [], room.apart
     monkeypatch.setattr(room, "apart", lambda *polygons: looks.append(polygons) or apart(*polygons))
     pegs = [mpsim.FixedDisc(place, 0.2) for place in places]
-    capsules = features.capsules_of(tuple(pegs))
+    capsules = capsules_of(tuple(pegs))
     arguments = {"position": places[:16] + 0.5, "velocity": 0 * places[:16], "radius": radius, "obstacles": pegs}
     mpsim.Scene(width=10, height=10.5, **arguments, piston=mpsim.Piston("right", -1, 9.9))
     assert len(looks) < 16 * 200
