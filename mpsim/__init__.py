@@ -46,9 +46,7 @@ from mpsim.core.errors import (
 from mpsim.core.state import State
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
-from mpsim.features.emitters import Emitter
-from mpsim.features.obstacles import FixedDisc, Polyline
-from mpsim.features.piston import Piston
+from mpsim.features import Emitter, FixedDisc, Piston, Polyline
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.tradeoff import Tradeoff, tradeoff

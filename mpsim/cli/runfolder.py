@@ -122,7 +122,7 @@ class RunFolder:
         """
         folder = Path(path)
         try:
-            record = json.loads(untrusted.text(folder / RECORD, MOST_BYTES))
+            record = untrusted.json_value(folder / RECORD, MOST_BYTES)
             found = int(record["format"])
         except (OSError, ValueError, OverflowError, TypeError, KeyError, RecursionError) as error:
             raise InputError(

@@ -9,6 +9,7 @@ import numpy as np
 
 from mpsim.cli.terminal import complete_scene
 from mpsim.core.plain import json_text
+from mpsim.features import FEATURES
 from mpsim.scene import scenefile
 from mpsim.scene.scenefile import SceneFile
 from mpsim.scene.settings import Settings
@@ -67,18 +68,7 @@ def description(file: SceneFile) -> dict[str, str]:
         words["acceleration"] = "one per disc"
     if min(scene.restitution, scene.wall_restitution) < 1:
         words["restitution"] = f"{scene.restitution:g} of discs, {scene.wall_restitution:g} of walls"
-    if scene.obstacles:
-        words["obstacles"] = f"{len(scene.obstacles)}"
-    for emitter in scene.emitters:
-        limit = "no end" if emitter.limit is None else f"{emitter.limit} in all"
-        often = f"every {emitter.interval:g} of time" if emitter.every is None else f"every {emitter.every} frames"
-        words["emitters"] = f"{words['emitters']}; " if "emitters" in words else ""
-        words["emitters"] += f"one disc {often}, {limit}"
-    if scene.absorbing:
-        words["absorbing"] = ", ".join(scene.absorbing)
-    if scene.piston is not None:
-        piston, start = scene.piston, "" if scene.piston.start is None else f"from {scene.piston.start:g} "
-        words["piston"] = f"the {piston.wall} wall, speed {piston.speed:g}, {start}to {piston.stop:g}"
+    words |= {feature.argument: feature.description(scene) for feature in FEATURES if feature.is_in(scene)}
     words["duration"] = "none recommended" if scene.duration is None else f"{scene.duration:g}"
     words["settings"] = settings_text(file.settings)
     words["read from"] = ", ".join(map(str, file.read))
@@ -113,10 +103,7 @@ def record(file: SceneFile) -> dict[str, Any]:
         "acceleration": scene.acceleration is not None,
         "restitution": scene.restitution,
         "wall_restitution": scene.wall_restitution,
-        "obstacles": len(scene.obstacles),
-        "emitters": [dataclasses.asdict(emitter) for emitter in scene.emitters],
-        "absorbing": scene.absorbing,
-        "piston": None if scene.piston is None else dataclasses.asdict(scene.piston),
+        **{feature.argument: feature.record(scene) for feature in FEATURES},
         "duration": scene.duration,
         "settings": None if file.settings is None else dataclasses.asdict(file.settings),
         "read": [str(path) for path in file.read],

@@ -53,7 +53,7 @@ class State:
             no observable counts them.
         image: shape (N, 2), int64: how many periods each disc has moved through each periodic border since the scene
             began, negative towards lower coordinates, 0 along axes with walls. None where no axis is periodic.
-        box: (x_low, x_high, y_low, y_high) [length]: where the walls are now, as a piston may have moved one of them,
+        box: (x_low, x_high, y_low, y_high) [length]: where the walls are now, as one of them may have moved,
             and the period of a periodic axis. None where nobody knows: in a state made by hand.
 
     Raises:

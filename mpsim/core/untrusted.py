@@ -1,12 +1,14 @@
 """Files that anybody may have written: what they are and how large is known before anything of them is read."""
 
 import errno
+import json
 import os
 import stat
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from mpsim.core.deferred_signals import interrupts_held_back
+from mpsim.core.garbage import garbage_collection_paused
 
 _KINDS = {
     stat.S_IFIFO: "a named pipe",
@@ -59,3 +61,14 @@ def text(path: Path, most: int) -> str:
         OSError, ValueError: likewise; a UnicodeDecodeError is one of the latter.
     """
     return content(path, most).decode()
+
+
+def json_value(path: Path, most: int) -> Any:
+    """What a regular file of JSON holds, if it has no more than `most` bytes.
+
+    Raises:
+        OSError, ValueError, RecursionError: likewise, and if it is no JSON.
+    """
+    written = text(path, most)
+    with garbage_collection_paused():
+        return json.loads(written)

@@ -32,9 +32,7 @@ from mpsim.core.errors import (
     is_of_the_system,
     level_of_caller,
 )
-from mpsim.features.emitters import Emitter
-from mpsim.features.obstacles import FixedDisc, Polyline
-from mpsim.features.piston import Piston
+from mpsim.features import FEATURES
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -49,9 +47,7 @@ _START = b"PK\x03\x04"
 _NAME_AT = 30
 
 MOST_HEADER = 2**26
-"""Bytes of the header at most: obstacles and emitters are in it, discs are not."""
-
-KINDS = {kind.__name__: kind for kind in (FixedDisc, Polyline, Emitter, Piston)}
+"""Bytes of the header at most: features of the scene are in it, discs are not."""
 
 DAMAGED_DISK = (errno.EIO, errno.EBADMSG, errno.EUCLEAN)
 """Errors of the system by which a disk, or its checksums, say that the content is lost."""
@@ -192,13 +188,10 @@ def digest_of(header: dict[str, Any], arrays: Arrays) -> str:
 def scene_parts(scene: Scene) -> tuple[dict[str, Any], Arrays]:
     """A scene as plain values and arrays, exact to the bit."""
     plain: dict[str, Any] = {
-        name: getattr(scene, name)
-        for name in ("width", "height", "restitution", "wall_restitution", "boundary", "absorbing")
+        name: getattr(scene, name) for name in ("width", "height", "restitution", "wall_restitution", "boundary")
     }
     arrays = {name: np.asarray(value) for name in PER_DISC if (value := getattr(scene, name)) is not None}
-    plain["obstacles"] = [_plain(each) for each in scene.obstacles]
-    plain["emitters"] = [_plain(each) for each in scene.emitters]
-    plain["piston"] = None if scene.piston is None else _plain(scene.piston)
+    plain |= {feature.argument: feature.plain(scene) for feature in FEATURES}
     if scene.duration is not None:
         plain["duration"] = scene.duration
     return plain, arrays
@@ -210,19 +203,8 @@ def scene_from(plain: dict[str, Any], arrays: Arrays) -> Scene:
         **plain,
         **{name: value if value.ndim else value.item() for name, value in arrays.items()},
     }
-    values["obstacles"] = [_made(each) for each in plain["obstacles"]]
-    values["emitters"] = [_made(each) for each in plain["emitters"]]
-    values["piston"] = None if plain["piston"] is None else _made(plain["piston"])
+    values |= {feature.argument: feature.made(plain[feature.argument]) for feature in FEATURES}
     return Scene(**values)
-
-
-def _plain(feature: Any) -> list[Any]:
-    return [type(feature).__name__, dict(vars(feature))]
-
-
-def _made(pair: list[Any]) -> Any:
-    kind, fields = pair
-    return KINDS[kind](**fields)
 
 
 class _DamagedError(Exception):
@@ -245,10 +227,11 @@ def _packed(scene: Scene, settings: Settings, run: dict[str, Any], arrays: Array
     header["digest"] = digest_of(header, everything)
     text = np.frombuffer(json.dumps(header).encode(), np.uint8)
     if text.size > MOST_HEADER:
+        number = {each.argument: len(each.of(scene)) for each in FEATURES if each.kinds and each.several}
+        counts = " and ".join(f"{count:,} {name}" for name, count in number.items())
         raise OutputError(
-            f"obstacles and emitters must take at most {MOST_HEADER:,} bytes of a checkpoint's header, or it could not "
-            f"be read again; got {text.size:,} bytes for {len(scene.obstacles):,} obstacles and "
-            f"{len(scene.emitters):,} emitters. Use fewer; one Polyline takes the place of many."
+            f"{' and '.join(number)} must take at most {MOST_HEADER:,} bytes of a checkpoint's header, or it could not "
+            f"be read again; got {text.size:,} bytes for {counts}. Use fewer; one Polyline takes the place of many."
         )
     return {HEADER: text, **everything}
 

@@ -1,8 +1,8 @@
-"""Whether discs are pressed into each other, or into obstacles, for want of room: what no shorter step would mend.
+"""Whether discs are pressed into each other, or into capsules, for want of room: what no shorter step would mend.
 
-Steps alone let discs overlap, by so much as they move in some of them: what is deeper is pressed. A piston, emitters
-and additions can bring it about. So scenes with these are looked at in frames that are looked at anyway, after them,
-for discs that are added may overlap others until the next frame.
+Steps alone let discs overlap, by so much as they move in some of them: what is deeper is pressed. A wall that moves,
+emitters and additions can bring it about. So scenes with these are looked at in frames that are looked at anyway,
+after them, for discs that are added may overlap others until the next frame.
 """
 
 import math
@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.state import State
+from mpsim.features import FEATURES
 from mpsim.measure.observables import Overlap, overlap
 from mpsim.scene.placement import overlaps
-from mpsim.scene.room import discs_in_obstacles
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -33,12 +33,12 @@ was 3.5 (docs/stability.md)."""
 
 MEAN_OVERLAP = 0.1
 """Overlap for each disc, on average over all, as a fraction of the smallest radius, from which on they are pressed at
-any speed, or steps are far too long. In those gases it was 0.015 at most, and 0.024 in lossy discs that a piston holds
-at packing 0.785."""
+any speed, or steps are far too long. In those gases it was 0.015 at most, and 0.024 in lossy discs that a wall
+holds at packing 0.785."""
 
 CROWDED = 0.4
-"""Packing of discs and obstacles from which on all looks are taken. Discs between flat walls have room up to 0.54: two
-of them in the smallest square. Below, a disc may still be caught between a piston and an obstacle."""
+"""Packing of discs and capsules from which on all looks are taken. Discs between flat walls have room up to 0.54: two
+of them in the smallest square. Below, a disc may still be caught between a moving wall and a capsule."""
 
 SELDOM = 8
 """How many times rarer looks are below that packing."""
@@ -48,36 +48,37 @@ NONE = Overlap(0, 0.0, 0.0, None)
 
 def may_be_pressed(scene: Scene, count: int) -> bool:
     """Whether anything can have taken the room of so many discs."""
-    return scene.piston is not None or bool(scene.emitters) or count > scene.count
+    return scene.moving_wall is not None or bool(scene.emitters) or count > scene.count
 
 
 def is_crowded(scene: Scene, radii: Floats, time: float) -> bool:
-    """Whether discs and obstacles fill so much of the box at a time that most discs can be pressed."""
+    """Whether discs and capsules fill so much of the box at a time that most discs can be pressed."""
     low, high = scene.walls_at(time)
     ax, ay, bx, by, radius = scene.capsules.T
-    obstacles = math.pi * radius**2 + 2 * radius * np.hypot(bx - ax, by - ay)
-    area = math.pi * float((radii * radii).sum()) + float(obstacles.sum())
+    solid = math.pi * radius**2 + 2 * radius * np.hypot(bx - ax, by - ay)
+    area = math.pi * float((radii * radii).sum()) + float(solid.sum())
     return area > CROWDED * float((high - low).prod())
 
 
 def pressed(solver: "SteppedSolver | ExactSolver", scene: Scene, settings: Settings) -> str | None:
-    """Which discs are pressed into each other or into an obstacle now, and what to do, in words; None if none are."""
+    """Which discs are pressed into each other or into a capsule now, and what to do, in words; None if none are."""
     state, radii = solver.state(), solver.radii
     if not state.present.any():
         return None
     displacement = np.hypot(*state.velocity.T.astype(np.float64)) * settings.dt / solver.substeps
     mean = float(np.sqrt((displacement[state.present] ** 2).mean()))
     found = overlap(state, scene, radii) if _overlap_at_all(state, scene, radii) else NONE
-    words = _deepest_pair(found, radii, displacement, mean) or _into_obstacles(state, scene, radii, displacement, mean)
+    words = _deepest_pair(found, radii, displacement, mean) or _into_capsules(state, scene, radii, displacement, mean)
     cause = "They were placed so, or there is no room for them: smaller steps and on_fast='substep' do not help"
     if words is None:
         words = _most_of_them(found, radii[state.present])
         cause += ", or steps are far too long"
     if words is None:
         return None
+    relief = ", ".join(sorted(feature.relief for feature in FEATURES if feature.relief))
     return (
         f"discs are pressed into each other: at time {solver.time:g} {words}, and discs move {mean:.3g} in a step on "
-        f"average. {cause}. Let a piston stop earlier, let fewer discs enter, or use smaller ones or a larger box."
+        f"average. {cause}. {relief[0].upper()}{relief[1:]}, or use smaller ones or a larger box."
     )
 
 
@@ -110,13 +111,15 @@ def _most_of_them(found: Overlap, radii: Floats) -> str | None:
     )
 
 
-def _into_obstacles(state: State, scene: Scene, radii: Floats, displacement: Floats, mean: float) -> str | None:
-    if not scene.obstacles:
+def _into_capsules(state: State, scene: Scene, radii: Floats, displacement: Floats, mean: float) -> str | None:
+    if not len(scene.capsules):
         return None
     discs = np.flatnonzero(state.present)
     position = state.position[discs].astype(np.float64)
-    _, worst, owner, depth = discs_in_obstacles(scene, position, radii[discs])
-    disc = int(discs[worst])
+    found = scene.deepest(position, radii[discs])
+    if found is None:
+        return None
+    disc, depth = int(discs[found.disc]), found.depth
     if depth <= DEEP * radii[disc] + STEPS * max(mean, float(displacement[disc])):
         return None
-    return f"disc {disc} is {depth:.3g} deep in obstacles[{owner}], {depth / radii[disc]:.2g} of its radius"
+    return f"disc {disc} is {depth:.3g} deep in {found.where}, {depth / radii[disc]:.2g} of its radius"

@@ -1,4 +1,4 @@
-"""The flight of a disc that entered inside a frame, up to its end: free, under gravity, to the first obstacle."""
+"""The flight of a disc that entered inside a frame, up to its end: free, under gravity, to the first hindrance."""
 
 import math
 from collections.abc import Callable
@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.features.edges import EDGES
 from mpsim.features.emitters import Emitter
 from mpsim.scene.scene import Scene
 
@@ -36,7 +35,7 @@ class Landing(NamedTuple):
 def launched(scene: Scene, emitter: Emitter, radius: float, elapsed: float, time: float) -> Landing:
     """Where a disc is that left an emitter some time ago, and how fast [length], [length/time].
 
-    It has flown freely: position + v s + g s^2/2 and v + g s. A flight that meets a wall, the piston or an obstacle
+    It has flown freely: position + v s + g s^2/2 and v + g s. A flight that meets a wall or a capsule
     ends there with the velocity it then has, and the next frame begins with that contact; other discs are left out of
     account.
 
@@ -45,7 +44,7 @@ def launched(scene: Scene, emitter: Emitter, radius: float, elapsed: float, time
         emitter: where the flight began.
         radius: of the disc [length].
         elapsed: time since then, s [time], >= 0.
-        time: now, which tells where the piston is [time].
+        time: now, which tells where the walls are [time].
     """
     start, velocity = np.array(emitter.position), np.array(emitter.velocity)
     image = np.zeros(2, np.int64)
@@ -101,20 +100,12 @@ def _last_clear(clear: Callable[[Floats], NDArray[np.bool_]], flown: float, beyo
 
 
 def _clear(scene: Scene, radius: float, places: Floats, time: float) -> NDArray[np.bool_]:
-    """Which centres are inside the walls and outside obstacles, shape (K,); through periodic borders too."""
+    """Which centres are inside the walls and outside capsules, shape (K,); through periodic borders too."""
     size, periodic = np.array([scene.width, scene.height]), np.array(scene.periodic)
-    low, high = scene.limits(radius)
+    low, high = scene.limits(radius, time)
     low, high = np.where(periodic, -np.inf, low), np.where(periodic, np.inf, high)
-    if scene.piston is not None:
-        edge = EDGES.index(scene.piston.wall)
-        axis, upper = divmod(edge, 2)
-        wall = scene.box[edge] + scene.piston.speed * time
-        if upper:
-            high[axis] = max(wall, scene.piston.stop) - radius
-        else:
-            low[axis] = min(wall, scene.piston.stop) + radius
     clear: NDArray[np.bool_] = np.all((places >= low) & (places <= high), axis=1)
-    if scene.obstacles:
+    if len(scene.capsules):
         wrapped = np.where(periodic, places % size, places)
         clear &= scene.among.depths(wrapped, np.full(len(places), radius)) == 0
     return clear

@@ -1,7 +1,6 @@
 """The arrays that a scene's features need in the shared block, and what stands in them at the start."""
 
 import math
-import weakref
 from typing import Any
 
 import numpy as np
@@ -9,8 +8,7 @@ from numpy.typing import NDArray
 
 from mpsim.core.state import Box
 from mpsim.engine.workers.arrays import ArraySpec
-from mpsim.features import capsules
-from mpsim.features.edges import EDGES
+from mpsim.features import FEATURES
 from mpsim.kernels import layout
 from mpsim.scene.scene import Scene
 
@@ -21,10 +19,6 @@ GIANTS_PER = 500
 
 GIANT = 2.0
 """A giant's radius is more than this times that of the largest disc of the grid: below, larger cells cost less."""
-
-
-_made: "weakref.WeakKeyDictionary[Scene, tuple[Any, dict[str, NDArray[Any]]]]" = weakref.WeakKeyDictionary()
-"""`obstacle_arrays` of scenes that are in use, and what they were made of: each block asks for them twice."""
 
 
 def has_radii(scene: Scene) -> bool:
@@ -72,15 +66,11 @@ def feature_specs(scene: Scene, capacity: int, workers: int, precision: str) -> 
         if boundary == "periodic":
             shapes[f"wrap_{axis}"] = (1,)
             integers["image"] = (2, capacity)
-    if scene.absorbing:
-        shapes["exits"] = (3, capacity)
-    if scene.piston is not None:
-        shapes["piston"] = (layout.PISTON,)
     specs = {name: ArraySpec(real, shape) for name, shape in shapes.items()}
     specs |= {name: ArraySpec(np.dtype(np.int64), shape) for name, shape in integers.items()}
-    for name, values in obstacle_arrays(scene).items():
-        dtype = real if values.dtype.kind == "f" else values.dtype
-        specs[f"obstacles.{name}"] = ArraySpec(np.dtype(dtype), values.shape)
+    for feature in FEATURES:
+        for name, (dtype, shape) in feature.shapes(scene, capacity, real).items():
+            specs[name] = ArraySpec(np.dtype(dtype), shape)
     return specs
 
 
@@ -91,26 +81,18 @@ def fill_features(arrays: dict[str, Any], scene: Scene) -> None:
     for axis, length in (("wrap_x", scene.width), ("wrap_y", scene.height)):
         if axis in arrays:
             arrays[axis][0] = length
-    for name, values in obstacle_arrays(scene).items():
-        arrays[f"obstacles.{name}"][...] = values
-    if scene.piston is not None:
-        wall = EDGES.index(scene.piston.wall)
-        inward = -1 if wall in (1, 3) else 1
-        margin = 0.0 if has_radii(scene) else scene.largest_radius
-        arrays["piston"][layout.PISTON_WALL] = layout.X_LOW + wall
-        arrays["piston"][layout.PISTON_START] = scene.box[wall] + inward * margin
-        arrays["piston"][layout.PISTON_SPEED] = scene.piston.speed
-        arrays["piston"][layout.PISTON_STOP] = scene.piston.stop + inward * margin
+    margin = 0.0 if has_radii(scene) else scene.largest_radius
+    for feature in FEATURES:
+        feature.fill(scene, arrays, margin)
 
 
 def box_now(scene: Scene, arrays: dict[str, Any]) -> Box:
-    """Where the walls are after the steps done; the kernels' own limit is where the piston will be one step later."""
+    """Where the walls are after the steps done."""
     edges = list(scene.box)
-    if scene.piston is not None:
-        wall, stop = EDGES.index(scene.piston.wall), scene.piston.stop
-        step = float(arrays["piston"][layout.PISTON_SPEED] * arrays["parameters"][layout.DT])
-        place = edges[wall] + step * int(arrays["control"][layout.STEPS])
-        edges[wall] = max(place, stop) if step < 0 else min(place, stop)
+    for feature in FEATURES:
+        place, wall = feature.wall_now(scene, arrays), feature.moving_wall(scene)
+        if place is not None and wall is not None:
+            edges[wall.edge] = place
     return edges[0], edges[1], edges[2], edges[3]
 
 
@@ -121,39 +103,17 @@ def wall_limits(scene: Scene) -> tuple[float, float, float, float]:
     return x, scene.width - x, y, scene.height - y
 
 
-def obstacle_arrays(scene: Scene) -> dict[str, NDArray[Any]]:
-    """Capsules, images beyond periodic borders included, and the grid of which ones are near a place; {} without any.
-
-    The same grid whatever the method and the number of discs. A cell lists every capsule that a disc with its centre in
-    the cell can touch.
-    """
-    made_of = (id(scene.capsules), scene.width, scene.height, scene.periodic, scene.largest_radius)
-    if scene not in _made or _made[scene][0] != made_of:
-        _made[scene] = made_of, _obstacle_arrays(scene)
-    return _made[scene][1]
-
-
-def _obstacle_arrays(scene: Scene) -> dict[str, NDArray[Any]]:
-    size = (scene.width, scene.height)
-    images = capsules.with_images(scene.capsules, size, scene.periodic, scene.largest_radius)
-    if not len(images.capsule):
-        return {}
-    lists = capsules.cell_lists(images.capsule, size, scene.largest_radius)
-    grid = {"near": lists.near, "index": lists.listed, "grid": lists.grid, "per_length": lists.per_length}
-    return {"capsule": images.capsule, **grid}
-
-
 def typical_momentum(scene: Scene, dt: float) -> float:
     """What impulses are counted in: a momentum like those that discs have or come to have [mass length/time], > 0.
 
-    The largest of the mean at the start, that of a fall through the box, and those of discs that emitters or the piston
-    set in motion. Where nothing can move by itself: of a disc that moves its radius in a step of dt [time].
+    The largest of the mean at the start, that of a fall through the box, and those of discs that emitters or a wall set
+    in motion. Where nothing can move by itself: of a disc that moves its radius in a step of dt [time].
     """
     mass = float(scene.masses.mean()) if scene.count else 1.0
     fields = [np.atleast_2d(field) for field in (scene.gravity, scene.acceleration) if field is not None]
     pull = sum(float(np.hypot(*field.T).max(initial=0.0)) for field in fields)
     fall = math.sqrt(pull * max(scene.width, scene.height))
-    speeds = [fall] if scene.piston is None else [fall, abs(scene.piston.speed)]
+    speeds = [fall] if (wall := scene.moving_wall) is None else [fall, abs(wall.speed)]
     momenta = [math.sqrt(float(((scene.velocity * scene.masses[:, None]) ** 2).mean())) if scene.count else 0.0]
     if scene.emitters:
         masses = np.array([1.0 if emitter.mass is None else emitter.mass for emitter in scene.emitters])

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.engine.feature_arrays import has_masses, has_radii
-from mpsim.scene import room
+from mpsim.features import FEATURES, feature
 from mpsim.scene.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -71,12 +71,11 @@ def checked(
 
 
 def _check_room(scene: Scene, time: float, present: Floats, name: str, position: Floats, radius: Floats) -> None:
-    """Refuse discs that are not in the box as it is now, or in an obstacle, or too many where a piston stops."""
+    """Refuse discs that are not in the box as it is now, or for which a feature of the scene leaves no room."""
     scene.check_inside(name, position, radius, time)
-    room.check_clear(scene, name, position, radius)
-    if scene.piston is not None:
-        together = np.append(present, radius)
-        room.check_end(scene, name, together, np.ones(len(together)))
+    new = feature.NewDiscs(name, position, radius, present)
+    for each in FEATURES:
+        each.check_room(scene, new)
 
 
 def hindrance(scene: Scene, time: float, present: Floats, name: str, position: Floats, radius: float) -> str | None:

@@ -416,7 +416,7 @@ class Simulation:
         """Add one disc, or several.
 
         Args:
-            position, velocity: shape (2,) or (K, 2); centres inside the box as it is now, clear of obstacles
+            position, velocity: shape (2,) or (K, 2); centres inside the box as it is now, clear of what stands in it
                 [length], [length/time]. A new disc may overlap others: the next frames push them apart.
             acceleration: as position, only in a scene that has it; left out it is zero [length/time^2].
             radius, mass: one or one each; needed in a scene whose discs have one each, and only there. No disc may be

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.scene.room import densest_packing
+from mpsim.features.packing_bounds import densest_packing
 from mpsim.scene.scene import Scene
 
 DENSE = 0.7
@@ -64,7 +64,7 @@ def pace_of(
         velocity: shape (N, 2), in the order of the scene's discs, so that no sum depends on another one [length/time].
         radius: shape (N,) [length].
         scene: whose box it is.
-        time: at which it is looked at: a piston may have made the box smaller [time].
+        time: at which it is looked at: a wall may have moved [time].
         present: which discs have not left, shape (N,); None: all are there.
     """
     if present is not None:
@@ -179,8 +179,9 @@ def pace_of_emitters(scene: Scene) -> Pace:
 
 
 def pace_of_the_pushed(pace: Pace, scene: Scene) -> Pace:
-    """How fast the smallest disc is when the piston has met it at rest: without loss twice as fast as the piston."""
-    if scene.piston is None or not scene.count:
+    """How fast the smallest disc is when a moving wall has met it at rest: without loss twice as fast as the wall."""
+    wall = scene.moving_wall
+    if wall is None or not scene.count:
         return Pace()
-    speed = (1 + scene.wall_restitution) * abs(scene.piston.speed)
-    return Pace(speed=speed, limit=pace.smallest, when="pushed by the piston")
+    speed = (1 + scene.wall_restitution) * abs(wall.speed)
+    return Pace(speed=speed, limit=pace.smallest, when=f"pushed by the {wall.name}")

@@ -1,7 +1,7 @@
 """Whether steps are short enough for the speeds, and what is done where they are not.
 
 Two discs that touch at the start of a step and move towards each other are 2 R - 2 v dt apart at its end. While each
-moves less than its own radius, centres cannot pass one another, nor the middle of an obstacle: whatever overlaps is
+moves less than its own radius, centres cannot pass one another, nor the middle of a capsule: whatever overlaps is
 found on the side on which it came. Beyond, a pair may be met from behind, or pass unseen. Between two walls a disc must
 not move farther than its free distance, or the second bounce of one step is lost. And where discs meet more than one
 other in a step on average, collisions that follow from others are missed.
@@ -9,7 +9,7 @@ other in a step on average, collisions that follow from others are missed.
 The kernels see a disc that is too fast for the step to come, whatever made it fast, while they move it: the frame is
 then the last of its command, and the exact look follows. What no single speed tells, collisions in a step and the room
 between walls, is looked at in frames that follow from what can change it: at the start, where discs are added, as often
-as a piston has taken a little of the box, and now and then. All of it depends on the state alone. So what follows is
+as a wall has taken a little of the box, and now and then. All of it depends on the state alone. So what follows is
 the same with any number of workers, and however a run is cut into calls, saved or healed.
 """
 
@@ -62,7 +62,7 @@ WATCH_EVERY, WATCH_LARGE_EVERY, LARGE = 4096, 1024, 8192
 far less than a frame. Either way a look takes less than a hundredth of the time."""
 
 SQUEEZE = 0.02
-"""Fraction of the room that it will leave in the end by which a piston moves between two looks."""
+"""Fraction of the room that it will leave in the end by which a wall moves between two looks."""
 
 GAIN = 0.25
 """Fraction of the bound of speed that acceleration adds to a disc between two looks."""
@@ -94,17 +94,16 @@ class Watch:
             for wraps, length in zip(scene.periodic, sides_at(scene, math.inf), strict=True)
         )
         self._often = settings.on_fast == "substep" or narrow
-        self._squeezing, self._squeezed = self._frames_of_piston()
+        self._squeezing, self._squeezed = self._frames_of_moving_wall()
 
-    def _frames_of_piston(self) -> tuple[int, int]:
-        """Frames in which the piston takes SQUEEZE of the room that is left in the end, and the last of such looks."""
-        piston, dt = self._scene.piston, self._settings.dt
-        if piston is None:
+    def _frames_of_moving_wall(self) -> tuple[int, int]:
+        """Frames in which a wall takes SQUEEZE of the room that is left in the end, and the last of such looks."""
+        wall, dt = self._scene.moving_wall, self._settings.dt
+        if wall is None:
             return 0, -1
-        axis = 0 if piston.wall in ("left", "right") else 1
-        before, after = (sides_at(self._scene, time)[axis] for time in (0.0, math.inf))
-        displacement = abs(piston.speed) * dt
-        # A piston that needs 1e18 frames for it has no effect that can be told from none.
+        before, after = (sides_at(self._scene, time)[wall.axis] for time in (0.0, math.inf))
+        displacement = abs(wall.speed) * dt
+        # A wall that needs 1e18 frames for it has no effect that can be told from none.
         every = math.ceil(min(max(SQUEEZE * after / displacement, 1.0), 1e18))
         return every, every * math.ceil((before - after) / displacement / every)
 
@@ -239,12 +238,12 @@ class Watch:
         return max(self._settings.substeps, math.ceil(part))
 
     def _gain(self, frame: int, frames: int) -> float:
-        """Speed that a disc can gain in so many frames by other things than discs: acceleration, a moving piston.
+        """Speed that a disc can gain in so many frames by other things than discs: acceleration, a moving wall.
 
         Of the last frame at which sub-steps are looked at anyway: what a simulation that is resumed there would find.
         """
-        last, piston = frame - frame % ADAPT_EVERY, self._scene.piston
-        push = 2 * abs(piston.speed) if piston is not None and last <= self._squeezed else 0.0
+        last, wall = frame - frame % ADAPT_EVERY, self._scene.moving_wall
+        push = 2 * abs(wall.speed) if wall is not None and last <= self._squeezed else 0.0
         return self._pull * self._settings.dt * frames + push
 
     def _complaint(self, pace: Pace, frame: int) -> str | None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.errors import InputError
+from mpsim.features.packing_bounds import largest_of, most_equal
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -319,3 +320,75 @@ def _chunks(lengths: NDArray[Any]) -> Iterator[slice]:
         stop = max(int(np.searchsorted(total, before + MOST_PAIRS, side="right")), start + 1)
         yield slice(start, stop)
         start = stop
+
+
+class Deepest(NamedTuple):
+    """The disc that is deepest in what stands in the box.
+
+    number: of discs that overlap it. disc: index of the deepest one. where: in what, by name. depth: [length].
+    """
+
+    number: int
+    disc: int
+    where: str
+    depth: float
+
+
+def check_clear(found: Deepest | None, name: str, position: Floats, radius: Floats) -> None:
+    """Refuse discs that overlap an obstacle.
+
+    Args:
+        found: the deepest of them, if any does.
+        name: of the argument, for the text of the error.
+        position: centres, shape (N, 2) [length].
+        radius: one each, shape (N,) [length].
+
+    Raises:
+        InputError: naming the disc that is deepest in an obstacle.
+    """
+    if found is not None:
+        disc = found.disc
+        raise InputError(
+            f"{name}[{disc}] must be one radius from every obstacle; got {tuple(position[disc].tolist())}, "
+            f"{found.depth:.3g} inside {found.where} with radius {radius[disc]:g}. Move the disc or the obstacle."
+        )
+
+
+RADII = 16
+"""Radii at most for which discs as large or larger are counted against the room among capsules."""
+
+
+def check_among(
+    capsules: Floats,
+    name: str,
+    radius: Floats,
+    number: Floats,
+    low: tuple[float, float],
+    high: tuple[float, float],
+    stop: float,
+) -> None:
+    """Refuse more discs than a box from low to high, which a wall has made smaller, can hold among capsules.
+
+    Of several radii, those as large as one of them or larger have no more room than equal discs of that radius.
+
+    Args:
+        capsules: shape (K, 5) [length].
+        name: of the argument, for the text of the error.
+        radius, number: so many discs of each radius, shape (L,) [length].
+        low, high: corners (x, y) of the box [length].
+        stop: where the wall stops [length].
+
+    Raises:
+        InputError: with the number for which there is room.
+    """
+    radii, largest = np.unique(radius[number > 0]), largest_of(capsules)
+    for least in radii[:: math.ceil(len(radii) / RADII) or 1].tolist():
+        count, most = float(number[radius >= least].sum()), most_equal(least, low, high, largest)
+        if count > most * (1 + 1e-9):
+            kind = f"radius {least:g}" + (" or more" if len(radii) > 1 else "")
+            raise InputError(
+                f"{name} must leave room for all {count:g} discs of {kind} among the obstacles, where no arrangement "
+                f"has more than {math.floor(most)}; got {stop:g}, which leaves a box of "
+                f"{high[0] - low[0]:g} x {high[1] - low[1]:g}. Let the piston stop earlier, or use fewer or smaller "
+                "discs or obstacles."
+            )

@@ -3,13 +3,37 @@
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
 
 EDGES = ("left", "right", "bottom", "top")
 """The walls of the box: x = 0, x = width, y = 0, y = height."""
+
+
+class MovingWall(NamedTuple):
+    """A wall of the box that moves at constant speed from start to stop, and rests there.
+
+    name: what it is called in texts. edge: which wall it is, an index of EDGES. start, stop: coordinates [length].
+    speed: [length/time].
+    """
+
+    name: str
+    edge: int
+    start: float
+    stop: float
+    speed: float
+
+    @property
+    def axis(self) -> int:
+        """Along which it moves."""
+        return self.edge // 2
+
+    def at(self, time: float) -> float:
+        """Where it is at a time [time]."""
+        place = self.start + self.speed * time
+        return max(place, self.stop) if self.speed < 0 else min(place, self.stop)
 
 
 def check_boundary(boundary: object) -> tuple[str, str]:
@@ -20,16 +44,6 @@ def check_boundary(boundary: object) -> tuple[str, str]:
         raise InputError(f"boundary must be one word or one for x and one for y; got {boundary!r}.")
     x, y = (checks.choice("boundary", word, ("walls", "periodic")) for word in pair)
     return x, y
-
-
-def check_edges(absorbing: object, boundary: tuple[str, str]) -> tuple[str, ...]:
-    """Names of edges that swallow discs; they must be walls."""
-    each_of: Any = absorbing
-    names = (each_of,) if isinstance(each_of, str) else tuple(each_of)
-    for name in names:
-        checks.choice("absorbing", name, EDGES)
-        demand_wall("absorbing", name, boundary)
-    return tuple(dict.fromkeys(names))
 
 
 def demand_wall(name: str, edge: str, boundary: tuple[str, str]) -> None:

@@ -6,10 +6,13 @@
 from dataclasses import KW_ONLY, dataclass, fields
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
+from mpsim.features.capsules import check_clear
+from mpsim.features.feature import Feature, SceneLike, Spoiled
 
 LARGEST_EMITTERS = 1_000_000
 """More emitters than this likewise."""
@@ -22,7 +25,7 @@ class Emitter:
     With `interval`, disc k enters at the time k * interval, whatever the time step and the method. The exact solver
     stops there; of the others a disc enters at the end of the frame that reaches its time, having flown for the rest
     of that frame: at position + v s + g s^2/2 with velocity v + g s, where s is the time since it was due and g the
-    scene's gravity. A flight that meets a wall, the piston or an obstacle ends there.
+    scene's gravity. A flight that meets a wall or a capsule ends there.
 
     With `every`, a disc enters before each so manieth frame: another scene for each dt.
 
@@ -30,8 +33,8 @@ class Emitter:
     long: it tries again every interval / 8 (of `every`: before each frame).
 
     Args:
-        position: centre of the new disc (x, y) [length], a radius from walls and obstacles. Where a piston has passed
-            it, no more discs enter, and a warning says so.
+        position: centre of the new disc (x, y) [length], a radius from walls and capsules. Where a wall has passed it,
+            no more discs enter, and a warning says so.
         velocity: of the new disc v (vx, vy) [length/time].
         interval: time between two discs [time], > 0.
         every: frames between two discs, >= 1, instead of interval.
@@ -91,3 +94,43 @@ def check_emitters(emitters: object) -> tuple[Emitter, ...]:
         if not isinstance(emitter, Emitter):
             raise InputError(f"emitters[{index}] must be an mpsim.Emitter; got {type(emitter).__name__}.")
     return chosen
+
+
+class Emitters(Feature):
+    """The argument `emitters`."""
+
+    argument = "emitters"
+    kinds = (Emitter,)
+    drives = "emitters"
+    relief = "let fewer discs enter"
+    spoils = (
+        Spoiled(
+            ("virial", "collision_rate", "contact_rate", "energy_drift", "momentum_drift"),
+            "emitters, as the number of discs changes",
+            "Run until they have ended, and measure in a scene without them that is made of sim.state.",
+        ),
+    )
+
+    def check(self, scene: SceneLike) -> None:
+        """Refuse emitters that do not know the radius or mass of their discs, or that stand where there is no room."""
+        emitters: tuple[Emitter, ...] = self.of(scene)
+        for name, common in (("radius", np.ndim(scene.radius) == 0), ("mass", scene.mass is None)):
+            lacking = [] if common else [index for index, each in enumerate(emitters) if getattr(each, name) is None]
+            if lacking:
+                raise InputError(
+                    f"emitters[{lacking[0]}] must have a {name}, as the discs of this scene have one each; got None."
+                )
+        if emitters:
+            position = np.array([each.position for each in emitters])
+            radius = np.array([scene.radius if each.radius is None else each.radius for each in emitters])
+            scene.check_inside("the position of emitters", position, radius)
+            check_clear(scene.deepest(position, radius), "the position of emitters", position, radius)
+
+    def description(self, scene: SceneLike) -> str:
+        """How often discs enter."""
+        words: list[str] = []
+        for emitter in self.of(scene):
+            limit = "no end" if emitter.limit is None else f"{emitter.limit} in all"
+            often = f"every {emitter.interval:g} of time" if emitter.every is None else f"every {emitter.every} frames"
+            words.append(f"one disc {often}, {limit}")
+        return "; ".join(words)

@@ -3,9 +3,7 @@
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
-import contextlib
-import gc
-from collections.abc import Generator
+import weakref
 from dataclasses import dataclass
 from itertools import chain, pairwise
 from typing import Any
@@ -15,6 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
+from mpsim.core.garbage import garbage_collection_paused
+from mpsim.features import capsules
+from mpsim.features.capsules import Deepest
+from mpsim.features.feature import Feature, Floats, NewDiscs, SceneLike, Shapes, Spoiled
 
 LARGEST_OBSTACLES = 1_000_000
 """More obstacles than this are taken for a mistake."""
@@ -92,7 +94,7 @@ def fixed_discs(position: NDArray[np.float64], radius: float | NDArray[np.float6
     """
     made: list[FixedDisc] = []
     radii = np.broadcast_to(radius, len(position)).tolist()
-    with _garbage_collection_paused():
+    with garbage_collection_paused():
         for (x, y), each in zip(position.tolist(), radii, strict=True):
             disc = object.__new__(FixedDisc)
             vars(disc).update(position=(x, y), radius=each)
@@ -140,25 +142,13 @@ def polylines(
     made: list[Polyline] = []
     ends = np.cumsum(lengths.astype(np.int64)).tolist()
     thick = np.broadcast_to(thickness, len(lengths)).tolist()
-    with _garbage_collection_paused():
+    with garbage_collection_paused():
         corners: list[tuple[float, float]] = [(x, y) for x, y in points.tolist()]
         for first, last, each in zip([0, *ends], ends, thick, strict=False):  # one beginning more than ends
             line = object.__new__(Polyline)
             vars(line).update(points=tuple(corners[first:last]), thickness=each)
             made.append(line)
     return made
-
-
-@contextlib.contextmanager
-def _garbage_collection_paused() -> Generator[None]:
-    """No search for garbage meanwhile: of a million objects that all stay it takes four fifths of the time."""
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_on:
-            gc.enable()
 
 
 def capsules_of(obstacles: tuple[Obstacle, ...]) -> NDArray[np.float64]:
@@ -198,3 +188,88 @@ def check_obstacles(obstacles: object, width: float, height: float) -> tuple[Obs
             f"point {tuple(ends[first].tolist())}. Move it, or enlarge the box."
         )
     return chosen
+
+
+class Obstacles(Feature):
+    """The argument `obstacles`."""
+
+    argument = "obstacles"
+    kinds = (FixedDisc, Polyline)
+    not_exact = "obstacles"
+    excludes = True
+    spoils = (
+        Spoiled(
+            ("virial", "momentum_drift"),
+            "obstacles, whose impulses are not counted",
+            "Use 'energy_drift' for the health of a run, 'pressure' for the load on the walls.",
+        ),
+    )
+
+    def __init__(self) -> None:
+        self._made: weakref.WeakKeyDictionary[Any, tuple[Any, dict[str, NDArray[Any]]]] = weakref.WeakKeyDictionary()
+        """`_arrays` of scenes that are in use, and what they were made of: each block asks for them twice."""
+
+    def check_room(self, scene: SceneLike, new: NewDiscs) -> None:
+        """Refuse discs that overlap an obstacle, which would put them beside it."""
+        capsules.check_clear(scene.deepest(new.position, new.radius), new.name, new.position, new.radius)
+
+    def deepest(self, scene: SceneLike, position: Floats, radius: Floats) -> Deepest | None:
+        """Discs that touch one to within rounding of the box's coordinates do not count; images of obstacles do."""
+        size = (scene.width, scene.height)
+        depth = scene.among.depths(position, radius)
+        number = int((depth > 8 * np.finfo(np.float64).eps * max(size)).sum())
+        if not number:
+            return None
+        worst = int(depth.argmax())
+        nearest = capsules.nearest(position[worst], scene.capsules, size, scene.periodic)
+        return Deepest(number, worst, f"obstacles[{owner_of(nearest, self.of(scene))}]", float(depth[worst]))
+
+    def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
+        """Capsules, and the grid of which ones are near a place."""
+        return {
+            f"obstacles.{name}": (real if values.dtype.kind == "f" else values.dtype, values.shape)
+            for name, values in self._arrays(scene).items()
+        }
+
+    def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
+        """Write them."""
+        for name, values in self._arrays(scene).items():
+            arrays[f"obstacles.{name}"][...] = values
+
+    def _arrays(self, scene: SceneLike) -> dict[str, NDArray[Any]]:
+        """Capsules, images beyond periodic borders included, and the grid of which ones are near a place; {} if none.
+
+        The same grid whatever the method and the number of discs. A cell lists every capsule that a disc with its
+        centre in the cell can touch.
+        """
+        made_of = (id(scene.capsules), scene.width, scene.height, scene.periodic, scene.largest_radius)
+        if scene not in self._made or self._made[scene][0] != made_of:
+            self._made[scene] = made_of, _listed(scene)
+        return self._made[scene][1]
+
+    def description(self, scene: SceneLike) -> str:
+        """Their number."""
+        return f"{len(self.of(scene))}"
+
+    def record(self, scene: SceneLike) -> int:
+        """Their number, as there may be very many."""
+        return len(self.of(scene))
+
+    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
+        """Pegs between the discs, and a bent wall."""
+        every = np.arange(1, 100, 10) * pitch
+        line = Polyline([(0, side / 2), (side / 3, side / 2)])
+        return {"100 pegs": [FixedDisc((x, y), 0.1) for x in every for y in every], "a polyline": [line]}
+
+
+def _listed(scene: SceneLike) -> dict[str, NDArray[Any]]:
+    size = (scene.width, scene.height)
+    images = capsules.with_images(scene.capsules, size, scene.periodic, scene.largest_radius)
+    if not len(images.capsule):
+        return {}
+    lists = capsules.cell_lists(images.capsule, size, scene.largest_radius)
+    grid = {"near": lists.near, "index": lists.listed, "grid": lists.grid, "per_length": lists.per_length}
+    return {"capsule": images.capsule, **grid}
+
+
+OBSTACLES = Obstacles()

@@ -3,12 +3,19 @@
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
-from dataclasses import dataclass
-from typing import Any
+import math
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
-from mpsim.features.edges import EDGES, demand_wall
+from mpsim.features.capsules import check_among
+from mpsim.features.edges import EDGES, MovingWall, demand_wall
+from mpsim.features.feature import Feature, Floats, NewDiscs, SceneLike, Shapes, Spoiled
+from mpsim.features.packing_bounds import shortest_box
+from mpsim.kernels import layout
 
 
 @dataclass(frozen=True)
@@ -77,3 +84,137 @@ def check_piston(
     if piston.start is not None and piston.start > length:
         raise InputError(f"start of the piston must lie in the box, in [0, {length:g}]; got {piston.start:g}.")
     return piston
+
+
+class PistonFeature(Feature):
+    """The argument `piston`."""
+
+    argument = "piston"
+    kinds = (Piston,)
+    several = False
+    meaning = "a wall that moves"
+    keys: ClassVar = {
+        "wall": "left, right, bottom or top",
+        "speed": "along x or y, into the box",
+        "stop": "coordinate at which it comes to rest",
+        "start": "coordinate at which it begins; left out: at its wall",
+    }
+    examples = ({"wall": "left", "speed": 1.0, "stop": 1.0}, {"wall": "right", "speed": -1.0, "stop": 1.0})
+    not_exact = "a piston"
+    drives = "a piston"
+    relief = "let a piston stop earlier"
+    spoils = (
+        Spoiled(
+            ("pressure", "virial", "energy_drift"),
+            "moving walls (a piston), which do work and change the box",
+            "Run until the piston rests, and measure in a scene without it, made of sim.state, in a box of that size.",
+        ),
+    )
+
+    def check(self, scene: SceneLike) -> None:
+        """Refuse one that leaves no room for the largest disc, or for all."""
+        piston: Piston | None = self.of(scene)
+        if piston is None:
+            return
+        emitters: Any = getattr(scene, "emitters", ())
+        largest = float(np.append(np.ravel(scene.radius), [e.radius for e in emitters if e.radius]).max(initial=0.0))
+        length = scene.width if piston.wall in ("left", "right") else scene.height
+        left = piston.stop if piston.wall in ("right", "top") else length - piston.stop
+        if 2 * largest > left:
+            raise InputError(
+                f"stop of the piston must leave room for the largest disc, of diameter {2 * largest:g}; got "
+                f"{piston.stop:g}, which leaves {left:g}. Let it stop earlier."
+            )
+        ending = [emitter for emitter in emitters if emitter.limit is not None]
+        radii = np.array([emitter.radius or largest for emitter in ending], float)
+        number = np.concatenate([np.ones(scene.count), np.array([emitter.limit for emitter in ending], float)])
+        _check_end(scene, "stop of the piston", np.concatenate([scene.radii, radii]), number)
+
+    def check_room(self, scene: SceneLike, new: NewDiscs) -> None:
+        """Refuse more discs than the box can hold in the end."""
+        if self.of(scene) is not None:
+            together = np.append(new.present, new.radius)
+            _check_end(scene, new.name, together, np.ones(len(together)))
+
+    def moving_wall(self, scene: SceneLike) -> MovingWall | None:
+        """The piston."""
+        piston: Piston | None = self.of(scene)
+        if piston is None:
+            return None
+        edge = EDGES.index(piston.wall)
+        start = (0.0, scene.width, 0.0, scene.height)[edge] if piston.start is None else piston.start
+        return MovingWall("piston", edge, start, piston.stop, piston.speed)
+
+    def continued(self, scene: SceneLike, box: tuple[float, float, float, float]) -> Piston | None:
+        """It starts where it is."""
+        piston: Piston | None = self.of(scene)
+        if piston is None:
+            return None
+        moved = replace(piston, start=box[EDGES.index(piston.wall)])
+        return check_piston(moved, scene.boundary, scene.width, scene.height, scene.absorbing)
+
+    def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
+        """Where it is and how fast."""
+        return {} if self.of(scene) is None else {"piston": (real, (layout.PISTON,))}
+
+    def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
+        """Write it as the limit of centres that it moves."""
+        wall = self.moving_wall(scene)
+        if wall is not None:
+            inward = margin if wall.speed > 0 else -margin
+            arrays["piston"][layout.PISTON_WALL] = layout.X_LOW + wall.edge
+            arrays["piston"][layout.PISTON_START] = wall.start + inward
+            arrays["piston"][layout.PISTON_SPEED] = wall.speed
+            arrays["piston"][layout.PISTON_STOP] = wall.stop + inward
+
+    def wall_now(self, scene: SceneLike, arrays: dict[str, Any]) -> float | None:
+        """The kernels' own limit is where it will be one step later."""
+        wall = self.moving_wall(scene)
+        if wall is None:
+            return None
+        step = float(arrays["piston"][layout.PISTON_SPEED] * arrays["parameters"][layout.DT])
+        place = wall.start + step * int(arrays["control"][layout.STEPS])
+        return max(place, wall.stop) if step < 0 else min(place, wall.stop)
+
+    def description(self, scene: SceneLike) -> str:
+        """From where to where, and how fast."""
+        piston: Piston = self.of(scene)
+        start = "" if piston.start is None else f"from {piston.start:g} "
+        return f"the {piston.wall} wall, speed {piston.speed:g}, {start}to {piston.stop:g}"
+
+    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
+        """A slow one."""
+        return {"a piston": Piston("bottom", 0.01, side / 2)}
+
+
+PISTON = PistonFeature()
+
+
+def _check_end(scene: SceneLike, name: str, radius: Floats, number: Floats) -> None:
+    """Refuse more discs than the box can hold where the piston stops.
+
+    Args:
+        scene: whose box it is.
+        name: of the argument, for the text of the error.
+        radius, number: so many discs of each radius, shape (K,) [length].
+
+    Raises:
+        InputError: with the shortest box that could hold them.
+    """
+    if scene.absorbing:  # through which there may be few enough in the end
+        return
+    piston: Piston = PISTON.of(scene)
+    low, high = scene.walls_at(math.inf)
+    along = 0 if piston.wall in ("left", "right") else 1
+    length, across = (high - low)[[along, 1 - along]].tolist()
+    shortest = shortest_box(radius, number, across, walls=not scene.periodic[1 - along])
+    if length < shortest * (1 - 1e-12):
+        raise InputError(
+            f"{name} must leave room for all {number.sum():g} discs, a box at least {shortest:.4g} long and "
+            f"{across:g} across: no arrangement of them is denser; got {piston.stop:g}, which leaves "
+            f"{length:g} (packing {math.pi * float((number * radius**2).sum()) / (length * across):.3g}). Let the "
+            "piston stop earlier, or use fewer or smaller discs."
+        )
+    if len(scene.capsules) and not any(scene.periodic):
+        x_low, y_low, x_high, y_high = *low.tolist(), *high.tolist()
+        check_among(scene.capsules, name, radius, number, (x_low, y_low), (x_high, y_high), piston.stop)

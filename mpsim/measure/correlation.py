@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.core.state import Box, State
-from mpsim.features.edges import EDGES
+from mpsim.features import FEATURES
 from mpsim.measure.pairs import close_pairs, lengths_of
 from mpsim.measure.statistics import Measure
 from mpsim.scene.scene import Scene
@@ -58,8 +58,8 @@ def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r
     beyond contact, taken at one diameter. Pairs closer than a diameter are not counted: see `overlap`.
 
     The density must be uniform, or g would show where the discs are rather than how they arrange themselves: scenes
-    with gravity, acceleration, emitters or obstacles are refused, states from which discs have left, and states whose
-    piston still moves. Behind a piston that has arrived, the box is where it left the walls (`State.box`).
+    with gravity, acceleration, emitters or capsules are refused, states from which discs have left, and states whose
+    wall still moves. Behind one that has arrived, the box is where it left the walls (`State.box`).
 
     Args:
         states: of equal discs in the scene's box; independent ones lower the noise.
@@ -123,11 +123,12 @@ def _one_radius(scene: Scene) -> float:
             f"pair_correlation needs discs of one radius; got radii from {scene.smallest_radius:g} to "
             f"{scene.largest_radius:g}. Give it a scene and states of the discs of one size."
         )
-    if scene.obstacles:
-        raise InputError(
-            f"pair_correlation needs a box without obstacles, which keep discs out of part of each shell; got "
-            f"{len(scene.obstacles)}. Leave them out, or measure a scene without them."
-        )
+    for feature in FEATURES:
+        if feature.excludes and feature.is_in(scene):
+            raise InputError(
+                f"pair_correlation needs a box without {feature.argument}, which keep discs out of part of each shell; "
+                f"got {len(feature.of(scene))}. Leave them out, or measure a scene without them."
+            )
     return scene.radius
 
 
@@ -154,18 +155,18 @@ def _demand_uniform(states: Sequence[State], scene: Scene) -> None:
 
 
 def _box_of(states: Sequence[State], scene: Scene) -> Box:
-    """Where the walls stand in all states: those of the scene, but for a piston that has arrived."""
-    piston = scene.piston
-    if piston is None:
+    """Where the walls stand in all states: those of the scene, but for one that has moved and arrived."""
+    wall = scene.moving_wall
+    if wall is None:
         return scene.box
-    places = {None if state.box is None else state.box[EDGES.index(piston.wall)] for state in states}
-    if places != {piston.stop}:
+    places = {None if state.box is None else state.box[wall.edge] for state in states}
+    if places != {wall.stop}:
         raise InputError(
-            f"pair_correlation needs a box at rest; got a piston on its way to {piston.stop:g}, at "
+            f"pair_correlation needs a box at rest; got a {wall.name} on its way to {wall.stop:g}, at "
             f"{', '.join(sorted(str(place) for place in places))}. Take states after it has arrived, from a simulation."
         )
     edges = list(scene.box)
-    edges[EDGES.index(piston.wall)] = piston.stop
+    edges[wall.edge] = wall.stop
     return edges[0], edges[1], edges[2], edges[3]
 
 

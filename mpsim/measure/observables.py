@@ -175,7 +175,7 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
     """Number of overlapping pairs, their largest and mean depth. O(N) by cells of the largest diameter.
 
     Pairs closer than rounding of the state's own precision (ROUNDINGS) count as touching, not as overlapping. Along a
-    periodic axis the nearest images count. Obstacles are left out.
+    periodic axis the nearest images count. What stands in the box is left out.
 
     Args:
         state, scene: the state and its scene.

@@ -8,6 +8,7 @@ start, and what the kernels have counted in between.
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from mpsim.core import checks
 from mpsim.core.errors import InputError, NotRecordedError
 from mpsim.core.state import State
+from mpsim.features import FEATURES
 from mpsim.kernels import layout
 from mpsim.measure import observables
 from mpsim.measure.counted import COMPONENTS, COUNTED, Counts, Run
@@ -92,18 +94,18 @@ _Rule = tuple[tuple[str, ...], Callable[[Scene], bool], str, str]
 _BALANCED = ("energy_drift", "momentum_drift")
 _VIRIALS = ("pressure_virial", *COMPONENTS)
 
+
+def _names_of(measures: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of measures, in which "virial" stands for all that come from it."""
+    return tuple(chain.from_iterable(_VIRIALS if name == "virial" else (name,) for name in measures))
+
+
 _RULES: tuple[_Rule, ...] = (
     (
         _VIRIALS,
         lambda scene: scene.gravity is not None or scene.acceleration is not None,
         "gravity and acceleration, which the virial leaves out",
         "Use 'pressure', the impulses on the walls.",
-    ),
-    (
-        (*_VIRIALS, "momentum_drift"),
-        lambda scene: bool(scene.obstacles),
-        "obstacles, whose impulses are not counted",
-        "Use 'energy_drift' for the health of a run, 'pressure' for the load on the walls.",
     ),
     (
         _VIRIALS,
@@ -135,23 +137,10 @@ _RULES: tuple[_Rule, ...] = (
         "discs as high as the box, which have no room to move along y",
         "Use 'pressure_xx', along which they have.",
     ),
-    (
-        ("pressure", *_VIRIALS, "energy_drift"),
-        lambda scene: scene.piston is not None,
-        "moving walls (a piston), which do work and change the box",
-        "Run until the piston rests, and measure in a scene without it, made of sim.state, in a box of that size.",
-    ),
-    (
-        (*_VIRIALS, "collision_rate", "contact_rate", *_BALANCED),
-        lambda scene: bool(scene.absorbing),
-        "absorbing edges, as the number of discs changes",
-        "Run until none leaves any more, and measure in a scene without those edges that is made of sim.state.",
-    ),
-    (
-        (*_VIRIALS, "collision_rate", "contact_rate", *_BALANCED),
-        lambda scene: bool(scene.emitters),
-        "emitters, as the number of discs changes",
-        "Run until they have ended, and measure in a scene without them that is made of sim.state.",
+    *(
+        (_names_of(spoiled.measures), feature.is_in, spoiled.what, spoiled.remedy)
+        for feature in FEATURES
+        for spoiled in feature.spoils
     ),
     (
         ("pressure_xy",),
@@ -334,7 +323,7 @@ def _cannot_change(name: str, run: Run) -> bool:
     """
     scene = run.scene
     forced = any(field is not None and field.any() for field in (scene.gravity, scene.acceleration))
-    open_to = forced or _has_losses(scene) or scene.piston is not None or scene.absorbing or scene.emitters
+    open_to = forced or _has_losses(scene) or scene.moving_wall is not None or scene.absorbing or scene.emitters
     return not open_to and (name != "speed_kurtosis" or run.count == 1)
 
 

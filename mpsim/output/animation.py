@@ -23,7 +23,7 @@ from mpsim.core import atomic, checks
 from mpsim.core.errors import InputError, OutputError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
-from mpsim.output.drawing import STYLE, behind_piston, draw_discs, new_figure, with_images
+from mpsim.output.drawing import STYLE, closed_off, draw_discs, new_figure, with_images
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -151,7 +151,7 @@ class Picture:
             if self._kind.ticks is not None:
                 bar.set_ticks(list(self._kind.ticks), labels=list(self._kind.ticks.values()))
         self._title = self._axes.set_title("time 0.00")
-        self._closed = behind_piston(scene, 0.0)
+        self._closed = closed_off(scene, 0.0)
         if self._closed is not None:
             self._axes.add_patch(self._closed)
         self.figure.draw_without_rendering()
@@ -179,7 +179,7 @@ class Picture:
         self._discs.set_offsets(with_images(position, self._scene))
         if self._kind is not None:
             self._discs.set_array(self._kind.values(sim, state))
-        closed = behind_piston(self._scene, sim.time)
+        closed = closed_off(self._scene, sim.time)
         if self._closed is not None and closed is not None:
             self._closed.set_bounds(*closed.get_bbox().bounds)
         self._title.set_text(f"time {sim.time:.2f}, {sim.count - int(gone.sum())} discs")

@@ -15,7 +15,7 @@ NEEDED = {"time": "times", "velocity": "velocities", "radius": "radii", "mass": 
 """
 
 ROUNDING = 16
-"""Multiples of the precision by which computed places may differ: those of a piston, and of discs at the start."""
+"""Multiples of the precision by which computed places may differ: those of a moving wall, and of discs at the start."""
 
 
 def lacking(frame: Frame) -> list[str]:

@@ -1,4 +1,4 @@
-"""A scene as a picture: discs at true radius, their images at periodic edges, obstacles, the piston."""
+"""A scene as a picture: discs at true radius, their images at periodic edges, what stands in it, walls that move."""
 
 import os
 from itertools import product
@@ -15,13 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import atomic
 from mpsim.core.errors import OutputError
-from mpsim.features.edges import EDGES
 from mpsim.scene.scene import Scene
 
 STYLE = Path(__file__).with_name("mpsim.mplstyle")
 
 DISC_COLOUR = "#56B4E9"
-OBSTACLE_COLOUR = "#444444"
+SOLID_COLOUR = "#444444"
 MOST_DISCS = 50_000
 """Discs that a still shows at most: more would take long, and be smaller than its pixels."""
 
@@ -60,12 +59,12 @@ def with_images(position: ArrayLike, scene: Scene) -> NDArray[np.float64]:
 def draw_discs(
     axes: Axes, position: ArrayLike, scene: Scene, colours: Any = DISC_COLOUR, radii: NDArray[np.float64] | None = None
 ) -> EllipseCollection:
-    """Discs at true radius in their box, with obstacles; no ticks, the box is the frame, dotted where it is periodic.
+    """Discs at true radius in their box, with what stands in it; no ticks, the frame is dotted where it is periodic.
 
     Args:
         axes: where to draw.
         position: of the discs, shape (N, 2) [length].
-        scene: box, obstacles, and radii where none are given.
+        scene: box, what stands in it, and radii where none are given.
         colours: one, or one for each disc.
         radii: shape (N,) [length].
 
@@ -110,32 +109,25 @@ def _draw_box(axes: Axes, scene: Scene) -> None:
             shapes.append(Polygon([a - across, b - across, b + across, a + across]))
     if shapes:
         # The line is what remains of a wall without thickness.
-        axes.add_collection(PatchCollection(shapes, facecolor=OBSTACLE_COLOUR, edgecolor=OBSTACLE_COLOUR, linewidth=1))
+        axes.add_collection(PatchCollection(shapes, facecolor=SOLID_COLOUR, edgecolor=SOLID_COLOUR, linewidth=1))
 
 
 def _size(scene: Scene) -> tuple[float, float]:
     return scene.width, scene.height
 
 
-def behind_piston(scene: Scene, time: float) -> Rectangle | None:
-    """What a piston has closed off by a time, as a shape to be drawn; None without one.
+def closed_off(scene: Scene, time: float) -> Rectangle | None:
+    """What a moving wall has closed off of the box by a time, as a shape to be drawn; None where all are at rest.
 
-    >>> from mpsim.features import Piston
     >>> half = {"width": 4, "height": 2, "position": [[1, 1]], "velocity": [[0, 0]], "radius": 0.5}
-    >>> shape = behind_piston(Scene(**half, piston=Piston("right", -1.0, 2.0)), time=9.0)
-    >>> shape.get_x(), shape.get_width()
-    (2.0, 2.0)
+    >>> closed_off(Scene(**half), time=9.0) is None
+    True
     """
-    piston = scene.piston
-    if piston is None:
+    wall = scene.moving_wall
+    if wall is None:
         return None
-    length = scene.width if piston.wall in ("left", "right") else scene.height
-    place = scene.box[EDGES.index(piston.wall)] + piston.speed * time
-    if piston.wall in ("left", "bottom"):
-        low, high = 0.0, min(place, piston.stop)
-    else:
-        low, high = max(place, piston.stop), length
-    if piston.wall in ("left", "right"):
+    low, high = (0.0, wall.at(time)) if wall.speed > 0 else (wall.at(time), _size(scene)[wall.axis])
+    if wall.axis == 0:
         return Rectangle((low, 0), high - low, scene.height, color=BEHIND_COLOUR)
     return Rectangle((0, low), scene.width, high - low, color=BEHIND_COLOUR)
 

@@ -19,8 +19,8 @@ class Frame:
 
     Attributes:
         frame: number of the frame of the simulation.
-        box: width and height at that moment [length]: a piston makes it smaller.
-        origin: lower left corner of the box at that moment [length]; (0, 0) unless a left or bottom piston moves.
+        box: width and height at that moment [length]: a moving wall changes it.
+        origin: lower left corner of the box at that moment [length]; (0, 0) unless the left or bottom wall moves.
         periodic: whether x, and whether y, is periodic.
         position: shape (N, 2) [length], in the precision of the run and the coordinates of the scene.
         source: the file, for error texts.

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mpsim.engine.simulation import Simulation
-from mpsim.output.drawing import MOST_DISCS, STYLE, behind_piston, draw_discs, marker_of, new_figure, save_figure
+from mpsim.output.drawing import MOST_DISCS, STYLE, closed_off, draw_discs, marker_of, new_figure, save_figure
 from mpsim.output.frames import Frame, frame_of
 from mpsim.scene.scene import Scene
 
@@ -25,7 +25,7 @@ def history(table: dict[str, NDArray[np.float64]], scene: Scene, last: Frame, ti
 
     Args:
         table: columns of measures.csv, see mpsim.output.recorder.
-        scene: box and obstacles.
+        scene: box and what stands in it.
         last: the discs that are drawn.
         title: of the whole.
     """
@@ -61,7 +61,7 @@ def draw_frame(axes: Axes, frame: Frame, scene: Scene) -> None:
     discs.set_array(speeds)
     discs.set_cmap("viridis")
     discs.set_clim(0, max(1.5 * float(np.quantile(speeds, 0.9)) if len(speeds) else 0.0, 1e-300))
-    closed = behind_piston(scene, frame.time)
+    closed = closed_off(scene, frame.time)
     if closed is not None:
         axes.add_patch(closed)
     where: dict[str, Any] = (

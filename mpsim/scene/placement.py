@@ -132,7 +132,7 @@ def random_crowd(
         width, height: of the box [length].
         rng: the random numbers.
         periodic: along x and along y.
-        capsules: obstacles to stay clear of, shape (K, 5): ax, ay, bx, by, radius [length].
+        capsules: to stay clear of, shape (K, 5): ax, ay, bx, by, radius [length].
 
     Raises:
         InputError: if no arrangement without overlap is found.
@@ -172,7 +172,7 @@ def displaced(
         radius: shape (N,) [length].
         size: width and height of the box [length].
         periodic: along x and along y.
-        capsules: obstacles, shape (K, 5): ax, ay, bx, by, radius [length].
+        capsules: what stands in the box, shape (K, 5): ax, ay, bx, by, radius [length].
         moves: displacements, shape (N, 2) [length].
     """
     if not len(position):

@@ -6,7 +6,6 @@ import hashlib
 import math
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,12 +15,15 @@ from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.core.state import Box, State
 from mpsim.core.views import view
+from mpsim.features import FEATURES
+from mpsim.features.absorption import check_edges
 from mpsim.features.capsules import Among
-from mpsim.features.edges import EDGES, check_boundary, check_edges
+from mpsim.features.edges import MovingWall, check_boundary
 from mpsim.features.emitters import Emitter, check_emitters
+from mpsim.features.feature import Deepest
 from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles
 from mpsim.features.piston import Piston, check_piston
-from mpsim.scene import placement, room, starts
+from mpsim.scene import placement, starts
 
 LARGEST_COUNT = 100_000_000
 """More discs than this is taken for a mistake (a scene of this size needs some 10 GB)."""
@@ -104,30 +106,27 @@ class Scene:
         self.absorbing: tuple[str, ...] = check_edges(absorbing, self.boundary)
         self.piston: Piston | None = check_piston(piston, self.boundary, self.width, self.height, self.absorbing)
         self.duration: float | None = None if duration is None else checks.positive("duration", duration, "[time]")
-        self._check_room()
+        starts.demand_room(self.largest_radius, self.width, self.height, self.boundary)
         self.check_inside("position", self.position, self.radius)
-        room.check_emitters(self)
+        for feature in FEATURES:
+            feature.check(self)
 
-    def _check_room(self) -> None:
-        """The box must hold its largest disc; along a periodic axis, two of them."""
-        radii = np.append(np.ravel(self.radius), [e.radius for e in self.emitters if e.radius is not None])
-        largest = float(radii.max(initial=0.0))
-        starts.demand_room(largest, self.width, self.height, self.boundary)
-        if self.piston is not None:
-            length = self.width if self.piston.wall in ("left", "right") else self.height
-            left = self.piston.stop if self.piston.wall in ("right", "top") else length - self.piston.stop
-            if 2 * largest > left:
-                raise InputError(
-                    f"stop of the piston must leave room for the largest disc, of diameter {2 * largest:g}; got "
-                    f"{self.piston.stop:g}, which leaves {left:g}. Let it stop earlier."
-                )
-            limits = [emitter.limit for emitter in self.emitters if emitter.limit is not None]
-            radii = [emitter.radius or largest for emitter in self.emitters if emitter.limit is not None]
-            number = np.concatenate([np.ones(self.count), np.array(limits, float)])
-            room.check_end(self, "stop of the piston", np.concatenate([self.radii, np.array(radii, float)]), number)
+    def deepest(self, position: NDArray[np.float64], radius: NDArray[np.float64]) -> Deepest | None:
+        """The disc that is deepest in what stands in the box; None if no disc overlaps anything there.
+
+        Args:
+            position: centres, in the box, shape (N, 2) [length].
+            radius: one each, shape (N,) [length].
+        """
+        return next(filter(None, (feature.deepest(self, position, radius) for feature in FEATURES)), None)
+
+    @property
+    def moving_wall(self) -> MovingWall | None:
+        """The wall that a feature of the scene moves; None where all are at rest."""
+        return next(filter(None, (feature.moving_wall(self) for feature in FEATURES)), None)
 
     def walls_at(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Corners (x, y) of the box at a time, the least and the largest: a piston may have made it smaller [length].
+        """Corners (x, y) of the box at a time, the least and the largest: a wall may have moved [length].
 
         Raises:
             InputError: for a time that is no number >= 0; it may be infinite.
@@ -136,10 +135,8 @@ class Scene:
         [20.0, 20.0]
         """
         time, low, high = checks.time_to_come("time", time), np.array(self.box[::2]), np.array(self.box[1::2])
-        if self.piston is not None:
-            axis, far = divmod(EDGES.index(self.piston.wall), 2)
-            place = (low, high)[far][axis] + self.piston.speed * time
-            (low, high)[far][axis] = (min, max)[far](place, self.piston.stop)
+        if (wall := self.moving_wall) is not None:
+            (low, high)[wall.edge % 2][wall.axis] = wall.at(time)
         return low, high
 
     def limits(
@@ -160,7 +157,7 @@ class Scene:
             name: of the argument, for the text of the error.
             position: centres, shape (N, 2) [length].
             radius: of every disc, or one each, shape (N,) [length].
-            time: at which they are to be there: a piston may have made the box smaller [time].
+            time: at which they are to be there: a wall may have moved [time].
 
         Raises:
             InputError: naming the first centre that is less than one radius from a wall.
@@ -171,7 +168,8 @@ class Scene:
         outside = np.argwhere(((position < low - slack) | (position > high + slack)).any(axis=1))
         if len(outside):
             index = int(outside[0, 0])
-            now = f", the piston's place at time {time:g} included" if self.piston is not None and time > 0 else ""
+            wall = self.moving_wall
+            now = f", the {wall.name}'s place at time {time:g} included" if wall is not None and time > 0 else ""
             shape = position.shape
             (x_low, y_low), (x_high, y_high) = (np.broadcast_to(limit, shape)[index] for limit in (low, high))
             raise InputError(
@@ -279,10 +277,10 @@ class Scene:
 
     @property
     def box(self) -> Box:
-        """Where the walls are at the start: x_low, x_high, y_low, y_high [length]. A piston may start inside."""
+        """Where the walls are at the start: x_low, x_high, y_low, y_high [length]. One that moves may start inside."""
         edges = [0.0, self.width, 0.0, self.height]
-        if self.piston is not None and self.piston.start is not None:
-            edges[EDGES.index(self.piston.wall)] = self.piston.start
+        if (wall := self.moving_wall) is not None:
+            edges[wall.edge] = wall.start
         return edges[0], edges[1], edges[2], edges[3]
 
     @property
@@ -323,7 +321,7 @@ class Scene:
 
     @property
     def packing(self) -> float:
-        """Packing fraction at the start: area of the discs over that of the box, a piston being one of its walls."""
+        """Packing fraction at the start: area of the discs over that of the box between its walls."""
         low, high = self.walls_at(0.0)
         width, height = high - low
         return math.pi * float((self.radii / width * (self.radii / height)).sum())
@@ -353,11 +351,9 @@ class Scene:
         other, shape, meaning = copy.copy(self), (self.count, 2), f"({self.count}, 2)"
         position = checks.finite_array("position", state.position, shape, meaning)
         velocity = checks.finite_array("velocity", state.velocity, shape, meaning)
-        if self.piston is not None and state.box is not None:
-            start = state.box[EDGES.index(self.piston.wall)]
-            other.piston = check_piston(
-                replace(self.piston, start=start), self.boundary, self.width, self.height, self.absorbing
-            )
+        if state.box is not None:
+            for feature in FEATURES:
+                setattr(other, feature.argument, feature.continued(self, state.box))
         other._keep(state.present)
         low, high = other.limits(other.radius)
         inside = np.clip(position[state.present], low, high)
@@ -395,11 +391,11 @@ class Scene:
         )
         if pairs:
             words.append(f"{pairs} pairs of discs overlap at the start, discs {i} and {j} deepest, by {depth:.3g}")
-        discs, disc, owner, depth = room.discs_in_obstacles(self, self.position, self.radii)
-        if discs:
+        found = self.deepest(self.position, self.radii)
+        if found is not None:
             words.append(
-                f"{discs} discs overlap an obstacle at the start, disc {disc} and obstacles[{owner}] deepest, "
-                f"by {depth:.3g}"
+                f"{found.number} discs overlap an obstacle at the start, disc {found.disc} and {found.where} deepest, "
+                f"by {found.depth:.3g}"
             )
         return "; ".join(words)
 
@@ -411,15 +407,15 @@ class Scene:
         radii = f"radius {self.largest_radius:g}"
         if np.ndim(self.radius):
             radii = f"radii {self.radii.min(initial=np.inf):g} to {self.radii.max(initial=0):g}"
-        extras = [name for name in ("mass", "gravity", "acceleration", "piston") if getattr(self, name) is not None]
-        extras += [name for name in ("obstacles", "emitters", "absorbing") if getattr(self, name)]
+        extras = [name for name in ("mass", "gravity", "acceleration") if getattr(self, name) is not None]
+        extras += [each.argument for each in sorted(FEATURES, key=lambda each: each.several) if each.is_in(self)]
         losses = ("restitution", "wall_restitution")
         extras += [f"{name} {getattr(self, name):g}" for name in losses if getattr(self, name) < 1]
         axes = "".join(axis for axis, wraps in zip("xy", self.periodic, strict=True) if wraps)
         extras += [f"periodic {axes}"] if axes else []
         low, high = self.walls_at(0.0)
         size = " x ".join(f"{side:g}" for side in high - low)
-        if self.piston is not None and self.piston.start is not None:
+        if (high - low).tolist() != [self.width, self.height]:
             size += f" of {self.width:g} x {self.height:g}"
         return (
             f"<Scene: {self.count} discs of {radii} in {size}, "

@@ -28,7 +28,7 @@ class Taken:
     """What stands in the box already.
 
     Attributes:
-        capsules: obstacles, and discs as obstacles of no length: segments with a radius, shape (K, 5) [length].
+        capsules: those in the box, and discs as capsules of no length: segments with a radius, shape (K, 5) [length].
         count: number of discs among them.
     """
 
@@ -42,7 +42,7 @@ class Taken:
         self.count += len(position)
 
     def near(self, room: Region) -> NDArray[np.float64]:
-        """Obstacles, and discs as obstacles of no length, that reach into a part of the box, shape (K, 5) [length]."""
+        """Capsules, and discs as capsules of no length, that reach into a part of the box, shape (K, 5) [length]."""
         self.capsules = np.concatenate([self.capsules, *self._new])
         self._new = []
         (ax, ay, bx, by, radius), (x_low, y_low, x_high, y_high) = self.capsules.T, room

@@ -315,7 +315,7 @@ class Campaign:
     def _why_idle(self, name: str) -> str:
         """Why a measure that collisions alone make wrong has no error, as there are none; or ""."""
         runs = self._reference_runs(self.replicas, 0)
-        if self._scene.obstacles or any(np.any(run["met"]) or np.any(run.get("pressure", 0.0)) for run in runs):
+        if len(self._scene.capsules) or any(np.any(run["met"]) or np.any(run.get("pressure", 0.0)) for run in runs):
             return ""
         return (
             f"nothing is hit in any of {len(runs)} runs of the reference, to {self.plan.until:.3g}, so that no step is "

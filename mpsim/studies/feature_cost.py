@@ -13,8 +13,7 @@ import numpy as np
 
 from mpsim.core.errors import FastWarning
 from mpsim.engine.simulation import Simulation
-from mpsim.features.obstacles import FixedDisc, Polyline
-from mpsim.features.piston import Piston
+from mpsim.features import FEATURES
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.benchmark import DT, WrongAnswerError
@@ -73,7 +72,6 @@ def scenes() -> dict[str, Scene]:
     """The bare scene, each feature alone, and all that go together."""
     rng = np.random.default_rng(2)
     count, size = SIDE**2, SIDE * PITCH
-    pegs = [FixedDisc((x, y), 0.1) for x in np.arange(1, 100, 10) * PITCH for y in np.arange(1, 100, 10) * PITCH]
     alone: dict[str, dict[str, Any]] = {
         "bare": {},
         "gravity": {"gravity": (0.0, -0.1)},
@@ -82,15 +80,17 @@ def scenes() -> dict[str, Scene]:
         "radii": {"radius": rng.uniform(0.3, 0.5, count)},
         "masses": {"mass": rng.uniform(0.5, 2.0, count)},
         "periodic": {"boundary": "periodic"},
-        "100 pegs": {"obstacles": pegs},
-        "a polyline": {"obstacles": [Polyline([(0, size / 2), (size / 3, size / 2)])]},
-        "an absorbing edge": {"absorbing": "top"},
-        "a piston": {"piston": Piston("right", -0.01, size / 2)},
     }
+    features: dict[str, Any] = {}
+    for each in FEATURES:
+        examples = each.cost_examples(size, PITCH)
+        alone |= {name: {each.argument: value} for name, value in examples.items()}
+        if examples:
+            features[each.argument] = next(iter(examples.values()))
     together = {
         "gravity": (0.0, -0.1), "acceleration": alone["acceleration per disc"]["acceleration"], "restitution": 0.95,
         "wall_restitution": 0.95, **alone["radii"], **alone["masses"], "boundary": ("periodic", "walls"),
-        "obstacles": pegs, "absorbing": "top", "piston": Piston("bottom", 0.01, size / 2),
+        **features,
     }  # fmt: skip
     found = {name: scene(name, **features) for name, features in alone.items()}
     found |= {"one giant": scene("one giant"), "all together": scene("all together", **together)}
@@ -141,10 +141,10 @@ def feature_costs(settings: Settings, tick: Callable[[str], None]) -> list[Featu
 
 
 def families(arrays: Iterable[str]) -> tuple[str, ...]:
-    """What arrays hold: both buffers of a quantity are one, and all that stands for the obstacles is one.
+    """What arrays hold: both buffers of a quantity are one, and all arrays of a feature are one.
 
-    >>> families(["a.radius", "b.radius", "obstacles.near", "obstacles.index"])
-    ('radius', 'obstacles')
+    >>> families(["a.radius", "b.radius", "pegs.near", "pegs.index"])
+    ('radius', 'pegs')
     """
     names = (name.removeprefix("a.").removeprefix("b.").partition(".")[0] for name in arrays)
     return tuple(dict.fromkeys(names))

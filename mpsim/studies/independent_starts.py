@@ -14,7 +14,7 @@ import numpy as np
 from mpsim.core.errors import InputError
 from mpsim.core.state import State
 from mpsim.features.emitters import Emitter
-from mpsim.scene import placement, room
+from mpsim.scene import placement
 from mpsim.scene.scene import Scene
 
 VARIATION = 1e-3
@@ -93,7 +93,7 @@ def varied(scene: Scene, seed: int) -> Scene:
     """
     rng = np.random.default_rng(seed)
     moves = rng.uniform(-1, 1, (scene.count, 2)) * (VARIATION * 2 * scene.smallest_radius)
-    solid = np.vstack([scene.capsules, *_piston_as_capsule(scene)])
+    solid = np.vstack([scene.capsules, *_wall_as_capsule(scene)])
     position = placement.displaced(
         scene.position, scene.radii, (scene.width, scene.height), scene.periodic, solid, moves
     )
@@ -108,26 +108,27 @@ def varied(scene: Scene, seed: int) -> Scene:
     return other
 
 
-def _piston_as_capsule(scene: Scene) -> list[list[float]]:
-    """A line along the piston where it starts, from which discs keep away as they do from obstacles."""
-    if scene.piston is None:
+def _wall_as_capsule(scene: Scene) -> list[list[float]]:
+    """A line along a moving wall where it starts, from which discs keep away as they do from capsules."""
+    wall = scene.moving_wall
+    if wall is None:
         return []
     (left, bottom), (right, top) = scene.walls_at(0.0)
-    ends = {
-        "left": (left, bottom, left, top),
-        "right": (right, bottom, right, top),
-        "bottom": (left, bottom, right, bottom),
-        "top": (left, top, right, top),
-    }
-    return [[*ends[scene.piston.wall], 0.0]]
+    ends = (
+        (left, bottom, left, top),
+        (right, bottom, right, top),
+        (left, bottom, right, bottom),
+        (left, top, right, top),
+    )
+    return [[*ends[wall.edge], 0.0]]
 
 
 def _varied_emitter(scene: Scene, emitter: Emitter, common: float, rng: np.random.Generator) -> Emitter:
-    """The emitter with its place and the velocity of its discs varied; it stays where an obstacle is too near."""
+    """The emitter with its place and the velocity of its discs varied; it stays where a capsule is too near."""
     radius = common if emitter.radius is None else emitter.radius
     before, speed = np.array(emitter.position), np.array(emitter.velocity)
     place = np.clip(before + rng.uniform(-1, 1, 2) * VARIATION * 2 * radius, *scene.limits(radius))
-    if room.discs_in_obstacles(scene, place[None], np.array([radius]))[0]:
+    if scene.deepest(place[None], np.array([radius])) is not None:
         place = before
     return dataclasses.replace(emitter, position=place, velocity=speed * (1 + VARIATION * rng.normal(size=2)))
 

@@ -13,6 +13,7 @@ from mpsim.core.errors import InputError, MpsimError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.workers.cores import usable_cores
+from mpsim.features import FEATURES
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.comparison import parting, typical_speed
@@ -130,9 +131,10 @@ def pilot(scene: Scene, until: float | None = None, earlier: str | None = None, 
     """
     speed = _speed_to_come(scene)
     if speed == 0:
+        drives = " or ".join(feature.drives for feature in FEATURES if feature.drives)
         raise InputError(
             f"a trade needs a scene in which something moves; got {scene!r}, all at rest. "
-            "Give it discs with velocities, gravity, emitters or a piston."
+            f"Give it discs with velocities, gravity, {drives}."
         )
     crossing = 2 * scene.smallest_radius / speed
     exact = earlier is None or earlier.startswith(EXACT)
@@ -176,7 +178,7 @@ def _comes_to_rest(scene: Scene) -> bool:
 
 def _is_gas(scene: Scene) -> bool:
     """Whether nothing drives the scene and nothing is lost, so that a short run tells what a long one will be like."""
-    driven = scene.gravity is not None or scene.acceleration is not None or scene.piston is not None
+    driven = scene.gravity is not None or scene.acceleration is not None or scene.moving_wall is not None
     lossless = scene.restitution == scene.wall_restitution == 1
     return lossless and not driven and not scene.emitters and not scene.absorbing
 
@@ -190,12 +192,12 @@ def _speed_of_fall(scene: Scene) -> float:
 
 
 def _speed_to_come(scene: Scene) -> float:
-    """Typical speed, that of the discs which emitters add and that of a piston included [length/time]."""
+    """Typical speed, that of the discs which emitters add and that of a moving wall included [length/time]."""
     speeds = [typical_speed(scene), *(float(np.hypot(*np.array(each.velocity))) for each in scene.emitters)]
     if scene.emitters and scene.gravity is not None:
         speeds.append(math.sqrt(2 * float(np.hypot(*scene.gravity)) * 2 * scene.largest_radius))
-    if scene.piston is not None and scene.count:
-        speeds.append(abs(scene.piston.speed))
+    if (wall := scene.moving_wall) is not None and scene.count:
+        speeds.append(abs(wall.speed))
     return max(speeds)
 
 

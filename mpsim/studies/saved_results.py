@@ -74,7 +74,7 @@ def _checked(path: str | Path) -> Path:
 
 def _loaded(path: Path, title: dict[str, Any]) -> tuple[str, str, dict[str, Any]]:
     try:
-        kept = json.loads(untrusted.text(path, MOST_BYTES))
+        kept = untrusted.json_value(path, MOST_BYTES)
         found, plan, reference, results = kept["title"], kept["plan"], kept["reference"], dict(kept["results"])
     except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
         raise InputError(

@@ -21,7 +21,7 @@ import json, os, resource, shutil, signal, sys, tempfile, warnings
 from pathlib import Path
 import mpsim
 from mpsim import archive
-from mpsim.engine import checkpoint, soundness
+from mpsim.engine import checkpoint, checkpoint_validation
 from support.checkpoints import frame_in
 from support.scenes import simulate, zoo
 

@@ -13,7 +13,7 @@ def command(*words: str, at: float = math.inf) -> str:
     """A script that is a command of mpsim, and sends Ctrl-C to its own group after so many frames."""
     return f"""
         import contextlib, os, signal
-        from mpsim.cli import main
+        from mpsim.cli.app import main
         from mpsim.cli import terminal
 
         @contextlib.contextmanager

@@ -257,7 +257,7 @@ def test_an_alarm_at_any_line_of_a_change_leaves_nothing(method, change, request
 
 @pytest.mark.usefixtures("alarms_raise")
 def test_control_an_alarm_leaves_a_block_where_signals_are_not_held_back(monkeypatch):
-    for module in ("endings", "simulation", "shared"):
+    for module in ("shutdown", "simulation", "workers.shared"):
         monkeypatch.setattr(f"mpsim.engine.{module}.interrupts_held_back", contextlib.nullcontext)
     moments, _ = left_of_a_change("close", "event", 0)
     assert any(left_of_a_change("close", "event", number)[1] != (set(), []) for number in range(1, moments))
@@ -318,11 +318,11 @@ def test_ctrl_c_where_it_used_to_leave_the_block_until_the_exit(where, what, mon
 
 TUNING = """
 import mpsim
-from mpsim.measure import campaign
+from mpsim.studies import ensemble
 from support.scenes import gas
 
-run = campaign.long_run
-campaign.long_run = lambda *given: print("running") or run(*given)
+run = ensemble.long_run
+ensemble.long_run = lambda *given: print("running") or run(*given)
 mpsim.{call}
 print("over")
 """

@@ -91,7 +91,8 @@ if __name__ == "__main__":
 
 def test_a_kill_leaves_a_file_to_go_on_from(tmp_path, made):
     path = tmp_path / "kept.json"
-    text = "from mpsim.measure import kept\nkept.SAVE_EVERY = 0.0\n" + SCRIPT.format(until=5, path=path)
+    text = "from mpsim.studies import saved_results\nsaved_results.SAVE_EVERY = 0.0\n"
+    text += SCRIPT.format(until=5, path=path)
     # Warnings are not errors here: CPython's resource tracker inherits the flag, and with it gives up all blocks after
     # the first whose thread was killed between announcing and making it.
     with Script(text, flags=()) as script:
@@ -110,8 +111,8 @@ def test_a_kill_leaves_a_file_to_go_on_from(tmp_path, made):
 @pytest.mark.timeout(120)
 def test_ctrl_c_ends_a_trade_of_long_runs_within_seconds(tmp_path):
     """Each run would take minutes; threads that nobody waits for must not go on."""
-    said = "from mpsim.measure import campaign\nrun = campaign.long_run\n"
-    said += "campaign.long_run = lambda *given: print('running') or run(*given)\n"
+    said = "from mpsim.studies import ensemble\nrun = ensemble.long_run\n"
+    said += "ensemble.long_run = lambda *given: print('running') or run(*given)\n"
     with Script(said + SCRIPT.format(until=1e6, path=tmp_path / "kept.json")) as script:
         while script.line() != "running":
             pass

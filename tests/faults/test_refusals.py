@@ -188,6 +188,7 @@ from multiprocessing import resource_tracker, util
 import numpy as np
 import psutil
 import mpsim
+from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.engine.workers.shared import SharedBlock
 from support.processes import blocks_of
 
@@ -195,7 +196,7 @@ def refuse(*_):
     raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
 
 def make_block():
-    block = SharedBlock({{"x": mpsim.state.ArraySpec(np.dtype(float), (8,))}})
+    block = SharedBlock({{"x": ArraySpec(np.dtype(float), (8,))}})
     try:
         block.create()
     finally:

@@ -10,7 +10,7 @@ from support.internals import machine_code
 from support.scenes import simulate
 
 from mpsim import Scene
-from mpsim.kernels.events.solver import flight, solver
+from mpsim.kernels.events import flight, solver
 from mpsim.measure import reference_motion
 
 time_to_impact = machine_code(flight.time_to_impact)

@@ -8,7 +8,7 @@ import pytest
 from support.exact import SCRIPT, Run, bits, everything, gas, in_a_new_process, kinetic, same_arrays
 from support.internals import machine_code
 
-from mpsim.kernels.events.solver import calendar, solver, state
+from mpsim.kernels.events import calendar, solver, state
 
 earliest, reschedule = map(machine_code, (calendar.earliest, calendar.reschedule))
 

@@ -8,9 +8,9 @@ import pytest
 from support.scenes import simulate
 
 import mpsim
+from mpsim.features import packing_bounds as room
 from mpsim.features.capsules import distance
 from mpsim.features.obstacles import capsules_of
-from mpsim.scene import room
 
 BOX = {"width": 20, "height": 10, "radius": 0.5}
 NOBODY = {"position": np.zeros((0, 2)), "velocity": np.zeros((0, 2))}

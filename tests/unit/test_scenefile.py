@@ -398,7 +398,7 @@ def test_the_keys_of_a_file_are_the_arguments_of_python():
     arguments = set(mpsim.Scene.__init__.__annotations__) - {"return"}
     keys = set(schema.keys_of(schema.SceneTable)) | set(schema.keys_of(schema.Discs))
     assert not arguments - keys, f"a scene file lacks {arguments - keys}"
-    for table, kind in ((schema.EmitterTable, mpsim.Emitter), (schema.PistonTable, mpsim.Piston)):
+    for table, kind in ((schema.LEVELS["emitters"][0], mpsim.Emitter), (schema.LEVELS["piston"][0], mpsim.Piston)):
         assert schema.keys_of(table) == list(kind.__dataclass_fields__)
 
 

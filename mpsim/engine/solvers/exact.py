@@ -18,6 +18,7 @@ from mpsim.engine.solvers.methods import Choice, Columns, no_columns
 from mpsim.engine.speed_alarm import Alert
 from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.engine.workers.shared import SharedBlock
+from mpsim.features import FEATURES
 from mpsim.kernels import layout
 from mpsim.kernels.events import solver as events
 from mpsim.scene.scene import Scene
@@ -367,9 +368,7 @@ def _refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
         ),
         "precision='float32'": settings.precision != "float64",
         "unguarded=True": settings.unguarded,
-        "obstacles": bool(scene.obstacles),
-        "absorbing edges": bool(scene.absorbing),
-        "a piston": scene.piston is not None,
+        **{feature.not_exact: feature.is_in(scene) for feature in FEATURES if feature.not_exact},
     }
     for what, present in refusals.items():
         if present:

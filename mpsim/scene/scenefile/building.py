@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.errors import InputError
-from mpsim.features.obstacles import LARGEST_OBSTACLES, Obstacle, capsules_of
 from mpsim.scene.scene import LARGEST_COUNT, Scene
 from mpsim.scene.scenefile.limits import MOST_PROBLEMS
+from mpsim.scene.scenefile.part import Problem
+from mpsim.scene.scenefile.parts import PARTS
 from mpsim.scene.scenefile.schema import Discs, SceneTable
 from mpsim.scene.starts import Taken, demand_area, lattice_sites, random_places, side_for, thermal_velocities
-
-Problem = tuple[str, str]
-"""Key path and what is wrong there."""
 
 Arguments = dict[str, Any]
 """Position, velocity, radius, mass and acceleration of a group of discs."""
@@ -43,9 +41,9 @@ def build(table: SceneTable, variation: int | None = None) -> Scene:
     """
     problems: list[Problem] = []
     sides = _box(table, problems)
-    obstacles, owners = _obstacles(table, problems)
+    made = {part.argument: part.made(getattr(table, part.argument), problems) for part in PARTS if part.several}
     periodic = table.boundary[0] == "periodic", table.boundary[1] == "periodic"
-    taken = Taken(capsules=capsules_of(tuple(obstacles)))
+    taken = Taken(capsules=np.vstack([part.capsules(made[part.argument][0]) for part in PARTS if part.several]))
     groups: list[Arguments] = []
     width, height = sides or (1.0, 1.0)
     for index, discs in enumerate(table.discs):
@@ -61,12 +59,11 @@ def build(table: SceneTable, variation: int | None = None) -> Scene:
     if problems:
         raise ProblemsError(problems)
     box = {"width": width, "height": height, "boundary": table.boundary}
-    parts = {
-        "obstacles": obstacles,
-        "emitters": [emitter for each in table.emitters for emitter in each.made()],
-        "absorbing": table.absorbing,
-        "piston": None if table.piston is None else table.piston.made(),
-    }
+    parts: Arguments = {"absorbing": table.absorbing}
+    for part in PARTS:
+        value = getattr(table, part.argument)
+        single = None if part.several or value is None else value.made()
+        parts[part.argument] = made[part.argument][0] if part.several else single
     plain = {name: getattr(table, name) for name in ("gravity", "restitution", "wall_restitution", "duration")}
     try:
         scene = Scene(**box, **_joined(groups), **parts, **plain)
@@ -74,10 +71,7 @@ def build(table: SceneTable, variation: int | None = None) -> Scene:
             scene.drawn_by(functools.partial(build, table))
         return scene
     except InputError as error:
-        tables = {
-            "obstacles": owners,
-            "emitters": [index for index, each in enumerate(table.emitters) for _ in each.made()],
-        }
+        tables = {name: owners for name, (_, owners) in made.items()}
         found = list(islice(_all_problems(box, groups, parts, tables), MOST_PROBLEMS + 1))
         raise ProblemsError(found or [("", str(error))]) from None
 
@@ -113,25 +107,6 @@ def _box(table: SceneTable, problems: list[Problem]) -> tuple[float, float] | No
         problems.append(("packing", str(error)))
         return None
     return side, side
-
-
-def _obstacles(table: SceneTable, problems: list[Problem]) -> tuple[list[Obstacle], list[int]]:
-    """All obstacles, and the number of the table of each."""
-    made: list[Obstacle] = []
-    owners: list[int] = []
-    for index, each in enumerate(table.obstacles):
-        try:
-            if len(made) + each.number > LARGEST_OBSTACLES:
-                text = f"obstacles must be at most {LARGEST_OBSTACLES:,}; got more. Use fewer, or a larger spacing."
-                problems.append(("obstacles", text))
-                return [], []
-            some = each.made()
-        except InputError as error:
-            problems.append((f"obstacles[{index}]", str(error)))
-            continue
-        made += some
-        owners += [index] * len(some)
-    return made, owners
 
 
 def _group(
@@ -217,7 +192,7 @@ def _all_problems(
 ) -> Iterator[Problem]:
     """What is wrong with a scene that was refused: each part is tried in the box by itself.
 
-    tables: number of the table that each obstacle, and each emitter, comes from.
+    tables: numbers of the tables that the values of each feature come from.
     """
     bare: Arguments = {**box, **_joined([])}
     every = _joined(groups)
@@ -225,12 +200,16 @@ def _all_problems(
     few = {name: value for name, value in every.items() if name in ("radius", "mass") and not np.ndim(value)}
     trials: list[tuple[str, list[int], list[Any], Callable[[list[Any]], Arguments]]] = [
         ("discs", [*range(len(groups))], groups, lambda some: {**box, **_joined(some)}),
-        ("obstacles", tables["obstacles"], parts["obstacles"], lambda some: {**bare, "obstacles": some}),
-        ("emitters", tables["emitters"], parts["emitters"], lambda some: {**bare, **few, "emitters": some}),
-        ("absorbing", [], [()], lambda _: {**bare, "absorbing": parts["absorbing"]}),
-        ("piston", [], [()], lambda _: {**bare, "piston": parts["piston"]}),
-        ("piston", [], [()], lambda _: {**bare, "absorbing": parts["absorbing"], "piston": parts["piston"]}),
     ]
+    for part in PARTS:
+        name, own = part.argument, few if part.relies_on_discs else {}
+        if part.several:
+            trials.append((name, tables[name], parts[name], lambda some, n=name, o=own: {**bare, **o, n: some}))
+    edges = {"absorbing": parts["absorbing"]}
+    trials.append(("absorbing", [], [()], lambda _: {**bare, **edges}))
+    for name in (part.argument for part in PARTS if not part.several):
+        trials.append((name, [], [()], lambda _, n=name: {**bare, n: parts[n]}))
+        trials.append((name, [], [()], lambda _, n=name: {**bare, **edges, n: parts[n]}))
     known: set[str] = set()
     for name, numbers, members, arguments in trials:
         for at, error in islice(_refused(members, arguments), MOST_PROBLEMS + 1):

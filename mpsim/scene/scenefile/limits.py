@@ -7,7 +7,7 @@ MOST_BYTES = 2**20
 """Bytes of the scene file itself: some 20,000 lines."""
 
 MOST_TABLES = 10_000
-"""Tables of one kind: [[discs]], [[obstacles]], [[emitters]]. One table may hold very many, as arrays."""
+"""Tables of one kind: [[discs]], or those of a feature. One table may hold very many, as arrays."""
 
 MOST_PARTS = 16
 """Parts of a dotted key. No key of a scene file has more than two; a parser takes their square in time."""

@@ -15,16 +15,20 @@ import pydantic
 
 from mpsim.core import checks, untrusted
 from mpsim.core.errors import InputError, SceneFileError, reason_of
+from mpsim.features import FEATURES
 from mpsim.scene.scene import Scene
 from mpsim.scene.scenefile import schema
 from mpsim.scene.scenefile.arrays import Source
 from mpsim.scene.scenefile.building import ProblemsError, build
 from mpsim.scene.scenefile.limits import MOST_BYTES, MOST_PARTS, MOST_PROBLEMS, MOST_TABLES
+from mpsim.scene.scenefile.parts import PARTS
 from mpsim.scene.settings import Settings
 
 logger: logging.Logger = logging.getLogger("mpsim")
 
-_OF_WHAT = re.compile(r"(?<=\w) of (a|an|the) (FixedDisc|Polyline|Emitter|Piston|piston)(?= must)")
+_WHAT = "|".join([kind.__name__ for each in FEATURES for kind in each.kinds] + [each.argument for each in FEATURES])
+_OF_WHAT = re.compile(rf"(?<=\w) of (a|an|the) ({_WHAT})(?= must)")
+_KINDS = {kind for part in PARTS for kind, _, _ in part.tables} - {""}
 _FIRST_WORD = re.compile(r"(?:\w+|'')(?=[ \[])")
 
 _TEXTS = re.compile(
@@ -147,7 +151,7 @@ def _parsed(path: Path, label: str) -> dict[str, Any]:
         raise SceneFileError(label, [_TOO_DEEP]) from None
     except ValueError as error:
         raise SceneFileError(label, [f"the file must be TOML; got this error: {error!s:.200}."]) from None
-    for name in ("discs", "obstacles", "emitters"):
+    for name in ("discs", *(part.argument for part in PARTS if part.several)):
         listed = tables.get(name)
         if isinstance(listed, list) and len(listed) > MOST_TABLES:
             problem = (
@@ -166,7 +170,7 @@ def _sentences(error: pydantic.ValidationError) -> list[str]:
     sentences: list[str] = []
     found = error.errors(include_url=False)
     for each in found[:MOST_PROBLEMS]:
-        location = tuple(part for part in each["loc"] if part not in schema.OBSTACLES)
+        location = tuple(word for word in each["loc"] if word not in _KINDS)
         sentences.append(_at(_path(location), _sentence(location, each["type"], each.get("input"), each)))
     return _some(sentences, len(found))
 
@@ -205,8 +209,7 @@ def _keys_beside(location: tuple[int | str, ...]) -> list[str]:
 
 def _keys_of(level: str) -> list[str]:
     """Keys of the tables of a level."""
-    tables = schema.OBSTACLES.values() if level == "obstacles" else [schema.LEVELS[level]]
-    return list(dict.fromkeys(key for table in tables for key in schema.keys_of(table)))
+    return list(dict.fromkeys(key for table in schema.LEVELS[level] for key in schema.keys_of(table)))
 
 
 def _path(location: Iterable[int | str]) -> str:
@@ -230,6 +233,6 @@ def _at(key: str, text: str) -> str:
         return text
     if word == (own or level):
         return key + text[len(word) :]
-    if not own and level in (*schema.LEVELS, "obstacles") and word in _keys_of(level):
+    if not own and level in schema.LEVELS and word in _keys_of(level):
         return f"{key}.{text}"
     return f"{key}: {text}"

@@ -1,9 +1,10 @@
 """The rules of the keys of a scene file: those that mpsim has for arguments in Python, and arrays from files."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+import pydantic
 from numpy.typing import NDArray
 from pydantic import PlainValidator, ValidationInfo
 
@@ -92,3 +93,23 @@ def source_of(info: ValidationInfo) -> arrays.Source:
     """Where arrays may come from: what the file is validated with."""
     assert isinstance(info.context, arrays.Source)
     return info.context
+
+
+class Table(pydantic.BaseModel):
+    """A table of a scene file: no key but its own, no conversion of one type into another."""
+
+    model_config: ClassVar[pydantic.ConfigDict] = pydantic.ConfigDict(
+        extra="forbid", strict=True, frozen=True, arbitrary_types_allowed=True
+    )
+
+
+def _region(name: str, value: Any, info: ValidationInfo) -> tuple[float, float, float, float]:
+    numbers = arrays.array(name, value, ((4,),), "(4,): x_low, y_low, x_high, y_high", source_of(info)).tolist()
+    if numbers[0] > numbers[2] or numbers[1] > numbers[3]:
+        raise InputError(f"{name} must be [x_low, y_low, x_high, y_high], low before high; got {numbers}.")
+    return tuple(numbers)
+
+
+Positive = Annotated[float, plain(checks.positive, "[length]")]
+Region = Annotated[tuple[float, float, float, float], checked(_region)]
+Spacing = Annotated[float, plain(checks.positive, "[length]")]

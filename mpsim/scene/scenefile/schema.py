@@ -1,42 +1,30 @@
 """What a scene file may hold: a table of keys per level. Every rule is that of the Python class it stands for."""
 
 import dataclasses
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import pydantic
-from numpy.typing import NDArray
-from pydantic import Discriminator, Field, PrivateAttr, Tag, ValidationInfo, model_validator
+from pydantic import Field, model_validator
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
-from mpsim.features.emitters import LARGEST_EMITTERS, Emitter
-from mpsim.features.obstacles import (
-    LARGEST_OBSTACLES,
-    FixedDisc,
-    Obstacle,
-    Polyline,
-    check_lines,
-    fixed_discs,
-    polylines,
-)
-from mpsim.features.piston import Piston
 from mpsim.scene.scene import LARGEST_COUNT, Scene
-from mpsim.scene.scenefile import arrays
-from mpsim.scene.scenefile.rules import Numbers, array, as_in, checked, one_or_many, plain, source_of
+from mpsim.scene.scenefile.parts import PARTS
+from mpsim.scene.scenefile.rules import (
+    Numbers,
+    Positive,
+    Region,
+    Spacing,
+    Table,
+    array,
+    as_in,
+    plain,
+)
 from mpsim.scene.settings import Settings
-from mpsim.scene.starts import LATTICES, lattice_sites
+from mpsim.scene.starts import LATTICES
 
 SCHEMA = 1
 """Version of this format."""
-
-
-class Table(pydantic.BaseModel):
-    """A table of a scene file: no key but its own, no conversion of one type into another."""
-
-    model_config: ClassVar[pydantic.ConfigDict] = pydantic.ConfigDict(
-        extra="forbid", strict=True, frozen=True, arbitrary_types_allowed=True
-    )
 
 
 def _text(name: str, value: Any) -> str:
@@ -59,17 +47,7 @@ def _version(_: str, value: Any) -> int:
     return value
 
 
-def _region(name: str, value: Any, info: ValidationInfo) -> tuple[float, float, float, float]:
-    numbers = arrays.array(name, value, ((4,),), "(4,): x_low, y_low, x_high, y_high", source_of(info)).tolist()
-    if numbers[0] > numbers[2] or numbers[1] > numbers[3]:
-        raise InputError(f"{name} must be [x_low, y_low, x_high, y_high], low before high; got {numbers}.")
-    return tuple(numbers)
-
-
 Text = Annotated[str, plain(_text)]
-Positive = Annotated[float, plain(checks.positive, "[length]")]
-Region = Annotated[tuple[float, float, float, float], checked(_region)]
-Spacing = Annotated[float, plain(checks.positive, "[length]")]
 Count = Annotated[int, plain(checks.whole, 0, LARGEST_COUNT, "Simulate fewer discs.")]
 Seed = Annotated[int, plain(checks.whole, 0, 2**63 - 1, "Any whole number will do.")]
 
@@ -163,207 +141,11 @@ class Discs(Table):
         return self
 
 
-_PEG = (FixedDisc, {"position": (0.0, 0.0), "radius": 1.0})
-_LINE = (Polyline, {"points": ((0.0, 0.0), (1.0, 0.0)), "thickness": 0.0})
-_EMITTERS = tuple(
-    (Emitter, {"position": (0.0, 0.0), "velocity": (0.0, 0.0), **timing})
-    for timing in ({"interval": 1.0}, {"every": 1})
-)
-_PISTONS = (
-    (Piston, {"wall": "left", "speed": 1.0, "stop": 1.0}),
-    (Piston, {"wall": "right", "speed": -1.0, "stop": 1.0}),
-)
 _SCENE = (Scene, {"width": 1.0, "height": 1.0, "position": (), "velocity": (), "radius": 0.1})
 
 
-class PegTable(Table):
-    """A FixedDisc."""
-
-    position: Annotated[
-        Numbers,
-        array((2,), (None, 2), meaning="(2,) or (K, 2)"),
-        Field(description="centre [x, y]; of many discs [[x, y], ...], or a file"),
-    ]
-    radius: Annotated[
-        float | Numbers,
-        array((), (None,), meaning="() or (K,)", unit="[length]"),
-        Field(description="> 0; one for all, one each, or a file"),
-    ]
-
-    @property
-    def number(self) -> int:
-        """How many obstacles `made` makes."""
-        return np.size(self.position) // 2
-
-    def made(self) -> list[Obstacle]:
-        """The obstacles of this table."""
-        places = np.reshape(self.position, (-1, 2))
-        if np.ndim(self.radius) and np.shape(self.radius) != (len(places),):
-            raise InputError(
-                f"radius must be one number or {len(places)}, one per row of position; got {np.size(self.radius)}."
-            )
-        return [*fixed_discs(places, self.radius)]
-
-
-class PegsTable(Table):
-    """FixedDiscs on a lattice."""
-
-    places: Annotated[str, plain(checks.choice, LATTICES), Field(description="square or hexagonal")]
-    region: Annotated[Region, Field(description="[x_low, y_low, x_high, y_high], where the centres lie")]
-    spacing: Annotated[Spacing, Field(description="between neighbours")]
-    radius: Annotated[float, as_in(_PEG), Field(description="> 0")]
-
-    @property
-    def number(self) -> int:
-        """How many obstacles `made` makes."""
-        return len(self._sites)
-
-    def made(self) -> list[Obstacle]:
-        """The obstacles of this table."""
-        return [*fixed_discs(self._sites, self.radius)]
-
-    @property
-    def _sites(self) -> Numbers:
-        sites = lattice_sites(self.places, self.region, self.spacing)
-        if len(sites) > LARGEST_OBSTACLES:
-            raise InputError(
-                f"spacing must leave at most {LARGEST_OBSTACLES:,} obstacles in the region; got {len(sites):,}. "
-                "Use a larger spacing or a smaller region."
-            )
-        return sites
-
-
-class LineTable(Table):
-    """Polylines, one after the other."""
-
-    points: Annotated[
-        Numbers,
-        array((None, 2), meaning="(K, 2)"),
-        Field(description="corners [[x, y], [x, y], ...], or a file"),
-    ]
-    lengths: Annotated[
-        Numbers | None,
-        array((None,), meaning="(L,)"),
-        Field(description="of many lines that follow each other in points: rows of each, or a file"),
-    ] = None
-    thickness: Annotated[Any, one_or_many(_LINE), Field(description=">= 0; one for all lines, one each, or a file")] = (
-        0.0
-    )
-
-    @model_validator(mode="after")
-    def _fits_together(self) -> "LineTable":
-        check_lines(self.points, self._lengths)
-        if np.ndim(self.thickness):
-            if len(self.thickness) != self.number:
-                count = len(self.thickness)
-                raise InputError(f"thickness must be one number or {self.number}, one per line; got {count}.")
-            checks.non_negative("thickness", float(np.min(self.thickness, initial=0.0)), "[length]")
-        return self
-
-    @property
-    def _lengths(self) -> NDArray[Any]:
-        return np.array([len(self.points)]) if self.lengths is None else self.lengths
-
-    @property
-    def number(self) -> int:
-        """How many obstacles `made` makes."""
-        return len(self._lengths)
-
-    def made(self) -> list[Obstacle]:
-        """The obstacles of this table."""
-        return [*polylines(self.points, self._lengths, self.thickness)]
-
-
-def _obstacle_kind(value: Any) -> str:
-    keys = value if isinstance(value, dict) else {}
-    return "line" if {"points", "lengths", "thickness"} & set(keys) else "pegs" if "places" in keys else "peg"
-
-
-OBSTACLES: dict[str, type[Table]] = {"peg": PegTable, "pegs": PegsTable, "line": LineTable}
-ObstacleTable = Annotated[
-    Annotated[PegTable, Tag("peg")] | Annotated[PegsTable, Tag("pegs")] | Annotated[LineTable, Tag("line")],
-    Discriminator(_obstacle_kind),
-]
-
-
-class EmitterTable(Table):
-    """An Emitter, or several, of which each value may be an array, one row per row of position."""
-
-    position: Annotated[
-        Any,
-        one_or_many(*_EMITTERS, row=(2,)),
-        Field(description="centre of the new disc [x, y]; of many emitters [[x, y], ...], or a file"),
-    ]
-    velocity: Annotated[
-        Any, one_or_many(*_EMITTERS, row=(2,)), Field(description="of the new disc [vx, vy], or likewise")
-    ]
-    interval: Annotated[
-        Any, one_or_many(*_EMITTERS), Field(description="time between two discs; this or every is needed")
-    ] = None
-    every: Annotated[
-        Any,
-        one_or_many(*reversed(_EMITTERS)),
-        Field(description="instead of interval: frames between two discs, so another scene for each dt"),
-    ] = None
-    limit: Annotated[Any, one_or_many(*_EMITTERS), Field(description="discs in all; left out: no end")] = None
-    radius: Annotated[Any, one_or_many(*_EMITTERS), Field(description="left out: that of all discs")] = None
-    mass: Annotated[Any, one_or_many(*_EMITTERS), Field(description="left out: 1, if all discs have that")] = None
-
-    _made: list[Emitter] = PrivateAttr(default_factory=list)
-
-    @model_validator(mode="after")
-    def _has_its_times(self, info: ValidationInfo) -> "EmitterTable":
-        source = source_of(info)
-        source.emitters += np.size(self.position) // 2
-        if source.emitters > LARGEST_EMITTERS:
-            raise InputError(f"all emitters must be at most {LARGEST_EMITTERS:,}; got {source.emitters:,}. Use fewer.")
-        self._made = self._emitters()
-        return self
-
-    def made(self) -> list[Emitter]:
-        """The emitters."""
-        return self._made
-
-    def _emitters(self) -> list[Emitter]:
-        each: dict[str, Any] = {name: value for name, value in dict(self).items() if value is not None}
-        many = {name for name, value in each.items() if isinstance(value, np.ndarray)}
-        if not many:
-            return [Emitter(**each)]
-        count = len(self.position) if "position" in many else 1
-        for name in sorted(many):
-            if len(each[name]) != count:
-                raise InputError(f"{name} must have {count} rows, one per row of position; got {len(each[name])}.")
-            values = each[name].tolist()
-            whole = name in ("every", "limit") and all(value.is_integer() for value in values)
-            each[name] = [int(value) for value in values] if whole else values
-        rows = zip(*(each[name] if name in many else [each[name]] * count for name in each), strict=True)
-        return [Emitter(**dict(zip(each, row, strict=True))) for row in rows]
-
-
-class PistonTable(Table):
-    """A Piston."""
-
-    wall: Annotated[str, as_in(*_PISTONS, numbers=False), Field(description="left, right, bottom or top")]
-    speed: Annotated[float, as_in(*_PISTONS), Field(description="along x or y, into the box")]
-    stop: Annotated[float, as_in(*_PISTONS), Field(description="coordinate at which it comes to rest")]
-    start: Annotated[
-        float | None,
-        as_in(*_PISTONS),
-        Field(description="coordinate at which it begins; left out: at its wall"),
-    ] = None
-
-    @model_validator(mode="after")
-    def _moves_inwards(self) -> "PistonTable":
-        self.made()
-        return self
-
-    def made(self) -> Piston:
-        """The piston."""
-        return Piston(**dict(self))
-
-
-class SceneTable(Table):
-    """A scene file."""
+class _SceneTable(Table):
+    """A scene file, without its features."""
 
     schema_: Annotated[int, plain(_version), Field(alias="schema", description=f"version of the format, {SCHEMA}")]
     width: Annotated[Positive | None, Field(description="of the box")] = None
@@ -391,13 +173,10 @@ class SceneTable(Table):
     ] = None
     about: Annotated[About | None, Field(description="for people")] = None
     settings: Annotated[SettingsTable | None, Field(description="recommended ones")] = None
-    discs: Annotated[list[Discs], Field(description="groups of discs")] = []
-    obstacles: Annotated[list[ObstacleTable], Field(description="what stands in the box")] = []
-    emitters: Annotated[list[EmitterTable], Field(description="where discs enter")] = []
-    piston: Annotated[PistonTable | None, Field(description="a wall that moves")] = None
+    discs: Annotated[list[Discs], Field(description="groups of discs")] = []  # noqa: RUF012 - pydantic copies it
 
     @model_validator(mode="after")
-    def _box_is_given_once(self) -> "SceneTable":
+    def _box_is_given_once(self) -> "_SceneTable":
         both = self.width is not None and self.height is not None
         if (self.packing is None) != both or (self.packing is not None and (self.width or self.height)):
             raise InputError(
@@ -407,15 +186,25 @@ class SceneTable(Table):
         return self
 
 
-LEVELS: dict[str, type[Table]] = {
-    "": SceneTable,
-    "about": About,
-    "settings": SettingsTable,
-    "discs": Discs,
-    "emitters": EmitterTable,
-    "piston": PistonTable,
+_PARTS: dict[str, Any] = {
+    part.argument: (Annotated[part.annotation, Field(description=part.description)], part.default) for part in PARTS
 }
-"""Tables by the key that holds them; those of obstacles are in OBSTACLES."""
+if TYPE_CHECKING:
+
+    class SceneTable(_SceneTable):
+        """A scene file: made below, where its keys are known."""
+else:
+    SceneTable = pydantic.create_model("SceneTable", __base__=_SceneTable, **_PARTS)
+    SceneTable.__doc__ = "A scene file."
+
+LEVELS: dict[str, list[type[Table]]] = {
+    "": [SceneTable],
+    "about": [About],
+    "settings": [SettingsTable],
+    "discs": [Discs],
+    **{part.argument: [table for _, _, table in part.tables] for part in PARTS},
+}
+"""Tables by the key that holds them."""
 
 
 def keys_of(table: type[Table]) -> list[str]:
@@ -425,11 +214,13 @@ def keys_of(table: type[Table]) -> list[str]:
 
 def reference() -> str:
     """All keys as tables in Markdown, for docs/scenes.md."""
-    titles = {"": "The file itself", **{name: f"`[{name}]`" for name in ("about", "settings", "piston")}}
-    titles |= {name: f"`[[{name}]]`" for name in ("discs", "emitters")}
-    parts = [(titles[name], table) for name, table in LEVELS.items() if name != "settings"]
-    kinds = {"peg": "a disc", "pegs": "discs on a lattice", "line": "chains of walls"}
-    parts[3:3] = [(f"`[[obstacles]]`: {kinds[name]}", table) for name, table in OBSTACLES.items()]
+    parts: list[tuple[str, type[Table]]] = [
+        ("The file itself", SceneTable),
+        ("`[about]`", About),
+        ("`[[discs]]`", Discs),
+    ]
+    for part in PARTS:
+        parts += [(title, table) for _, title, table in part.tables]
     lines: list[str] = []
     for title, table in parts:
         lines += [f"### {title}", "", "| key | default | meaning |", "|---|---|---|"]

@@ -1,0 +1,47 @@
+"""Edges that absorb discs: a disc that has left keeps its number, rests where it left, and meets nobody."""
+
+from typing import Any
+
+import numpy as np
+
+from mpsim.core import checks
+from mpsim.features.edges import EDGES, demand_wall
+from mpsim.features.feature import Feature, SceneLike, Shapes, Spoiled
+
+_REMEDY = "Run until none leaves any more, and measure in a scene without those edges that is made of sim.state."
+
+
+class Absorption(Feature):
+    """The argument `absorbing`."""
+
+    argument = "absorbing"
+    not_exact = "absorbing edges"
+    spoils = (
+        Spoiled(
+            ("virial", "collision_rate", "contact_rate", "energy_drift", "momentum_drift"),
+            "absorbing edges, as the number of discs changes",
+            _REMEDY,
+        ),
+    )
+
+    def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
+        """Which discs have left, and where."""
+        return {"exits": (real, (3, capacity))} if scene.absorbing else {}
+
+    def description(self, scene: SceneLike) -> str:
+        """The edges."""
+        return ", ".join(scene.absorbing)
+
+    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
+        """One edge."""
+        return {"an absorbing edge": "top"}
+
+
+def check_edges(absorbing: object, boundary: tuple[str, str]) -> tuple[str, ...]:
+    """Names of edges that absorb discs; they must be walls."""
+    each_of: Any = absorbing
+    names = (each_of,) if isinstance(each_of, str) else tuple(each_of)
+    for name in names:
+        checks.choice("absorbing", name, EDGES)
+        demand_wall("absorbing", name, boundary)
+    return tuple(dict.fromkeys(names))

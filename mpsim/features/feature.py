@@ -1,0 +1,214 @@
+"""What a feature of a scene is: all that other parts of mpsim have to know of it, in one class.
+
+Each feature has a file of its own with a subclass, an instance of which stands in `mpsim.features.FEATURES`. Everybody
+else asks all that are there. The answers here are those of a feature that changes nothing.
+"""
+
+import dataclasses
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from mpsim.features.capsules import Among, Deepest
+from mpsim.features.edges import MovingWall
+
+Floats = NDArray[np.float64]
+
+Shapes = dict[str, tuple[DTypeLike, tuple[int, ...]]]
+"""dtype and shape of arrays, by their name in the shared block."""
+
+
+class SceneLike(Protocol):
+    """What features see of a scene, besides their own argument; see `mpsim.Scene`."""
+
+    width: float
+    height: float
+    radius: float | Floats
+    mass: Floats | None
+    boundary: tuple[str, str]
+    absorbing: tuple[str, ...]
+    wall_restitution: float
+
+    @property
+    def count(self) -> int:
+        """Number of discs at the start."""
+        ...
+
+    @property
+    def radii(self) -> Floats:
+        """Radius of each disc, shape (N,) [length]."""
+        ...
+
+    @property
+    def largest_radius(self) -> float:
+        """Of all discs, those to come included [length]."""
+        ...
+
+    @property
+    def box(self) -> tuple[float, float, float, float]:
+        """Where the walls are at the start: x_low, x_high, y_low, y_high [length]."""
+        ...
+
+    @property
+    def periodic(self) -> tuple[bool, bool]:
+        """Whether x, and whether y, is periodic."""
+        ...
+
+    @property
+    def capsules(self) -> Floats:
+        """What stands in the box as segments with a radius, shape (K, 5) [length]."""
+        ...
+
+    @property
+    def among(self) -> Among:
+        """The same, for those who ask again and again how deep discs are in them."""
+        ...
+
+    def deepest(self, position: Floats, radius: Floats) -> Deepest | None:
+        """The disc that is deepest in what stands in the box."""
+        ...
+
+    def walls_at(self, time: float) -> tuple[Floats, Floats]:
+        """Corners (x, y) of the box at a time, the least and the largest [length]."""
+        ...
+
+    def check_inside(self, name: str, position: Floats, radius: float | Floats, time: float = 0.0) -> None:
+        """Refuse discs that are not in the box."""
+        ...
+
+
+class Spoiled(NamedTuple):
+    """Measures that mean nothing beside a feature, what it is then called, and what to do instead."""
+
+    measures: tuple[str, ...]
+    what: str
+    remedy: str
+
+
+class NewDiscs(NamedTuple):
+    """Discs for which there must be room.
+
+    name: of the argument that holds their places, for the texts of errors. position: shape (K, 2) [length]. radius:
+    shape (K,) [length]. present: radii of the discs that are there, shape (N,) [length].
+    """
+
+    name: str
+    position: Floats
+    radius: Floats
+    present: Floats
+
+
+class Feature:
+    """One optional argument of Scene.
+
+    Attributes:
+        argument: its name, also as a key of scene files and checkpoints.
+        kinds: classes of its value, which are dataclasses; () where it is words.
+        several: whether its value is a tuple of such.
+        meaning: what it is, for the docs of scene files.
+        keys: of a single value: what its fields mean, for the docs of scene files.
+        examples: of a single value: arguments that are right, of which one accepts whatever a field may be.
+        not_exact: what `event` cannot do, for the text of its refusal.
+        drives: what sets discs at rest in motion, for the text that asks for such a thing.
+        relief: what makes room for discs that are pressed, for the text of the warning.
+        spoils: measures that it makes meaningless.
+        excludes: whether it keeps discs out of parts of the box.
+    """
+
+    argument: ClassVar[str]
+    kinds: ClassVar[tuple[type[Any], ...]] = ()
+    several: ClassVar[bool] = True
+    meaning: ClassVar[str] = ""
+    keys: ClassVar[dict[str, str]] = {}
+    examples: ClassVar[tuple[dict[str, Any], ...]] = ()
+    not_exact: ClassVar[str] = ""
+    drives: ClassVar[str] = ""
+    relief: ClassVar[str] = ""
+    spoils: ClassVar[tuple[Spoiled, ...]] = ()
+    excludes: ClassVar[bool] = False
+
+    def of(self, scene: SceneLike) -> Any:
+        """The value that the scene has of it."""
+        return getattr(scene, self.argument)
+
+    def is_in(self, scene: SceneLike) -> bool:
+        """Whether the scene has it."""
+        value = self.of(scene)
+        return value is not None and value != ()
+
+    # --- the scene
+
+    def check(self, scene: SceneLike) -> None:
+        """Refuse, by name, what does not fit the rest of a scene that is being made."""
+
+    def check_room(self, scene: SceneLike, new: NewDiscs) -> None:
+        """Refuse, by name, discs for which it leaves no room."""
+
+    def deepest(self, scene: SceneLike, position: Floats, radius: Floats) -> Deepest | None:
+        """The disc that is deepest in it, places of shape (N, 2), radii (N,) [length]; None if no disc overlaps it."""
+        return None
+
+    def moving_wall(self, scene: SceneLike) -> MovingWall | None:
+        """The wall that it moves."""
+        return None
+
+    def continued(self, scene: SceneLike, box: tuple[float, float, float, float]) -> Any:
+        """Its value in a scene that starts where a run of this one has come to, with the walls there [length]."""
+        return self.of(scene)
+
+    # --- the shared block
+
+    def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
+        """The arrays that its kernels need, for so many discs, floats being `real`."""
+        return {}
+
+    def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
+        """Write into them what does not change with the number of discs. margin: of walls, from centre to wall."""
+
+    def wall_now(self, scene: SceneLike, arrays: dict[str, Any]) -> float | None:
+        """Where its wall is after the steps that are done, as the kernels move it; None if it moves none [length]."""
+        return None
+
+    # --- people
+
+    def description(self, scene: SceneLike) -> str:
+        """In words, where the scene has it."""
+        return str(self.of(scene))
+
+    def record(self, scene: SceneLike) -> Any:
+        """As plain values, for JSON."""
+        value = self.of(scene)
+        if not self.kinds:
+            return value
+        if self.several:
+            return [dataclasses.asdict(each) for each in value]
+        return None if value is None else dataclasses.asdict(value)
+
+    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
+        """Values to time in a square box in which discs are so far apart [length], by what they are called."""
+        return {}
+
+    # --- files
+
+    def plain(self, scene: SceneLike) -> Any:
+        """Its value as plain values from which `made` makes it again, bit for bit."""
+        value = self.of(scene)
+        if not self.kinds:
+            return value
+        if self.several:
+            return [_fields(each) for each in value]
+        return None if value is None else _fields(value)
+
+    def made(self, plain: Any) -> Any:
+        """The value that `plain` was made of."""
+        if not self.kinds or plain is None:
+            return plain
+        kinds: dict[str, Any] = {kind.__name__: kind for kind in self.kinds}
+        if not self.several:
+            return kinds[plain[0]](**plain[1])
+        return [kinds[kind](**fields) for kind, fields in plain]
+
+
+def _fields(value: object) -> list[Any]:
+    return [type(value).__name__, dict(vars(value))]

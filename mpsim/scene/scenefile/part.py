@@ -1,0 +1,94 @@
+"""What scene files hold of a feature: its tables, what is made of them, and how they are written."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import pydantic
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from mpsim.features.feature import Feature, SceneLike
+from mpsim.scene.scenefile.rules import Table, as_in
+from mpsim.scene.scenefile.toml import Files, pairs
+
+Problem = tuple[str, str]
+"""Key path and what is wrong there."""
+
+
+class Part:
+    """Of one feature.
+
+    Attributes:
+        argument: of Scene; the key of the tables.
+        several: whether there may be many tables, [[argument]].
+        tables: of each kind its name in the annotation ("" where there is one), its title in the docs, its class.
+        annotation, default, description: of the key.
+        relies_on_discs: whether it takes what it lacks from the discs of the scene.
+        advice: what keeps a file of very many of them short, after "Let ".
+    """
+
+    argument: str
+    several: bool = True
+    tables: tuple[tuple[str, str, type[Table]], ...]
+    annotation: Any
+    default: Any = []  # noqa: RUF012 - pydantic copies it
+    description: str
+    relies_on_discs: bool = False
+    advice: str = ""
+
+    def made(self, tables: list[Any], problems: list[Problem]) -> tuple[list[Any], list[int]]:
+        """The values of all tables, and the number of the table of each; what is wrong is added to the problems."""
+        values = [each.made() for each in tables]
+        owners = [index for index, some in enumerate(values) for _ in some]
+        return [value for some in values for value in some], owners
+
+    def capsules(self, values: list[Any]) -> NDArray[np.float64]:
+        """Where discs cannot be, shape (K, 5)."""
+        return np.empty((0, 5))
+
+    def lines(self, scene: SceneLike, target: Path, files: Files) -> list[str]:
+        """Its tables as lines of a file, and the files of its arrays."""
+        raise NotImplementedError
+
+
+class SinglePart(Part):
+    """Of a feature that a scene has once: its table has the fields of its class."""
+
+    several = False
+    default = None
+
+    def __init__(self, feature: Feature):
+        (kind,) = feature.kinds
+        examples = [(kind, example) for example in feature.examples]
+        words = {name for name, value in feature.examples[0].items() if isinstance(value, str)}
+
+        class SingleTable(Table):
+            @model_validator(mode="after")
+            def _fits_together(self) -> "SingleTable":
+                self.made()
+                return self
+
+            def made(self) -> Any:
+                """The value."""
+                return kind(**dict(self))
+
+        fields: dict[str, Any] = {
+            name: (
+                Annotated[Any, as_in(*examples, numbers=name not in words), Field(description=meaning)],
+                ... if name in feature.examples[0] else None,
+            )
+            for name, meaning in feature.keys.items()
+        }
+        table = pydantic.create_model(f"{kind.__name__}Table", __base__=SingleTable, **fields)
+        table.__doc__ = f"A {kind.__name__}."
+        self._feature = feature
+        self.argument = feature.argument
+        self.tables = (("", f"`[{feature.argument}]`", table),)
+        self.annotation = table | None
+        self.description = feature.meaning
+
+    def lines(self, scene: SceneLike, target: Path, files: Files) -> list[str]:
+        """One table."""
+        value = self._feature.of(scene)
+        return [] if value is None else [f"[{self.argument}]", *pairs(vars(value)), ""]
