@@ -10,7 +10,7 @@ import pytest
 from support.scenes import digest_after, lattice, simulate
 
 import mpsim
-from mpsim.engine import methods
+from mpsim.engine.solvers import methods
 
 PATIENCE = 20
 """Seconds after which a reader counts as kept out."""
