@@ -13,6 +13,7 @@ import mpsim
 from mpsim.engine.speed_alarm import Alert
 from mpsim.engine.workers.arrays import MOST_FRAMES
 from mpsim.kernels import layout
+from support.arrays import parameters_of
 
 
 def machine_code(inlined: Callable[..., Any]) -> Callable[..., Any]:
@@ -88,3 +89,9 @@ def wall_impulses(sim: mpsim.Simulation, frames: int) -> np.ndarray:
         total += tally[:, layout.WALLS].sum(axis=0)
         frames -= len(tally)
     return total
+
+
+def parameters(restitution=1.0, dt=1.0):
+    values = parameters_of(np.float64, 10, 10, dt=dt)
+    values[layout.WALL_RESTITUTION] = restitution
+    return values

@@ -178,3 +178,20 @@ def state_after(scene: mpsim.Scene, frames: int, **settings: Any) -> mpsim.State
     with simulate(scene, **settings) as sim:
         sim.run(frames=frames)
         return sim.state
+
+
+def pair(speed=1.0, apart=2.0, side=20.0, **more):
+    """Two discs that approach each other head-on."""
+    middle = side / 2
+    places = [[middle - apart / 2, middle], [middle + apart / 2, middle]]
+    box = {"width": side, "height": side, "radius": 0.5}
+    return mpsim.Scene(position=places, velocity=[[speed, 0], [-speed, 0]], **{**box, **more})
+
+
+def quiet(scene, frames=0, **settings):
+    """Run without any warning at all; returns the state."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with mpsim.Simulation(scene, mpsim.Settings(method="grid", **settings)) as sim:
+            sim.run(frames=frames)
+            return sim.state

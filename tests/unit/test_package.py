@@ -1,4 +1,4 @@
-"""The package as it is released: built, installed elsewhere, and used without the checkout."""
+"""The package as it is released: its public names; built, installed elsewhere, and used without the checkout."""
 
 import os
 import subprocess
@@ -12,6 +12,14 @@ from pathlib import Path
 import pytest
 
 import mpsim
+
+
+def test_the_public_names_are_the_documented_ones():
+    for name in mpsim.__all__:
+        assert getattr(mpsim, name).__doc__, f"{name} has no docstring"
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        mpsim.nothing  # noqa: B018
+
 
 TOP = Path(__file__).parents[2]
 

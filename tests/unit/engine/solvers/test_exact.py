@@ -1,0 +1,167 @@
+"""What `event` cannot do exactly is refused by name, and a refusal changes nothing; how it stops and grows."""
+
+import math
+
+import numpy as np
+import pytest
+from support.compare import assert_same_bits
+from support.scenes import crowd, gas, lattice, simulate, state_after
+
+import mpsim
+from mpsim import InputError, Scene
+
+SCENE = lattice(3, 3)
+
+
+def with_acceleration():
+    return Scene(width=9, height=9, position=[[2, 2], [6, 6]], velocity=np.zeros((2, 2)), radius=0.5,
+                 acceleration=np.ones((2, 2)))  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("scene", "settings", "words"),
+    [
+        (SCENE, {"law": "reflect"}, ["law='reflect'", "Leave it out", "method='grid'"]),
+        (SCENE, {"precision": "float32"}, ["precision='float32'", "Leave it out", "method='grid'"]),
+        (SCENE, {"unguarded": True}, ["unguarded=True", "Leave it out", "method='grid'"]),
+        (with_acceleration(), {}, ["acceleration per disc", "Leave it out", "method='grid'"]),
+        (crowd(9, 0.6), {}, ["do not overlap", "discs", "overlap by", "Move them apart", "method='grid'"]),
+    ],
+    ids=["reflect", "float32", "unguarded", "acceleration", "overlap"],
+)
+def test_a_scene_that_has_no_exact_solution_is_refused_by_name(scene, settings, words):
+    with pytest.raises(InputError) as raised:
+        simulate(scene, method="event", **settings)
+    text = str(raised.value)
+    assert "method='event'" in text
+    for word in words:
+        assert word in text, f"{word!r} is missing in {text!r}"
+    # Negative control: the same scene without the setting, or with another solver, is taken.
+    with simulate(scene, method="grid", **settings) as sim:
+        sim.run(frames=1)
+
+
+def test_a_velocity_beyond_what_can_be_squared_is_refused_with_its_disc():
+    velocity = np.zeros((2, 2))
+    velocity[1, 0] = 1e101
+    scene = Scene(width=9, height=9, position=[[2, 2], [6, 6]], velocity=velocity, radius=0.5)
+    with pytest.raises(InputError, match=r"velocity\[1\] must be below 1e100 .* got \[1e\+101, 0.0\]. Choose units"):
+        simulate(scene, method="event", dt=1e-95)
+
+
+def test_touching_discs_are_no_overlap():
+    """A depth of rounding is taken, a depth that any measuring would find is not."""
+    for gap, refused in ((0.0, False), (-1e-13, False), (-1e-9, True)):
+        scene = Scene(width=9, height=9, position=[[2, 2], [3 + gap, 2]], velocity=[[1, 0], [0, 0]], radius=0.5)
+        if refused:
+            with pytest.raises(InputError, match="discs 0 and 1 overlap by 1e-09"):
+                simulate(scene, method="event")
+        else:
+            with simulate(scene, method="event", dt=0.1) as sim:
+                assert sim.run(frames=1).collisions == 1
+
+
+def test_a_refused_disc_changes_nothing():
+    """The scene is so dilute that one disc more would have other cells."""
+    scene = Scene(width=40, height=40, position=[[2, 2], [30, 9.3]], velocity=[[1.3, 0.2], [-2, 1]], radius=0.5)
+    many = 3 + 2 * np.stack(np.meshgrid(np.arange(9), np.arange(9)), axis=-1).reshape(-1, 2) + 5.0
+    with simulate(scene, method="event", dt=1.7) as sim:
+        sim.run(frames=20)
+        many[-1] = sim.state.position[1] + [0.3, 0]
+        with pytest.raises(InputError, match="do not overlap; discs 1 and 82"):
+            sim.add(many, np.zeros((81, 2)))
+        assert sim.count == 2
+        found = sim.run(frames=300, measures=["pressure"]).measures["pressure"].value
+        assert_same_bits(sim.state, state_after(scene, 320, method="event", dt=1.7), "after a refused growth")
+    with simulate(scene, method="event", dt=1.7) as sim:
+        sim.run(frames=20)
+        assert found == pytest.approx(sim.run(frames=300, measures=["pressure"]).measures["pressure"].value, rel=1e-12)
+
+
+def test_a_disc_added_inside_a_frame_keeps_the_counts_of_that_frame():
+    """Two discs that never meet: what both walls got in the frame is known from their speeds."""
+
+    def stop(done, of):
+        raise KeyboardInterrupt
+
+    scene = Scene(width=5, height=5000, position=[[2, 2]], velocity=[[1, 0]], radius=0.5)
+    with simulate(scene, method="event", dt=1e5) as sim:
+        with pytest.raises(KeyboardInterrupt):
+            sim.run(frames=1, progress=stop)
+        reached = sim.time
+        assert 100 < reached < 9e4
+        sim.add([2, 20], [0, 0])
+        pressure = sim.run(frames=1, measures=["pressure"]).measures["pressure"].value
+    assert pressure * 2 * (5 + 5000) == pytest.approx(2 / 4, rel=1e-3), "one disc to and fro in a free length of 4"
+
+
+@pytest.mark.parametrize("pull", [1.0, 2.0**20])
+def test_the_guard_of_a_disc_at_rest_scales_with_the_units(pull):
+    """A ball dropped at rest: time in units 2^10 times smaller gives the same bits, guard included."""
+    scene = Scene(width=9, height=9, position=[[4, 1.5]], velocity=[[0, 0]], radius=0.5, gravity=(0, -pull),
+                  wall_restitution=0.5)  # fmt: skip
+    with simulate(scene, method="event", dt=4.5 / math.sqrt(pull)) as sim:
+        with pytest.warns(mpsim.GuardWarning):
+            report = sim.run(frames=1)
+        height = sim.state.position[0, 1]
+    unit = Scene(width=9, height=9, position=[[4, 1.5]], velocity=[[0, 0]], radius=0.5, gravity=(0, -1),
+                 wall_restitution=0.5)  # fmt: skip
+    with simulate(unit, method="event", dt=4.5) as sim:
+        with pytest.warns(mpsim.GuardWarning):
+            expected = sim.run(frames=1)
+        assert (report.guarded, height) == (expected.guarded, sim.state.position[0, 1])
+    assert expected.guarded > 1000
+
+
+@pytest.mark.parametrize(
+    ("features", "settings", "word"),
+    [
+        ({}, {"law": "reflect"}, "reflect"),
+        ({}, {"precision": "float32"}, "float32"),
+        ({"acceleration": np.ones((10, 2))}, {}, "acceleration per disc"),
+    ],
+)
+def test_what_cannot_be_exact_is_refused_by_name(features, settings, word):
+    with pytest.raises(mpsim.InputError, match=word):
+        simulate(
+            gas(10, 0.2) if not features else mpsim.Scene.random(count=10, packing=0.2, radius=0.5, **features),
+            method="event",
+            **settings,
+        )
+
+
+def test_an_overlapping_start_of_the_exact_solver_names_the_worst_pair():
+    position = [[1, 1], [1.9, 1], [5, 5], [5.5, 5]]
+    scene = mpsim.Scene(width=8, height=8, position=position, velocity=np.zeros((4, 2)), radius=0.5)
+    with pytest.raises(mpsim.InputError, match=r"discs 2 and 3 overlap by 0\.5"):
+        simulate(scene, method="event")
+
+
+def test_stopping_and_growing_the_exact_solver():
+    scene = gas(50, 0.2)
+    with simulate(scene, method="event") as whole, simulate(scene, method="event") as cut:
+        whole.run(frames=300)
+        for frames in (1, 2, 97, 200):
+            cut.run(frames=frames)
+        assert_same_bits(cut.state, whole.state, "cut into four runs")
+        assert cut.time == whole.time == pytest.approx(3)
+        before = cut.state.position[0]
+        with pytest.raises(mpsim.InputError, match="overlap"):
+            cut.add(before, [0, 0])
+        assert cut.count == 50
+        cut.run(frames=10)
+        cut_again = cut.digest()
+        whole.run(frames=10)
+        assert whole.digest() == cut_again
+
+
+def test_a_loss_of_energy_that_would_never_end_is_guarded_and_said():
+    position = [[0.5 + k, 0.5] for k in range(3)]
+    position[0][0], position[2][0] = 0.5, 5.0
+    position[1][0] = 2.5
+    scene = mpsim.Scene(
+        width=6, height=1.5, position=position, velocity=[[1, 0], [0, 0], [-1, 0]], radius=0.5, restitution=0.02
+    )
+    with simulate(scene, method="event", dt=1.0) as sim, pytest.warns(mpsim.GuardWarning, match="guard"):
+        report = sim.run(frames=20)
+    assert report.guarded > 0

@@ -1,0 +1,36 @@
+"""The piston, by numbers that can be checked by hand."""
+
+import numpy as np
+import pytest
+from support.arrays import control_of
+from support.internals import machine_code, parameters
+
+from mpsim.kernels import layout
+from mpsim.kernels.features.piston import place_wall
+from mpsim.kernels.frame import motion
+
+along_axis = machine_code(motion.along_axis)
+
+
+@pytest.mark.parametrize(
+    ("v", "restitution", "expected"), [(1.0, 1.0, -3.0), (1.0, 0.5, -2.0), (0.0, 1.0, -2.0), (-2.0, 1.0, -2.0)]
+)
+def test_a_piston_gives_a_disc_twice_its_speed(v, restitution, expected):
+    """The right wall, at 9.5 for centres at the end of the step, moves at -1; a disc ends at 9.75 and bounces off."""
+    values = parameters(restitution, dt=0.5)
+    piston = np.array([layout.X_HIGH, 10.0, -1.0, 2.0, -1.0])
+    values[layout.WALL_BOUNCE] = restitution
+    p, after = along_axis(9.75 - v / 2, v, layout.X_LOW, 0.0, None, piston, values)
+    assert after == expected
+    assert p == 9.5 - 0.25 * restitution
+
+
+def test_a_piston_stands_where_its_time_says_until_it_stops():
+    values, control = parameters(dt=0.25), control_of(0)
+    piston = np.array([layout.X_HIGH, 9.5, -1.0, 8.9, 0.0])
+    found = []
+    for step in range(4):
+        control[layout.STEPS] = step
+        place_wall(piston, values, control)
+        found.append((values[layout.X_HIGH], piston[layout.PISTON_NOW]))
+    assert found == [(9.25, -1), (9.0, -1), (8.9, 0), (8.9, 0)]

@@ -1,0 +1,163 @@
+"""Measures gathered along a run: which a scene has, and what they are."""
+
+import numpy as np
+import pytest
+from support.compare import assert_same_bits
+from support.scenes import gas, simulate
+
+import mpsim
+from mpsim import Emitter, FixedDisc, InputError, Piston, Scene
+from mpsim.kernels import layout
+from mpsim.measure import counted, run_averages
+
+COUNTED = ["pressure", "pressure_virial", "collision_rate", "overlap", "largest_overlap"]
+SAMPLED = ["kinetic_energy", "temperature", "speed_kurtosis"]
+
+
+@pytest.mark.parametrize("method", ["naive", "grid", "parallel", "event"])
+def test_gathering_changes_no_bit(method):
+    scene = gas(300, 0.4)
+    with simulate(scene, method=method, workers=2) as plain, simulate(scene, method=method, workers=2) as measured:
+        plain.run(frames=200)
+        report = measured.run(frames=120, measures=COUNTED + SAMPLED)
+        measured.run(frames=80)
+        assert_same_bits(measured.state, plain.state, f"{method} with measures")
+    assert list(report.measures) == COUNTED + SAMPLED
+    assert report.measures["temperature"].value == pytest.approx(1)
+
+
+def test_measures_do_not_depend_on_the_workers():
+    values = set()
+    for workers in (1, 2, 3):
+        with simulate(gas(2000, 0.5), method="parallel", workers=workers) as sim:
+            report = sim.run(frames=100, measures=COUNTED)
+        values.add(tuple(report.measures[name].value for name in COUNTED))
+    assert len(values) == 1
+
+
+def test_walls_and_virial_agree_for_the_exact_solver():
+    with simulate(gas(100, 0.3), method="event", dt=1.0) as sim:
+        sim.run(frames=50)
+        measures = sim.run(frames=3000, measures=["pressure", "pressure_virial"]).measures
+    walls, virial = measures["pressure"], measures["pressure_virial"]
+    assert abs(walls.value - virial.value) < 4 * walls.error
+
+
+def test_an_unknown_measure_is_refused_with_a_suggestion():
+    with simulate(gas(10, 0.2), method="grid") as sim, pytest.raises(mpsim.InputError, match="Did you mean 'pressure'"):
+        sim.run(frames=1, measures=["presure"])
+
+
+def test_a_measure_that_was_not_recorded_says_how_to_record_it():
+    with simulate(gas(10, 0.2), method="grid") as sim:
+        report = sim.run(frames=1)
+    with pytest.raises(mpsim.NotRecordedError, match=r"pressure was not recorded.*measures=\['pressure'\]"):
+        report.measures["pressure"]
+
+
+def test_the_virial_is_refused_under_gravity():
+    scene = gas(10, 0.2, gravity=(0, -1))
+    with simulate(scene, method="grid") as sim, pytest.raises(mpsim.InputError, match="gravity"):
+        sim.run(frames=1, measures=["pressure_virial"])
+
+
+def scene_of(**changes):
+    arguments = {"width": 10.0, "height": 8.0, "position": [[2, 2], [5, 5]], "velocity": np.ones((2, 2)), "radius": 0.5}
+    return Scene(**(arguments | changes))
+
+
+VIRIALS = ["pressure_virial", "pressure_xx", "pressure_yy"]
+
+REFUSED = {
+    "gravity": ({"gravity": (0, -1)}, [*VIRIALS], "gravity and acceleration"),
+    "obstacles": ({"obstacles": FixedDisc((8, 8), 1)}, [*VIRIALS, "momentum_drift"], "obstacles"),
+    "losses": ({"restitution": 0.9}, [*VIRIALS], "losses"),
+    "losses under gravity": (
+        {"restitution": 0.9, "gravity": (0, -1)}, [*VIRIALS, "collision_rate"], ""),
+    "losses at walls under acceleration": (
+        {"wall_restitution": 0.9, "acceleration": np.ones((2, 2))}, [*VIRIALS, "collision_rate"], ""),
+    "sizes": ({"radius": [0.5, 0.4]}, [*VIRIALS], "several sizes"),
+    "sizes, channel": ({"radius": [0.5, 0.4], "boundary": ("walls", "periodic")}, [*VIRIALS], "several sizes"),
+    "piston": ({"piston": Piston("left", 1, 3)}, ["pressure", *VIRIALS, "energy_drift"], "piston"),
+    "absorbing": (
+        {"absorbing": "left"},
+        [*VIRIALS, "collision_rate", "contact_rate", "energy_drift", "momentum_drift"],
+        "absorbing edges",
+    ),
+    "no wall": (
+        {"absorbing": ["left", "right", "bottom", "top"]},
+        ["pressure", *VIRIALS, "collision_rate", "contact_rate", "energy_drift",
+         "momentum_drift"],
+        "absorbing edges",
+    ),
+    "emitters": (
+        {"emitters": Emitter((8, 6), (0, 0), every=1)},
+        [*VIRIALS, "collision_rate", "contact_rate", "energy_drift", "momentum_drift"],
+        "emitters",
+    ),
+    "emitters of masses": (
+        {"mass": 2.0, "emitters": Emitter((8, 6), (0, 0), every=1, mass=1.0)},
+        [*VIRIALS, "collision_rate", "contact_rate", "energy_drift", "momentum_drift", "kinetic_energy", "temperature"],
+        "",
+    ),
+    "falling round": (
+        {"gravity": (0, -1), "boundary": ("walls", "periodic")}, [*VIRIALS, "energy_drift"], ""),
+    "periodic": ({"boundary": "periodic"}, [], ""),
+    "periodic, sizes": ({"boundary": "periodic", "radius": [0.5, 0.4]}, [], ""),
+    "periodic, losses": ({"boundary": "periodic", "restitution": 0.9}, ["pressure", *VIRIALS], "losses"),
+    "periodic, obstacles": (
+        {"boundary": "periodic", "obstacles": FixedDisc((8, 7), 1)},
+        ["pressure", *VIRIALS, "momentum_drift"],
+        "obstacles",
+    ),
+    "channel": ({"boundary": ("periodic", "walls")}, [], ""),
+    "masses": ({"mass": [1.0, 9.0]}, [], ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_scene_has_the_measures_that_mean_something_in_it_and_no_others(case):
+    changes, names, word = REFUSED[case]
+    scene = scene_of(**changes)
+    reasons = {name: run_averages.refusal(name, scene) for name in run_averages.NAMES}
+    smooth = [] if all(scene.periodic) and VIRIALS[0] not in names else ["pressure_xy"]  # walls take up none
+    assert {name for name, reason in reasons.items() if reason} == {*names, *smooth}
+    for name in names:
+        with pytest.raises(InputError) as raised:
+            run_averages.checked([name], scene)
+        text = str(raised.value)
+        assert text.startswith(f"measures may hold {name!r} only")
+        assert word in text
+
+
+def test_masses_of_added_discs_are_asked_for():
+    with pytest.raises(InputError, match=r"'temperature' only where the scene holds the mass of every disc; it has 2"):
+        run_averages.checked("temperature", scene_of(mass=2.0), count=3)
+    assert run_averages.checked("temperature", scene_of(), count=3) == ("temperature",)
+
+
+def counts_of(**values):
+    counts = np.zeros((4, layout.TALLIES))
+    for name, value in values.items():
+        counts[:, getattr(layout, name)] = value
+    return counts
+
+
+def test_pressure_is_that_on_the_walls_that_there_are():
+    counts = counts_of(LEFT=9.0, RIGHT=7.0, BOTTOM=3.0, TOP=5.0)
+    for changes, expected in (
+        ({}, 24 / 36),
+        ({"boundary": ("periodic", "walls")}, 8 / 20),
+        ({"boundary": ("walls", "periodic")}, 16 / 16),
+        ({"absorbing": "left"}, 15 / 28),
+    ):
+        run = counted.Run(scene_of(**changes), 2, 0.5)
+        assert counted.pressure(counts, run).value == pytest.approx(expected / 0.5)
+
+
+def test_the_virial_of_a_torus_has_no_margins_and_counts_the_largest_diameter():
+    counts, scene = counts_of(VIRIAL=3.0), scene_of(boundary="periodic", radius=[0.5, 0.25])
+    run = counted.Run(scene, 2, 0.5, kinetic_energy=7.0)
+    assert counted.pressure(counts, run).value == pytest.approx((7 + 3 * 1.0 / (2 * 0.5)) / 80)
+    channel = counted.Run(scene_of(boundary=("periodic", "walls")), 2, 0.5, kinetic_energy=7.0)
+    assert counted.pressure_virial(counts, channel).value == pytest.approx((14 + 6) / (10 * 8 + 7 * 10))

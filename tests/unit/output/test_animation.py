@@ -1,0 +1,81 @@
+"""Animations by speed, worker and parity."""
+
+import numpy as np
+import pytest
+from support.scenes import gas, lattice, simulate
+
+import mpsim
+from mpsim.engine.workers.arrays import grid_for
+from mpsim.kernels import layout
+from mpsim.output.animation import Picture
+
+
+def test_columns_are_those_that_the_workers_are_given():
+    scene = lattice(12, 5)
+    with simulate(scene, method="parallel", workers=3, dt=1e-6) as sim:
+        columns = grid_for(60, scene.width, scene.height, 1.0, "float64").columns
+        expected = (scene.position[:, 0] / scene.width * columns).astype(int)
+        for _ in range(3):  # the first frame finds the discs unsorted
+            column, owner, _ = sim.columns()
+            sim.run(frames=1)
+            team = sim._solver._block.arrays["team"]
+            assert column.tolist() == expected.tolist()
+            for worker in range(3):
+                first, last = team[worker, layout.FIRST_COLUMN], team[worker, layout.LAST_COLUMN]
+                assert set(column[owner == worker]) <= set(range(first, last))
+    assert np.bincount(owner).min() >= 10, "sorted, they are dealt evenly, in whole columns"
+    with simulate(scene, method="grid") as sim:
+        assert set(sim.columns().owner.tolist()) == {0}
+
+
+@pytest.mark.parametrize("method", ["naive", "event"])
+def test_a_method_without_columns_has_no_colours_for_them(method, tmp_path):
+    text = rf"'grid' and 'parallel'; this run is by '{method}'. Use Settings"
+    with simulate(gas(5, 0.1), method=method) as sim, pytest.raises(mpsim.InputError, match=text):
+        sim.columns()
+    with pytest.raises(mpsim.InputError, match="columns are there only in methods that sort discs"):
+        mpsim.animate(gas(5, 0.1), mpsim.Settings(method=method), tmp_path / "a.gif", 2, colour="parity")
+    assert not (tmp_path / "a.gif").exists()
+
+
+def shown(colour, **settings):
+    """Colours of the discs of a lattice in a picture, one for each disc."""
+    with simulate(lattice(6, 4), method="grid", dt=1e-6, **settings) as sim:
+        picture = Picture(sim, 200, colour)
+        picture.update()
+        picture.figure.draw_without_rendering()
+        return [tuple(each) for each in picture._discs.get_facecolor()], sim.columns()
+
+
+def test_parity_shows_even_and_odd_columns_in_two_colours():
+    colours, (column, _, _) = shown("parity")
+    even, odd = ({c for c, k in zip(colours, column, strict=True) if k % 2 == parity} for parity in (0, 1))
+    assert (len(even), len(odd), len(even | odd)) == (1, 1, 2)
+
+
+def test_workers_have_a_colour_each():
+    with simulate(lattice(9, 4), method="parallel", workers=3) as sim:
+        picture = Picture(sim, 200, "worker")
+        picture.update()
+        picture.figure.draw_without_rendering()
+        colours = [tuple(each) for each in picture._discs.get_facecolor()]
+        owner = sim.columns().owner
+    assert len(set(zip(colours, owner.tolist(), strict=True))) == len(set(colours)) == 3
+    assert [text.get_text() for text in picture.figure.axes[1].get_yticklabels()] == ["0", "1", "2"]
+
+
+def test_without_a_colour_all_discs_look_alike_and_by_speed_they_do_not():
+    assert len(set(shown(None)[0])) == 1
+    assert len(set(shown("speed")[0])) > 5
+
+
+def test_an_unknown_colour_is_refused(tmp_path):
+    with pytest.raises(mpsim.InputError, match=r"must be one of 'speed', 'worker', 'parity'; got 'sped'. Did you"):
+        mpsim.animate(gas(5, 0.1), None, tmp_path / "a.gif", 2, colour="sped")
+
+
+def test_progress_of_an_animation_can_be_watched(tmp_path):
+    seen = []
+    settings = mpsim.Settings(method="grid")
+    mpsim.animate(gas(5, 0.1), settings, tmp_path / "a.gif", 3, pixels=100, progress=lambda *now: seen.append(now))
+    assert seen == [(1, 3), (2, 3), (3, 3)]

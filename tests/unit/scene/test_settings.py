@@ -1,0 +1,60 @@
+"""Settings are checked and immutable."""
+
+import dataclasses
+
+import pytest
+from support.refusals import assert_says
+
+import mpsim
+
+NAN, INF = float("nan"), float("inf")
+
+SETTINGS = {
+    "dt 0": ({"dt": 0}, ["dt must be a finite number > 0", "got 0"]),
+    "dt below 0": ({"dt": -0.01}, ["dt must be a finite number > 0", "got -0.01"]),
+    "dt nan": ({"dt": NAN}, ["dt must be a finite number > 0", "got nan"]),
+    "dt inf": ({"dt": INF}, ["dt must be a finite number > 0", "got inf"]),
+    "dt as text": ({"dt": "fast"}, ["dt must be a number > 0", "'fast'"]),
+    "dt too large for a number": ({"dt": 10**400}, ["dt must be a number > 0", "finite", "of 401 digits"]),
+    "method": ({"method": "gird"}, ["method must be one of", "'naive', 'grid'", "got 'gird'", "Did you mean 'grid'?"]),
+    "method None": ({"method": None}, ["method must be one of", "got None"]),
+    "method far off": ({"method": "xyz"}, ["method must be one of", "got 'xyz'."]),
+    "law": ({"law": "elastisch"}, ["law must be one of 'reflect', 'elastic'", "Did you mean 'elastic'?"]),
+    "contact": ({"contact": "pull"}, ["contact must be one of", "'push'", "got 'pull'"]),
+    "precision": ({"precision": "float16"}, ["precision must be one of 'float32', 'float64'", "got 'float16'"]),
+    "start method": ({"start_method": "frok"}, ["start_method must be one of", "Did you mean 'fork'?"]),
+    "workers 0": ({"workers": 0}, ["workers must be a whole number from 1 to", "got 0", "Leave it out"]),
+    "workers below 0": ({"workers": -2}, ["workers must be a whole number", "got -2"]),
+    "workers absurd": ({"workers": 10**6}, ["workers must be a whole number from 1 to 1024", "got 1000000"]),
+    "workers in halves": ({"workers": 1.5}, ["workers must be a whole number", "got 1.5"]),
+    "workers as truth": ({"workers": True}, ["workers must be a whole number", "got True"]),
+    "substeps 0": ({"substeps": 0}, ["substeps must be a whole number from 1", "got 0", "dt"]),
+    "unguarded as text": ({"unguarded": "no"}, ["unguarded must be", "'no'"]),
+}
+
+
+@pytest.mark.parametrize("case", SETTINGS)
+def test_bad_settings_are_refused(case):
+    change, parts = SETTINGS[case]
+    with pytest.raises(mpsim.InputError) as caught:
+        mpsim.Settings(**change)
+    assert_says(caught, parts)
+
+
+def test_settings_are_immutable_and_equal_by_value():
+    settings = mpsim.Settings(dt=0.02)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        settings.dt = 1
+    assert settings == mpsim.Settings(dt=0.02)
+    assert hash(settings) == hash(mpsim.Settings(dt=0.02))
+
+
+def test_the_defaults_are_the_documented_ones():
+    settings = mpsim.Settings()
+    assert (settings.method, settings.law, settings.contact, settings.precision) == (
+        "auto",
+        "elastic",
+        "impact",
+        "float64",
+    )
+    assert (settings.workers, settings.substeps, settings.unguarded) == (None, 1, False)
