@@ -8,15 +8,18 @@ import argparse
 import re
 import sys
 import tempfile
+import tomllib
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import grimp
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.legend_handler import HandlerTuple
-from matplotlib.patches import Rectangle
+from matplotlib.patches import FancyArrowPatch, Rectangle
 
 import mpsim
 from mpsim.engine.workers.arrays import Grid, grid_for
@@ -159,7 +162,39 @@ def funnel(path: Path) -> None:
         figure.savefig(path, dpi=DPI)
 
 
-PICTURES = {"passes": passes, "neighbours": neighbours, "frame": frame, "funnel": funnel}
+def floors(path: Path) -> None:
+    """The packages of mpsim, each above those that it imports: an arrow for each pair, as wide as imports are many."""
+    contracts = tomllib.loads((PAGES.parent / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    names: list[str] = next(each["layers"] for each in contracts if each["type"] == "layers")
+    graph = grimp.build_graph("mpsim")
+    modules = {name: sorted(m for m in graph.modules if m.startswith(f"mpsim.{name}.")) for name in names}
+    imports: Counter[tuple[str, str]] = Counter()
+    for name in names:
+        for module in modules[name]:
+            found = {other.split(".")[1] for other in graph.find_modules_directly_imported_by(module) if "." in other}
+            imports.update((name, other) for other in found if other != name)
+    figure = new_figure(8.0, 6.4)
+    axes = figure.add_subplot()
+    axes.axis("off")
+    axes.set(xlim=(0, 100), ylim=(-10 * len(names) + 4, 8))
+    for index, name in enumerate(names):
+        y, packages = -10 * index, {m for m in modules[name] if graph.find_children(m)}
+        files = len(modules[name]) - len(packages)
+        axes.add_patch(Rectangle((30, y - 3), 40, 6, facecolor="#E8F1F8", edgecolor="#0072B2", linewidth=1))
+        axes.text(32, y, name, ha="left", va="center", weight="bold")
+        axes.text(68, y, f"{files} files", ha="right", va="center", color="#555555")
+    for (upper, lower), count in imports.items():
+        top, bottom = (-10 * names.index(each) for each in (upper, lower))
+        side = 70 if names.index(upper) % 2 else 30
+        bend = (0.42 if side == 30 else -0.42) * (1 if bottom < top else -1)
+        colour = "#0072B2" if bottom < top else "#D55E00"
+        style = {"arrowstyle": "-|>", "mutation_scale": 7, "linewidth": 0.4 + 0.12 * count, "color": colour}
+        arrow = FancyArrowPatch((side, top), (side, bottom), connectionstyle=f"arc3,rad={bend}", alpha=0.55, **style)
+        axes.add_patch(arrow)
+    figure.savefig(path, dpi=DPI)
+
+
+PICTURES = {"floors": floors, "passes": passes, "neighbours": neighbours, "frame": frame, "funnel": funnel}
 
 
 def main() -> int:
