@@ -1,7 +1,7 @@
 """How a kernel is compiled, and where the machine code is kept between runs.
 
 Numba's own cache looks only at the file in which a function stands: after an edit in a second file, a cached
-caller goes on running the old callee. The kernels here call each other across files, so their machine code lies
+caller continues to run the old callee. The kernels here call each other across files, so their machine code lies
 in a folder whose name is a digest of *all* kernel sources and of the versions that compiled them. Any edit or
 upgrade is therefore a different folder, and a stale cache cannot be loaded.
 """

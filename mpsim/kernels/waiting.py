@@ -19,11 +19,11 @@ from mpsim.kernels.machine import atomic_add, atomic_load, atomic_store, now, pa
 
 SPINS = 200
 """Polls before a waiting process gives its core away: about 4 microseconds, which covers the waits of an undisturbed
-small frame. More would cost a frame dearly where two workers share a core: the one that spins holds up the other."""
+small frame. More would slow a frame where two workers share a core: the one that spins holds up the other."""
 
 YIELDS = 3000
 """Calls of sched_yield between spinning and sleeping, about 1 ms. It must be far longer than a nap: otherwise one
-worker's nap makes the other one wait long enough to nap too, and the two go on taking turns for ever."""
+worker's nap makes the other one wait long enough to nap too, and the two take turns for ever."""
 
 NAP = 100_000
 """Nanoseconds of one sleep. Longer ones cost latency at a barrier, shorter ones CPU while somebody is suspended."""

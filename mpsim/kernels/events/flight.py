@@ -20,11 +20,11 @@ def moved(disc, i, now, gravity):
     vy = disc[i, VY]
     if gravity is None:
         return disc[i, X] + vx * flight, disc[i, Y] + vy * flight, vx, vy
-    fall_x = gravity[0] * flight
-    fall_y = gravity[1] * flight
-    x = disc[i, X] + flight * (vx + 0.5 * fall_x)
-    y = disc[i, Y] + flight * (vy + 0.5 * fall_y)
-    return x, y, vx + fall_x, vy + fall_y
+    gain_x = gravity[0] * flight
+    gain_y = gravity[1] * flight
+    x = disc[i, X] + flight * (vx + 0.5 * gain_x)
+    y = disc[i, Y] + flight * (vy + 0.5 * gain_y)
+    return x, y, vx + gain_x, vy + gain_y
 
 
 @inlined
@@ -64,21 +64,21 @@ def is_finite(disc, i):
 
 
 @inlined
-def flight_to(distance, speed, pull):
-    """Time until a limit `distance` ahead is met [time], `speed` and `pull` counted positive away from it.
+def flight_to(distance, speed, acceleration):
+    """Time until a limit `distance` ahead is met [time], `speed` and `acceleration` positive away from it.
 
-    The root of distance + speed t + pull t^2/2 = 0 in the form that does not cancel. A rounding-level negative
+    The root of distance + speed t + acceleration t^2/2 = 0 in the form that does not cancel. A rounding-level negative
     distance counts as zero: a disc on the limit that moves against it meets it now.
     """
     ahead = max(distance, 0.0)
-    discriminant = speed * speed - 2.0 * pull * ahead
+    discriminant = speed * speed - 2.0 * acceleration * ahead
     if speed < 0.0:
         return 2.0 * ahead / (math.sqrt(discriminant) - speed) if discriminant >= 0.0 else INFINITY
-    return (speed + math.sqrt(discriminant)) / -pull if pull < 0.0 else INFINITY
+    return (speed + math.sqrt(discriminant)) / -acceleration if acceleration < 0.0 else INFINITY
 
 
 @inlined
-def leave_axis(place, speed, pull, cell, cells, length, periodic, radius, gravity):
+def leave_axis(place, speed, acceleration, cell, cells, length, periodic, radius, gravity):
     """Time until a centre leaves its cell, or meets a wall, along one axis: (time, 0 low or 1 high)."""
     side = length / cells
     low = cell * side
@@ -90,8 +90,8 @@ def leave_axis(place, speed, pull, cell, cells, length, periodic, radius, gravit
         # Only one of the two limits lies ahead.
         ahead = high - place if speed > 0.0 else place - low
         return (max(ahead, 0.0) / abs(speed) if speed != 0.0 else INFINITY), (1 if speed > 0.0 else 0)
-    down = flight_to(place - low, speed, pull)
-    up = flight_to(high - place, -speed, -pull)
+    down = flight_to(place - low, speed, acceleration)
+    up = flight_to(high - place, -speed, -acceleration)
     return (up, 1) if up < down else (down, 0)
 
 

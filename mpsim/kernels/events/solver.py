@@ -124,7 +124,7 @@ __all__ = [
 ]
 
 STOP_ROUNDING = 1e-12
-"""Part of a time by which rounding may put a stop beyond the end of the frame that reaches it."""
+"""Fraction of a time by which rounding may put a stop beyond the end of the frame that reaches it."""
 
 # --- events ---
 
@@ -174,7 +174,7 @@ def collide(i, j, now, store, box, law):
 
 
 @inlined
-def rebound(speed, pull, contact_time, gravity, counter):
+def rebound(speed, acceleration, contact_time, gravity, counter):
     """Speed off a wall: never so small that gravity brings the disc back in less than `contact_time`.
 
     A disc at rest on a wall hovers in bounces of that duration, g contact_time^2/8 high at most, and the guard counts
@@ -182,7 +182,7 @@ def rebound(speed, pull, contact_time, gravity, counter):
     """
     if gravity is None:
         return speed
-    least = -0.5 * pull * contact_time
+    least = -0.5 * acceleration * contact_time
     if speed < least:
         counter[GUARDS] += 1
         return least
@@ -363,8 +363,8 @@ def schedule(store, box, law):
     for i in range(disc.shape[0]):
         energy += disc[i, VX] * disc[i, VX] + disc[i, VY] * disc[i, VY]
     side = min(box.width / box.columns, box.height / box.rows)
-    pull = abs(component(law.gravity, 0)) + abs(component(law.gravity, 1))
-    speed = math.sqrt(energy / max(disc.shape[0], 1)) + math.sqrt(pull * side)
+    acceleration = abs(component(law.gravity, 0)) + abs(component(law.gravity, 1))
+    speed = math.sqrt(energy / max(disc.shape[0], 1)) + math.sqrt(acceleration * side)
     # About four events while a disc crosses a cell; later laps fit the step to the true rate.
     wait = side / (4.0 * speed * max(disc.shape[0], 1)) if speed > 0.0 else 1.0
     store.clock[STEP] = math.ldexp(1.0, math.frexp(wait)[1])

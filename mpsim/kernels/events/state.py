@@ -144,8 +144,8 @@ def read_out(store, box, law, until, position, velocity, image=None):
     flight = (until - store.clock[BASE]) - disc[:, SINCE]
     radius = box.radius if store.radius is None else store.radius
     for axis, (length, periodic) in enumerate(((box.width, box.periodic_x), (box.height, box.periodic_y))):
-        fall = 0.0 if law.gravity is None else law.gravity[axis] * flight
-        flown = disc[:, X + axis] + flight * (disc[:, VX + axis] + 0.5 * fall)
+        gain = 0.0 if law.gravity is None else law.gravity[axis] * flight
+        flown = disc[:, X + axis] + flight * (disc[:, VX + axis] + 0.5 * gain)
         # Only rounding can have put a centre beyond a limit.
         place_now = np.mod(flown, length) if periodic else np.clip(flown, radius, length - radius)
         place_now[place_now == length] = 0.0 if periodic else length
@@ -155,4 +155,4 @@ def read_out(store, box, law, until, position, velocity, image=None):
             taken = np.where(np.abs(periods) < 2.0**53, periods, 0.0).astype(np.int64)
             image[store.order, axis] = store.winding[:, axis] + taken
         position[store.order, axis] = place_now
-        velocity[store.order, axis] = disc[:, VX + axis] + fall
+        velocity[store.order, axis] = disc[:, VX + axis] + gain

@@ -55,7 +55,7 @@ def cells_of(team, worker, control):
 def count_cells(discs, start, outbox, sent, team, worker, control):
     """Count own discs per cell, and list those that moved into another worker's columns.
 
-    The list lies in the slice's own part of `outbox`; sent[w] tells how many of it go to worker w.
+    The list lies in the slice's own section of `outbox`; sent[w] says how many of it go to worker w.
     """
     mine = team[worker]
     first_cell, last_cell = cells_of(team, worker, control)

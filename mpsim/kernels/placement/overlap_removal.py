@@ -1,4 +1,4 @@
-"""Discs of any sizes, with or without periodic axes, among obstacles: which overlap, and how to part or shuffle them.
+"""Discs of any sizes, with or without periodic axes, among capsules: which overlap, and how to part or shuffle them.
 
 Discs whose radii lie within a factor of two share a level, and a level has a grid of its own, of cells no narrower than
 its largest disc. A search visits a few cells of each level, so it is quick however different the discs are in size.
@@ -13,7 +13,7 @@ EMPTY = -1
 
 # x, y, radius: shape (N,) [length]. level: of each disc, (N,). head: first disc of every cell of every level, all EMPTY
 # at first; following: next disc in the same cell, (N,). columns, rows, first (index in head), largest (radius): one per
-# level. width, height [length] and periodic_x, periodic_y: the box. capsule: obstacles, (K, 5): ax, ay, bx, by, radius.
+# level. width, height [length] and periodic_x, periodic_y: the box. capsule: (K, 5): ax, ay, bx, by, radius.
 Crowd = namedtuple(
     "Crowd",
     "x y radius level head following columns rows first largest width height periodic_x periodic_y capsule",
@@ -117,8 +117,8 @@ def look(crowd, px, py, radius, mover, scale, slack):
 
 
 @inlined
-def off_obstacles(crowd, px, py, radius):
-    """The place to which a disc at (px, py) must go so as not to touch the obstacle it overlaps most: (x, y, depth)."""
+def off_capsules(crowd, px, py, radius):
+    """The place to which a disc at (px, py) must go so as not to touch the capsule it overlaps most: (x, y, depth)."""
     x, y, worst = px, py, 0.0
     for k in range(crowd.capsule.shape[0]):
         ax, ay = crowd.capsule[k, 0], crowd.capsule[k, 1]
@@ -126,8 +126,8 @@ def off_obstacles(crowd, px, py, radius):
         rx = nearest(px - ax, crowd.width, crowd.periodic_x)
         ry = nearest(py - ay, crowd.height, crowd.periodic_y)
         square = bx * bx + by * by
-        part = min(max((rx * bx + ry * by) / square, 0.0), 1.0) if square > 0.0 else 0.0
-        gx, gy = rx - part * bx, ry - part * by
+        fraction = min(max((rx * bx + ry * by) / square, 0.0), 1.0) if square > 0.0 else 0.0
+        gx, gy = rx - fraction * bx, ry - fraction * by
         distance = math.sqrt(gx * gx + gy * gy)
         depth = radius + crowd.capsule[k, 4] - distance
         if depth > worst:
@@ -160,17 +160,17 @@ def count_overlaps(crowd, slack, worst):
 
 @compiled
 def crowded(crowd, scale):
-    """Whether any linked disc overlaps another or an obstacle."""
+    """Whether any linked disc overlaps another or a capsule."""
     for i in range(crowd.x.size):
         px, py, radius = crowd.x[i], crowd.y[i], crowd.radius[i]
-        if off_obstacles(crowd, px, py, scale * radius)[2] > 0.0 or look(crowd, px, py, radius, i, scale, 0.0)[0]:
+        if off_capsules(crowd, px, py, scale * radius)[2] > 0.0 or look(crowd, px, py, radius, i, scale, 0.0)[0]:
             return True
     return False
 
 
 @compiled
 def add_sequentially(crowd, order, placed, candidates, scale):
-    """Try each candidate, (x, y) as parts of where a centre may be, for the next disc of `order` that has no place.
+    """Try each candidate, (x, y) as fractions of where a centre may be, for the next disc of `order` that has no place.
 
     A disc takes its place if it overlaps none there yet. Returns the number of discs placed.
     """
@@ -183,7 +183,7 @@ def add_sequentially(crowd, order, placed, candidates, scale):
         low_y = 0.0 if crowd.periodic_y else radius
         px = low_x + candidates[k, 0] * (crowd.width - 2.0 * low_x)
         py = low_y + candidates[k, 1] * (crowd.height - 2.0 * low_y)
-        free = off_obstacles(crowd, px, py, scale * radius)[2] == 0.0
+        free = off_capsules(crowd, px, py, scale * radius)[2] == 0.0
         if free and look(crowd, px, py, radius, EMPTY, scale, 0.0)[0] == 0:
             crowd.x[i], crowd.y[i] = px, py
             enter(crowd, i)
@@ -193,9 +193,9 @@ def add_sequentially(crowd, order, placed, candidates, scale):
 
 @compiled
 def throw(crowd, order, candidates, scale):
-    """Give each disc of `order` the first of its candidates that is not deep in another disc, else the least bad one.
+    """Give each disc of `order` the first of its candidates that is not deep in another disc, else that of least depth.
 
-    candidates: shape (N, K, 2), (x, y) as parts of where a centre may be. Deep: by more than the disc's own radius.
+    candidates: shape (N, K, 2), (x, y) as fractions of where a centre may be. Deep: by more than the disc's own radius.
     """
     for k in range(order.size):
         i = order[k]
@@ -207,7 +207,7 @@ def throw(crowd, order, candidates, scale):
             px = low_x + candidates[k, choice, 0] * (crowd.width - 2.0 * low_x)
             py = low_y + candidates[k, choice, 1] * (crowd.height - 2.0 * low_y)
             depth = look(crowd, px, py, radius, EMPTY, scale, 0.0)[2]
-            depth = max(depth, off_obstacles(crowd, px, py, scale * radius)[2])
+            depth = max(depth, off_capsules(crowd, px, py, scale * radius)[2])
             if depth < least:
                 least = depth
                 crowd.x[i], crowd.y[i] = px, py
@@ -218,9 +218,9 @@ def throw(crowd, order, candidates, scale):
 
 @compiled
 def part(crowd, scale, beyond):
-    """Move each linked disc and the one it overlaps most out of each other, the smaller by more; then off obstacles.
+    """Move each linked disc and the one it overlaps most out of each other, the smaller by more; then off capsules.
 
-    beyond: how much farther than needed, as a part of the overlap.
+    beyond: how much farther than needed, as a fraction of the overlap.
     """
     for i in range(crowd.x.size):
         _, j, depth = look(crowd, crowd.x[i], crowd.y[i], crowd.radius[i], i, scale, 0.0)
@@ -235,7 +235,7 @@ def part(crowd, scale, beyond):
             settle(crowd, i, crowd.x[i] - mine * nx, crowd.y[i] - mine * ny)
             settle(crowd, j, crowd.x[j] + (depth - mine) * nx, crowd.y[j] + (depth - mine) * ny)
         if crowd.capsule.shape[0]:
-            px, py, depth = off_obstacles(crowd, crowd.x[i], crowd.y[i], scale * crowd.radius[i])
+            px, py, depth = off_capsules(crowd, crowd.x[i], crowd.y[i], scale * crowd.radius[i])
             if depth > 0.0:
                 settle(crowd, i, px, py)
 
@@ -252,7 +252,7 @@ def shuffle(crowd, moves, scale):
             py -= math.floor(py / crowd.height) * crowd.height
         inside = crowd.periodic_x or (radius <= px) & (px <= crowd.width - radius)
         inside = inside and (crowd.periodic_y or (radius <= py) & (py <= crowd.height - radius))
-        if not inside or off_obstacles(crowd, px, py, scale * radius)[2] > 0.0:
+        if not inside or off_capsules(crowd, px, py, scale * radius)[2] > 0.0:
             continue
         if look(crowd, px, py, radius, i, scale, 0.0)[0] == 0:
             settle(crowd, i, px, py)
