@@ -16,6 +16,7 @@ from mpsim.features.edges import EDGES, MovingWall, demand_wall
 from mpsim.features.feature import Feature, Floats, NewDiscs, SceneLike, Shapes, Spoiled
 from mpsim.features.packing_bounds import shortest_box
 from mpsim.kernels import layout
+from mpsim.kernels.features import piston as kernel
 
 
 @dataclass(frozen=True)
@@ -155,24 +156,24 @@ class PistonFeature(Feature):
 
     def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
         """Where it is and how fast."""
-        return {} if self.of(scene) is None else {"piston": (real, (layout.PISTON,))}
+        return {} if self.of(scene) is None else {"piston": (real, (kernel.SIZE,))}
 
     def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
         """Write it as the limit of centres that it moves."""
         wall = self.moving_wall(scene)
         if wall is not None:
             inward = margin if wall.speed > 0 else -margin
-            arrays["piston"][layout.PISTON_WALL] = layout.X_LOW + wall.edge
-            arrays["piston"][layout.PISTON_START] = wall.start + inward
-            arrays["piston"][layout.PISTON_SPEED] = wall.speed
-            arrays["piston"][layout.PISTON_STOP] = wall.stop + inward
+            arrays["piston"][kernel.WALL] = layout.X_LOW + wall.edge
+            arrays["piston"][kernel.START] = wall.start + inward
+            arrays["piston"][kernel.SPEED] = wall.speed
+            arrays["piston"][kernel.STOP] = wall.stop + inward
 
     def wall_now(self, scene: SceneLike, arrays: dict[str, Any]) -> float | None:
         """The kernels' own limit is where it will be one step later."""
         wall = self.moving_wall(scene)
         if wall is None:
             return None
-        step = float(arrays["piston"][layout.PISTON_SPEED] * arrays["parameters"][layout.DT])
+        step = float(arrays["piston"][kernel.SPEED] * arrays["parameters"][layout.DT])
         place = wall.start + step * int(arrays["control"][layout.STEPS])
         return max(place, wall.stop) if step < 0 else min(place, wall.stop)
 

@@ -26,44 +26,6 @@ class Discs(NamedTuple):
     radius: Any
 
 
-class Obstacles(NamedTuple):
-    """Segments with a radius (capsules), and which of them are near a place; all None where there are none.
-
-    capsule: shape (K, 5): ax, ay, bx, by, radius [length].
-    near: for each cell of a grid of its own, column-major, where its part of `index` begins, shape (cells + 1,).
-    index: numbers of capsules. grid: columns and rows, shape (2,).
-    per_length: columns per length along x and rows per length along y, shape (2,) [1/length].
-    """
-
-    capsule: Any
-    near: Any
-    index: Any
-    grid: Any
-    per_length: Any
-
-
-class Features(NamedTuple):
-    """What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it.
-
-    gravity: (gx, gy) [length/time^2]. acceleration: shape (2, capacity), by id [length/time^2].
-    mass: shape (capacity,), by id [mass]. wrap_x, wrap_y: length of a periodic axis, shape (1,) [length].
-    image: shape (2, capacity), by id: periods that a disc has moved through each periodic border, int64.
-    exits: shape (3, capacity), by id: 1 for discs that an absorbing edge has swallowed, and where [length].
-    piston: see PISTON_WALL below. giants: shape (1,): discs of a larger radius are not in the grid [length].
-    """
-
-    gravity: Any
-    acceleration: Any
-    mass: Any
-    wrap_x: Any
-    wrap_y: Any
-    image: Any
-    exits: Any
-    piston: Any
-    giants: Any
-    obstacles: Obstacles
-
-
 # Indices of `parameters`, an array of the precision of the run.
 DT = 0  # [time] of one step (a frame has `SUBSTEPS` of them)
 DIAMETER = 1  # [length]
@@ -73,20 +35,14 @@ Y_LOW = 4
 Y_HIGH = 5
 CELLS_PER_X = 6  # columns per length along x [1/length]
 CELLS_PER_Y = 7  # rows per length along y [1/length]
-WALL_BOUNCE = 8  # part of a disc's way beyond a wall that it is put inside it: 0 puts it at the wall
+WALL_BOUNCE = 8  # fraction of a disc's distance beyond a wall that it is put inside it: 0 puts it at the wall
 TALLY_SCALE = 9  # a power of two: tallies are whole multiples of 1 / TALLY_SCALE [mass length/time]
-EXCHANGE = 10  # (1 + e) / 2 with e the restitution of two discs: the part of the normal velocities that is exchanged
+EXCHANGE = (
+    10  # (1 + e) / 2 with e the restitution of two discs: the fraction of the normal velocities that is exchanged
+)
 WALL_RESTITUTION = 11
 FAST = 12  # square of the speed (of the speed per radius, where discs have their own) from which on a frame is the last
 PARAMETERS = 13
-
-# Elements of `piston`, of the precision of the run.
-PISTON_WALL = 0  # which limit it moves: X_LOW, X_HIGH, Y_LOW or Y_HIGH
-PISTON_START = 1  # that limit at time 0 [length]
-PISTON_SPEED = 2  # [length/time]
-PISTON_STOP = 3  # the limit at which it rests [length]
-PISTON_NOW = 4  # its speed in this step: 0 once it rests [length/time]
-PISTON = 5
 
 # Indices of `control`, an int64 array. Words that processes wait on have a cache line (8 words) each.
 COMMAND = 0  # number of the last command; changes when workers are to run frames
@@ -107,7 +63,7 @@ DONE = 40  # frames finished since the start, in all commands
 CONTACT = 42
 PASSES = 43  # times that contacts are looked for in one step
 CELLS = 44  # cells of the grid with all ghosts: one less than the length of `start`
-ABSORBING = 45  # edges that swallow discs: the sum of 1 << (limit - X_LOW) over their limits
+ABSORBING = 45  # edges that absorb discs: the sum of 1 << (limit - X_LOW) over their limits
 STEPS = 46  # steps done since the start
 GUARDED = 41  # 1: odd/even passes; 0: the demonstration of what goes wrong without them
 CONTROL = 64
@@ -168,10 +124,10 @@ IMPULSES = (LEFT, RIGHT, BOTTOM, TOP, VIRIAL, VIRIAL_XX, VIRIAL_XY)
 WALLS = slice(LEFT, TOP + 1)
 
 DEPTH_SCALE = 2.0**32
-"""Depths are counted in parts of a diameter, whatever the impulses of a scene are."""
+"""Depths are counted in fractions of a diameter, whatever the impulses of a scene are."""
 
 FASTEST_SCALE = 2.0**20
-"""Speeds are reported in parts of the limit, so many to one."""
+"""Speeds are reported in units of the limit, so many to one."""
 
 # Collision laws.
 REFLECT = 0

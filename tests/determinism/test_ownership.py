@@ -14,10 +14,9 @@ from support.scenes import ZOO, crowd, gas, simulate, zoo
 
 from mpsim.engine.workers.worker import kernel_arguments
 from mpsim.kernels import layout
-from mpsim.kernels.features.absorption import bury
-from mpsim.kernels.features.piston import place_wall
+from mpsim.kernels.features.hooks import after_binning, prepare_step
 from mpsim.kernels.frame.contacts import resolve_columns
-from mpsim.kernels.frame.giants import resolve_giants, take_out
+from mpsim.kernels.frame.giants import resolve_giants
 from mpsim.kernels.frame.motion import move
 from mpsim.kernels.frame.sorting import bin_discs, count_cells, sort
 
@@ -62,8 +61,7 @@ class Watched:
         self._phase("move", self._move(front))
         assert not control[layout.BAD]
         control[layout.STEPS] += 1
-        if "piston" in self._arrays:
-            place_wall(self._arrays["piston"], self._arrays["parameters"], control)
+        prepare_step(self._arrays)
         self._phase("sort", self._sort(front, back))
         team = self._arrays["team"]
         for worker in range(self._workers):
@@ -92,10 +90,7 @@ class Watched:
             low, high = team[worker, layout.LOW], team[worker, layout.HIGH]
             assert move(discs, low, high, features, parameters, control, team[worker], None)
             bin_discs(discs, low, high, parameters, control)
-            if features.giants is not None:
-                take_out(discs, low, high, features.giants, control)
-            if features.exits is not None:
-                bury(discs, low, high, features.exits, control)
+            after_binning(discs, low, high, features, control)
             count_cells(discs, arrays["start"], arrays["outbox"], arrays["sent"][worker], team, worker, control)
 
         return play

@@ -4,11 +4,6 @@ import numpy as np
 
 from mpsim.kernels import layout
 
-BARE = layout.Features(
-    *[None] * (len(layout.Features._fields) - 1), layout.Obstacles(*[None] * len(layout.Obstacles._fields))
-)
-"""A scene without features."""
-
 
 def discs_of(real, x, y, vx=None, vy=None, ids=None, radius=None) -> layout.Discs:
     """A buffer that holds the given discs, padded with values that would do harm if they were used."""

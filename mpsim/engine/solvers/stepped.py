@@ -31,8 +31,8 @@ from mpsim.engine.workers.system_limits import resident_bytes
 from mpsim.engine.workers.worker import kernel_arguments, live_discs, load_kernels, naive_arguments
 from mpsim.features.edges import EDGES
 from mpsim.kernels import layout
+from mpsim.kernels.features.hooks import prepare_step
 from mpsim.kernels.features.images import wrap_places
-from mpsim.kernels.features.piston import place_piston
 from mpsim.kernels.frame.stepping import run_grid, run_naive
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -469,8 +469,7 @@ class SteppedSolver:
         }
         for index, value in values.items():
             self._block.arrays["parameters"][index] = value
-        if scene.piston is not None:
-            place_piston(self._block.arrays)
+        prepare_step(self._block.arrays)
         if "giants" in self._block.arrays:
             giant = self._giant_radius()
             self._block.arrays["giants"][0] = np.inf if giant is None else giant

@@ -20,6 +20,7 @@ from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.system_limits import refusal_of_process
 from mpsim.kernels import layout
+from mpsim.kernels.features.hooks import features_of
 from mpsim.kernels.frame.stepping import run_grid
 from mpsim.kernels.waiting import add_to_word, load_word, store_word
 
@@ -47,7 +48,7 @@ def kernel_arguments(block: SharedBlock, worker: int) -> tuple[Any, ...]:
         *(layout.Discs(*(arrays.get(f"{name}.{field}") for field in layout.Discs._fields)) for name in "ab"),
         arrays["start"],
         arrays["outbox"],
-        features_of(block),
+        features_of(arrays),
         arrays["parameters"],
         arrays["control"],
         arrays["team"],
@@ -68,13 +69,6 @@ def naive_arguments(block: SharedBlock) -> tuple[Any, ...]:
 def live_discs(block: SharedBlock) -> layout.Discs:
     """The buffer that holds the state."""
     return kernel_arguments(block, 0)[int(block.arrays["control"][layout.LIVE])]
-
-
-def features_of(block: SharedBlock) -> layout.Features:
-    """What the scene has, as the kernels take it; None for the rest."""
-    arrays = block.arrays
-    obstacles = layout.Obstacles(*(arrays.get(f"obstacles.{field}") for field in layout.Obstacles._fields))
-    return layout.Features(**{field: arrays.get(field) for field in layout.Features._fields[:-1]}, obstacles=obstacles)
 
 
 def load_kernels(block: SharedBlock) -> None:

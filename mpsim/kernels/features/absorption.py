@@ -1,31 +1,43 @@
-"""Edges that swallow discs. A swallowed disc keeps its number, stays where it left, at rest, and meets nobody."""
+"""Edges that absorb discs. An absorbed disc keeps its number, stays where it left, at rest, and meets nobody."""
 
 from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.features.acceleration import acceleration_of
 from mpsim.kernels.layout import ABSORBING, COLUMNS, CONTACT, DT, IMPACT, ROWS, X_HIGH, X_LOW, Y_HIGH, Y_LOW
-from mpsim.kernels.optional import own_or, pull_on
+from mpsim.kernels.optional import own_or
+
+FIELDS = {"exits": "exits"}
+"""exits: shape (3, capacity), by id: 1 for discs that an edge has absorbed, and where [length]."""
 
 
 @inlined
-def is_gone(exits, disc):
+def is_absent(exits, disc):
     """Whether a disc has left, by its id."""
     if exits is None:
         return False
     return exits[0, disc] != 0
 
 
+@inlined
+def lets_out(exits, control, limit):
+    """Whether the edge of a limit (X_LOW, ...) absorbs discs."""
+    if exits is None:
+        return False
+    return (control[ABSORBING] >> (limit - X_LOW)) & 1 != 0
+
+
 @compiled
 def absorb(discs, low, high, exits, features, parameters, control):
-    """Swallow the discs of a slice that this step would bring to an absorbing edge."""
+    """Absorb the discs of a slice that this step would bring to an absorbing edge."""
     edges, dt = control[ABSORBING], parameters[DT]
     zero, two = discs.x.dtype.type(0), discs.x.dtype.type(2)
     late = dt / two if control[CONTACT] == IMPACT else zero  # a parabola is as far as its mean velocity leads
     for i in range(low, high):
         disc = discs.id[i]
         margin = own_or(discs.radius, i, zero)
-        pull_x = pull_on(features.gravity, features.acceleration, 0, disc, zero)
-        pull_y = pull_on(features.gravity, features.acceleration, 1, disc, zero)
-        x = discs.x[i] + (discs.vx[i] + pull_x * (dt - late)) * dt
-        y = discs.y[i] + (discs.vy[i] + pull_y * (dt - late)) * dt
+        ax = acceleration_of(features.gravity, features.acceleration, 0, disc, zero)
+        ay = acceleration_of(features.gravity, features.acceleration, 1, disc, zero)
+        x = discs.x[i] + (discs.vx[i] + ax * (dt - late)) * dt
+        y = discs.y[i] + (discs.vy[i] + ay * (dt - late)) * dt
         left = (edges & 1) != 0 and x < parameters[X_LOW] + margin
         right = (edges & 2) != 0 and x > parameters[X_HIGH] - margin
         bottom = (edges & 4) != 0 and y < parameters[Y_LOW] + margin
@@ -36,7 +48,7 @@ def absorb(discs, low, high, exits, features, parameters, control):
 
 @compiled
 def lay_to_rest(discs, low, high, exits):
-    """Undo what a step has done to the swallowed discs of a slice."""
+    """Undo what a step has done to the absorbed discs of a slice."""
     zero = discs.x.dtype.type(0)
     for i in range(low, high):
         disc = discs.id[i]
@@ -46,24 +58,24 @@ def lay_to_rest(discs, low, high, exits):
 
 
 @inlined
-def swallow(discs, low, high, exits, features, parameters, control):
-    """`absorb`, where there are such edges; swallowed discs stand still while the others move."""
+def before_move(exits, discs, low, high, features, parameters, control):
+    """`absorb`, where there are such edges; absorbed discs stand still while the others move."""
     if exits is not None:
         absorb(discs, low, high, exits, features, parameters, control)
 
 
 @inlined
-def rest(discs, low, high, exits):
+def after_flight(exits, discs, low, high):
     """`lay_to_rest`, where there are such edges."""
     if exits is not None:
         lay_to_rest(discs, low, high, exits)
 
 
 @inlined
-def bury(discs, low, high, exits, control):
-    """Bin the swallowed discs of a slice in a cell beyond the grid, where nobody looks for neighbours."""
+def after_binning(exits, discs, low, high, control):
+    """Bin the absorbed discs of a slice in a cell beyond the grid, where nobody looks for neighbours."""
     if exits is not None:
-        graveyard = (control[COLUMNS] + 1) * (control[ROWS] + 2) + 1
+        cell = (control[COLUMNS] + 1) * (control[ROWS] + 2) + 1
         for i in range(low, high):
             if exits[0, discs.id[i]] != 0:
-                discs.cell[i] = graveyard
+                discs.cell[i] = cell

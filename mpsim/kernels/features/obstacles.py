@@ -5,15 +5,36 @@ worker can do its own slice. A grid of its own tells which obstacles are near a 
 """
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from mpsim.kernels.bouncing import bounce_back
 from mpsim.kernels.compiling import compiled, inlined
-from mpsim.kernels.features.absorption import is_gone
-from mpsim.kernels.features.acceleration import bounce_back
-from mpsim.kernels.features.images import count_flight
+from mpsim.kernels.features.absorption import is_absent
+from mpsim.kernels.features.acceleration import acceleration_of
+from mpsim.kernels.features.images import confined, count_flight, wrapped
 from mpsim.kernels.layout import CONTACT, DIAMETER, DT, IMPACT, WALL_RESTITUTION, X_HIGH, X_LOW, Y_HIGH, Y_LOW
-from mpsim.kernels.optional import confined, own_or, pull_on, wrapped
+from mpsim.kernels.optional import own_or
+
+
+class Obstacles(NamedTuple):
+    """Capsules, and which of them are near a place.
+
+    capsule: shape (K, 5): ax, ay, bx, by, radius [length].
+    near: for each cell of a grid of its own, column-major, where its section of `index` begins, shape (cells + 1,).
+    index: numbers of capsules. grid: columns and rows, shape (2,).
+    per_length: columns per length along x and rows per length along y, shape (2,) [1/length].
+    """
+
+    capsule: Any
+    near: Any
+    index: Any
+    grid: Any
+    per_length: Any
+
+
+FIELDS = {"obstacles": Obstacles}
 
 
 @inlined
@@ -22,13 +43,13 @@ def nearest_offset(x, y, capsule, k):
     along_x, along_y = capsule[k, 2] - capsule[k, 0], capsule[k, 3] - capsule[k, 1]
     rx, ry = x - capsule[k, 0], y - capsule[k, 1]
     squared = along_x * along_x + along_y * along_y
-    part = rx * along_x + ry * along_y
-    if part <= 0 or squared == 0:
+    fraction = rx * along_x + ry * along_y
+    if fraction <= 0 or squared == 0:
         return rx, ry, False
-    if part >= squared:
+    if fraction >= squared:
         return x - capsule[k, 2], y - capsule[k, 3], False
-    part /= squared
-    return rx - part * along_x, ry - part * along_y, True
+    fraction /= squared
+    return rx - fraction * along_x, ry - fraction * along_y, True
 
 
 @inlined
@@ -47,7 +68,7 @@ def normal_of(rx, ry, distance, flat, capsule, k):
 def normal_at_touch(rx, ry, squared, reach, vx, vy, dt):
     """Unit vector from an end of a segment to where a disc that approaches it, and now overlaps, has touched it.
 
-    Found like the contact of two discs, along a straight way: -c / (sqrt(b^2 - v^2 c) - b). If that was before this
+    Found like the contact of two discs, along a straight line: -c / (sqrt(b^2 - v^2 c) - b). If that was before this
     step, the disc had been pushed in, and the direction is that from which it comes out.
     """
     b, c = rx * vx + ry * vy, squared - reach * reach
@@ -60,11 +81,11 @@ def normal_at_touch(rx, ry, squared, reach, vx, vy, dt):
 
 
 @inlined
-def meet_capsule(discs, i, k, capsule, radius, pull_x, pull_y, parameters, impact):
+def meet_capsule(discs, i, k, capsule, radius, ax, ay, parameters, impact):
     """Contact of the disc in slot i with obstacle k, if they overlap: by impact, or pushed out to its surface.
 
     Impact takes the side of a segment, and the plane that touches an end, for a wall: `bounce_back` keeps the energy
-    of discs that gravity pulls, and lets a disc rest.
+    of accelerated discs, and lets a disc rest.
     """
     offset_x, offset_y, flat = nearest_offset(discs.x[i], discs.y[i], capsule, k)
     reach = radius + capsule[k, 4]
@@ -79,16 +100,16 @@ def meet_capsule(discs, i, k, capsule, radius, pull_x, pull_y, parameters, impac
         if not flat:
             nx, ny = normal_at_touch(rx, ry, squared, reach, vx, vy, parameters[DT])
         depth, speed = reach - (rx * nx + ry * ny), -(vx * nx + vy * ny)
-        way, inward = bounce_back(depth, max(speed, 0.0), -(pull_x * nx + pull_y * ny), parameters)
-        way, change = way + depth, inward + speed
+        displacement, inward = bounce_back(depth, max(speed, 0.0), -(ax * nx + ay * ny), parameters)
+        displacement, change = displacement + depth, inward + speed
     else:
         along = vx * nx + vy * ny
         back = 1.0 + np.float64(parameters[WALL_RESTITUTION])
-        way, change = reach - distance, -back * along if along < 0 else 0.0
+        displacement, change = reach - distance, -back * along if along < 0 else 0.0
     discs.vx[i] += change * nx
     discs.vy[i] += change * ny
-    discs.x[i] += way * nx
-    discs.y[i] += way * ny
+    discs.x[i] += displacement * nx
+    discs.y[i] += displacement * ny
     return True
 
 
@@ -102,18 +123,18 @@ def meet_capsules(discs, low, high, features, parameters, control):
     columns, rows = obstacles.grid[0], obstacles.grid[1]
     for i in range(low, high):
         disc = discs.id[i]
-        if is_gone(features.exits, disc):
+        if is_absent(features.exits, disc):
             continue
         column = min(max(int(discs.x[i] * obstacles.per_length[0]), 0), columns - 1)
         row = min(max(int(discs.y[i] * obstacles.per_length[1]), 0), rows - 1)
         cell = column * rows + row
         radius = own_or(discs.radius, i, half)
-        pull_x = pull_on(features.gravity, features.acceleration, 0, disc, zero)
-        pull_y = pull_on(features.gravity, features.acceleration, 1, disc, zero)
+        ax = acceleration_of(features.gravity, features.acceleration, 0, disc, zero)
+        ay = acceleration_of(features.gravity, features.acceleration, 1, disc, zero)
         met = False
         for entry in range(obstacles.near[cell], obstacles.near[cell + 1]):
             k = obstacles.index[entry]
-            met |= meet_capsule(discs, i, k, obstacles.capsule, radius, pull_x, pull_y, parameters, impact)
+            met |= meet_capsule(discs, i, k, obstacles.capsule, radius, ax, ay, parameters, impact)
         if met:
             margin = own_or(discs.radius, i, zero)
             x = confined(discs.x[i], parameters[X_LOW], parameters[X_HIGH], margin, features.wrap_x)
@@ -126,7 +147,7 @@ def meet_capsules(discs, low, high, features, parameters, control):
 
 
 @inlined
-def meet_obstacles(discs, low, high, capsule, features, parameters, control):
-    """The above, where there are obstacles."""
-    if capsule is not None:
+def after_move(obstacles, discs, low, high, features, parameters, control):
+    """`meet_capsules`, where there are obstacles."""
+    if obstacles is not None:
         meet_capsules(discs, low, high, features, parameters, control)

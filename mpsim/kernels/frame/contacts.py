@@ -9,7 +9,11 @@ import math
 import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined
-from mpsim.kernels.features.absorption import is_gone
+from mpsim.kernels.features.acceleration import acceleration_of
+from mpsim.kernels.features.hooks import is_absent
+from mpsim.kernels.features.images import confined, seen_from
+from mpsim.kernels.features.masses import share
+from mpsim.kernels.features.radii import touching_distance
 from mpsim.kernels.frame.walls import keep_inside
 from mpsim.kernels.layout import (
     COLLISION,
@@ -37,7 +41,7 @@ from mpsim.kernels.layout import (
     Y_LOW,
 )
 from mpsim.kernels.machine import LANES, lowest_bit, natural, overlap_lanes
-from mpsim.kernels.optional import confined, has_any, own_or, pull_on, seen_from, share, touching_distance
+from mpsim.kernels.optional import own_or, presence_of_any
 
 
 @inlined
@@ -101,22 +105,25 @@ def push_contact(discs, i, j, image_x, image_y, features, parameters, law):
     x, y = apart(discs, i, j, image_x, image_y)
     nx, ny, distance = normalised(x, y, one)
     half = (touching_distance(discs.radius, i, j, parameters) - distance) / discs.x.dtype.type(2)
-    way_i = half * share(features.mass, discs.id[i], discs.id[j], one)
-    way_j = half * share(features.mass, discs.id[j], discs.id[i], one)
-    shift(discs, i, -nx * way_i, -ny * way_i, features, parameters)
-    shift(discs, j, nx * way_j, ny * way_j, features, parameters)
+    displacement_i = half * share(features.mass, discs.id[i], discs.id[j], one)
+    displacement_j = half * share(features.mass, discs.id[j], discs.id[i], one)
+    shift(discs, i, -nx * displacement_i, -ny * displacement_i, features, parameters)
+    shift(discs, j, nx * displacement_j, ny * displacement_j, features, parameters)
     return apply_law(discs, i, j, nx, ny, features, parameters, law)
 
 
 @inlined
-def pay(discs, i, j, image_x, image_y, start_i, start_j, features, parameters):
+def pay(accelerated, discs, i, j, image_x, image_y, start_i, start_j, features, parameters):
     """Keep the energy of two accelerated discs that a contact has moved from `start`: pairs (x, y).
 
     Uniform gravity does no work on a contact that keeps the centre of mass; where a wall confines one of the discs it
     does (both are lifted), and discs of different accelerations always meet some. The work W changes the velocity w
     with which they part or approach: w'^2 = w^2 + 2 W / mu, with the reduced mass mu. Discs that cannot pay are moved
-    as far as they can; where collisions lose energy, and discs may lie in heaps, all the way.
+    as far as they can; where collisions lose energy, and discs may lie in heaps, as far as they must.
+    accelerated: None where there is no acceleration to be paid for.
     """
+    if accelerated is None:
+        return
     one, two = discs.x.dtype.type(1), discs.x.dtype.type(2)
     work = work_since(discs, i, *start_i, features) + work_since(discs, j, *start_j, features)
     share_i = share(features.mass, discs.id[i], discs.id[j], one)
@@ -143,8 +150,8 @@ def pay(discs, i, j, image_x, image_y, start_i, start_j, features, parameters):
 def work_since(discs, i, x, y, features):
     """Work that its acceleration has done on disc i since it was at (x, y) [mass length^2/time^2]."""
     zero, one, disc = discs.x.dtype.type(0), discs.x.dtype.type(1), discs.id[i]
-    along_x = (discs.x[i] - x) * pull_on(features.gravity, features.acceleration, 0, disc, zero)
-    along_y = (discs.y[i] - y) * pull_on(features.gravity, features.acceleration, 1, disc, zero)
+    along_x = (discs.x[i] - x) * acceleration_of(features.gravity, features.acceleration, 0, disc, zero)
+    along_y = (discs.y[i] - y) * acceleration_of(features.gravity, features.acceleration, 1, disc, zero)
     return (along_x + along_y) * own_or(features.mass, disc, one)
 
 
@@ -154,7 +161,7 @@ def time_since_impact(discs, i, j, image_x, image_y, parameters):
 
     |r - u t| = D with r, u the relative position and velocity, b = r.u < 0 and c = r.r - D^2 < 0:
     t = (b + sqrt(b^2 - u.u c)) / u.u, which loses its digits where the overlap is small; its conjugate does not:
-    t = -c / (sqrt(b^2 - u.u c) - b). Discs that gravity pulls alike move uniformly against each other: it holds too.
+    t = -c / (sqrt(b^2 - u.u c) - b). Discs of the same acceleration move uniformly against each other: it holds too.
     """
     diameter = touching_distance(discs.radius, i, j, parameters)
     rx, ry = apart(discs, i, j, image_x, image_y)
@@ -178,8 +185,8 @@ def impact_contact(discs, i, j, image_x, image_y, features, parameters, control,
     start_i, start_j = (discs.x[i], discs.y[i]), (discs.x[j], discs.y[j])
     if not (time >= 0) & (time <= parameters[DT]):
         done = push_contact(discs, i, j, image_x, image_y, features, parameters, control[LAW])
-        if has_any(features.gravity, features.acceleration):
-            pay(discs, i, j, image_x, image_y, start_i, start_j, features, parameters)
+        accelerated = presence_of_any(features.gravity, features.acceleration)
+        pay(accelerated, discs, i, j, image_x, image_y, start_i, start_j, features, parameters)
         return done
     for disc in (i, j):
         discs.x[disc] -= discs.vx[disc] * time
@@ -192,8 +199,7 @@ def impact_contact(discs, i, j, image_x, image_y, features, parameters, control,
     for disc in (i, j):
         discs.x[disc] += discs.vx[disc] * time
         discs.y[disc] += discs.vy[disc] * time
-    if features.acceleration is not None:
-        pay(discs, i, j, image_x, image_y, start_i, start_j, features, parameters)
+    pay(features.acceleration, discs, i, j, image_x, image_y, start_i, start_j, features, parameters)
     for disc in (i, j):
         keep_inside(discs, disc, features, parameters, control, tally, frame)
     return done
@@ -209,8 +215,8 @@ def resolve_contact(discs, i, j, image_x, image_y, features, parameters, control
     else:
         impulse, nx, ny = push_contact(discs, i, j, image_x, image_y, features, parameters, control[LAW])
     if tally is not None:
-        part = touching_distance(discs.radius, i, j, parameters) / parameters[DIAMETER]
-        virial = impulse * part * np.float64(parameters[TALLY_SCALE])
+        relative = touching_distance(discs.radius, i, j, parameters) / parameters[DIAMETER]
+        virial = impulse * relative * np.float64(parameters[TALLY_SCALE])
         tally[frame, VIRIAL] += np.int64(virial)
         tally[frame, VIRIAL_XX] += np.int64(virial * nx * nx)
         tally[frame, VIRIAL_XY] += np.int64(virial * nx * ny)
@@ -219,7 +225,7 @@ def resolve_contact(discs, i, j, image_x, image_y, features, parameters, control
 
 @compiled
 def tally_depth(discs, i, j, image_x, image_y, parameters, tally, frame):
-    """Count a pair that is met and how deep it overlaps, as a part of the (largest) diameter."""
+    """Count a pair that is met and how deep it overlaps, as a fraction of the (largest) diameter."""
     x, y = apart(discs, i, j, image_x, image_y)
     _, _, distance = normalised(x, y, discs.x.dtype.type(1))
     overlap = touching_distance(discs.radius, i, j, parameters) - distance
@@ -250,7 +256,7 @@ def resolve_range(discs, i, first, last, image_x, image_y, features, parameters,
         mask = overlapping(discs, i, block, image_x, image_y, reach) & lanes
         while mask != 0:
             lane = lowest_bit(mask)
-            if not is_gone(features.exits, discs.id[block + lane]):
+            if not is_absent(features.exits, discs.id[block + lane]):
                 resolve_contact(discs, i, block + lane, image_x, image_y, features, parameters, control, tally, frame)
                 contacts += 1
             lanes &= ~((2 << lane) - 1)
@@ -425,7 +431,7 @@ def resolve_all_pairs(discs, features, control, parameters, tally, frame):
     """All pairs i < j in index order. Returns the number of contacts."""
     contacts, count = 0, control[COUNT]
     for i in range(count):
-        if not is_gone(features.exits, discs.id[i]):
+        if not is_absent(features.exits, discs.id[i]):
             contacts += resolve_range(discs, i, i + 1, count, None, None, features, parameters, control, tally, frame)
             contacts += resolve_images_y(
                 features.wrap_y, discs, i, count, None, features, parameters, control, tally, frame

@@ -11,16 +11,6 @@ from mpsim.kernels.machine import natural
 
 
 @inlined
-def take_out(discs, low, high, giants, control):
-    """Bin the giants of a slice in a cell of their own, beyond the grid."""
-    if giants is not None:
-        cell = (control[COLUMNS] + 1) * (control[ROWS] + 2)
-        for i in range(low, high):
-            if discs.radius[i] > giants[0]:
-                discs.cell[i] = cell
-
-
-@inlined
 def first_image(wrap):
     """Images of a disc along an axis: -1, 0 and 1 periods away where it is periodic, 0 elsewhere."""
     if wrap is None:

@@ -5,11 +5,19 @@ import math
 import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined
-from mpsim.kernels.features.absorption import is_gone, rest, swallow
-from mpsim.kernels.features.acceleration import fall
-from mpsim.kernels.features.images import count_flight
-from mpsim.kernels.features.obstacles import meet_obstacles
+from mpsim.kernels.features.acceleration import accelerate
+from mpsim.kernels.features.hooks import (
+    after_flight,
+    after_move,
+    before_move,
+    is_absent,
+    special_borders,
+    wall_speed,
+)
+from mpsim.kernels.features.images import count_flight, wrapped
+from mpsim.kernels.frame.parabolas import accelerated_motion
 from mpsim.kernels.frame.speed_limit import end_where_fast
+from mpsim.kernels.frame.wall_free import BLOCK, wall_free_motion
 from mpsim.kernels.frame.walls import reach_wall
 from mpsim.kernels.layout import (
     BAD,
@@ -27,23 +35,7 @@ from mpsim.kernels.layout import (
     Y_LOW,
 )
 from mpsim.kernels.machine import atomic_store
-from mpsim.kernels.optional import has_any, own_or, wall_speed, wrapped
-from mpsim.kernels.wall_free import BLOCK, glide
-
-
-@inlined
-def accelerate(discs, low, high, gravity, acceleration, parameters):
-    """v += a dt, for what the scene has: one acceleration for all, one per disc, or both. None compiles to nothing."""
-    if gravity is not None:
-        vx, vy = discs.vx[low:high], discs.vy[low:high]
-        kick_x, kick_y = gravity[0] * parameters[DT], gravity[1] * parameters[DT]
-        for i in range(high - low):
-            vx[i] += kick_x
-            vy[i] += kick_y
-    if acceleration is not None:
-        for i in range(low, high):
-            discs.vx[i] += acceleration[0, discs.id[i]] * parameters[DT]
-            discs.vy[i] += acceleration[1, discs.id[i]] * parameters[DT]
+from mpsim.kernels.optional import own_or, presence_of_any
 
 
 @inlined
@@ -86,32 +78,36 @@ def drift_between_walls(discs, low, high, parameters):
 
 
 @inlined
-def along_axis(p, v, axis_low, margin, wrap, piston, parameters):
+def along_axis(p, v, axis_low, margin, wrap, moving_wall, parameters):
     """One step along x (axis_low is X_LOW) or y (Y_LOW): through a periodic border, or up to the walls and back."""
     zero = parameters.dtype.type(0)
     p = wrapped(p, wrap) + v * parameters[DT]
     if wrap is not None:
         return wrapped(p, wrap), v
     low, high = parameters[axis_low] + margin, parameters[axis_low + 1] - margin
-    speeds = wall_speed(piston, axis_low, zero), wall_speed(piston, axis_low + 1, zero)
+    speeds = wall_speed(moving_wall, axis_low, zero), wall_speed(moving_wall, axis_low + 1, zero)
     if p - p != zero:  # not finite: found out by the caller
         return p, v
     return reach_wall(p, v, low, high, *speeds, parameters[WALL_BOUNCE], parameters[WALL_RESTITUTION])
 
 
 @compiled
-def drift_anyhow(discs, low, high, features, parameters):
-    """p += v dt with radii, periodic axes or a piston; returns True if a position or velocity is not finite."""
+def general_drift(discs, low, high, features, parameters):
+    """p += v dt with radii, periodic axes or walls that move; returns True if a position or velocity is not finite."""
     zero = discs.x.dtype.type(0)
     bad = False
     for first in range(low, high, BLOCK):
         last = min(first + BLOCK, high)
-        if glide(discs, first, last, None, None, None, None, parameters):
+        if wall_free_motion(discs, first, last, None, None, None, None, parameters):
             continue
         for i in range(first, last):
             margin = own_or(discs.radius, i, zero)
-            x, vx = along_axis(discs.x[i], discs.vx[i], X_LOW, margin, features.wrap_x, features.piston, parameters)
-            y, vy = along_axis(discs.y[i], discs.vy[i], Y_LOW, margin, features.wrap_y, features.piston, parameters)
+            x, vx = along_axis(
+                discs.x[i], discs.vx[i], X_LOW, margin, features.wrap_x, features.moving_wall, parameters
+            )
+            y, vy = along_axis(
+                discs.y[i], discs.vy[i], Y_LOW, margin, features.wrap_y, features.moving_wall, parameters
+            )
             count_flight(discs, i, x, y, vx * parameters[DT], vy * parameters[DT], features)
             discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x, y, vx, vy
             bad |= not ((x - x == zero) & (y - y == zero) & (vx - vx == zero) & (vy - vy == zero))
@@ -119,15 +115,14 @@ def drift_anyhow(discs, low, high, features, parameters):
 
 
 @inlined
-def drift(discs, low, high, radius, wrap_x, wrap_y, piston, features, parameters):
-    """p += v dt, walls and borders; returns True if a position or velocity is not finite."""
-    # Numba drops the branch of a test of one argument, not of several at once.
-    if radius is None:  # noqa: SIM102
-        if wrap_x is None:  # noqa: SIM102
-            if wrap_y is None:  # noqa: SIM102
-                if piston is None:
-                    return drift_between_walls(discs, low, high, parameters)
-    return drift_anyhow(discs, low, high, features, parameters)
+def drift(discs, low, high, special, features, parameters):
+    """p += v dt, walls and borders; returns True if a position or velocity is not finite.
+
+    special: None where all discs have one radius and all borders are walls at rest.
+    """
+    if special is None:
+        return drift_between_walls(discs, low, high, parameters)
+    return general_drift(discs, low, high, features, parameters)
 
 
 @compiled
@@ -137,7 +132,7 @@ def tally_walls(discs, low, high, features, parameters, tally, frame):
     zero, one = discs.x.dtype.type(0), discs.x.dtype.type(1)
     walls_x, walls_y = features.wrap_x is None, features.wrap_y is None
     for i in range(low, high):
-        if is_gone(features.exits, discs.id[i]):
+        if is_absent(features.exits, discs.id[i]):
             continue
         margin = own_or(discs.radius, i, zero)
         gain = (1 + parameters[WALL_RESTITUTION]) * own_or(features.mass, discs.id[i], one)
@@ -145,8 +140,8 @@ def tally_walls(discs, low, high, features, parameters, tally, frame):
         px = discs.x[i] + ux * dt
         py = discs.y[i] + uy * dt
         for limit, p, u, walls in ((X_LOW, px, ux, walls_x), (Y_LOW, py, uy, walls_y)):
-            slow = u - wall_speed(features.piston, limit, zero)
-            fast = u - wall_speed(features.piston, limit + 1, zero)
+            slow = u - wall_speed(features.moving_wall, limit, zero)
+            fast = u - wall_speed(features.moving_wall, limit + 1, zero)
             if walls and p < parameters[limit] + margin and slow < 0:
                 tally[frame, limit - X_LOW] -= np.int64(gain * slow * scale)
             if walls and p > parameters[limit + 1] - margin and fast > 0:
@@ -165,23 +160,32 @@ def worst_slot(discs, low, high):
     return worst
 
 
+@inlined
+def flight(discs, low, high, accelerated, features, parameters, control, tally, frame):
+    """Acceleration, flight and walls for a slice; returns True if a disc is not finite.
+
+    accelerated: None where no disc is.
+    """
+    if accelerated is not None:  # noqa: SIM102 - a test of its own, which the compiler drops
+        if control[CONTACT] == IMPACT:
+            return accelerated_motion(discs, low, high, features, parameters, tally, frame)
+    accelerate(discs, low, high, features.gravity, features.acceleration, parameters)
+    if tally is not None:
+        tally_walls(discs, low, high, features, parameters, tally, frame)
+    return drift(discs, low, high, presence_of_any(discs.radius, special_borders(features)), features, parameters)
+
+
 @compiled
 def move(discs, low, high, features, parameters, control, mine, tally):
     """Advance a slice. False: a disc is not finite, and nothing may be binned by its position."""
     end_where_fast(discs, low, high, parameters, control, mine)
-    swallow(discs, low, high, features.exits, features, parameters, control)
-    if has_any(features.gravity, features.acceleration) and control[CONTACT] == IMPACT:
-        bad = fall(discs, low, high, features, parameters, tally, mine[FRAME])
-    else:
-        accelerate(discs, low, high, features.gravity, features.acceleration, parameters)
-        if tally is not None:
-            tally_walls(discs, low, high, features, parameters, tally, mine[FRAME])
-        wrap_x, wrap_y, piston = features.wrap_x, features.wrap_y, features.piston
-        bad = drift(discs, low, high, discs.radius, wrap_x, wrap_y, piston, features, parameters)
-    rest(discs, low, high, features.exits)
+    before_move(discs, low, high, features, parameters, control)
+    accelerated = presence_of_any(features.gravity, features.acceleration)
+    bad = flight(discs, low, high, accelerated, features, parameters, control, tally, mine[FRAME])
+    after_flight(discs, low, high, features)
     if bad:
         mine[BAD_SLOT] = worst_slot(discs, low, high)
         atomic_store(control, BAD, 1)
         return False
-    meet_obstacles(discs, low, high, features.obstacles.capsule, features, parameters, control)
+    after_move(discs, low, high, features, parameters, control)
     return True

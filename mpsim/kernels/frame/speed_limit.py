@@ -10,17 +10,16 @@ import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.layout import FAST, FASTEST, FASTEST_DISC, FASTEST_SCALE, FRAME, FRAMES
-from mpsim.kernels.optional import own_or
-from mpsim.kernels.wall_free import part_of
+from mpsim.kernels.optional import own_or, slice_of
 
 MOST = 2.0**40
-"""Largest speed that is reported, in parts of the limit: more does not fit the word."""
+"""Largest speed that is reported, in units of the limit: more does not fit the word."""
 
 
 @compiled
 def any_fast(discs, low, high, parameters):
     """Whether a disc of a slice is beyond the limit. What is not finite is not."""
-    vx, vy, radius = discs.vx[low:high], discs.vy[low:high], part_of(discs.radius, low, high)
+    vx, vy, radius = discs.vx[low:high], discs.vy[low:high], slice_of(discs.radius, low, high)
     limit, one = parameters[FAST], parameters.dtype.type(1)
     fast = False
     for i in range(high - low):
@@ -37,10 +36,10 @@ def note_fastest(discs, low, high, parameters, mine):
         vx, vy, own = np.float64(discs.vx[i]), np.float64(discs.vy[i]), np.float64(own_or(discs.radius, i, 1.0))
         square = vx * vx + vy * vy
         if square > limit * own * own:
-            part = MOST
+            ratio = MOST
             if square < MOST * MOST * limit * own * own:
-                part = math.sqrt(square / (limit * own * own))
-            scaled = np.int64(part * FASTEST_SCALE)
+                ratio = math.sqrt(square / (limit * own * own))
+            scaled = np.int64(ratio * FASTEST_SCALE)
             if scaled > mine[FASTEST] or (scaled == mine[FASTEST] and discs.id[i] < mine[FASTEST_DISC]):
                 mine[FASTEST], mine[FASTEST_DISC] = scaled, discs.id[i]
 

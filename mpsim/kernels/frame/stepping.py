@@ -27,10 +27,9 @@ nothing but the state in particle order: not on the workers, nor on the memory o
 """
 
 from mpsim.kernels.compiling import compiled, inlined
-from mpsim.kernels.features.absorption import bury
-from mpsim.kernels.features.piston import advance_piston
+from mpsim.kernels.features.hooks import after_binning, before_step
 from mpsim.kernels.frame.contacts import resolve_all_pairs, resolve_columns
-from mpsim.kernels.frame.giants import resolve_giants, take_out
+from mpsim.kernels.frame.giants import resolve_giants
 from mpsim.kernels.frame.motion import move
 from mpsim.kernels.frame.sorting import bin_discs, count_cells, sort
 from mpsim.kernels.layout import (
@@ -87,7 +86,7 @@ def enter(mine, phase):
 
 @compiled
 def meet(control, mine, times, since):
-    """Barrier, its waiting time recorded. Returns the time now; the abort word tells whether to go on."""
+    """Barrier, its waiting time recorded. Returns the time now; the abort word says whether to continue."""
     if control[WORKERS] > 1:
         enter(mine, WAIT)
         barrier(control, mine)
@@ -114,8 +113,7 @@ def step(front, back, start, outbox, features, parameters, control, team, sent, 
     enter(mine, MOVE)
     if move(front, mine[LOW], mine[HIGH], features, parameters, control, mine, tally):
         bin_discs(front, mine[LOW], mine[HIGH], parameters, control)
-        take_out(front, mine[LOW], mine[HIGH], features.giants, control)
-        bury(front, mine[LOW], mine[HIGH], features.exits, control)
+        after_binning(front, mine[LOW], mine[HIGH], features, control)
         count_cells(front, start, outbox, sent[worker], team, worker, control)
     moment = record(times, mine, MOVE, moment)
     moment = meet(control, mine, times, moment)
@@ -126,7 +124,7 @@ def step(front, back, start, outbox, features, parameters, control, team, sent, 
     enter(mine, SORT)
     if worker == 0:
         control[STEPS] += 1
-        advance_piston(features.piston, parameters, control)
+        before_step(features, parameters, control)
     slot, end = sort(front, back, start, outbox, team, sent, worker, control)
     moment = record(times, mine, SORT, moment)
     moment = meet(control, mine, times, moment)
@@ -182,9 +180,9 @@ def run_frames(front, back, start, outbox, features, parameters, control, team, 
             front, back = back, front
         mine[FRAME] += 1
     if control[WORKERS] > 1:
-        barrier(control, mine)  # nobody still writes its times when the coordinator goes on
+        barrier(control, mine)  # nobody still writes its times when the coordinator continues
     if worker == 0:
-        # In here rather than in Python, where Ctrl-C could come between the frames and the word on where they ended.
+        # In here rather than in Python, where Ctrl-C could come between the frames and the note of where they ended.
         control[LIVE] ^= (control[FRAMES] * control[SUBSTEPS]) & 1
         control[DONE] += control[FRAMES]
     mine[FRAME] = 0
@@ -195,7 +193,7 @@ def run_frames(front, back, start, outbox, features, parameters, control, team, 
 def run_grid(a, b, start, outbox, features, parameters, control, team, sent, tally, times, worker, linger):
     """Frames of `grid` (one worker) or `parallel`, for one worker.
 
-    The coordinator, worker 0, gives the command and does its part of it; as that happens in here, nothing can come
+    The coordinator, worker 0, gives the command and does its share of it; as that happens in here, nothing can come
     between the two. Any other worker runs commands as they come, until none has come for `linger` nanoseconds (IDLE)
     or a message waits (MAILED). control[LIVE] says which of the buffers a and b holds the state.
     times: int64 (frames, phases) and tally: int64 (frames, tallies) or None, of this worker, zero at first.
@@ -238,7 +236,7 @@ def run_naive(discs, features, parameters, control, team, tally, times):
                 return BAD_STATE
             moment = record(times, mine, MOVE, moment)
             control[STEPS] += 1
-            advance_piston(features.piston, parameters, control)
+            before_step(features, parameters, control)
             enter(mine, EVEN)
             for _turn in range(control[PASSES]):
                 mine[COLLISIONS] += resolve_all_pairs(discs, features, control, parameters, tally, mine[FRAME])

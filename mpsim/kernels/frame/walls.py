@@ -1,9 +1,13 @@
 """Walls as discs meet them that a flight, or the impact of another disc, has led beyond."""
 
+import numpy as np
+
+from mpsim.kernels.bouncing import bounce_back
 from mpsim.kernels.compiling import compiled, inlined
-from mpsim.kernels.features.acceleration import bounce_between, count_impulses
-from mpsim.kernels.layout import WALL_BOUNCE, WALL_RESTITUTION, X_LOW, Y_LOW
-from mpsim.kernels.optional import absorbs, has_any, own_or, pull_on, wall_place, wall_speed
+from mpsim.kernels.features.acceleration import acceleration_of
+from mpsim.kernels.features.hooks import is_absent, lets_out, wall_place, wall_speed
+from mpsim.kernels.layout import TALLY_SCALE, WALL_BOUNCE, WALL_RESTITUTION, X_LOW, Y_LOW
+from mpsim.kernels.optional import own_or, presence_of_any
 
 
 @inlined
@@ -21,35 +25,64 @@ def reach_wall(p, v, low, high, low_speed, high_speed, bounce, restitution):
 
 
 @inlined
-def is_between(p, axis_low, margin, wrap, piston, parameters):
+def bounce_between(p, v, acceleration, low, high, low_speed, high_speed, parameters):
+    """Place and velocity of an accelerated disc that a flight has led to p, between walls that may move."""
+    if p < low:
+        inside, inward = bounce_back(low - p, low_speed - v, -acceleration, parameters)
+        return min(low + inside, high), low_speed + inward
+    if p > high:
+        inside, inward = bounce_back(p - high, v - high_speed, acceleration, parameters)
+        return max(high - inside, low), high_speed - inward
+    return p, v
+
+
+@inlined
+def turn_back(p, v, acceleration, accelerated, low, high, low_speed, high_speed, parameters):
+    """Place and velocity of a disc that a flight has led to p; `accelerated` is None where no disc is."""
+    if accelerated is None:
+        bounce, restitution = parameters[WALL_BOUNCE], parameters[WALL_RESTITUTION]
+        return reach_wall(p, v, low, high, low_speed, high_speed, bounce, restitution)
+    return bounce_between(p, v, acceleration, low, high, low_speed, high_speed, parameters)
+
+
+@inlined
+def is_between(p, axis_low, margin, wrap, moving_wall, parameters):
     """Whether p is not beyond a wall along x (axis_low is X_LOW) or y (Y_LOW). True for what is not a number."""
     if wrap is not None:
         return True
-    low = wall_place(piston, axis_low, parameters) + margin
-    high = wall_place(piston, axis_low + 1, parameters) - margin
+    low = wall_place(moving_wall, axis_low, parameters) + margin
+    high = wall_place(moving_wall, axis_low + 1, parameters) - margin
     return not ((p < low) | (p > high))
 
 
 @inlined
-def bounce_along(p, v, pull, axis_low, margin, wrap, features, parameters, control):
+def count_impulses(left, right, bottom, top, disc, features, parameters, tally, frame):
+    """Add up the impulses on the walls that have changed the velocity of a disc by so much."""
+    if tally is not None and not is_absent(features.exits, disc):
+        scale = np.float64(parameters[TALLY_SCALE]) * own_or(features.mass, disc, parameters.dtype.type(1))
+        for wall, change in enumerate((left, right, bottom, top)):
+            tally[frame, wall] += np.int64(change * scale)
+
+
+@inlined
+def bounce_along(p, v, acceleration, axis_low, margin, wrap, features, parameters, control):
     """Place and velocity along one axis, and what the low and the high wall have changed it by.
 
-    At an edge that absorbs, the disc is put on the edge and goes on: the next step takes it out.
+    At an edge that absorbs, the disc is put on the edge and continues: the next step takes it out.
     """
     zero = parameters.dtype.type(0)
     if wrap is not None:
         return p, v, zero, zero
-    low = wall_place(features.piston, axis_low, parameters) + margin
-    high = wall_place(features.piston, axis_low + 1, parameters) - margin
-    if (p < low) & absorbs(features.exits, control, axis_low):
+    low = wall_place(features.moving_wall, axis_low, parameters) + margin
+    high = wall_place(features.moving_wall, axis_low + 1, parameters) - margin
+    if (p < low) & lets_out(features.exits, control, axis_low):
         return low, v, zero, zero
-    if (p > high) & absorbs(features.exits, control, axis_low + 1):
+    if (p > high) & lets_out(features.exits, control, axis_low + 1):
         return high, v, zero, zero
-    speeds = wall_speed(features.piston, axis_low, zero), wall_speed(features.piston, axis_low + 1, zero)
-    if has_any(features.gravity, features.acceleration):
-        place, turned = bounce_between(p, v, pull, low, high, *speeds, parameters)
-    else:
-        place, turned = reach_wall(p, v, low, high, *speeds, parameters[WALL_BOUNCE], parameters[WALL_RESTITUTION])
+    speeds = wall_speed(features.moving_wall, axis_low, zero), wall_speed(features.moving_wall, axis_low + 1, zero)
+    place, turned = turn_back(
+        p, v, acceleration, presence_of_any(features.gravity, features.acceleration), low, high, *speeds, parameters
+    )
     return place, turned, turned - v if p < low else zero, v - turned if p > high else zero
 
 
@@ -59,13 +92,13 @@ def bounce(discs, i, features, parameters, control, tally, frame):
     zero = discs.x.dtype.type(0)
     disc = discs.id[i]
     margin = own_or(discs.radius, i, zero)
-    pull_x = pull_on(features.gravity, features.acceleration, 0, disc, zero)
-    pull_y = pull_on(features.gravity, features.acceleration, 1, disc, zero)
+    ax = acceleration_of(features.gravity, features.acceleration, 0, disc, zero)
+    ay = acceleration_of(features.gravity, features.acceleration, 1, disc, zero)
     x, vx, left, right = bounce_along(
-        discs.x[i], discs.vx[i], pull_x, X_LOW, margin, features.wrap_x, features, parameters, control
+        discs.x[i], discs.vx[i], ax, X_LOW, margin, features.wrap_x, features, parameters, control
     )
     y, vy, bottom, top = bounce_along(
-        discs.y[i], discs.vy[i], pull_y, Y_LOW, margin, features.wrap_y, features, parameters, control
+        discs.y[i], discs.vy[i], ay, Y_LOW, margin, features.wrap_y, features, parameters, control
     )
     discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x, y, vx, vy
     count_impulses(left, right, bottom, top, disc, features, parameters, tally, frame)
@@ -75,7 +108,7 @@ def bounce(discs, i, features, parameters, control, tally, frame):
 def keep_inside(discs, i, features, parameters, control, tally, frame):
     """`bounce`, if an impact has led disc i beyond a wall: seldom, so the bounce is a call."""
     margin = own_or(discs.radius, i, discs.x.dtype.type(0))
-    free_x = is_between(discs.x[i], X_LOW, margin, features.wrap_x, features.piston, parameters)
-    free_y = is_between(discs.y[i], Y_LOW, margin, features.wrap_y, features.piston, parameters)
+    free_x = is_between(discs.x[i], X_LOW, margin, features.wrap_x, features.moving_wall, parameters)
+    free_y = is_between(discs.y[i], Y_LOW, margin, features.wrap_y, features.moving_wall, parameters)
     if not (free_x & free_y):
         bounce(discs, i, features, parameters, control, tally, frame)

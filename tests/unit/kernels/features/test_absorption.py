@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from support.arrays import BARE, control_of, discs_of
+from support.arrays import control_of, discs_of
 from support.internals import parameters
 
 from mpsim.kernels import layout
 from mpsim.kernels.features.absorption import absorb
-from mpsim.kernels.features.acceleration import fall
+from mpsim.kernels.features.hooks import BARE
 from mpsim.kernels.frame.motion import tally_walls
+from mpsim.kernels.frame.parabolas import accelerated_motion
 
 
 def exits_after(edges, velocity, gravity=None, contact=layout.PUSH):
@@ -21,7 +22,7 @@ def exits_after(edges, velocity, gravity=None, contact=layout.PUSH):
     return exits[:, 0].tolist()
 
 
-def test_an_edge_swallows_what_the_step_would_bring_beyond_it():
+def test_an_edge_absorbs_what_the_step_would_bring_beyond_it():
     left, bottom = 1, 4
     assert exits_after(left, (-1.5, 0)) == [1, 0.75, 0.75]
     assert exits_after(left, (-1.0, 0)) == [0, 0, 0], "to touch the edge is not to leave"
@@ -30,19 +31,19 @@ def test_an_edge_swallows_what_the_step_would_bring_beyond_it():
 
 
 @pytest.mark.parametrize(("contact", "least"), [(layout.PUSH, 4), (layout.IMPACT, 8)])
-def test_an_edge_swallows_what_gravity_brings_to_it(contact, least):
+def test_an_edge_absorbs_what_gravity_brings_to_it(contact, least):
     """1/4 in a time 1/4 from rest: v += g dt, y += v dt needs g = 4, a parabola 8."""
     bottom = 4
     assert exits_after(bottom, (0, 0), (0, -least), contact)[0] == 0
     assert exits_after(bottom, (0, 0), (0, -least * 1.001), contact)[0] == 1
 
 
-@pytest.mark.parametrize("gone", [0, 1])
-def test_an_edge_takes_no_impulse_from_a_disc_that_it_has_swallowed(gone):
+@pytest.mark.parametrize("absorbed", [0, 1])
+def test_an_edge_takes_no_impulse_from_a_disc_that_it_has_absorbed(absorbed):
     """A disc of mass 1 that would bounce off the floor at speed 2 in this step, falling or not."""
     values, tally = parameters(dt=0.25), np.zeros((1, layout.TALLIES), np.int64)
-    features = BARE._replace(exits=np.array([[gone], [5], [0.75]], float), gravity=np.array([0.0, 0.0]))
+    features = BARE._replace(exits=np.array([[absorbed], [5], [0.75]], float), gravity=np.array([0.0, 0.0]))
     discs = discs_of(np.float64, [5.0], [0.75], [0.0], [-2.0])
     tally_walls(discs, 0, 1, features, values, tally, 0)
-    fall(discs, 0, 1, features, values, tally, 0)
-    assert tally[0, layout.BOTTOM] / values[layout.TALLY_SCALE] == (0 if gone else 8)
+    accelerated_motion(discs, 0, 1, features, values, tally, 0)
+    assert tally[0, layout.BOTTOM] / values[layout.TALLY_SCALE] == (0 if absorbed else 8)

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from support.arrays import BARE, control_of, discs_of, parameters_of
+from support.arrays import control_of, discs_of, parameters_of
 from support.internals import machine_code, parameters
 
 import mpsim
-from mpsim.engine import feature_arrays
-from mpsim.kernels import layout
+from mpsim.features.obstacles import OBSTACLES
 from mpsim.kernels.features import obstacles
+from mpsim.kernels.features.hooks import features_of
 from mpsim.kernels.features.obstacles import meet_capsules
 
 meet_capsule = machine_code(obstacles.meet_capsule)
@@ -86,9 +86,12 @@ def test_an_obstacle_never_puts_a_disc_beyond_a_periodic_border():
     scene = mpsim.Scene(
         width=20, height=20, position=[[0.5, 10]], velocity=[[0, 0]], radius=0.5, boundary="periodic", obstacles=peg
     )
-    obstacles = layout.Obstacles(**feature_arrays.obstacle_arrays(scene))
+    arrays = {
+        name: np.zeros(shape, dtype) for name, (dtype, shape) in OBSTACLES.shapes(scene, 1, np.dtype(float)).items()
+    }
+    OBSTACLES.fill(scene, arrays, 0.0)
     wrap = np.array([20.0])
-    features = BARE._replace(wrap_x=wrap, wrap_y=wrap, image=np.zeros((2, 1), np.int64), obstacles=obstacles)
+    features = features_of(arrays | {"wrap_x": wrap, "wrap_y": wrap, "image": np.zeros((2, 1), np.int64)})
     discs = discs_of(np.float64, [0.5], [10.0])
     meet_capsules(discs, 0, 1, features, parameters_of(np.float64, 20, 20), control_of(1))
     assert (discs.x[0], discs.y[0]) == (15.5, 10)

@@ -6,7 +6,7 @@ from support.arrays import control_of
 from support.internals import machine_code, parameters
 
 from mpsim.kernels import layout
-from mpsim.kernels.features.piston import place_wall
+from mpsim.kernels.features.piston import NOW, before_step
 from mpsim.kernels.frame import motion
 
 along_axis = machine_code(motion.along_axis)
@@ -31,6 +31,6 @@ def test_a_piston_stands_where_its_time_says_until_it_stops():
     found = []
     for step in range(4):
         control[layout.STEPS] = step
-        place_wall(piston, values, control)
-        found.append((values[layout.X_HIGH], piston[layout.PISTON_NOW]))
+        before_step(piston, values, control)
+        found.append((values[layout.X_HIGH], piston[NOW]))
     assert found == [(9.25, -1), (9.0, -1), (8.9, 0), (8.9, 0)]

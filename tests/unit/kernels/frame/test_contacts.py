@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from support.arrays import BARE, control_of, discs_of, parameters_of
+from support.arrays import control_of, discs_of, parameters_of
 from support.internals import machine_code
 
+from mpsim.kernels.features.hooks import BARE
 from mpsim.kernels.frame import contacts
 from mpsim.kernels.frame.contacts import resolve_all_pairs
 from mpsim.kernels.layout import CONTACT, ELASTIC, EXCHANGE, IMPACT, REFLECT

@@ -2,14 +2,17 @@
 
 import numpy as np
 import pytest
-from support.arrays import BARE, control_of, discs_of, parameters_of, team_of
+from support.arrays import control_of, discs_of, parameters_of, team_of
 from support.internals import machine_code
 
 from mpsim.kernels import layout
+from mpsim.kernels.features import acceleration
+from mpsim.kernels.features.hooks import BARE
 from mpsim.kernels.frame import motion
 from mpsim.kernels.frame.motion import move, worst_slot
 
-accelerate, drift_between_walls = map(machine_code, (motion.accelerate, motion.drift_between_walls))
+accelerate, drift_between_walls = map(machine_code, (acceleration.accelerate, motion.drift_between_walls))
+
 REALS = [np.float32, np.float64]
 WIDTH, HEIGHT = 10.0, 6.0
 

@@ -2,18 +2,10 @@
 
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.layout import DT, X_HIGH, X_LOW, Y_HIGH, Y_LOW
-from mpsim.kernels.optional import own_or
+from mpsim.kernels.optional import own_or, slice_of
 
 BLOCK = 64
 """Discs that are looked at together."""
-
-
-@inlined
-def part_of(values, low, high):
-    """A slice, where there is something to slice."""
-    if values is None:
-        return None
-    return values[low:high]
 
 
 @inlined
@@ -33,7 +25,7 @@ def eased(v, half_kick):
 
 
 @inlined
-def glide(discs, low, high, kick_x, kick_y, half_x, half_y, parameters):
+def wall_free_motion(discs, low, high, kick_x, kick_y, half_x, half_y, parameters):
     """Advance a block of discs in free flight, unless one starts or ends beyond a limit. Returns whether it did.
 
     kick: change of each velocity component in the step, half: half of it; None without acceleration. What is not finite
@@ -41,7 +33,7 @@ def glide(discs, low, high, kick_x, kick_y, half_x, half_y, parameters):
     """
     zero, dt = parameters.dtype.type(0), parameters[DT]
     x, y, vx, vy = discs.x[low:high], discs.y[low:high], discs.vx[low:high], discs.vy[low:high]
-    radius = part_of(discs.radius, low, high)
+    radius = slice_of(discs.radius, low, high)
     x_low, x_high, y_low, y_high = parameters[X_LOW], parameters[X_HIGH], parameters[Y_LOW], parameters[Y_HIGH]
     free = True
     for i in range(high - low):

@@ -7,9 +7,9 @@ from support.internals import machine_code, parameters, wall_impulses
 from support.scenes import simulate
 
 import mpsim
-from mpsim.kernels.features import acceleration
+from mpsim.kernels import bouncing
 
-bounce_back = machine_code(acceleration.bounce_back)
+bounce_back = machine_code(bouncing.bounce_back)
 
 
 @pytest.mark.parametrize(("restitution", "expected"), [(1.0, (3.5 / 9, 3.0)), (0.5, (1.5 / 9, 1.0)), (0.0, (0, 0))])

@@ -1,0 +1,34 @@
+"""The bounce of an accelerated disc off a wall at rest under contact `impact`: along its parabola, exact.
+
+The report's v += a dt, p += v dt, with a bounce where the frame ended, loses or gains energy at each bounce. Here a
+disc that ends a step beyond a wall is taken back along its parabola to the instant at which it touched, turned round
+there, and let go on. With depth d beyond the wall, speed s outward now and acceleration A outward:
+
+    speed at the wall   c = sqrt(s^2 - 2 A d)             energy
+    time since then     t = 2 d / (s + c)                 mean speed (s + c) / 2 over the distance d
+    now                 e c t - A t^2 / 2 inside, moving inward at e c - A t
+"""
+
+import numpy as np
+
+from mpsim.kernels.compiling import inlined
+from mpsim.kernels.layout import DT, WALL_RESTITUTION
+
+
+@inlined
+def bounce_back(depth, speed, acceleration, parameters):
+    """(distance inside, speed inward) of a disc `depth` beyond a wall; speed and acceleration are outward.
+
+    A disc that moves inward, and was not carried out by its flight, is put at the wall and pays for that.
+    """
+    zero, two = parameters.dtype.type(0), parameters.dtype.type(2)  # whole numbers would make float64 of float32
+    at_wall = np.sqrt(max(speed * speed - two * acceleration * depth, zero))
+    if speed + at_wall <= zero:
+        return zero, at_wall
+    time = min(two * depth / (speed + at_wall), parameters[DT])
+    inward = parameters[WALL_RESTITUTION] * at_wall
+    inside = (inward - acceleration * time / two) * time
+    inward -= acceleration * time
+    if inside < zero:  # it does not leave the wall any more: it rests there
+        return zero, max(inward, zero)
+    return inside, inward

@@ -1,0 +1,85 @@
+"""Which features there are, what a scene has of them, and at which points of a step they act.
+
+Everybody else walks these lists. A new feature is a file with its FIELDS, an entry in FEATURES, and a line at each
+point where it acts. What acts there takes its own field first, so that it compiles to nothing where that is None.
+"""
+
+from collections import namedtuple
+from collections.abc import Mapping
+from typing import Any
+
+from mpsim.kernels.compiling import inlined
+from mpsim.kernels.features import absorption, acceleration, images, masses, obstacles, piston, radii
+from mpsim.kernels.optional import presence_of_any
+
+FEATURES = (acceleration, masses, images, absorption, piston, radii, obstacles)
+"""Their FIELDS are those of `Features`: of each the name of its array, or the class of a record of several."""
+
+Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
+"""What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it."""
+
+BARE = Features(*[None] * len(Features._fields))
+"""Of a scene without features."""
+
+
+def features_of(arrays: Mapping[str, Any]) -> Any:
+    """The `Features` of a scene, from its arrays by name; field f of a record r is the array "r.f"."""
+    found: dict[str, Any] = {}
+    for feature in FEATURES:
+        for name, source in feature.FIELDS.items():
+            if isinstance(source, str):
+                found[name] = arrays.get(source)
+            elif f"{name}.{source._fields[0]}" in arrays:
+                found[name] = source(*(arrays[f"{name}.{field}"] for field in source._fields))
+    return BARE._replace(**found)
+
+
+# --- what a feature may answer ------------------------------------------------------------------------------------
+
+wall_speed, wall_place = piston.wall_speed, piston.wall_place
+is_absent, lets_out = absorption.is_absent, absorption.lets_out
+
+
+@inlined
+def special_borders(features):
+    """None where all four borders are walls at rest, which the vector code of motion is made for."""
+    return presence_of_any(presence_of_any(features.wrap_x, features.wrap_y), features.moving_wall)
+
+
+# --- the points of a step, in their order -------------------------------------------------------------------------
+
+
+@inlined
+def before_move(discs, low, high, features, parameters, control):
+    """Before the discs of a slice are moved."""
+    absorption.before_move(features.exits, discs, low, high, features, parameters, control)
+
+
+@inlined
+def after_flight(discs, low, high, features):
+    """After their flight and its bounces off walls, before anybody looks whether they are finite."""
+    absorption.after_flight(features.exits, discs, low, high)
+
+
+@inlined
+def after_move(discs, low, high, features, parameters, control):
+    """When all discs of the slice are known to be finite: contacts that a disc has alone, in any order of discs."""
+    obstacles.after_move(features.obstacles, discs, low, high, features, parameters, control)
+
+
+@inlined
+def after_binning(discs, low, high, features, control):
+    """When the discs of the slice have cells, which can be changed: a later line has the last word."""
+    radii.after_binning(features.giants, discs, low, high, control)
+    absorption.after_binning(features.exits, discs, low, high, control)
+
+
+@inlined
+def before_step(features, parameters, control):
+    """Before the next step: by one worker between the motion and the contacts of a step, when nobody looks at walls."""
+    piston.before_step(features.moving_wall, parameters, control)
+
+
+def prepare_step(arrays: Mapping[str, Any]) -> None:
+    """`before_step` for the arrays of a block, after the parameters were written anew."""
+    before_step(features_of(arrays), arrays["parameters"], arrays["control"])

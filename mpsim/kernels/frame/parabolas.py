@@ -1,0 +1,72 @@
+"""Accelerated motion under contact `impact`: one step along exact parabolas, with bounces off walls that may move."""
+
+from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.features.acceleration import acceleration_of
+from mpsim.kernels.features.hooks import wall_speed
+from mpsim.kernels.features.images import count_flight, wrapped
+from mpsim.kernels.frame.wall_free import BLOCK, wall_free_motion
+from mpsim.kernels.frame.walls import bounce_between, count_impulses
+from mpsim.kernels.layout import DT, X_LOW, Y_LOW
+from mpsim.kernels.optional import own_or
+
+
+@inlined
+def along_parabola(p, v, acceleration, axis_low, margin, wrap, moving_wall, parameters):
+    """One step along x (X_LOW) or y (Y_LOW): place, velocity, and what the low and the high wall have changed it by."""
+    zero, two = parameters.dtype.type(0), parameters.dtype.type(2)
+    dt = parameters[DT]
+    v += acceleration * dt
+    p = wrapped(p, wrap) + (v - acceleration * dt / two) * dt
+    if wrap is not None:
+        return wrapped(p, wrap), v, zero, zero
+    low, high = parameters[axis_low] + margin, parameters[axis_low + 1] - margin
+    if p - p != zero:  # not finite: found out by the caller
+        return p, v, zero, zero
+    speeds = wall_speed(moving_wall, axis_low, zero), wall_speed(moving_wall, axis_low + 1, zero)
+    place, turned = bounce_between(p, v, acceleration, low, high, *speeds, parameters)
+    return place, turned, turned - v if p < low else zero, v - turned if p > high else zero
+
+
+@inlined
+def move_block_alike(discs, low, high, gravity, acceleration, parameters):
+    """`wall_free_motion` where all discs are accelerated alike. Returns whether it did."""
+    if acceleration is not None:
+        return False
+    if gravity is None:
+        return False
+    two, dt = parameters.dtype.type(2), parameters[DT]
+    kick_x, kick_y = gravity[0] * dt, gravity[1] * dt
+    return wall_free_motion(discs, low, high, kick_x, kick_y, kick_x / two, kick_y / two, parameters)
+
+
+@compiled
+def accelerated_motion(discs, low, high, features, parameters, tally, frame):
+    """Advance a slice of accelerated discs. Returns True if a position or velocity is not finite."""
+    bad = False
+    for first in range(low, high, BLOCK):
+        last = min(first + BLOCK, high)
+        if not move_block_alike(discs, first, last, features.gravity, features.acceleration, parameters):
+            for i in range(first, last):
+                bad |= move_one(discs, i, features, parameters, tally, frame)
+    return bad
+
+
+@inlined
+def move_one(discs, i, features, parameters, tally, frame):
+    """Advance one accelerated disc. Returns True if it is not finite."""
+    zero = discs.x.dtype.type(0)
+    disc = discs.id[i]
+    margin = own_or(discs.radius, i, zero)
+    ax = acceleration_of(features.gravity, features.acceleration, 0, disc, zero)
+    ay = acceleration_of(features.gravity, features.acceleration, 1, disc, zero)
+    x, vx, left, right = along_parabola(
+        discs.x[i], discs.vx[i], ax, X_LOW, margin, features.wrap_x, features.moving_wall, parameters
+    )
+    y, vy, bottom, top = along_parabola(
+        discs.y[i], discs.vy[i], ay, Y_LOW, margin, features.wrap_y, features.moving_wall, parameters
+    )
+    two, dt = discs.x.dtype.type(2), parameters[DT]
+    count_flight(discs, i, x, y, (vx - ax * dt / two) * dt, (vy - ay * dt / two) * dt, features)
+    discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x, y, vx, vy
+    count_impulses(left, right, bottom, top, disc, features, parameters, tally, frame)
+    return not ((x - x == zero) & (y - y == zero) & (vx - vx == zero) & (vy - vy == zero))
