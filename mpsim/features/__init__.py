@@ -8,4 +8,4 @@ from mpsim.features.piston import PISTON, Piston
 
 __all__ = ["FEATURES", "Emitter", "Feature", "FixedDisc", "Piston", "Polyline"]
 
-FEATURES: tuple[Feature, ...] = (OBSTACLES, Emitters(), Absorption(), PISTON)
+FEATURES: tuple[Feature, ...] = (OBSTACLES, PISTON, Absorption(), Emitters())

@@ -207,7 +207,7 @@ class Obstacles(Feature):
 
     def __init__(self) -> None:
         self._made: weakref.WeakKeyDictionary[Any, tuple[Any, dict[str, NDArray[Any]]]] = weakref.WeakKeyDictionary()
-        """`_arrays` of scenes that are in use, and what they were made of: each block asks for them twice."""
+        """`arrays` of scenes that are in use, and what they were made of: each block asks for them twice."""
 
     def check_room(self, scene: SceneLike, new: NewDiscs) -> None:
         """Refuse discs that overlap an obstacle, which would put them beside it."""
@@ -228,15 +228,15 @@ class Obstacles(Feature):
         """Capsules, and the grid of which ones are near a place."""
         return {
             f"obstacles.{name}": (real if values.dtype.kind == "f" else values.dtype, values.shape)
-            for name, values in self._arrays(scene).items()
+            for name, values in self.arrays(scene).items()
         }
 
     def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
         """Write them."""
-        for name, values in self._arrays(scene).items():
+        for name, values in self.arrays(scene).items():
             arrays[f"obstacles.{name}"][...] = values
 
-    def _arrays(self, scene: SceneLike) -> dict[str, NDArray[Any]]:
+    def arrays(self, scene: SceneLike) -> dict[str, NDArray[Any]]:
         """Capsules, images beyond periodic borders included, and the grid of which ones are near a place; {} if none.
 
         The same grid whatever the method and the number of discs. A cell lists every capsule that a disc with its

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 import mpsim
-from mpsim.engine.feature_arrays import has_masses, has_radii, obstacle_arrays
+from mpsim.engine.feature_arrays import has_masses, has_radii
+from mpsim.features.obstacles import OBSTACLES
 
 EDGES = ("left", "right", "bottom", "top")
 
@@ -35,7 +36,7 @@ class Motion:
         self.gravity = None if scene.gravity is None else scene.gravity.astype(real)
         own = np.zeros((scene.count, 2)) if scene.acceleration is None else scene.acceleration
         self.acceleration = own.astype(real)
-        self.obstacles = obstacle_arrays(scene)
+        self.obstacles = OBSTACLES.arrays(scene)
         if self.obstacles:
             self.capsules = self.obstacles["capsule"].astype(real)
             self.obstacle_cells = self.obstacles["per_length"].astype(real)

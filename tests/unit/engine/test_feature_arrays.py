@@ -8,6 +8,7 @@ import pytest
 import mpsim
 from mpsim.engine import feature_arrays
 from mpsim.features.capsules import distance
+from mpsim.features.obstacles import OBSTACLES
 
 
 def test_giants_are_few_and_more_than_twice_as_large_as_all_others():
@@ -30,7 +31,7 @@ def test_the_grid_of_obstacles_lists_all_that_a_disc_can_touch(boundary):
     scene = mpsim.Scene(
         width=20, height=20, position=[[5, 5]], velocity=[[0, 0]], radius=0.5, obstacles=pegs + walls, boundary=boundary
     )
-    arrays = feature_arrays.obstacle_arrays(scene)
+    arrays = OBSTACLES.arrays(scene)
     places = rng.uniform(0, 20, (4000, 2))
     touches = distance(places[:, None], arrays["capsule"]) < 0.5
     columns, rows = arrays["grid"]
