@@ -227,14 +227,14 @@ class Obstacles(Feature):
     def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
         """Capsules, and the grid of which ones are near a place."""
         return {
-            f"obstacles.{name}": (real if values.dtype.kind == "f" else values.dtype, values.shape)
+            f"capsules.{name}": (real if values.dtype.kind == "f" else values.dtype, values.shape)
             for name, values in self.arrays(scene).items()
         }
 
     def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
         """Write them."""
         for name, values in self.arrays(scene).items():
-            arrays[f"obstacles.{name}"][...] = values
+            arrays[f"capsules.{name}"][...] = values
 
     def arrays(self, scene: SceneLike) -> dict[str, NDArray[Any]]:
         """Capsules, images beyond periodic borders included, and the grid of which ones are near a place; {} if none.

@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.features import absorption, acceleration, images, masses, obstacles, piston, radii
+from mpsim.kernels.features import absorption, acceleration, capsules, images, masses, piston, radii
 from mpsim.kernels.optional import presence_of_any
 
-FEATURES = (acceleration, masses, images, absorption, piston, radii, obstacles)
+FEATURES = (acceleration, masses, images, absorption, piston, radii, capsules)
 """Their FIELDS are those of `Features`: of each the name of its array, or the class of a record of several."""
 
 Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
@@ -64,7 +64,7 @@ def after_flight(discs, low, high, features):
 @inlined
 def after_move(discs, low, high, features, parameters, control):
     """When all discs of the slice are known to be finite: contacts that a disc has alone, in any order of discs."""
-    obstacles.after_move(features.obstacles, discs, low, high, features, parameters, control)
+    capsules.after_move(features.capsules, discs, low, high, features, parameters, control)
 
 
 @inlined

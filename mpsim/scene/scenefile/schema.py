@@ -162,7 +162,9 @@ class _SceneTable(Table):
     ] = "walls"
     gravity: Annotated[Any, as_in(_SCENE), Field(description="[gx, gy], one acceleration for all discs")] = None
     restitution: Annotated[float, as_in(_SCENE), Field(description="of two discs, 0 to 1")] = 1.0
-    wall_restitution: Annotated[float, as_in(_SCENE), Field(description="of a disc and a wall or obstacle")] = 1.0
+    wall_restitution: Annotated[
+        float, as_in(_SCENE), Field(description="of a disc with walls and with what stands in the box")
+    ] = 1.0
     absorbing: Annotated[
         Any,
         as_in(_SCENE, words=True),

@@ -138,8 +138,8 @@ MADE_ANEW = {
     "the other buffer": {"b.x", "b.y", "b.vx", "b.vy", "b.id", "b.cell", "b.radius"},
     "the order in memory, which changes no bit": {"a.id", "a.cell", "start", "outbox", "sent", "team"},
     "times that are measured": {"times"},
-    "from scene and settings": {"parameters", "gravity", "giants", "wrap_x", "piston", "obstacles.capsule",
-                                "obstacles.near", "obstacles.index", "obstacles.grid", "obstacles.per_length"},
+    "from scene and settings": {"parameters", "gravity", "giants", "wrap_x", "piston", "capsules.capsule",
+                                "capsules.near", "capsules.index", "capsules.grid", "capsules.per_length"},
     "the calendar, from the next events of the discs": {"entry", "step_head", "heap"},
 }  # fmt: skip
 """Arrays of the block that a checkpoint leaves out, by the reason."""

@@ -30,7 +30,7 @@ def test_the_frame_of_a_bare_scene_takes_no_array_of_any_feature():
         bare = set(sim.array_names)
     assert set() in features_compiled()
     assert not bare & {"gravity", "acceleration", "mass", "wrap_x", "wrap_y", "exits", "piston", "giants", "a.radius"}
-    assert not any(name.startswith("obstacles") for name in bare)
+    assert not any(name.startswith("capsules") for name in bare)
 
 
 @pytest.mark.skipif(JIT_DISABLED, reason="nothing is compiled")

@@ -7,11 +7,11 @@ from support.internals import machine_code, parameters
 
 import mpsim
 from mpsim.features.obstacles import OBSTACLES
-from mpsim.kernels.features import obstacles
+from mpsim.kernels.features import capsules as capsule_kernels
+from mpsim.kernels.features.capsules import meet_capsules
 from mpsim.kernels.features.hooks import features_of
-from mpsim.kernels.features.obstacles import meet_capsules
 
-meet_capsule = machine_code(obstacles.meet_capsule)
+meet_capsule = machine_code(capsule_kernels.meet_capsule)
 FLOOR = (0.0, 0.0, 10.0, 0.0, 0.0)
 PEG = (0.0, 0.0, 0.0, 0.0, 0.5)
 

@@ -1,7 +1,7 @@
-"""Discs against obstacles that never move: segments with a radius (capsules), a fixed disc being one of length 0.
+"""Discs against capsules, segments with a radius, that never move; a fixed disc is one of length 0.
 
-An obstacle is met like a wall: right after the motion, by each disc alone, so no order of discs can matter and every
-worker can do its own slice. A grid of its own tells which obstacles are near a place.
+A capsule is met like a wall: right after the motion, by each disc alone, so no order of discs can matter and every
+worker can do its own slice. A grid of its own tells which capsules are near a place.
 """
 
 import math
@@ -18,7 +18,7 @@ from mpsim.kernels.layout import CONTACT, DIAMETER, DT, IMPACT, WALL_RESTITUTION
 from mpsim.kernels.optional import own_or
 
 
-class Obstacles(NamedTuple):
+class Capsules(NamedTuple):
     """Capsules, and which of them are near a place.
 
     capsule: shape (K, 5): ax, ay, bx, by, radius [length].
@@ -34,7 +34,7 @@ class Obstacles(NamedTuple):
     per_length: Any
 
 
-FIELDS = {"obstacles": Obstacles}
+FIELDS = {"capsules": Capsules}
 
 
 @inlined
@@ -82,7 +82,7 @@ def normal_at_touch(rx, ry, squared, reach, vx, vy, dt):
 
 @inlined
 def meet_capsule(discs, i, k, capsule, radius, ax, ay, parameters, impact):
-    """Contact of the disc in slot i with obstacle k, if they overlap: by impact, or pushed out to its surface.
+    """Contact of the disc in slot i with capsule k, if they overlap: by impact, or pushed out to its surface.
 
     Impact takes the side of a segment, and the plane that touches an end, for a wall: `bounce_back` keeps the energy
     of accelerated discs, and lets a disc rest.
@@ -115,31 +115,31 @@ def meet_capsule(discs, i, k, capsule, radius, ax, ay, parameters, impact):
 
 @compiled
 def meet_capsules(discs, low, high, features, parameters, control):
-    """Contacts of a slice with the obstacles near each disc, in the order in which the scene lists them."""
+    """Contacts of a slice with the capsules near each disc, in the order in which the scene lists them."""
     zero = discs.x.dtype.type(0)
     half = parameters[DIAMETER] / discs.x.dtype.type(2)
     impact = control[CONTACT] == IMPACT
-    obstacles = features.obstacles
-    columns, rows = obstacles.grid[0], obstacles.grid[1]
+    capsules = features.capsules
+    columns, rows = capsules.grid[0], capsules.grid[1]
     for i in range(low, high):
         disc = discs.id[i]
         if is_absent(features.exits, disc):
             continue
-        column = min(max(int(discs.x[i] * obstacles.per_length[0]), 0), columns - 1)
-        row = min(max(int(discs.y[i] * obstacles.per_length[1]), 0), rows - 1)
+        column = min(max(int(discs.x[i] * capsules.per_length[0]), 0), columns - 1)
+        row = min(max(int(discs.y[i] * capsules.per_length[1]), 0), rows - 1)
         cell = column * rows + row
         radius = own_or(discs.radius, i, half)
         ax = acceleration_of(features.gravity, features.acceleration, 0, disc, zero)
         ay = acceleration_of(features.gravity, features.acceleration, 1, disc, zero)
         met = False
-        for entry in range(obstacles.near[cell], obstacles.near[cell + 1]):
-            k = obstacles.index[entry]
-            met |= meet_capsule(discs, i, k, obstacles.capsule, radius, ax, ay, parameters, impact)
+        for entry in range(capsules.near[cell], capsules.near[cell + 1]):
+            k = capsules.index[entry]
+            met |= meet_capsule(discs, i, k, capsules.capsule, radius, ax, ay, parameters, impact)
         if met:
             margin = own_or(discs.radius, i, zero)
             x = confined(discs.x[i], parameters[X_LOW], parameters[X_HIGH], margin, features.wrap_x)
             y = confined(discs.y[i], parameters[Y_LOW], parameters[Y_HIGH], margin, features.wrap_y)
-            # Out of a thick obstacle it may be far beyond the border, where there are no cells.
+            # Out of a thick capsule it may be far beyond the border, where there are no cells.
             discs.x[i], discs.y[i] = x, y
             x, y = wrapped(x, features.wrap_x), wrapped(y, features.wrap_y)
             count_flight(discs, i, x, y, zero, zero, features)
@@ -147,7 +147,7 @@ def meet_capsules(discs, low, high, features, parameters, control):
 
 
 @inlined
-def after_move(obstacles, discs, low, high, features, parameters, control):
-    """`meet_capsules`, where there are obstacles."""
-    if obstacles is not None:
+def after_move(capsules, discs, low, high, features, parameters, control):
+    """`meet_capsules`, where there are capsules."""
+    if capsules is not None:
         meet_capsules(discs, low, high, features, parameters, control)
