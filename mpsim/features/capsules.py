@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.errors import InputError
+from mpsim.features.edges import MovingWall
 from mpsim.features.packing_bounds import largest_of, most_equal
 
 Floats = NDArray[np.float64]
@@ -365,7 +366,7 @@ def check_among(
     number: Floats,
     low: tuple[float, float],
     high: tuple[float, float],
-    stop: float,
+    wall: MovingWall,
 ) -> None:
     """Refuse more discs than a box from low to high, which a wall has made smaller, can hold among capsules.
 
@@ -376,7 +377,7 @@ def check_among(
         name: of the argument, for the text of the error.
         radius, number: so many discs of each radius, shape (L,) [length].
         low, high: corners (x, y) of the box [length].
-        stop: where the wall stops [length].
+        wall: the one that moves.
 
     Raises:
         InputError: with the number for which there is room.
@@ -388,7 +389,7 @@ def check_among(
             kind = f"radius {least:g}" + (" or more" if len(radii) > 1 else "")
             raise InputError(
                 f"{name} must leave room for all {count:g} discs of {kind} among the obstacles, where no arrangement "
-                f"has more than {math.floor(most)}; got {stop:g}, which leaves a box of "
-                f"{high[0] - low[0]:g} x {high[1] - low[1]:g}. Let the piston stop earlier, or use fewer or smaller "
+                f"has more than {math.floor(most)}; got {wall.stop:g}, which leaves a box of "
+                f"{high[0] - low[0]:g} x {high[1] - low[1]:g}. Let the {wall.name} stop earlier, or use fewer or smaller "
                 "discs or obstacles."
             )
