@@ -46,7 +46,7 @@ def copy(tmp_path):
     cache = tmp_path / "cache"
 
     def edit(file, old, new):
-        path = folder / "mpsim" / "kernels" / file
+        path = folder / "mpsim" / "kernels" / "frame" / file
         text = path.read_text()
         assert len(re.findall(old, text)) == 1, f"{file} must have one place that matches {old!r} for this test to edit"
         path.write_text(re.sub(old, new, text))
