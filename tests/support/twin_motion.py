@@ -5,10 +5,29 @@ from typing import Any
 import numpy as np
 
 import mpsim
-from mpsim.engine.feature_arrays import has_masses, has_radii
-from mpsim.features.obstacles import OBSTACLES
 
 EDGES = ("left", "right", "bottom", "top")
+
+
+def differs(own: Any, of_emitters: list[Any], usual: Any) -> bool:
+    """Whether discs differ in radius or mass, those of emitters included: one for all is a number, or nothing."""
+    return (own is not None and np.ndim(own) > 0) or any(each not in (None, usual) for each in of_emitters)
+
+
+def capsules_of(scene: mpsim.Scene) -> np.ndarray:
+    """Segments with a radius, (ax, ay, bx, by, radius) [length], shape (K, 5): obstacles, then images of all so far."""
+    found = []
+    for obstacle in scene.obstacles:
+        if isinstance(obstacle, mpsim.FixedDisc):
+            found.append([*obstacle.position, *obstacle.position, obstacle.radius])
+        else:
+            ends = zip(obstacle.points[:-1], obstacle.points[1:], strict=True)
+            found += [[*start, *end, obstacle.thickness / 2] for start, end in ends]
+    for axis, (length, word) in enumerate(zip((scene.width, scene.height), scene.boundary, strict=True)):
+        if word == "periodic":
+            steps = [sign * length * np.array([1 - axis, axis, 1 - axis, axis, 0]) for sign in (0, 1, -1)]
+            found = [np.array(capsule) + step for step in steps for capsule in found]
+    return np.array(found).reshape(-1, 5)
 
 
 class Motion:
@@ -19,7 +38,8 @@ class Motion:
         real = self.real = np.float32 if settings.precision == "float32" else np.float64
         self.impact = settings.contact == "impact"
         self.p, self.v = scene.position.astype(real), scene.velocity.astype(real)
-        self.has_radii, self.has_masses = has_radii(scene), has_masses(scene)
+        self.has_radii = differs(scene.radius, [each.radius for each in scene.emitters], scene.radius)
+        self.has_masses = scene.mass is not None or differs(None, [each.mass for each in scene.emitters], 1)
         self.radii, self.mass = np.array(scene.radii, float), np.array(scene.masses).astype(real)
         self.gone = np.zeros(scene.count, bool)
         self.image = np.zeros((scene.count, 2), np.int64)
@@ -36,10 +56,7 @@ class Motion:
         self.gravity = None if scene.gravity is None else scene.gravity.astype(real)
         own = np.zeros((scene.count, 2)) if scene.acceleration is None else scene.acceleration
         self.acceleration = own.astype(real)
-        self.obstacles = OBSTACLES.arrays(scene)
-        if self.obstacles:
-            self.capsules = self.obstacles["capsule"].astype(real)
-            self.obstacle_cells = self.obstacles["per_length"].astype(real)
+        self.capsules = capsules_of(scene).astype(real)
         self.place_piston()
 
     @property
@@ -103,8 +120,7 @@ class Motion:
                 self.fall(i, axis)
             else:
                 self.drift(i, axis)
-        if self.obstacles:
-            self.meet_obstacles(i)
+        self.meet_obstacles(i)
 
     def leaves(self, i: int) -> bool:
         """Whether this step would bring a disc to an absorbing edge, along the way that it will take."""
@@ -200,14 +216,8 @@ class Motion:
     # --- obstacles
 
     def meet_obstacles(self, i: int) -> None:
-        """Off every obstacle that may be near, one after the other."""
-        grid = self.obstacles["grid"]
-        column, row = (
-            min(max(int(self.p[i, axis] * self.obstacle_cells[axis]), 0), int(grid[axis]) - 1) for axis in range(2)
-        )
-        cell = column * int(grid[1]) + row
-        near = self.obstacles["near"]
-        met = [self.meet_capsule(i, self.capsules[k]) for k in self.obstacles["index"][near[cell] : near[cell + 1]]]
+        """Off every obstacle, one after the other."""
+        met = [self.meet_capsule(i, capsule) for capsule in self.capsules]
         if any(met):
             for axis in range(2):
                 self.p[i, axis] = self.wrap_disc(i, axis, self.confined(i, axis, self.p[i, axis]))

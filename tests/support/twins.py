@@ -1,20 +1,24 @@
 """Slow obvious twins of the stepped methods: NumPy scalars of the run's precision, one operation at a time.
 
-They share nothing with the kernels but what defines the order of contacts: the size of the grid, which discs are giants
-and which obstacles are near a place. Where a disc enters, and how fast, comes from mpsim too.
+They take nothing from mpsim but a scene and settings as people write them, and the record of a state to compare. What
+defines the order of contacts, the size of the grid and which discs are giants, is written here again.
 """
 
+import math
 from typing import Any
 
 import numpy as np
 
 import mpsim
-from mpsim.engine.entry_flight import launched
-from mpsim.engine.feature_arrays import giant_radius
-from mpsim.engine.workers.arrays import grid_for
 from support.compare import assert_same_bits
 from support.scenes import simulate
 from support.twin_motion import EDGES, Motion
+
+CELLS_PER_DISC = 2
+"""At most so many cells for each disc."""
+
+FEW_GIANTS, GIANTS_PER, GIANT = 8, 500, 2.0
+"""At most 8 discs, and one in 500, are giants: each has more than twice the radius of all others."""
 
 Cells = dict[tuple[int, int], list[int]]
 
@@ -36,6 +40,25 @@ def normalised(x: Any, y: Any) -> tuple[Any, Any, Any]:
     """Unit vector along (x, y), and its length, in the precision of x and y."""
     length = np.sqrt(x * x + y * y)
     return (x / length, y / length, length) if length > 0 else (type(x)(1), type(x)(0), length)
+
+
+def giant_radius(radii: Any) -> float | None:
+    """Radius above which discs are giants, or None where there are none."""
+    ordered, most = sorted(radii), FEW_GIANTS + len(radii) // GIANTS_PER
+    if len(ordered) <= 2 * most or ordered[-1] <= GIANT * ordered[-most - 1]:
+        return None
+    return max(radius for radius in ordered if radius <= GIANT * ordered[-most - 1])
+
+
+def grid_of(count: int, scene: mpsim.Scene, diameter: float, precision: str) -> tuple[int, int]:
+    """Columns and rows: cells a little wider than the largest diameter, of which there are not too many."""
+    most = CELLS_PER_DISC * max(count, 1)
+    least = [2 if word == "periodic" else 1 for word in scene.boundary]
+    rounding = 8 * float(np.finfo(precision).eps) * max(scene.width, scene.height)
+    side = max(diameter + rounding, math.sqrt(scene.width * scene.height / most))
+    columns, rows = (max(int(size / side), few) for size, few in zip((scene.width, scene.height), least, strict=True))
+    columns, rows = min(columns, max(most // rows, least[0])), min(rows, max(most // columns, least[1]))
+    return columns - columns % least[0], rows  # an even number of columns round a periodic box
 
 
 class Twin(Motion):
@@ -109,12 +132,29 @@ class Twin(Motion):
             if time > now * (1 + 1e-12):
                 return
             radius = self.scene.largest_radius if emitter.radius is None else emitter.radius
-            place, velocity, image = launched(self.scene, emitter, radius, max(now - time, 0.0), now)
+            place, velocity, image = self.flown(emitter, radius, max(now - time, 0.0))
             free = self.is_free(place, radius)
             if free:
                 self.add(place, velocity, radius, emitter.mass, image)
                 self.left[index] -= 1
             self.due[index] += 8 if free else 1
+
+    def flown(self, emitter: mpsim.Emitter, radius: float, elapsed: float) -> tuple[Any, Any, Any]:
+        """Place, velocity and periods of a disc that left an emitter some time ago, in free flight."""
+        gravity = np.zeros(2) if self.scene.gravity is None else self.scene.gravity
+        start, velocity = np.array(emitter.position), np.array(emitter.velocity)
+        place, image = start + elapsed * (velocity + 0.5 * elapsed * gravity), np.zeros(2, np.int64)
+        for axis, length in enumerate((self.scene.width, self.scene.height)):
+            if self.wrap[axis] is not None:
+                end = place[axis]
+                place[axis] %= length
+                image[axis] = round((end - place[axis]) / length)
+            else:
+                assert radius <= place[axis] <= length - radius, "this twin knows no flight that meets a wall"
+        for a, b, thick in ((capsule[:2], capsule[2:4], capsule[4]) for capsule in self.capsules.astype(float)):
+            apart = np.hypot(*self.from_segment(place, a, b)[0])
+            assert apart >= radius + thick, "this twin knows no flight that meets an obstacle"
+        return place, velocity + elapsed * gravity, image
 
     def is_free(self, place: Any, radius: float) -> bool:
         apart = np.abs(self.state.position.astype(float) - np.array(place))
@@ -172,10 +212,8 @@ class Twin(Motion):
         """Discs of each cell (column, row) by rising index, and those that are too large for any."""
         scene, giant = self.scene, giant_radius(self.radii) if self.has_radii else None
         largest = scene.largest_radius if giant is None else giant
-        size, precision = (scene.width, scene.height), self.settings.precision
-        grid = grid_for(len(self.p), *size, 2 * largest, precision, scene.boundary)
-        self.columns, self.rows = grid.columns, grid.rows
-        self.per_length = [self.real(grid.columns / scene.width), self.real(grid.rows / scene.height)]
+        self.columns, self.rows = grid_of(len(self.p), scene, 2 * largest, self.settings.precision)
+        self.per_length = [self.real(self.columns / scene.width), self.real(self.rows / scene.height)]
         self.grid_radius = None if giant is None else self.real(giant)
         cells: Cells = {}
         giants = []
@@ -185,8 +223,8 @@ class Twin(Motion):
             if self.grid_radius is not None and self.radius(i) > self.grid_radius:
                 giants.append(i)
                 continue
-            column = min(int(x * self.per_length[0]), grid.columns - 1)
-            row = min(int(y * self.per_length[1]), grid.rows - 1)
+            column = min(int(x * self.per_length[0]), self.columns - 1)
+            row = min(int(y * self.per_length[1]), self.rows - 1)
             cells.setdefault((column, row), []).append(i)
         return cells, giants
 
