@@ -135,7 +135,7 @@ def test_importing_mpsim_compiles_nothing_and_is_quick():
     print("matplotlib" in sys.modules)
     """
     seconds = []
-    for _ in range(2):
+    while not seconds or (min(seconds) >= IMPORT_WITHIN and len(seconds) < 2):  # once more on a busy machine
         outcome = run_script(text)
         assert_clean(outcome)
         took, kernels, plots = outcome.out.split()

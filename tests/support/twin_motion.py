@@ -1,5 +1,6 @@
 """The twins' motion of one disc over one step: forces, walls, borders, a piston, edges that absorb, obstacles."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,10 @@ def differs(own: Any, of_emitters: list[Any], usual: Any) -> bool:
 
 
 def capsules_of(scene: mpsim.Scene) -> np.ndarray:
-    """Segments with a radius, (ax, ay, bx, by, radius) [length], shape (K, 5): obstacles, then images of all so far."""
+    """Segments with a radius, (ax, ay, bx, by, radius) [length], shape (K, 5): obstacles, and images of all so far.
+
+    Those that a disc in the box can touch.
+    """
     found = []
     for obstacle in scene.obstacles:
         if isinstance(obstacle, mpsim.FixedDisc):
@@ -26,8 +30,35 @@ def capsules_of(scene: mpsim.Scene) -> np.ndarray:
     for axis, (length, word) in enumerate(zip((scene.width, scene.height), scene.boundary, strict=True)):
         if word == "periodic":
             steps = [sign * length * np.array([1 - axis, axis, 1 - axis, axis, 0]) for sign in (0, 1, -1)]
-            found = [np.array(capsule) + step for step in steps for capsule in found]
+            images = [np.array(capsule) + step for step in steps for capsule in found]
+            found = [
+                capsule
+                for capsule in images
+                if max(capsule[axis], capsule[axis + 2]) > -(scene.largest_radius + capsule[4])
+                and min(capsule[axis], capsule[axis + 2]) < length + (scene.largest_radius + capsule[4])
+            ]
     return np.array(found).reshape(-1, 5)
+
+
+CELLS_PER_OBSTACLE = 16
+"""Cells of the obstacles' own grid are as many, or fewer where discs are larger than such a cell."""
+
+
+def cells_of(capsules: np.ndarray, scene: mpsim.Scene) -> np.ndarray:
+    """For each cell of a grid, columns and rows, the capsules that a disc with its centre there can touch, in order.
+
+    They are found from the middle of the cell: a disc in it is no further than half a diagonal, and a rounding, away.
+    """
+    size, reach = (scene.width, scene.height), scene.largest_radius
+    side = max(2 * reach, math.sqrt(size[0] * size[1] / (CELLS_PER_OBSTACLE * (len(capsules) + 1))))
+    found = np.empty([max(int(length / side), 1) for length in size], object)
+    cell = [length / number for length, number in zip(size, found.shape, strict=True)]
+    for place in np.ndindex(found.shape):
+        middle = np.array([(index + 0.5) * length for index, length in zip(place, cell, strict=True)])
+        apart = [np.hypot(*Motion.from_segment(middle, each[:2], each[2:4])[0]) - each[4] for each in capsules]
+        within = reach + math.hypot(*cell) / 2 * 1.001
+        found[place] = [index for index, distance in enumerate(apart) if distance <= within]
+    return found
 
 
 class Motion:
@@ -56,7 +87,10 @@ class Motion:
         self.gravity = None if scene.gravity is None else scene.gravity.astype(real)
         own = np.zeros((scene.count, 2)) if scene.acceleration is None else scene.acceleration
         self.acceleration = own.astype(real)
-        self.capsules = capsules_of(scene).astype(real)
+        exact = capsules_of(scene)
+        self.capsules, self.near = exact.astype(real), cells_of(exact, scene)
+        self.obstacle_cells = np.array([cells / length for cells, length in zip(self.near.shape, size, strict=True)])
+        self.obstacle_cells = self.obstacle_cells.astype(real)
         self.place_piston()
 
     @property
@@ -216,8 +250,11 @@ class Motion:
     # --- obstacles
 
     def meet_obstacles(self, i: int) -> None:
-        """Off every obstacle, one after the other."""
-        met = [self.meet_capsule(i, capsule) for capsule in self.capsules]
+        """Off every obstacle near the cell in which the disc is now, one after the other."""
+        cell = (
+            min(max(int(self.p[i, axis] * self.obstacle_cells[axis]), 0), self.near.shape[axis] - 1) for axis in (0, 1)
+        )
+        met = [self.meet_capsule(i, self.capsules[k]) for k in self.near[tuple(cell)]]
         if any(met):
             for axis in range(2):
                 self.p[i, axis] = self.wrap_disc(i, axis, self.confined(i, axis, self.p[i, axis]))

@@ -1,7 +1,7 @@
 """Slow obvious twins of the stepped methods: NumPy scalars of the run's precision, one operation at a time.
 
 They take nothing from mpsim but a scene and settings as people write them, and the record of a state to compare. What
-defines the order of contacts, the size of the grid and which discs are giants, is written here again.
+defines the order of contacts, the sizes of grids and which discs are giants, is written here again.
 """
 
 import math
