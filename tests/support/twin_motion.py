@@ -15,11 +15,8 @@ def differs(own: Any, of_emitters: list[Any], usual: Any) -> bool:
     return (own is not None and np.ndim(own) > 0) or any(each not in (None, usual) for each in of_emitters)
 
 
-def capsules_of(scene: mpsim.Scene) -> np.ndarray:
-    """Segments with a radius, (ax, ay, bx, by, radius) [length], shape (K, 5): obstacles, and images of all so far.
-
-    Those that a disc in the box can touch.
-    """
+def segments_of(scene: mpsim.Scene) -> np.ndarray:
+    """Obstacles as segments with a radius, (ax, ay, bx, by, radius) [length], shape (K, 5)."""
     found = []
     for obstacle in scene.obstacles:
         if isinstance(obstacle, mpsim.FixedDisc):
@@ -27,6 +24,12 @@ def capsules_of(scene: mpsim.Scene) -> np.ndarray:
         else:
             ends = zip(obstacle.points[:-1], obstacle.points[1:], strict=True)
             found += [[*start, *end, obstacle.thickness / 2] for start, end in ends]
+    return np.array(found).reshape(-1, 5)
+
+
+def capsules_of(scene: mpsim.Scene) -> np.ndarray:
+    """The obstacles, and images of all so far, that a disc in the box can touch."""
+    found = list(segments_of(scene))
     for axis, (length, word) in enumerate(zip((scene.width, scene.height), scene.boundary, strict=True)):
         if word == "periodic":
             steps = [sign * length * np.array([1 - axis, axis, 1 - axis, axis, 0]) for sign in (0, 1, -1)]

@@ -12,7 +12,8 @@ import numpy as np
 import mpsim
 from support.compare import assert_same_bits
 from support.scenes import simulate
-from support.twin_motion import EDGES, Motion
+from support.twin_flight import landing
+from support.twin_motion import EDGES, Motion, segments_of
 
 CELLS_PER_DISC = 2
 """At most so many cells for each disc."""
@@ -69,6 +70,7 @@ class Twin(Motion):
         self.exchange = self.real((1 + scene.restitution) / 2)
         self.contacts = 0
         self.frame = 0
+        self.segments = segments_of(scene)
         self.due = [emitter.every or 8 for emitter in scene.emitters]  # frames, or eighths of an interval
         self.left = [emitter.limit or 10**9 for emitter in scene.emitters]
 
@@ -132,29 +134,12 @@ class Twin(Motion):
             if time > now * (1 + 1e-12):
                 return
             radius = self.scene.largest_radius if emitter.radius is None else emitter.radius
-            place, velocity, image = self.flown(emitter, radius, max(now - time, 0.0))
+            place, velocity, image = landing(self.scene, emitter, self.segments, radius, max(now - time, 0.0), now)
             free = self.is_free(place, radius)
             if free:
                 self.add(place, velocity, radius, emitter.mass, image)
                 self.left[index] -= 1
             self.due[index] += 8 if free else 1
-
-    def flown(self, emitter: mpsim.Emitter, radius: float, elapsed: float) -> tuple[Any, Any, Any]:
-        """Place, velocity and periods of a disc that left an emitter some time ago, in free flight."""
-        gravity = np.zeros(2) if self.scene.gravity is None else self.scene.gravity
-        start, velocity = np.array(emitter.position), np.array(emitter.velocity)
-        place, image = start + elapsed * (velocity + 0.5 * elapsed * gravity), np.zeros(2, np.int64)
-        for axis, length in enumerate((self.scene.width, self.scene.height)):
-            if self.wrap[axis] is not None:
-                end = place[axis]
-                place[axis] %= length
-                image[axis] = round((end - place[axis]) / length)
-            else:
-                assert radius <= place[axis] <= length - radius, "this twin knows no flight that meets a wall"
-        for a, b, thick in ((capsule[:2], capsule[2:4], capsule[4]) for capsule in self.capsules.astype(float)):
-            apart = np.hypot(*self.from_segment(place, a, b)[0])
-            assert apart >= radius + thick, "this twin knows no flight that meets an obstacle"
-        return place, velocity + elapsed * gravity, image
 
     def is_free(self, place: Any, radius: float) -> bool:
         apart = np.abs(self.state.position.astype(float) - np.array(place))
