@@ -46,7 +46,7 @@ def copy(tmp_path):
     cache = tmp_path / "cache"
 
     def edit(file, old, new):
-        path = folder / "mpsim" / "kernels" / file
+        path = folder / "mpsim" / "kernels" / "frame" / file
         text = path.read_text()
         assert len(re.findall(old, text)) == 1, f"{file} must have one place that matches {old!r} for this test to edit"
         path.write_text(re.sub(old, new, text))
@@ -135,7 +135,7 @@ def test_importing_mpsim_compiles_nothing_and_is_quick():
     print("matplotlib" in sys.modules)
     """
     seconds = []
-    for _ in range(2):
+    while not seconds or (min(seconds) >= IMPORT_WITHIN and len(seconds) < 2):  # once more on a busy machine
         outcome = run_script(text)
         assert_clean(outcome)
         took, kernels, plots = outcome.out.split()

@@ -20,8 +20,8 @@ KILLED = """
 import json, os, resource, shutil, signal, sys, tempfile, warnings
 from pathlib import Path
 import mpsim
-from mpsim import archive
-from mpsim.engine import checkpoint, checkpoint_validation
+from mpsim.core import archive
+from mpsim.engine import checkpoint
 from support.checkpoints import frame_in
 from support.scenes import simulate, zoo
 

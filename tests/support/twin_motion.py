@@ -1,14 +1,67 @@
 """The twins' motion of one disc over one step: forces, walls, borders, a piston, edges that absorb, obstacles."""
 
+import math
 from typing import Any
 
 import numpy as np
 
 import mpsim
-from mpsim.engine.feature_arrays import has_masses, has_radii
-from mpsim.features.obstacles import OBSTACLES
 
 EDGES = ("left", "right", "bottom", "top")
+
+
+def differs(own: Any, of_emitters: list[Any], usual: Any) -> bool:
+    """Whether discs differ in radius or mass, those of emitters included: one for all is a number, or nothing."""
+    return (own is not None and np.ndim(own) > 0) or any(each not in (None, usual) for each in of_emitters)
+
+
+def segments_of(scene: mpsim.Scene) -> np.ndarray:
+    """Obstacles as segments with a radius, (ax, ay, bx, by, radius) [length], shape (K, 5)."""
+    found = []
+    for obstacle in scene.obstacles:
+        if isinstance(obstacle, mpsim.FixedDisc):
+            found.append([*obstacle.position, *obstacle.position, obstacle.radius])
+        else:
+            ends = zip(obstacle.points[:-1], obstacle.points[1:], strict=True)
+            found += [[*start, *end, obstacle.thickness / 2] for start, end in ends]
+    return np.array(found).reshape(-1, 5)
+
+
+def capsules_of(scene: mpsim.Scene) -> np.ndarray:
+    """The obstacles, and images of all so far, that a disc in the box can touch."""
+    found = list(segments_of(scene))
+    for axis, (length, word) in enumerate(zip((scene.width, scene.height), scene.boundary, strict=True)):
+        if word == "periodic":
+            steps = [sign * length * np.array([1 - axis, axis, 1 - axis, axis, 0]) for sign in (0, 1, -1)]
+            images = [np.array(capsule) + step for step in steps for capsule in found]
+            found = [
+                capsule
+                for capsule in images
+                if max(capsule[axis], capsule[axis + 2]) > -(scene.largest_radius + capsule[4])
+                and min(capsule[axis], capsule[axis + 2]) < length + (scene.largest_radius + capsule[4])
+            ]
+    return np.array(found).reshape(-1, 5)
+
+
+CELLS_PER_OBSTACLE = 16
+"""Cells of the obstacles' own grid are as many, or fewer where discs are larger than such a cell."""
+
+
+def cells_of(capsules: np.ndarray, scene: mpsim.Scene) -> np.ndarray:
+    """For each cell of a grid, columns and rows, the capsules that a disc with its centre there can touch, in order.
+
+    They are found from the middle of the cell: a disc in it is no further than half a diagonal, and a rounding, away.
+    """
+    size, reach = (scene.width, scene.height), scene.largest_radius
+    side = max(2 * reach, math.sqrt(size[0] * size[1] / (CELLS_PER_OBSTACLE * (len(capsules) + 1))))
+    found = np.empty([max(int(length / side), 1) for length in size], object)
+    cell = [length / number for length, number in zip(size, found.shape, strict=True)]
+    for place in np.ndindex(found.shape):
+        middle = np.array([(index + 0.5) * length for index, length in zip(place, cell, strict=True)])
+        apart = [np.hypot(*Motion.from_segment(middle, each[:2], each[2:4])[0]) - each[4] for each in capsules]
+        within = reach + math.hypot(*cell) / 2 * 1.001
+        found[place] = [index for index, distance in enumerate(apart) if distance <= within]
+    return found
 
 
 class Motion:
@@ -19,7 +72,8 @@ class Motion:
         real = self.real = np.float32 if settings.precision == "float32" else np.float64
         self.impact = settings.contact == "impact"
         self.p, self.v = scene.position.astype(real), scene.velocity.astype(real)
-        self.has_radii, self.has_masses = has_radii(scene), has_masses(scene)
+        self.has_radii = differs(scene.radius, [each.radius for each in scene.emitters], scene.radius)
+        self.has_masses = scene.mass is not None or differs(None, [each.mass for each in scene.emitters], 1)
         self.radii, self.mass = np.array(scene.radii, float), np.array(scene.masses).astype(real)
         self.gone = np.zeros(scene.count, bool)
         self.image = np.zeros((scene.count, 2), np.int64)
@@ -36,10 +90,10 @@ class Motion:
         self.gravity = None if scene.gravity is None else scene.gravity.astype(real)
         own = np.zeros((scene.count, 2)) if scene.acceleration is None else scene.acceleration
         self.acceleration = own.astype(real)
-        self.obstacles = OBSTACLES.arrays(scene)
-        if self.obstacles:
-            self.capsules = self.obstacles["capsule"].astype(real)
-            self.obstacle_cells = self.obstacles["per_length"].astype(real)
+        exact = capsules_of(scene)
+        self.capsules, self.near = exact.astype(real), cells_of(exact, scene)
+        self.obstacle_cells = np.array([cells / length for cells, length in zip(self.near.shape, size, strict=True)])
+        self.obstacle_cells = self.obstacle_cells.astype(real)
         self.place_piston()
 
     @property
@@ -103,8 +157,7 @@ class Motion:
                 self.fall(i, axis)
             else:
                 self.drift(i, axis)
-        if self.obstacles:
-            self.meet_obstacles(i)
+        self.meet_obstacles(i)
 
     def leaves(self, i: int) -> bool:
         """Whether this step would bring a disc to an absorbing edge, along the way that it will take."""
@@ -200,14 +253,11 @@ class Motion:
     # --- obstacles
 
     def meet_obstacles(self, i: int) -> None:
-        """Off every obstacle that may be near, one after the other."""
-        grid = self.obstacles["grid"]
-        column, row = (
-            min(max(int(self.p[i, axis] * self.obstacle_cells[axis]), 0), int(grid[axis]) - 1) for axis in range(2)
+        """Off every obstacle near the cell in which the disc is now, one after the other."""
+        cell = (
+            min(max(int(self.p[i, axis] * self.obstacle_cells[axis]), 0), self.near.shape[axis] - 1) for axis in (0, 1)
         )
-        cell = column * int(grid[1]) + row
-        near = self.obstacles["near"]
-        met = [self.meet_capsule(i, self.capsules[k]) for k in self.obstacles["index"][near[cell] : near[cell + 1]]]
+        met = [self.meet_capsule(i, self.capsules[k]) for k in self.near[tuple(cell)]]
         if any(met):
             for axis in range(2):
                 self.p[i, axis] = self.wrap_disc(i, axis, self.confined(i, axis, self.p[i, axis]))

@@ -1,20 +1,25 @@
 """Slow obvious twins of the stepped methods: NumPy scalars of the run's precision, one operation at a time.
 
-They share nothing with the kernels but what defines the order of contacts: the size of the grid, which discs are giants
-and which obstacles are near a place. Where a disc enters, and how fast, comes from mpsim too.
+They take nothing from mpsim but a scene and settings as people write them, and the record of a state to compare. What
+defines the order of contacts, the sizes of grids and which discs are giants, is written here again.
 """
 
+import math
 from typing import Any
 
 import numpy as np
 
 import mpsim
-from mpsim.engine.entry_flight import launched
-from mpsim.engine.feature_arrays import giant_radius
-from mpsim.engine.workers.arrays import grid_for
 from support.compare import assert_same_bits
 from support.scenes import simulate
-from support.twin_motion import EDGES, Motion
+from support.twin_flight import landing
+from support.twin_motion import EDGES, Motion, segments_of
+
+CELLS_PER_DISC = 2
+"""At most so many cells for each disc."""
+
+FEW_GIANTS, GIANTS_PER, GIANT = 8, 500, 2.0
+"""At most 8 discs, and one in 500, are giants: each has more than twice the radius of all others."""
 
 Cells = dict[tuple[int, int], list[int]]
 
@@ -38,6 +43,25 @@ def normalised(x: Any, y: Any) -> tuple[Any, Any, Any]:
     return (x / length, y / length, length) if length > 0 else (type(x)(1), type(x)(0), length)
 
 
+def giant_radius(radii: Any) -> float | None:
+    """Radius above which discs are giants, or None where there are none."""
+    ordered, most = sorted(radii), FEW_GIANTS + len(radii) // GIANTS_PER
+    if len(ordered) <= 2 * most or ordered[-1] <= GIANT * ordered[-most - 1]:
+        return None
+    return max(radius for radius in ordered if radius <= GIANT * ordered[-most - 1])
+
+
+def grid_of(count: int, scene: mpsim.Scene, diameter: float, precision: str) -> tuple[int, int]:
+    """Columns and rows: cells a little wider than the largest diameter, of which there are not too many."""
+    most = CELLS_PER_DISC * max(count, 1)
+    least = [2 if word == "periodic" else 1 for word in scene.boundary]
+    rounding = 8 * float(np.finfo(precision).eps) * max(scene.width, scene.height)
+    side = max(diameter + rounding, math.sqrt(scene.width * scene.height / most))
+    columns, rows = (max(int(size / side), few) for size, few in zip((scene.width, scene.height), least, strict=True))
+    columns, rows = min(columns, max(most // rows, least[0])), min(rows, max(most // columns, least[1]))
+    return columns - columns % least[0], rows  # an even number of columns round a periodic box
+
+
 class Twin(Motion):
     """A scene simulated by `naive` or `grid`, disc by disc, in the order in which the discs were given."""
 
@@ -46,6 +70,7 @@ class Twin(Motion):
         self.exchange = self.real((1 + scene.restitution) / 2)
         self.contacts = 0
         self.frame = 0
+        self.segments = segments_of(scene)
         self.due = [emitter.every or 8 for emitter in scene.emitters]  # frames, or eighths of an interval
         self.left = [emitter.limit or 10**9 for emitter in scene.emitters]
 
@@ -109,7 +134,7 @@ class Twin(Motion):
             if time > now * (1 + 1e-12):
                 return
             radius = self.scene.largest_radius if emitter.radius is None else emitter.radius
-            place, velocity, image = launched(self.scene, emitter, radius, max(now - time, 0.0), now)
+            place, velocity, image = landing(self.scene, emitter, self.segments, radius, max(now - time, 0.0), now)
             free = self.is_free(place, radius)
             if free:
                 self.add(place, velocity, radius, emitter.mass, image)
@@ -172,10 +197,8 @@ class Twin(Motion):
         """Discs of each cell (column, row) by rising index, and those that are too large for any."""
         scene, giant = self.scene, giant_radius(self.radii) if self.has_radii else None
         largest = scene.largest_radius if giant is None else giant
-        size, precision = (scene.width, scene.height), self.settings.precision
-        grid = grid_for(len(self.p), *size, 2 * largest, precision, scene.boundary)
-        self.columns, self.rows = grid.columns, grid.rows
-        self.per_length = [self.real(grid.columns / scene.width), self.real(grid.rows / scene.height)]
+        self.columns, self.rows = grid_of(len(self.p), scene, 2 * largest, self.settings.precision)
+        self.per_length = [self.real(self.columns / scene.width), self.real(self.rows / scene.height)]
         self.grid_radius = None if giant is None else self.real(giant)
         cells: Cells = {}
         giants = []
@@ -185,8 +208,8 @@ class Twin(Motion):
             if self.grid_radius is not None and self.radius(i) > self.grid_radius:
                 giants.append(i)
                 continue
-            column = min(int(x * self.per_length[0]), grid.columns - 1)
-            row = min(int(y * self.per_length[1]), grid.rows - 1)
+            column = min(int(x * self.per_length[0]), self.columns - 1)
+            row = min(int(y * self.per_length[1]), self.rows - 1)
             cells.setdefault((column, row), []).append(i)
         return cells, giants
 
