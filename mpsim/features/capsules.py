@@ -390,6 +390,6 @@ def check_among(
             raise InputError(
                 f"{name} must leave room for all {count:g} discs of {kind} among the obstacles, where no arrangement "
                 f"has more than {math.floor(most)}; got {wall.stop:g}, which leaves a box of "
-                f"{high[0] - low[0]:g} x {high[1] - low[1]:g}. Let the {wall.name} stop earlier, or use fewer or smaller "
-                "discs or obstacles."
+                f"{high[0] - low[0]:g} x {high[1] - low[1]:g}. Let the {wall.name} stop earlier, or use fewer or "
+                "smaller discs or obstacles."
             )

@@ -133,9 +133,8 @@ class PistonFeature(Feature):
 
     def check_room(self, scene: SceneLike, new: NewDiscs) -> None:
         """Refuse more discs than the box can hold in the end."""
-        if self.of(scene) is not None:
-            together = np.append(new.present, new.radius)
-            _check_end(scene, new.name, together, np.ones(len(together)))
+        together = np.append(new.present, new.radius)
+        _check_end(scene, new.name, together, np.ones(len(together)))
 
     def moving_wall(self, scene: SceneLike) -> MovingWall | None:
         """The piston."""
@@ -204,18 +203,19 @@ def _check_end(scene: SceneLike, name: str, radius: Floats, number: Floats) -> N
     """
     if scene.absorbing:  # through which there may be few enough in the end
         return
-    piston: Piston = PISTON.of(scene)
-    low, high = scene.walls_at(math.inf)
-    along = 0 if piston.wall in ("left", "right") else 1
+    wall = PISTON.moving_wall(scene)
+    if wall is None:
+        return
+    along, (low, high) = wall.axis, scene.walls_at(math.inf)
     length, across = (high - low)[[along, 1 - along]].tolist()
     shortest = shortest_box(radius, number, across, walls=not scene.periodic[1 - along])
     if length < shortest * (1 - 1e-12):
         raise InputError(
             f"{name} must leave room for all {number.sum():g} discs, a box at least {shortest:.4g} long and "
-            f"{across:g} across: no arrangement of them is denser; got {piston.stop:g}, which leaves "
+            f"{across:g} across: no arrangement of them is denser; got {wall.stop:g}, which leaves "
             f"{length:g} (packing {math.pi * float((number * radius**2).sum()) / (length * across):.3g}). Let the "
             "piston stop earlier, or use fewer or smaller discs."
         )
     if len(scene.capsules) and not any(scene.periodic):
         x_low, y_low, x_high, y_high = *low.tolist(), *high.tolist()
-        check_among(scene.capsules, name, radius, number, (x_low, y_low), (x_high, y_high), piston.stop)
+        check_among(scene.capsules, name, radius, number, (x_low, y_low), (x_high, y_high), wall)
