@@ -1,6 +1,5 @@
 """What accompanies the frames of one run: what was gathered, who looks on, snapshots to go back to, checkpoints."""
 
-import math
 import os
 import signal
 import threading
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.core.deferred_signals import Handled
 from mpsim.core.errors import GuardWarning, InputError, WorkerDied
+from mpsim.engine.frame_count import MOST_FRAMES_OF_A_RUN
 from mpsim.engine.notices import Notices
 from mpsim.engine.report import Slice
 from mpsim.kernels.layout import PHASES
@@ -31,39 +31,7 @@ SNAPSHOT_SECONDS = 0.2
 MOST_DEATHS = 5
 """Deaths of workers without a snapshot in between after which there is no use in trying again."""
 
-MOST_FRAMES_OF_A_RUN = 10**12
-
 Mark = tuple[int, int, int, Any]
-
-
-def frames_until(until: float, dt: float) -> int:
-    """Frames from the start to the first that reaches a time; one that ends within rounding of it does.
-
-    >>> frames_until(2.1, 0.3), frames_until(2.2, 0.3)  # 2.1 / 0.3 is 7.000000000000001
-    (7, 8)
-    """
-    return math.ceil(until / dt * (1 - 1e-12))
-
-
-def frames_wanted(frames: int | None, until: float | None, dt: float, frame: int, time: float) -> int:
-    """How many frames a run is to have.
-
-    Args:
-        frames, until: as `Simulation.run` was given them.
-        dt: of a frame [time].
-        frame, time: where the simulation stands.
-
-    Raises:
-        InputError: both or neither, or one out of range.
-    """
-    if (frames is None) == (until is None):
-        raise InputError(f"run needs either frames or until; got frames={frames!r}, until={until!r}.")
-    if frames is not None:
-        return checks.whole("frames", frames, 0, MOST_FRAMES_OF_A_RUN, "Ask for 0 or more frames.")
-    until = checks.non_negative("until", until, "[time]")
-    if until < time:
-        raise InputError(f"until must not lie in the past: the time is {time:g}; got {until!r}.")
-    return max(frames_until(until, dt) - frame, 0)
 
 
 def tell_of(death: WorkerDied, what_now: str, notices: Notices) -> None:

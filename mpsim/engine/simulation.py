@@ -28,16 +28,15 @@ from mpsim.core.errors import (
 )
 from mpsim.core.state import State
 from mpsim.engine import checkpoint as checkpoint_file
-from mpsim.engine import checkpoint_validation, insertion, precision_check, run_loop, step_limits
+from mpsim.engine import checkpoint_validation, frame_count, insertion, precision_check, run_loop, step_limits
 from mpsim.engine.access import Access, exclusive, reading
 from mpsim.engine.batch_size import Pacer
-from mpsim.engine.emission import Emission, Insert, Solver
+from mpsim.engine.emission import Emission, Insert
 from mpsim.engine.report import Report, phase_seconds
 from mpsim.engine.run_loop import Checkpointer, Keeper, Ledger, Observer, Observers
 from mpsim.engine.shutdown import Closing
 from mpsim.engine.solvers import methods
-from mpsim.engine.solvers.exact import ExactSolver
-from mpsim.engine.solvers.stepped import SteppedSolver
+from mpsim.engine.solvers.base import Columns, Solver, count_in
 from mpsim.engine.workers.arrays import MOST_FRAMES
 from mpsim.engine.workers.system_limits import refusals_named
 from mpsim.measure.run_averages import Gathering, Run, checked
@@ -83,14 +82,14 @@ class Simulation:
         self._last_frame = 0
         self._emission = Emission(scene, settings, self._access.notices)
         choice = methods.choose(scene.count, settings)
-        solver = ExactSolver if choice.method == "event" else SteppedSolver
-        self._watch = step_limits.Watch(scene, settings, exact=solver is ExactSolver)
+        made_by = methods.METHODS[choice.method]
+        self._watch = step_limits.Watch(scene, settings, made_by.capabilities.has_steps)
         for text, kind in self._watch.at_start():
             warnings.warn(text, kind, stacklevel=level_of_caller())
         methods.note_remark(choice, None, self._access.notices)
         self._access.notices.give()
         self._pacer = Pacer(choice.workers, MOST_FRAMES)
-        self._solver: Solver = solver(scene, settings, choice)
+        self._solver: Solver = made_by(scene, settings, choice)
         self._closing = Closing(self, self._solver, self._access)  # before there is anything to close
         try:
             with self._access.whole, refusals_named():  # the end of the program waits until it can be closed
@@ -215,7 +214,7 @@ class Simulation:
             OutputError: a checkpoint or trajectory cannot be written; the simulation is as it was before that.
         """
         solver = self._open_solver()
-        frames = run_loop.frames_wanted(frames, until, self._settings.dt, self.frame, self.time)
+        frames = frame_count.frames_wanted(frames, until, self._settings.dt, self.frame, self.time)
         observers, names = Observers(observe), checked(measures, self._scene, self.count)
         with self._access.whole:
             whole, guarded = solver.time == solver.frame * self._settings.dt, solver.guarded
@@ -289,7 +288,7 @@ class Simulation:
             self._pacer.note(workers, part.times.shape[1], float(np.median(part.times[0].sum(axis=1))) * 1e-9)
         ledger.take(part, self._scene)
         self._last_frame = solver.frame
-        if solver.alarmed:  # look now: the run may end here, or be saved
+        if solver.capabilities.has_steps and solver.alarmed:  # look now: the run may end here, or be saved
             self._adapt()
         self._watch.look_for_pressed(solver, self._access.notices)
         self._emit(self._emission.in_time)
@@ -307,7 +306,7 @@ class Simulation:
     def _adapt(self) -> None:
         """Look at the speeds where there is reason to, and divide the frames to come as they need it."""
         solver = self._solver
-        if isinstance(solver, ExactSolver):  # which has no steps
+        if not solver.capabilities.has_steps:
             return
         if solver.alarmed or self._watch.is_due(solver.frame, solver.count):
             with interrupts_held_back(), self._access.moving():
@@ -317,14 +316,14 @@ class Simulation:
         """Look at the speeds with new discs, and warn or refuse as is set. Returns the sub-steps from now on."""
         solver, notices = self._solver, self._access.notices
         with interrupts_held_back(), self._access.moving():
-            return solver.substeps if isinstance(solver, ExactSolver) else self._watch.judge(solver, notices, new)
+            return self._watch.judge(solver, notices, new)
 
     def _snapshot(self) -> tuple[Any, Any]:
         return self._solver.snapshot(), self._emission.progress
 
     def _restore(self, kept: tuple[Any, Any], new_workers: bool = True) -> None:
         snapshot, progress = kept
-        before, choice = self._solver.choice, methods.choose(self._solver.count_in(snapshot), self._settings)
+        before, choice = self._solver.choice, methods.choose(count_in(snapshot), self._settings)
         with interrupts_held_back(), self._access.moving():
             self._solver.restore(snapshot, choice, new_workers)
             methods.note_remark(choice, before, self._access.notices)
@@ -396,7 +395,7 @@ class Simulation:
             ) from error
         try:
             sim._restore((found.arrays, found.run["emission"]), new_workers=False)
-            sim._watch = step_limits.Watch(found.scene, settings, isinstance(sim._solver, ExactSolver))
+            sim._watch = step_limits.Watch(found.scene, settings, sim._solver.capabilities.has_steps)
             sim._watch.arm(sim._solver)
         except BaseException:
             sim.close()
@@ -439,7 +438,8 @@ class Simulation:
 
         def grow() -> None:
             solver.add(new, choice)
-            solver.divide(substeps)
+            if substeps != solver.substeps:
+                solver.divide(substeps)
 
         self._between_frames(grow)
         methods.note_remark(choice, before, self._access.notices)
@@ -475,13 +475,19 @@ class Simulation:
         return self._open_solver().masses
 
     @reading
-    def columns(self) -> methods.Columns:
+    def columns(self) -> Columns:
         """Column of the grid that each disc is in, the worker that the column belongs to, and how many there are.
 
         Raises:
             InputError: for `naive` and `event`, which have no columns.
         """
-        return self._open_solver().columns()
+        solver = self._open_solver()
+        if not solver.capabilities.has_columns:
+            raise InputError(
+                "columns are there only in methods that sort discs into them, 'grid' and 'parallel'; this run is by "
+                f"{solver.choice.method!r}. Use Settings(method='parallel', workers=...)."
+            )
+        return solver.columns()
 
     @property
     @reading

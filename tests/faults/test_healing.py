@@ -17,6 +17,7 @@ from support.selection import long_but
 
 import mpsim
 from mpsim.engine import run_loop, simulation
+from mpsim.engine.solvers import stepped
 from mpsim.engine.workers import pool
 
 # 3.12: fork in a process with threads
@@ -346,14 +347,14 @@ def test_a_survivor_that_is_stopped_does_not_keep_the_others_from_going_on(monke
 
 def test_deaths_without_end_end_the_run(monkeypatch, figures):
     """Each new worker dies in its first frame: no progress, so no snapshot, and no use in trying again."""
-    advance = simulation.SteppedSolver.advance
+    advance = stepped.SteppedSolver.advance
 
     def kill_and_advance(self, frames, workers, stop):
         if self.frame >= 10:
             os.kill(self.pids[0], signal.SIGKILL)
         return advance(self, min(frames, 10), workers, stop)
 
-    monkeypatch.setattr(simulation.SteppedSolver, "advance", kill_and_advance)
+    monkeypatch.setattr(stepped.SteppedSolver, "advance", kill_and_advance)
     sim = healing(workers=2)
     block = block_name(sim)
     with pytest.raises(mpsim.WorkerDied):

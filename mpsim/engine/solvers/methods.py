@@ -1,17 +1,22 @@
 """Which method a run uses: what `auto` stands for."""
 
 import logging
-from dataclasses import dataclass
-from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mpsim.core.errors import InputError
 from mpsim.engine.notices import Notices
+from mpsim.engine.solvers.base import Choice, Solver
+from mpsim.engine.solvers.exact import ExactSolver
+from mpsim.engine.solvers.stepped import SteppedSolver
 from mpsim.engine.workers.cores import may_start_processes, usable_cores
 from mpsim.kernels.compiling import JIT_DISABLED
 from mpsim.scene.settings import Settings
+
+METHODS: dict[str, type[Solver]] = {
+    "naive": SteppedSolver,
+    "grid": SteppedSolver,
+    "parallel": SteppedSolver,
+    "event": ExactSolver,
+}
+"""What runs each method."""
 
 NAIVE_UP_TO = 160
 """Discs up to which `auto` tests all pairs. A constant, not a measurement: naive and grid resolve contacts in different
@@ -20,21 +25,6 @@ orders, so the choice between them must depend on the scene alone for the bits t
 PARALLEL_FROM = 400
 """Discs from which `auto` starts workers, where there are cores for them. Then it measures whether they pay: it may,
 because one worker or many give the same bits."""
-
-
-@dataclass(frozen=True)
-class Choice:
-    """What runs.
-
-    Attributes:
-        method: "naive", "grid" or "parallel".
-        workers: numbers of workers to choose from while running, the likely best first.
-        remark: why there is one worker where there could be more; empty: there is nothing to say.
-    """
-
-    method: str
-    workers: tuple[int, ...]
-    remark: str = ""
 
 
 def choose(count: int, settings: Settings) -> Choice:
@@ -72,25 +62,3 @@ def what_ran(choice: Choice, best: int, settings: Settings) -> tuple[str, int]:
     """
     alone = settings.method == "auto" and choice.method == "parallel" and best == 1
     return "grid" if alone else choice.method, best
-
-
-class Columns(NamedTuple):
-    """Who is where in the grid.
-
-    Attributes:
-        of_disc: column of each disc, shape (N,).
-        owner: the worker to whom the next frame gives that column, shape (N,).
-        number: of columns, of equal width.
-    """
-
-    of_disc: NDArray[np.int64]
-    owner: NDArray[np.int64]
-    number: int
-
-
-def no_columns(method: str) -> InputError:
-    """The error for who asks for the columns of a method that has none."""
-    return InputError(
-        f"columns are there only in methods that sort discs into them, 'grid' and 'parallel'; this run is by "
-        f"{method!r}. Use Settings(method='parallel', workers=...)."
-    )

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.errors import DivergedError
+from mpsim.core.errors import DivergedError, InputError
 from mpsim.core.state import State
 from mpsim.engine.feature_arrays import (
     box_now,
@@ -18,10 +18,10 @@ from mpsim.engine.feature_arrays import (
     typical_momentum,
     wall_limits,
 )
+from mpsim.engine.frame_count import frames_until
 from mpsim.engine.insertion import NewDiscs
 from mpsim.engine.report import Slice, tallied
-from mpsim.engine.run_loop import frames_until
-from mpsim.engine.solvers.methods import Choice, Columns, no_columns
+from mpsim.engine.solvers.base import Capabilities, Choice, Columns, Snapshot, Solver, count_in
 from mpsim.engine.speed_alarm import Alert, caught
 from mpsim.engine.speed_estimates import Pace, pace_of
 from mpsim.engine.workers.arrays import Grid, block_arrays, grid_for
@@ -45,12 +45,13 @@ _CONTACTS = {"push": layout.PUSH, "impact": layout.IMPACT}
 _LAWS = {"reflect": layout.REFLECT, "elastic": layout.ELASTIC}
 
 
-class SteppedSolver:
+class SteppedSolver(Solver):
     """Runs frames of a scene by `naive`, `grid` or `parallel`.
 
     The state lives in the shared block, in whatever order the last frame sorted it; ids bring it back to the scene's.
-    It holds nothing that would have to be given back until `start`.
     """
+
+    capabilities = Capabilities(has_steps=True, has_columns=True)
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         self.count: int = scene.count
@@ -68,11 +69,7 @@ class SteppedSolver:
         self._block = self._next_block(max(scene.count, 1))
 
     def start(self) -> None:
-        """Make the block and start the workers. Whatever stops this, `close` then gives back what there is.
-
-        Raises:
-            ResourceError, WorkerDied, WorkerStalled: if the block or the workers cannot be had.
-        """
+        """Make the block, write the scene's discs into it, and start the workers."""
         self._fill(self._block)
         scene = self._scene
         self._write_state(scene.position, scene.velocity, scene.acceleration)
@@ -93,14 +90,7 @@ class SteppedSolver:
     # --- frames
 
     def advance(self, frames: int, workers: int, stop: float = math.inf) -> Slice:
-        """Run up to MOST_FRAMES frames on all workers or on one (the coordinator, while the others rest).
-
-        Fewer where they take longer than expected: no command lasts much longer than layout.SLICE. The first frame that
-        reaches the time `stop` [time] is the last.
-
-        Raises:
-            DivergedError, WorkerDied, WorkerStalled: the solver can then only be closed.
-        """
+        """Run frames on so many workers; while it is the coordinator alone, the others rest."""
         arrays, control, dt = self._block.arrays, self._block.arrays["control"], self._settings.dt
         if stop < (self.frame + frames) * dt:
             frames = min(frames, max(frames_until(stop, dt) - self.frame, 1))
@@ -236,11 +226,6 @@ class SteppedSolver:
         frame, dt = self.frame, self._settings.dt
         return time < (frame + 1) * dt and frames_until(time, dt) <= frame
 
-    @property
-    def guarded(self) -> int:
-        """Nothing: the stepped solver has no guard, and needs none."""
-        return 0
-
     def state(self) -> State:
         """Copies in the order of the scene's discs."""
         (position, velocity), arrays = self._places_and_speeds(), self._block.arrays
@@ -275,7 +260,10 @@ class SteppedSolver:
     def columns(self) -> Columns:
         """Column and owner of each disc."""
         if self.choice.method == "naive":
-            raise no_columns("naive")
+            raise InputError(
+                "columns are there only in methods that sort discs into them, 'grid' and 'parallel'; this run is by "
+                f"{self.choice.method!r}. Use Settings(method='parallel', workers=...)."
+            )
         x = self.state().position[:, 0].astype(np.float64)
         column = np.clip((x * (self._grid.columns / self._scene.width)).astype(np.int64), 0, self._grid.columns - 1)
         first = self._shares(self._most_workers)[0][:-1]
@@ -357,7 +345,7 @@ class SteppedSolver:
         """Move everything to a new block, larger or for another method, and the workers with it."""
         self._replace_block(capacity, choice, self.snapshot(), new_pool=choice != self.choice)
 
-    def _replace_block(self, capacity: int, choice: Choice, snapshot: dict[str, NDArray[Any]], new_pool: bool) -> None:
+    def _replace_block(self, capacity: int, choice: Choice, snapshot: Snapshot, new_pool: bool) -> None:
         """A new block that holds a snapshot; the workers attach to it, or others are started."""
         old, before = self._block, (self.choice, self._capacity)
         loaded = "tally" in old.arrays or not self._tallying
@@ -383,11 +371,11 @@ class SteppedSolver:
             old.close()
         self._moving = False
 
-    def snapshot(self) -> dict[str, NDArray[Any]]:
+    def snapshot(self) -> Snapshot:
         """Copies of everything that the next frame depends on, in the order of the scene's discs."""
         (position, velocity), count, arrays = self._places_and_speeds(), self.count, self._block.arrays
         control = arrays["control"]
-        found: dict[str, NDArray[Any]] = {"position": position, "velocity": velocity}
+        found: Snapshot = {"position": position, "velocity": velocity}
         found |= {"radii": self._radii[:count].copy(), "masses": self._masses[:count].copy()}
         if "acceleration" in arrays:
             found["acceleration"] = arrays["acceleration"][:, :count].T.copy()
@@ -397,18 +385,13 @@ class SteppedSolver:
         found["progress"] = np.array([control[layout.DONE], control[layout.STEPS]])
         return found
 
-    @staticmethod
-    def count_in(snapshot: dict[str, NDArray[Any]]) -> int:
-        """Discs in a snapshot."""
-        return len(snapshot["position"])
-
-    def restore(self, snapshot: dict[str, NDArray[Any]], choice: Choice, new_workers: bool) -> None:
+    def restore(self, snapshot: Snapshot, choice: Choice, new_workers: bool) -> None:
         """Go back (or on) to a snapshot; on new workers where those that were there may be dead."""
-        capacity = max(self._capacity, len(snapshot["position"]))
+        capacity = max(self._capacity, count_in(snapshot))
         self._radii = snapshot["radii"].copy()  # which the size of the grid may depend on
         self._replace_block(capacity, choice, snapshot, new_pool=new_workers or choice != self.choice)
 
-    def _enter(self, snapshot: dict[str, NDArray[Any]]) -> None:
+    def _enter(self, snapshot: Snapshot) -> None:
         """Write a snapshot into the present, new block."""
         self._radii, self._masses = snapshot["radii"].copy(), snapshot["masses"].copy()
         self.count = len(self._radii)
