@@ -36,7 +36,8 @@ from mpsim.engine.report import Report, phase_seconds
 from mpsim.engine.run_loop import Checkpointer, Keeper, Ledger, Observer, Observers
 from mpsim.engine.shutdown import Closing
 from mpsim.engine.solvers import methods
-from mpsim.engine.solvers.base import Columns, Solver, count_in
+from mpsim.engine.solvers.base import Choice, Columns, Solver
+from mpsim.engine.solvers.snapshots import Snapshot, count_in
 from mpsim.engine.workers.arrays import MOST_FRAMES
 from mpsim.engine.workers.system_limits import refusals_named
 from mpsim.measure.run_averages import Gathering, Run, checked
@@ -82,7 +83,7 @@ class Simulation:
         self._last_frame = 0
         self._emission = Emission(scene, settings, self._access.notices)
         choice = methods.choose(scene.count, settings)
-        made_by = methods.METHODS[choice.method]
+        made_by = methods.METHODS[choice.method].solver
         self._watch = step_limits.Watch(scene, settings, made_by.capabilities.has_steps)
         for text, kind in self._watch.at_start():
             warnings.warn(text, kind, stacklevel=level_of_caller())
@@ -218,8 +219,8 @@ class Simulation:
         observers, names = Observers(observe), checked(measures, self._scene, self.count)
         with self._access.whole:
             whole, guarded = solver.time == solver.frame * self._settings.dt, solver.guarded
-            gathering = Gathering(names, frames, solver.state, whole)
-            self._between_frames(lambda: solver.record(gathering.counting))
+            gathering = Gathering(names, frames, self._state, whole)
+            self._between_frames(lambda: self._solver.record(gathering.counting))
             ledger = Ledger(max(solver.choice.workers), gathering)
         restart, notices = self._settings.on_worker_death == "restart", self._access.notices
         keeper = Keeper(self._snapshot, self._restore, ledger, notices) if restart else None
@@ -237,7 +238,7 @@ class Simulation:
                     self._access.waiting = False
                     before = self._open_solver().frame  # which says so if an observer has closed the simulation
                     self._advance(min(ahead, observers.frames_ahead(before)), ledger, keeper)
-                    done = solver.frame > before
+                    done = self._solver.frame > before
                 with self._access.callbacks():
                     notices.give()
                     if done:
@@ -246,7 +247,8 @@ class Simulation:
                     if progress is not None:
                         progress(ledger.done, frames)
         with self._access.whole:
-            resources = self._open_solver().resources()
+            solver = self._open_solver()  # emitters may have changed it, too
+            resources = solver.resources()
             ran = methods.what_ran(solver.choice, self._pacer.best, self._settings)
             gathered = gathering.measures(Run(self._scene, solver.count, self._settings.dt))
             guarded = solver.guarded - guarded
@@ -256,10 +258,10 @@ class Simulation:
 
     def _advance(self, most: int, ledger: Ledger, keeper: Keeper | None) -> None:
         """One slice of frames: what emitters add, a command of the solver, and, where wanted, the way back."""
-        solver = self._solver
         self._adapt()
         try:
             self._emit(self._emission.before_frame)
+            solver = self._solver
             if keeper is not None and solver.pids:
                 keeper.keep()
             ahead = min(
@@ -281,7 +283,7 @@ class Simulation:
             return
         except BaseException as error:
             refused = isinstance(error, (BusyError, TooFastError))  # which change nothing
-            if solver.torn or (isinstance(error, Exception) and not refused):
+            if self._solver.torn or (isinstance(error, Exception) and not refused):
                 self._end()
             raise
         if part.times.shape[1]:
@@ -318,6 +320,9 @@ class Simulation:
         with interrupts_held_back(), self._access.moving():
             return self._watch.judge(solver, notices, new)
 
+    def _state(self) -> State:
+        return self._solver.state()
+
     def _snapshot(self) -> tuple[Any, Any]:
         return self._solver.snapshot(), self._emission.progress
 
@@ -325,10 +330,29 @@ class Simulation:
         snapshot, progress = kept
         before, choice = self._solver.choice, methods.choose(count_in(snapshot), self._settings)
         with interrupts_held_back(), self._access.moving():
-            self._solver.restore(snapshot, choice, new_workers)
+            if methods.of_one_solver(before, choice):
+                self._solver.restore(snapshot, choice, new_workers)
+            else:
+                self._succeed(choice, snapshot)
             methods.note_remark(choice, before, self._access.notices)
             self._emission.progress = progress
             self._pacer = Pacer(choice.workers, MOST_FRAMES)
+
+    def _succeed(self, choice: Choice, snapshot: Snapshot, room: int = 0) -> None:
+        """Put another solver in the place of the present one, where `auto` changes the method."""
+        old, new = self._solver, methods.METHODS[choice.method].solver(self._scene, self._settings, choice)
+        new.tallied = old.tallied
+        self._closing.solvers.append(new)  # before there is anything to close
+        try:
+            new.restore(snapshot, choice, new_workers=True, room=room)
+            self._watch.arm(new)
+        except BaseException:
+            self._closing.solvers.remove(new)
+            new.close()
+            raise
+        self._solver = new
+        self._closing.solvers.remove(old)
+        old.close()
 
     def _between_frames(self, action: Callable[[], None]) -> None:
         """Do what may move to another block, on new workers if one has died. Signals wait: half a move is no state."""
@@ -433,13 +457,15 @@ class Simulation:
 
     def _insert(self, new: insertion.NewDiscs, substeps: int) -> None:
         """Add discs that have been checked; the solver may then continue by another method."""
-        solver = self._solver
-        before, choice = solver.choice, methods.choose(solver.count + len(new.position), self._settings)
+        count = self._solver.count + len(new.position)
+        before, choice = self._solver.choice, methods.choose(count, self._settings)
 
         def grow() -> None:
-            solver.add(new, choice)
-            if substeps != solver.substeps:
-                solver.divide(substeps)
+            if not methods.of_one_solver(self._solver.choice, choice):
+                self._succeed(choice, self._solver.snapshot(), count)
+            self._solver.add(new, choice)
+            if substeps != self._solver.substeps:
+                self._solver.divide(substeps)
 
         self._between_frames(grow)
         methods.note_remark(choice, before, self._access.notices)

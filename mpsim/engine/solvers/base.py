@@ -7,7 +7,7 @@ A new method is one file with a class that derives from `Solver`, and one line i
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +15,11 @@ from numpy.typing import NDArray
 from mpsim.core.state import State
 from mpsim.engine.insertion import NewDiscs
 from mpsim.engine.report import Slice
+from mpsim.engine.solvers.snapshots import Shapes, Snapshot
 from mpsim.engine.speed_alarm import Alert
 from mpsim.engine.speed_estimates import Pace
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-
-Snapshot = dict[str, NDArray[Any]]
-"""Copies of everything that the next frame depends on, by name: what a checkpoint holds. In each there are `radii`
-and `masses`, float64 of shape (N,), in the order of the scene's discs, and `progress`, int64 of shape (2,): frames
-done since the start, and steps (of a solver without steps, a count of its own)."""
 
 
 @dataclass(frozen=True)
@@ -88,12 +84,15 @@ class Solver(ABC):
         count: number of discs, N.
         choice: what runs.
         substeps: steps of a frame now; 1 without steps.
+        tallied: whether what measures need is counted, and put into Slice.tally. `record` changes it; it may be set
+            before `start`.
     """
 
     capabilities: ClassVar[Capabilities]
     count: int
     choice: Choice
     substeps: int = 1
+    tallied: bool = False
 
     @abstractmethod
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
@@ -133,7 +132,7 @@ class Solver(ABC):
 
     @abstractmethod
     def record(self, tallied: bool) -> None:
-        """Have what measures need counted from now on, and put into Slice.tally, or not.
+        """Have what measures need counted from now on, or not; see `tallied`.
 
         Raises:
             ResourceError, WorkerDied, WorkerStalled: as `start`.
@@ -181,7 +180,9 @@ class Solver(ABC):
 
     @abstractmethod
     def add(self, new: NewDiscs, choice: Choice) -> None:
-        """Append discs that have been checked, and continue as `choice` says. There is no way to remove one.
+        """Append discs that have been checked, and continue as `choice` says, whose method is one of this class.
+
+        There is no way to remove a disc: one that leaves through an absorbing edge keeps its number.
 
         Raises:
             InputError: for discs that the method cannot do.
@@ -195,16 +196,32 @@ class Solver(ABC):
         """Copies of everything that the next frame depends on, with which `restore` gives the same bits."""
 
     @abstractmethod
-    def restore(self, snapshot: Snapshot, choice: Choice, new_workers: bool) -> None:
-        """Go back, or on, to a snapshot of this method and scene.
+    def restore(self, snapshot: Snapshot, choice: Choice, new_workers: bool, room: int = 0) -> None:
+        """Go back, or on, to a snapshot of this scene, of this method or one that `auto` may have taken before.
+
+        May stand in place of `start`.
 
         Args:
             snapshot: what `snapshot` has returned, or a checkpoint that has been checked.
-            choice: what then runs.
+            choice: what then runs, by a method of this class.
             new_workers: start new workers, as those that were there may be dead.
+            room: discs for which there is then room without another move, if it needs one for them.
 
         Raises:
             ResourceError, WorkerDied, WorkerStalled: as `start`.
+        """
+
+    @staticmethod
+    @abstractmethod
+    def snapshot_shapes(scene: Scene, settings: Settings, count: int) -> Shapes:
+        """dtype and shape of every array of a snapshot of so many discs."""
+
+    @staticmethod
+    @abstractmethod
+    def check_snapshot(scene: Scene, settings: Settings, snapshot: Snapshot) -> None:
+        """Raise ValueError for a snapshot from a file in which no solver can have been, saying why.
+
+        Its arrays have the right shapes, and radii, masses and `progress` have been looked at.
         """
 
     # --- what a report says
@@ -256,8 +273,3 @@ class Solver(ABC):
     def divide(self, substeps: int) -> None:
         """Divide the frames that follow into so many steps, >= 1."""
         raise NotImplementedError
-
-
-def count_in(snapshot: Snapshot) -> int:
-    """Number of discs in a snapshot."""
-    return len(snapshot["radii"])

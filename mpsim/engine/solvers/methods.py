@@ -1,22 +1,37 @@
-"""Which method a run uses: what `auto` stands for."""
+"""The registry of methods: what runs each, and which one `auto` stands for."""
 
 import logging
+from typing import NamedTuple
 
 from mpsim.engine.notices import Notices
 from mpsim.engine.solvers.base import Choice, Solver
-from mpsim.engine.solvers.exact import ExactSolver
-from mpsim.engine.solvers.stepped import SteppedSolver
+from mpsim.engine.solvers.events import EventSolver
+from mpsim.engine.solvers.grid import GridSolver
+from mpsim.engine.solvers.naive import NaiveSolver
 from mpsim.engine.workers.cores import may_start_processes, usable_cores
 from mpsim.kernels.compiling import JIT_DISABLED
 from mpsim.scene.settings import Settings
 
-METHODS: dict[str, type[Solver]] = {
-    "naive": SteppedSolver,
-    "grid": SteppedSolver,
-    "parallel": SteppedSolver,
-    "event": ExactSolver,
+
+class Method(NamedTuple):
+    """One line of the registry.
+
+    Attributes:
+        solver: class that runs the method.
+        workers: whether it runs on as many processes as Settings.workers says; otherwise on one.
+    """
+
+    solver: type[Solver]
+    workers: bool = False
+
+
+METHODS: dict[str, Method] = {
+    "naive": Method(NaiveSolver),
+    "grid": Method(GridSolver),
+    "parallel": Method(GridSolver, workers=True),
+    "event": Method(EventSolver),
 }
-"""What runs each method."""
+"""Every method by its name in Settings; `auto` is one of them."""
 
 NAIVE_UP_TO = 160
 """Discs up to which `auto` tests all pairs. A constant, not a measurement: naive and grid resolve contacts in different
@@ -32,7 +47,7 @@ def choose(count: int, settings: Settings) -> Choice:
     method = settings.method
     if method == "auto":
         method = "naive" if count <= NAIVE_UP_TO else "parallel" if count >= PARALLEL_FROM else "grid"
-    if method != "parallel":
+    if not METHODS[method].workers:
         return Choice(method, (1,))
     workers, remark = settings.workers or usable_cores(), ""
     if workers > 1 and not may_start_processes():
@@ -44,6 +59,11 @@ def choose(count: int, settings: Settings) -> Choice:
     if settings.method != "auto":
         return Choice(method, (workers,), remark)
     return Choice(method, (workers, 1)) if workers > 1 else Choice("grid", (1,), remark)
+
+
+def of_one_solver(one: Choice, other: Choice) -> bool:
+    """Whether a solver can go over from one choice to the other by itself."""
+    return METHODS[one.method].solver is METHODS[other.method].solver
 
 
 def note_remark(choice: Choice, before: Choice | None, notices: Notices) -> None:

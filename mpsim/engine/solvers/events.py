@@ -14,7 +14,9 @@ from mpsim.engine.feature_arrays import has_masses, has_radii
 from mpsim.engine.frame_count import frames_until
 from mpsim.engine.insertion import NewDiscs
 from mpsim.engine.report import Slice
-from mpsim.engine.solvers.base import Capabilities, Choice, Snapshot, Solver, count_in
+from mpsim.engine.solvers.base import Capabilities, Choice, Solver
+from mpsim.engine.solvers.event_snapshot import KEPT, check, shapes
+from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
 from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.features import FEATURES
@@ -28,9 +30,6 @@ SECONDS_AT_ONCE = 0.03
 
 FEWEST_EVENTS = 1_000
 """Events between two looks at Ctrl-C at least, so that the Python around a call costs next to nothing."""
-
-KEPT = ("disc", "event", "cell_head", "cell_next", "order", "clock", "counter", "tally", "winding")
-"""Arrays of the block that a snapshot holds; radii and masses come beside them, the calendar is made anew."""
 
 GUARD = 1e-6
 """The contact-time guard, as a part of the time in which a typical disc moves the smallest radius: an impact so soon
@@ -46,7 +45,7 @@ ROUNDING = 1e-12
 """Depth of an overlap, in diameters of the largest disc, up to which a start counts as touching."""
 
 
-class ExactSolver(Solver):
+class EventSolver(Solver):
     """Runs a scene by `event`: from collision to collision, exact but for the rounding of float64.
 
     Raises:
@@ -63,19 +62,18 @@ class ExactSolver(Solver):
         self._settings = settings
         self._law = _law_of(scene, settings.dt)
         self._radii, self._masses = scene.radii, scene.masses
-        self._counting = False
         self._at_once = 10 * FEWEST_EVENTS
         self._stopped = 0.0
         self._progress: Any = np.zeros(2, np.int64)
         self._seen: Any = np.zeros(events.COUNTED)
         self._clock: Any = np.zeros(2, np.int64)
         self._store: Any = None
+        self._process = psutil.Process()
         self._block, self._box = self._room(scene.count)
 
     def start(self) -> None:
         """Make the block with the scene's discs in it, which must not overlap."""
         scene = self._scene
-        self._process = psutil.Process()
         discs = scene.position, scene.velocity, self._radii, self._masses
         self._store = self._placed(self._block, self._box, *discs, 0.0)
         # Compiles or loads the kernel, so that no frame time contains it, and no wait for Ctrl-C.
@@ -95,12 +93,12 @@ class ExactSolver(Solver):
         """
         before = int(self._store.counter[events.PAIRS])
         times = np.zeros(frames, np.int64)
-        counts = np.zeros((frames if self._counting else 0, events.COUNTED))
+        counts = np.zeros((frames if self.tallied else 0, events.COUNTED))
         done = self._play(times, counts, stop)
         by_phase = np.zeros((1, done, len(layout.PHASES)), np.int64)
         by_phase[0, :, layout.MOVE] = times[:done]
         contacts = int(self._store.counter[events.PAIRS]) - before
-        return Slice(by_phase, contacts, self._tally(counts[:done]) if self._counting else None)
+        return Slice(by_phase, contacts, self._tally(counts[:done]) if self.tallied else None)
 
     def _play(self, times: NDArray[np.int64], counts: NDArray[np.float64], stop: float) -> int:
         """One call of the kernel. Returns the frames it finished."""
@@ -151,7 +149,7 @@ class ExactSolver(Solver):
 
     def record(self, tallied: bool) -> None:
         """It is always counted: that costs 1 %."""
-        self._counting = tallied
+        self.tallied = tallied
 
     # --- state
 
@@ -248,8 +246,8 @@ class ExactSolver(Solver):
         found |= {"radii": self._radii.astype(float), "masses": self._masses.astype(float)}
         return found | {"progress": self._progress.copy(), "seen": self._seen.copy()}
 
-    def restore(self, snapshot: Snapshot, choice: Choice, new_workers: bool) -> None:
-        """Go back (or on) to a snapshot. It has no workers."""
+    def restore(self, snapshot: Snapshot, choice: Choice, new_workers: bool, room: int = 0) -> None:
+        """Go back, or on, to a snapshot. There are no workers, and room for no more discs than there are."""
         count = count_in(snapshot)
         block, box = self._room(count)
         with block.closed_on_error():
@@ -269,6 +267,16 @@ class ExactSolver(Solver):
         self.choice, self._radii, self._masses = choice, radii, masses
         self._progress[:], self._seen[:] = snapshot["progress"], snapshot["seen"]
         self._stopped = 0.0  # a stop at which nothing was done yet is met again
+
+    @staticmethod
+    def snapshot_shapes(scene: Scene, settings: Settings, count: int) -> Shapes:
+        """dtype and shape of every array of a snapshot of so many discs."""
+        return shapes(scene, count)
+
+    @staticmethod
+    def check_snapshot(scene: Scene, settings: Settings, snapshot: Snapshot) -> None:
+        """Raise ValueError for a snapshot in which no solver can have been, saying why."""
+        check(scene, snapshot, frame_end=(int(snapshot["progress"][events.FRAME]) + 1) * settings.dt)
 
     # --- the block
 
