@@ -179,7 +179,7 @@ def test_a_checkpoint_in_the_middle_of_waiting_changes_no_bit(tmp_path, method, 
         warnings.simplefilter("ignore")
         with simulate(BUSY, contact="impact", method=method, dt=dt) as sim:
             sim.run(until=2.6)
-            assert any(due % 8 for due in sim._emission.progress["due"]), "a disc waits"
+            assert any(due % 8 for due in sim._coordinator.emission.progress["due"]), "a disc waits"
             path = sim.save(tmp_path / "run")
         with mpsim.Simulation.resume(path) as sim:
             sim.run(until=6)
