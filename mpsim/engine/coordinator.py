@@ -144,7 +144,7 @@ class Coordinator:
         return Report(*counts, gathered, guarded, observing_seconds)
 
     def advance(self, most: int, record: RunRecord, recovery: RecoverySnapshots | None) -> None:
-        """One slice of frames: what emitters add, a command of the solver, and, where wanted, the return to a snapshot."""
+        """One slice of frames: what emitters add, a command of the solver, and the answer to a death of a worker."""
         self._adapt()
         try:
             self._emit(self.emission.before_frame)
