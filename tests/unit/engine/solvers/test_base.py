@@ -10,6 +10,7 @@ import mpsim
 from mpsim.engine.report import Slice
 from mpsim.engine.solvers import methods
 from mpsim.engine.solvers.base import Capabilities, Solver
+from mpsim.engine.solvers.grid import GridSolver
 from mpsim.engine.solvers.snapshots import shapes_in_each
 from mpsim.kernels.layout import PHASES
 
@@ -137,3 +138,24 @@ def test_a_method_that_lacks_a_member_cannot_be_made(missing, settings):
     lacking = type("Lacking", (Solver,), {name: each for name, each in members.items() if name != missing})
     with pytest.raises(TypeError, match=f"abstract.*{missing}"):
         lacking(lattice(3, 3), settings, methods.choose(9, settings))
+
+
+def test_auto_keeps_its_solver_where_the_next_one_cannot_be_had(monkeypatch):
+    """The tenth disc wants the grid. It is refused, and nine go on as if nobody had asked."""
+    monkeypatch.setattr(methods, "NAIVE_UP_TO", 9)
+    scene, tenth = lattice(3, 3), ((1.0, 1.0), (0.1, 0.0))
+    with mpsim.Simulation(scene) as sim, mpsim.Simulation(scene) as other:
+        sim.run(frames=3)
+        with monkeypatch.context() as refusing:
+            refusing.setattr(GridSolver, "_load_kernels", refuse)
+            with pytest.raises(mpsim.SharedMemoryError, match="no more"):
+                sim.add(*tenth)
+        assert (sim.count, sim.run(frames=3).method) == (9, "naive")
+        other.run(frames=6)
+        assert sim.digest() == other.digest()
+        sim.add(*tenth)
+        assert (sim.count, sim.run(frames=3).method) == (10, "grid")
+
+
+def refuse(solver):
+    raise mpsim.SharedMemoryError("no more")
