@@ -13,7 +13,7 @@ class NaiveArguments(NamedTuple):
     """Arguments of `run_naive`, in its order: views of the block. There is one buffer, which is never sorted."""
 
     discs: layout.Discs
-    features: layout.Features
+    features: Any
     parameters: Any
     control: Any
     team: Any

@@ -48,7 +48,7 @@ class GridArguments(NamedTuple):
     b: layout.Discs
     start: Any
     outbox: Any
-    features: layout.Features
+    features: Any
     parameters: Any
     control: Any
     team: Any
