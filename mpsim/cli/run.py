@@ -15,8 +15,8 @@ from mpsim.cli.runfolder import CHECKPOINT, MEASURES, PICTURE, STATE, TIMINGS, R
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import MpsimError
 from mpsim.core.plain import json_text
+from mpsim.engine.frame_count import frames_until
 from mpsim.engine.report import Report
-from mpsim.engine.run_loop import frames_until
 from mpsim.engine.simulation import Simulation
 from mpsim.measure.run_averages import NAMES
 from mpsim.output.tables import measure_text

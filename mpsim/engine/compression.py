@@ -6,21 +6,17 @@ after them, for discs that are added may overlap others until the next frame.
 """
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.state import State
+from mpsim.engine.solvers.base import Solver
 from mpsim.features import FEATURES
 from mpsim.measure.observables import Overlap, overlap
 from mpsim.scene.placement import overlaps
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-
-if TYPE_CHECKING:
-    from mpsim.engine.solvers.exact import ExactSolver
-    from mpsim.engine.solvers.stepped import SteppedSolver
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +56,7 @@ def is_crowded(scene: Scene, radii: Floats, time: float) -> bool:
     return area > CROWDED * float((high - low).prod())
 
 
-def pressed(solver: "SteppedSolver | ExactSolver", scene: Scene, settings: Settings) -> str | None:
+def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:
     """Which discs are pressed into each other or into a capsule now, and what to do, in words; None if none are."""
     state, radii = solver.state(), solver.radii
     if not state.present.any():

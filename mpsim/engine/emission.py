@@ -14,13 +14,10 @@ from mpsim.engine.entry_flight import Landing, launched
 from mpsim.engine.feature_arrays import has_masses, has_radii
 from mpsim.engine.insertion import NewDiscs, checked, hindrance
 from mpsim.engine.notices import Notices, Once
-from mpsim.engine.solvers.exact import ExactSolver
-from mpsim.engine.solvers.stepped import SteppedSolver
+from mpsim.engine.solvers.base import Solver
 from mpsim.features.emitters import Emitter
 from mpsim.scene.scene import LARGEST_COUNT, Scene
 from mpsim.scene.settings import Settings
-
-Solver = SteppedSolver | ExactSolver
 
 Insert = Callable[[NewDiscs], None]
 """What adds discs to a simulation."""

@@ -23,18 +23,19 @@ _end = threading.RLock()
 
 
 class Closing:
-    """Closes a solver once: when called, when its simulation is collected, or at the end of the program.
+    """Closes the solver of a simulation, once: when called, when that is collected, or at the end of the program.
 
     Not a weakref.finalize: a thread that makes one while the program ends breaks off the calls of all others. A thread
     that makes this one then stops for good, with nothing to be closed.
 
     Attributes:
-        alive: whether the solver is still to be closed.
+        alive: whether it is still to be closed.
+        solvers: what then is closed: the solver, and while another takes its place that one, too.
     """
 
     def __init__(self, simulation: Any, solver: Closable, access: Access):
         self.alive: bool = True
-        self._solver = solver
+        self.solvers: list[Closable] = [solver]
         self._access = access
         self._reference: object = weakref.ref(simulation, self)
         with _end:
@@ -47,7 +48,7 @@ class Closing:
                 self.alive = False
                 self._reference = None  # Ctrl-C in the callback of a reference is printed, and lost
                 try:
-                    self._solver.close()
+                    self._close_all()
                 finally:
                     _open.pop(self._access, None)  # only now, or the end of the program would not wait for it
 
@@ -56,7 +57,11 @@ class Closing:
         with interrupts_held_back():
             self.alive = False
             self._reference = None
-            self._solver.close()
+            self._close_all()
+
+    def _close_all(self) -> None:
+        for solver in self.solvers:
+            solver.close()
 
 
 _open: dict[Access, Closing] = {}

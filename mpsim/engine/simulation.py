@@ -1,4 +1,4 @@
-"""Simulation: the coordinator. It checks what comes in, runs the frame loop in slices, and hands out copies."""
+"""Simulation, the public face: doors that check what comes in, and hand out copies."""
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
@@ -8,39 +8,22 @@ import os
 import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.errors import (
-    BusyError,
-    CheckpointError,
-    ClosedError,
-    FastWarning,
-    InputError,
-    OverlapWarning,
-    TooFastError,
-    WorkerDied,
-    WorkerStalled,
-    level_of_caller,
-)
+from mpsim.core.errors import CheckpointError, FastWarning, InputError, OverlapWarning
 from mpsim.core.state import State
 from mpsim.engine import checkpoint as checkpoint_file
-from mpsim.engine import checkpoint_validation, insertion, precision_check, run_loop, step_limits
+from mpsim.engine import checkpoint_validation, frame_count, insertion, precision_check
 from mpsim.engine.access import Access, exclusive, reading
-from mpsim.engine.batch_size import Pacer
-from mpsim.engine.emission import Emission, Insert, Solver
-from mpsim.engine.report import Report, phase_seconds
-from mpsim.engine.run_loop import Checkpointer, Keeper, Ledger, Observer, Observers
-from mpsim.engine.shutdown import Closing
-from mpsim.engine.solvers import methods
-from mpsim.engine.solvers.exact import ExactSolver
-from mpsim.engine.solvers.stepped import SteppedSolver
-from mpsim.engine.workers.arrays import MOST_FRAMES
-from mpsim.engine.workers.system_limits import refusals_named
-from mpsim.measure.run_averages import Gathering, Run, checked
+from mpsim.engine.checkpointer import Checkpointer
+from mpsim.engine.coordinator import Coordinator
+from mpsim.engine.observers import Observer, Observers
+from mpsim.engine.report import Report
+from mpsim.engine.run_loop import RunLoop
+from mpsim.engine.solvers.base import Columns, Solver
+from mpsim.measure.run_averages import checked
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -80,26 +63,8 @@ class Simulation:
         self._settings = settings
         self._access = Access()
         precision_check.check_precision(scene, settings)
-        self._last_frame = 0
-        self._emission = Emission(scene, settings, self._access.notices)
-        choice = methods.choose(scene.count, settings)
-        solver = ExactSolver if choice.method == "event" else SteppedSolver
-        self._watch = step_limits.Watch(scene, settings, exact=solver is ExactSolver)
-        for text, kind in self._watch.at_start():
-            warnings.warn(text, kind, stacklevel=level_of_caller())
-        methods.note_remark(choice, None, self._access.notices)
-        self._access.notices.give()
-        self._pacer = Pacer(choice.workers, MOST_FRAMES)
-        self._solver: Solver = solver(scene, settings, choice)
-        self._closing = Closing(self, self._solver, self._access)  # before there is anything to close
-        try:
-            with self._access.whole, refusals_named():  # the end of the program waits until it can be closed
-                self._solver.start()
-                self._watch.arm(self._solver)
-        except BaseException:
-            with interrupts_held_back():
-                self._closing()
-            raise
+        self._coordinator = Coordinator(self, scene, settings, self._access)
+        self._coordinator.start()
 
     def __enter__(self) -> "Simulation":
         return self
@@ -113,19 +78,12 @@ class Simulation:
         Raises:
             BusyError: while another thread is changing the simulation.
         """
-        if self._closing.alive:  # not in a fork, where it was closed at the fork
+        if self._coordinator.alive:  # not in a fork, where it was closed at the fork
             self._close()
 
     @exclusive
     def _close(self) -> None:
-        self._end()
-
-    def _end(self) -> None:
-        """Close the simulation, from within whatever this thread is doing with it; Ctrl-C waits."""
-        with interrupts_held_back(), self._access.moving():
-            if self._closing.alive:
-                self._last_frame = self._solver.frame
-                self._closing()
+        self._coordinator.end()
 
     @property
     def scene(self) -> Scene:
@@ -141,38 +99,38 @@ class Simulation:
     @reading
     def frame(self) -> int:
         """Frames done since the start; after `close`, until then."""
-        return self._solver.frame if self._closing.alive else self._last_frame
+        return self._solver.frame if self._coordinator.alive else self._coordinator.last_frame
 
     @property
     @reading
     def time(self) -> float:
         """Simulated time since the start [time]: frame * dt (of `event` after Ctrl-C inside a frame: a little more)."""
-        return self._solver.time if self._closing.alive else self._last_frame * self._settings.dt
+        return self._solver.time if self._coordinator.alive else self._coordinator.last_frame * self._settings.dt
 
     @property
     @reading
     def count(self) -> int:
         """Number of discs now."""
-        return self._open_solver().count
+        return self._coordinator.open_solver().count
 
     @property
     @reading
     def substeps(self) -> int:
         """Steps of a frame now: as set, or as on_fast="substep" has chosen; 1 for `event`, which has none."""
-        return self._open_solver().substeps
+        return self._coordinator.open_solver().substeps
 
     @property
     @reading
     def state(self) -> State:
         """Copies of all positions and velocities, in the order of the scene's discs (added ones follow)."""
-        if (solver := self._open_solver()).torn:  # in a signal handler, just after a worker has died
+        if (solver := self._coordinator.open_solver()).torn:  # in a signal handler, just after a worker has died
             raise self._access.busy("reading state", self._access.use)
         return solver.state()
 
     @property
     def pids(self) -> list[int]:
         """Process numbers of the worker processes (the coordinator, this process, is not among them); at any moment."""
-        return self._open_solver().pids
+        return self._coordinator.open_solver().pids
 
     def digest(self) -> str:
         """Hex digest of the state in the order of the scene's discs: equal digests mean equal bits."""
@@ -214,133 +172,18 @@ class Simulation:
             DivergedError, WorkerDied, WorkerStalled: the run cannot go on; the simulation is closed.
             OutputError: a checkpoint or trajectory cannot be written; the simulation is as it was before that.
         """
-        solver = self._open_solver()
-        frames = run_loop.frames_wanted(frames, until, self._settings.dt, self.frame, self.time)
+        coordinator, access = self._coordinator, self._access
+        coordinator.open_solver()
+        frames = frame_count.frames_wanted(frames, until, self._settings.dt, self.frame, self.time)
         observers, names = Observers(observe), checked(measures, self._scene, self.count)
-        with self._access.whole:
-            whole, guarded = solver.time == solver.frame * self._settings.dt, solver.guarded
-            gathering = Gathering(names, frames, solver.state, whole)
-            self._between_frames(lambda: solver.record(gathering.counting))
-            ledger = Ledger(max(solver.choice.workers), gathering)
-        restart, notices = self._settings.on_worker_death == "restart", self._access.notices
-        keeper = Keeper(self._snapshot, self._restore, ledger, notices) if restart else None
+        with access.whole:
+            record = coordinator.record(names, frames)
         place = None if checkpoint is None else checkpoint_file.checked_place(checkpoint)
         with Checkpointer(self.save, place, checkpoint_every, checkpoint_seconds) as checkpoints:
-            with self._access.callbacks():
-                if whole:
-                    observers.look(self, 0)
-                if not frames:
-                    checkpoints.look(0, last=True)
-            while ledger.done < frames:
-                ahead = min(frames - ledger.done, checkpoints.frames_ahead(ledger.done))
-                self._access.let_readers_in()
-                with self._access.whole:
-                    self._access.waiting = False
-                    before = self._open_solver().frame  # which says so if an observer has closed the simulation
-                    self._advance(min(ahead, observers.frames_ahead(before)), ledger, keeper)
-                    done = solver.frame > before
-                with self._access.callbacks():
-                    notices.give()
-                    if done:
-                        observers.look(self, ledger.collisions)
-                    checkpoints.look(ledger.done, last=ledger.done == frames)
-                    if progress is not None:
-                        progress(ledger.done, frames)
-        with self._access.whole:
-            resources = self._open_solver().resources()
-            ran = methods.what_ran(solver.choice, self._pacer.best, self._settings)
-            gathered = gathering.measures(Run(self._scene, solver.count, self._settings.dt))
-            guarded = solver.guarded - guarded
-            run_loop.warn_of_guard(guarded, notices)
-        counts = (*phase_seconds(ledger.times), ledger.collisions, *ran, *resources)
-        return Report(*counts, gathered, guarded, observers.seconds)
-
-    def _advance(self, most: int, ledger: Ledger, keeper: Keeper | None) -> None:
-        """One slice of frames: what emitters add, a command of the solver, and, where wanted, the way back."""
-        solver = self._solver
-        self._adapt()
-        try:
-            self._emit(self._emission.before_frame)
-            if keeper is not None and solver.pids:
-                keeper.keep()
-            ahead = min(
-                ledger.gathering.frames_to_sample(ledger.done),
-                self._emission.frames_ahead(solver.frame),
-                self._watch.frames_ahead(solver.frame, solver.count),
-            )
-            workers, size = self._pacer.next_slice(int(min(most, ahead)))
-            part = solver.advance(size, workers, self._emission.next_time)
-        except WorkerDied as death:
-            try:
-                if keeper is None or not self._closing.alive:
-                    raise
-                with interrupts_held_back():
-                    keeper.go_back(death)
-            except Exception:
-                self._end()
-                raise
-            return
-        except BaseException as error:
-            refused = isinstance(error, (BusyError, TooFastError))  # which change nothing
-            if solver.torn or (isinstance(error, Exception) and not refused):
-                self._end()
-            raise
-        if part.times.shape[1]:
-            self._pacer.note(workers, part.times.shape[1], float(np.median(part.times[0].sum(axis=1))) * 1e-9)
-        ledger.take(part, self._scene)
-        self._last_frame = solver.frame
-        if solver.alarmed:  # look now: the run may end here, or be saved
-            self._adapt()
-        self._watch.look_for_pressed(solver, self._access.notices)
-        self._emit(self._emission.in_time)
-
-    def _emit(self, enter: Callable[[Solver, Insert], None]) -> None:
-        """Have the emitters add what is due."""
-        before = self._solver.count
-        try:
-            enter(self._solver, lambda new: self._insert(new, self._look(new)))
-        except Exception:  # of a signal handler, say
-            if self._solver.count != before:  # the discs are there, and the emitters' books do not know of them
-                self._end()
-            raise
-
-    def _adapt(self) -> None:
-        """Look at the speeds where there is reason to, and divide the frames to come as they need it."""
-        solver = self._solver
-        if isinstance(solver, ExactSolver):  # which has no steps
-            return
-        if solver.alarmed or self._watch.is_due(solver.frame, solver.count):
-            with interrupts_held_back(), self._access.moving():
-                solver.divide(self._watch.judge(solver, self._access.notices))
-
-    def _look(self, new: insertion.NewDiscs) -> int:
-        """Look at the speeds with new discs, and warn or refuse as is set. Returns the sub-steps from now on."""
-        solver, notices = self._solver, self._access.notices
-        with interrupts_held_back(), self._access.moving():
-            return solver.substeps if isinstance(solver, ExactSolver) else self._watch.judge(solver, notices, new)
-
-    def _snapshot(self) -> tuple[Any, Any]:
-        return self._solver.snapshot(), self._emission.progress
-
-    def _restore(self, kept: tuple[Any, Any], new_workers: bool = True) -> None:
-        snapshot, progress = kept
-        before, choice = self._solver.choice, methods.choose(self._solver.count_in(snapshot), self._settings)
-        with interrupts_held_back(), self._access.moving():
-            self._solver.restore(snapshot, choice, new_workers)
-            methods.note_remark(choice, before, self._access.notices)
-            self._emission.progress = progress
-            self._pacer = Pacer(choice.workers, MOST_FRAMES)
-
-    def _between_frames(self, action: Callable[[], None]) -> None:
-        """Do what may move to another block, on new workers if one has died. Signals wait: half a move is no state."""
-        renew = (lambda: self._restore(self._snapshot())) if self._settings.on_worker_death == "restart" else None
-        with interrupts_held_back(), self._access.moving():
-            try:
-                run_loop.retried_on_new_workers(action, renew, self._access.notices)
-            except BaseException as error:
-                if self._solver.torn or isinstance(error, (BusyError, WorkerDied, WorkerStalled)):  # left halfway
-                    self._end()
-                raise
+            loop = RunLoop(self, coordinator, access, record, observers, checkpoints, progress)
+            loop.run(frames, coordinator.recovery(record))
+        with access.whole:
+            return coordinator.report(record, observers.seconds)
 
     @exclusive
     def save(self, path: str | os.PathLike[str]) -> Path:
@@ -366,8 +209,8 @@ class Simulation:
         20
         """
         with self._access.whole:
-            solver = self._open_solver()
-            run, arrays = {"frame": solver.frame, "emission": self._emission.progress}, solver.snapshot()
+            solver = self._coordinator.open_solver()
+            run, arrays = {"frame": solver.frame, "emission": self._coordinator.emission.progress}, solver.snapshot()
         return checkpoint_file.write(path, self._scene, self._settings, run, arrays)
 
     @classmethod
@@ -395,9 +238,7 @@ class Simulation:
                 f"the checkpoint {str(found.path)!r} must hold a scene and settings that go together; {error}"
             ) from error
         try:
-            sim._restore((found.arrays, found.run["emission"]), new_workers=False)
-            sim._watch = step_limits.Watch(found.scene, settings, isinstance(sim._solver, ExactSolver))
-            sim._watch.arm(sim._solver)
+            sim._coordinator.resume(found.arrays, found.run["emission"])
         except BaseException:
             sim.close()
             raise
@@ -428,31 +269,17 @@ class Simulation:
         """
         now = (self._settings.precision, self.time, self.radii)
         new = insertion.checked(self._scene, *now, position, velocity, acceleration, radius, mass)
-        substeps = self._look(new)
+        substeps = self._coordinator.look(new)
         self._access.notices.give()  # where a filter makes an error of a warning, nothing is added
-        self._insert(new, substeps)
-
-    def _insert(self, new: insertion.NewDiscs, substeps: int) -> None:
-        """Add discs that have been checked; the solver may then continue by another method."""
-        solver = self._solver
-        before, choice = solver.choice, methods.choose(solver.count + len(new.position), self._settings)
-
-        def grow() -> None:
-            solver.add(new, choice)
-            solver.divide(substeps)
-
-        self._between_frames(grow)
-        methods.note_remark(choice, before, self._access.notices)
-        if choice != before:
-            self._pacer = Pacer(choice.workers, MOST_FRAMES)
+        self._coordinator.insert(new, substeps)
 
     def __repr__(self) -> str:
         return f"<Simulation: of process {self._access.creator}>" if self._access.forked else self._described()
 
     @reading
     def _described(self) -> str:
-        if not self._closing.alive:
-            return f"<Simulation: closed after frame {self._last_frame}>"
+        if not self._coordinator.alive:
+            return f"<Simulation: closed after frame {self._coordinator.last_frame}>"
         method = self._solver.choice.method
         return f"<Simulation: {self.count} discs by {method}, frame {self.frame}, time {self.time:g}>"
 
@@ -460,41 +287,41 @@ class Simulation:
     @reading
     def array_names(self) -> tuple[str, ...]:
         """Names of the arrays in the shared block: those of features are there only where the scene has them."""
-        return self._open_solver().array_names
+        return self._coordinator.open_solver().array_names
 
     @property
     @reading
     def radii(self) -> NDArray[np.float64]:
         """Radius of each disc, those added included, shape (N,) [length]."""
-        return self._open_solver().radii
+        return self._coordinator.open_solver().radii
 
     @property
     @reading
     def masses(self) -> NDArray[np.float64]:
         """Mass of each disc, those added included, shape (N,) [mass]."""
-        return self._open_solver().masses
+        return self._coordinator.open_solver().masses
 
     @reading
-    def columns(self) -> methods.Columns:
+    def columns(self) -> Columns:
         """Column of the grid that each disc is in, the worker that the column belongs to, and how many there are.
 
         Raises:
             InputError: for `naive` and `event`, which have no columns.
         """
-        return self._open_solver().columns()
+        solver = self._coordinator.open_solver()
+        if not solver.capabilities.has_columns:
+            raise InputError(
+                "columns are there only in methods that sort discs into them, 'grid' and 'parallel'; this run is by "
+                f"{solver.choice.method!r}. Use Settings(method='parallel', workers=...)."
+            )
+        return solver.columns()
 
     @property
     @reading
     def absorbed(self) -> NDArray[np.bool_]:
         """Which discs have left through an absorbing edge, shape (N,): they rest where they left, and meet nobody."""
-        return self._open_solver().absorbed
+        return self._coordinator.open_solver().absorbed
 
-    def _open_solver(self) -> Solver:
-        self._access.demand_own_process()
-        if not self._closing.alive:
-            self._access.stop_if_over()
-            raise ClosedError(
-                f"this simulation was closed after frame {self._last_frame}. A closed simulation has no state. "
-                "Use it inside its `with` block, take sim.state before, or make a new one."
-            )
-        return self._solver
+    @property
+    def _solver(self) -> Solver:
+        return self._coordinator.solver

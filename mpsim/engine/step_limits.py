@@ -15,12 +15,13 @@ the same with any number of workers, and however a run is cut into calls, saved 
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from mpsim.core.errors import FastWarning, OverlapWarning, ResolutionWarning, TooFastError
 from mpsim.engine.compression import SELDOM, is_crowded, may_be_pressed, pressed
+from mpsim.engine.insertion import NewDiscs
 from mpsim.engine.notices import Notices, Once
 from mpsim.engine.precision_check import coarseness
+from mpsim.engine.solvers.base import Solver
 from mpsim.engine.speed_alarm import Alert
 from mpsim.engine.speed_estimates import (
     Pace,
@@ -34,11 +35,6 @@ from mpsim.engine.speed_estimates import (
 )
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-
-if TYPE_CHECKING:
-    from mpsim.engine.insertion import NewDiscs
-    from mpsim.engine.solvers.exact import ExactSolver
-    from mpsim.engine.solvers.stepped import SteppedSolver
 
 BOUND = 1.0
 """Displacement of a disc in one step, as a fraction of its radius (of its free distance between walls), from which on
@@ -79,14 +75,14 @@ class Watch:
 
     Args:
         scene, settings: of the simulation.
-        exact: the solver has no steps, so there is nothing to look for.
+        has_steps: of the solver's capabilities; without steps there is nothing to look for.
     """
 
-    def __init__(self, scene: Scene, settings: Settings, exact: bool):
+    def __init__(self, scene: Scene, settings: Settings, has_steps: bool):
         self._scene = scene
         self._settings = settings
-        self._fast = Once(given=exact)  # as if it were: there is no use in looking
-        self._pressed = Once(given=exact)
+        self._has_steps = has_steps
+        self._fast, self._pressed = Once(given=not has_steps), Once(given=not has_steps)  # so that nobody looks
         self._armed = False
         self._pull = pull_of(scene)
         narrow = any(
@@ -114,15 +110,14 @@ class Watch:
             TooFastError: if the settings do not allow such speeds, or they would need too many sub-steps.
         """
         scene, settings = self._scene, self._settings
-        exact = self._fast.given
-        overlaps = "" if exact else scene.overlaps_at_start()  # which the exact solver refuses
+        overlaps = scene.overlaps_at_start() if self._has_steps else ""  # which are refused without steps
         if overlaps:
             text = "The first frames push them apart. Give places that leave room for the discs to avoid it."
             yield f"{overlaps}. {text}", OverlapWarning
         coarse = coarseness(scene, settings)
         if coarse:
             yield f"in {settings.precision} {coarse}", ResolutionWarning
-        if exact:
+        if not self._has_steps:
             return
         if self.adapts:
             self.substeps_for(pace_of(scene.velocity, scene.radii, scene), 0)
@@ -165,8 +160,10 @@ class Watch:
         """Whether so many discs are to be looked at for what presses them into each other."""
         return not self._pressed.given and may_be_pressed(self._scene, count)
 
-    def arm(self, solver: "SteppedSolver | ExactSolver") -> None:
+    def arm(self, solver: Solver) -> None:
         """Have the solver end its commands where a disc is too fast, or never, if there is no use in it."""
+        if not self._has_steps:
+            return
         alert = Alert()
         self._armed = not self._fast.given
         if self.adapts:
@@ -175,7 +172,7 @@ class Watch:
             alert = Alert(ABOVE * BOUND)
         solver.set_alert(alert)
 
-    def judge(self, solver: "SteppedSolver", notices: Notices, new: "NewDiscs | None" = None) -> int:
+    def judge(self, solver: Solver, notices: Notices, new: NewDiscs | None = None) -> int:
         """Look at the speeds, and warn where that is wanted. Returns how many sub-steps to take from now on.
 
         Args:
@@ -201,7 +198,7 @@ class Watch:
             notices.warn(text, FastWarning, self._fast)
         return solver.substeps
 
-    def look_for_pressed(self, solver: "SteppedSolver | ExactSolver", notices: Notices) -> None:
+    def look_for_pressed(self, solver: Solver, notices: Notices) -> None:
         """Look for discs that are pressed into each other, after the frames that are looked at, and warn once.
 
         Raises:

@@ -80,7 +80,7 @@ class Watched:
 
     def _views(self, _):
         arguments = kernel_arguments(self._block, 0)
-        return arguments[:2], arguments[4], arguments[5]
+        return (arguments.a, arguments.b), arguments.features, arguments.parameters
 
     def _move(self, front):
         def play(worker):
@@ -189,7 +189,7 @@ def _with_room_for_workers(sim):
     solver = sim._solver
     solver.choice = type(solver.choice)("grid", (WORKERS,))
     snapshot = solver.snapshot()
-    old, solver._block = solver._block, solver._next_block(max(solver.count, 1))
+    old, solver._block = solver._block, solver._next_block(max(solver.count, 1), solver._radii)
     solver._fill(solver._block)
     old.close()
     solver._enter(snapshot)

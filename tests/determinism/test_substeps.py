@@ -63,11 +63,11 @@ def test_a_resumed_run_goes_on_with_its_sub_steps(at, tmp_path):
 def test_going_back_to_a_snapshot_goes_back_to_its_sub_steps():
     with substepped(cooling()) as sim:
         sim.run(frames=5)
-        kept, substeps = sim._snapshot(), sim.substeps
+        kept, substeps = sim._coordinator.snapshot(), sim.substeps
         sim.run(frames=FRAMES - 5)
         digest = sim.digest()
         assert sim.substeps != substeps
-        sim._restore(kept)
+        sim._coordinator.restore(kept)
         assert sim.substeps == substeps
         sim.run(frames=FRAMES - 5)
         assert sim.digest() == digest

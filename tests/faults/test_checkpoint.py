@@ -52,7 +52,7 @@ def killing_at_byte(limit):
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
-run = {{"frame": sim.frame, "emission": sim._emission.progress}}
+run = {{"frame": sim.frame, "emission": sim._coordinator.emission.progress}}
 parts = sim.scene, sim.settings, run, sim._solver.snapshot()  # a fork may not use the simulation itself
 
 def write():

@@ -181,7 +181,7 @@ def test_a_signal_handler_that_forks_cannot_bring_the_fork_back_into_the_run(met
     """The fork met what was missing of its parent's block: KeyError: 'times'."""
 
     def fork(frame, event, argument):
-        if event == "return" and frame.f_code.co_name in ("_deal", "_tally"):
+        if event == "return" and frame.f_code.co_name in ("_write_command", "_tally"):
             sys.setprofile(None)
             children.append(os.fork())
 
@@ -202,7 +202,7 @@ def test_a_signal_handler_that_forks_cannot_bring_the_fork_back_into_the_run(met
 
 
 LAST_CALLS = {
-    "naive": ("naive_arguments", "advance"),
+    "naive": ("naive_arguments", "_run_command"),
     "grid": ("kernel_arguments", "_run_grid"),
     "parallel": ("kernel_arguments", "_run_grid"),
 }
@@ -263,7 +263,7 @@ def test_a_fork_in_the_middle_of_reading_gets_no_state(method):
     with simulate(lattice(9, 9), method=method, workers=2) as sim:
         sim.run(frames=5)
         before = sim.digest()
-        with ForkAt("live_discs", "_places_and_speeds") as fork:
+        with ForkAt("live_discs", "places_and_speeds") as fork:
             assert sim.state.digest() == before
         assert fork.code == 7
 

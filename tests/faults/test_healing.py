@@ -16,7 +16,9 @@ from support.scenes import crowd, gas, lattice, simulate, struck, zoo
 from support.selection import long_but
 
 import mpsim
-from mpsim.engine import run_loop, simulation
+from mpsim.engine import recovery, run_record
+from mpsim.engine.coordinator import Coordinator
+from mpsim.engine.solvers import stepped
 from mpsim.engine.workers import pool
 
 # 3.12: fork in a process with threads
@@ -135,7 +137,7 @@ def test_workers_that_die_at_random_moments_change_nothing(start, figures):
 def test_a_run_that_forgot_to_rewind_would_be_noticed(monkeypatch, figures):
     """The control: without the way back of the measures, or of the discs, the comparison fails."""
     digest, expected, _ = undisturbed()
-    monkeypatch.setattr(run_loop.Ledger, "rewind", lambda self, mark: setattr(self, "done", mark[0]))
+    monkeypatch.setattr(run_record.RunRecord, "rewind", lambda self, mark: setattr(self, "done", mark[0]))
     found = []
 
     def experiment(killing):
@@ -303,17 +305,17 @@ def test_all_workers_at_once_may_die():
 
 
 def test_a_death_during_a_snapshot_is_healed(monkeypatch):
-    take, taken = simulation.Simulation._snapshot, []
+    take, taken = Coordinator.snapshot, []
 
     def kill_and_take(self):
         taken.append(1)
         if len(taken) in (1, 3):
-            os.kill(self.pids[0], signal.SIGKILL)
+            os.kill(self.solver.pids[0], signal.SIGKILL)
         return take(self)
 
-    monkeypatch.setattr(simulation.Simulation, "_snapshot", kill_and_take)
-    monkeypatch.setattr(run_loop, "SNAPSHOT_SECONDS", 0.005)  # so that there are many, however quick the machine is,
-    monkeypatch.setattr(run_loop, "SNAPSHOT_PART", 1.0)  # and however slow the first snapshot was
+    monkeypatch.setattr(Coordinator, "snapshot", kill_and_take)
+    monkeypatch.setattr(recovery, "SNAPSHOT_SECONDS", 0.005)  # so that there are many, however quick the machine is,
+    monkeypatch.setattr(recovery, "SNAPSHOT_FRACTION", 1.0)  # and however slow the first snapshot was
     with healing() as sim:
         report = sim.run(frames=FRAMES, measures=MEASURES)
         assert_as_undisturbed(sim, report)
@@ -346,14 +348,14 @@ def test_a_survivor_that_is_stopped_does_not_keep_the_others_from_going_on(monke
 
 def test_deaths_without_end_end_the_run(monkeypatch, figures):
     """Each new worker dies in its first frame: no progress, so no snapshot, and no use in trying again."""
-    advance = simulation.SteppedSolver.advance
+    advance = stepped.SteppedSolver.advance
 
     def kill_and_advance(self, frames, workers, stop):
         if self.frame >= 10:
             os.kill(self.pids[0], signal.SIGKILL)
         return advance(self, min(frames, 10), workers, stop)
 
-    monkeypatch.setattr(simulation.SteppedSolver, "advance", kill_and_advance)
+    monkeypatch.setattr(stepped.SteppedSolver, "advance", kill_and_advance)
     sim = healing(workers=2)
     block = block_name(sim)
     with pytest.raises(mpsim.WorkerDied):
@@ -362,7 +364,7 @@ def test_deaths_without_end_end_the_run(monkeypatch, figures):
         sim.run(frames=1)
     assert wait_until(lambda: not (SHARED_MEMORY / block).exists(), 2)
     figures.note(
-        "R10", "parallel on 2", "every new worker dies at once", "WorkerDied", f"after {run_loop.MOST_DEATHS} attempts"
+        "R10", "parallel on 2", "every new worker dies at once", "WorkerDied", f"after {recovery.MOST_DEATHS} attempts"
     )
 
 
@@ -463,7 +465,7 @@ def snapshot_part(sim, seconds):
         taken.append(time.perf_counter() - started)
         return kept
 
-    take, sim._snapshot = sim._snapshot, timed
+    take, sim._coordinator.snapshot = sim._coordinator.snapshot, timed
     started = time.perf_counter()
     while time.perf_counter() - started < seconds:
         sim.run(frames=500)
@@ -475,8 +477,8 @@ def test_snapshots_of_a_hundred_thousand_discs_take_no_more_than_two_percent(fig
     with healing(lattice(400, 250), workers=2) as sim:
         part, number, each = snapshot_part(sim, 20)
     assert part < 0.02
-    monkeypatch.setattr(run_loop, "SNAPSHOT_PART", 1.0)
-    monkeypatch.setattr(run_loop, "SNAPSHOT_SECONDS", 0.0)
+    monkeypatch.setattr(recovery, "SNAPSHOT_FRACTION", 1.0)
+    monkeypatch.setattr(recovery, "SNAPSHOT_SECONDS", 0.0)
     with healing(lattice(400, 250), workers=2) as sim:
         control, _, _ = snapshot_part(sim, 5)
     assert control > 0.02

@@ -17,7 +17,7 @@ from support.scenes import lattice, simulate, state_after
 from support.selection import long_but
 
 import mpsim
-from mpsim.engine.solvers import exact
+from mpsim.engine.solvers import events
 from mpsim.engine.workers import pool
 
 ENDS_WITHIN = {"running": 2.0, "starting": 5.0}
@@ -249,7 +249,7 @@ def test_an_exact_run_reports_progress_inside_a_long_frame(monkeypatch):
     with simulate(lattice(100, 100), method="event", dt=1e6) as sim:
         silences = [longest_silence(sim, 0.3) for _ in range(5)]
         assert statistics.median(silences) < 0.1, f"longest times without a call of progress: {silences}"
-        monkeypatch.setattr(exact, "SECONDS_AT_ONCE", 0.5)
+        monkeypatch.setattr(events, "SECONDS_AT_ONCE", 0.5)
         assert longest_silence(sim, 1.5) > 0.1, "a control that must be silent for longer"
 
 

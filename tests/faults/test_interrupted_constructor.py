@@ -257,7 +257,7 @@ def test_an_alarm_at_any_line_of_a_change_leaves_nothing(method, change, request
 
 @pytest.mark.usefixtures("alarms_raise")
 def test_control_an_alarm_leaves_a_block_where_signals_are_not_held_back(monkeypatch):
-    for module in ("shutdown", "simulation", "workers.shared"):
+    for module in ("shutdown", "coordinator", "workers.shared"):
         monkeypatch.setattr(f"mpsim.engine.{module}.interrupts_held_back", contextlib.nullcontext)
     moments, _ = left_of_a_change("close", "event", 0)
     assert any(left_of_a_change("close", "event", number)[1] != (set(), []) for number in range(1, moments))

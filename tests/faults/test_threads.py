@@ -15,7 +15,7 @@ from support.selection import long_but
 
 import mpsim
 from mpsim.engine import batch_size
-from mpsim.engine.solvers import exact
+from mpsim.engine.solvers import events
 
 METHODS = list(ALONE)
 PATIENCE = 100
@@ -133,8 +133,8 @@ def one_of_each(states):
 def short_slices(monkeypatch):
     """Readers come by more often."""
     monkeypatch.setattr(batch_size, "MOST_SECONDS", 0.002)
-    monkeypatch.setattr(exact, "FEWEST_EVENTS", 50)
-    monkeypatch.setattr(exact, "SECONDS_AT_ONCE", 0.002)
+    monkeypatch.setattr(events, "FEWEST_EVENTS", 50)
+    monkeypatch.setattr(events, "SECONDS_AT_ONCE", 0.002)
 
 
 def read_in_a_run(sim, read):

@@ -66,7 +66,7 @@ def _chosen_substeps(rng: Any, scene: mpsim.Scene, settings: dict[str, Any]) -> 
     if chosen["on_fast"] == "warn":
         return chosen
     try:
-        watch = Watch(scene, mpsim.Settings(**chosen), exact=False)
+        watch = Watch(scene, mpsim.Settings(**chosen), has_steps=True)
         needed = watch.substeps_for(pace_of(scene.velocity, scene.radii, scene), 0)
     except mpsim.TooFastError:
         return settings | {"on_fast": "warn"}

@@ -1,17 +1,37 @@
-"""Which method a run uses: what `auto` stands for."""
+"""The registry of methods: what runs each, and which one `auto` stands for."""
 
 import logging
-from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mpsim.core.errors import InputError
 from mpsim.engine.notices import Notices
+from mpsim.engine.solvers.base import Choice, Solver
+from mpsim.engine.solvers.events import EventSolver
+from mpsim.engine.solvers.grid import GridSolver
+from mpsim.engine.solvers.naive import NaiveSolver
 from mpsim.engine.workers.cores import may_start_processes, usable_cores
 from mpsim.kernels.compiling import JIT_DISABLED
 from mpsim.scene.settings import Settings
+
+
+class Method(NamedTuple):
+    """One line of the registry.
+
+    Attributes:
+        solver: class that runs the method.
+        workers: whether it runs on as many processes as Settings.workers says; otherwise on one.
+    """
+
+    solver: type[Solver]
+    workers: bool = False
+
+
+METHODS: dict[str, Method] = {
+    "naive": Method(NaiveSolver),
+    "grid": Method(GridSolver),
+    "parallel": Method(GridSolver, workers=True),
+    "event": Method(EventSolver),
+}
+"""Every method by its name in Settings; `auto` is one of them."""
 
 NAIVE_UP_TO = 160
 """Discs up to which `auto` tests all pairs. A constant, not a measurement: naive and grid resolve contacts in different
@@ -22,27 +42,12 @@ PARALLEL_FROM = 400
 because one worker or many give the same bits."""
 
 
-@dataclass(frozen=True)
-class Choice:
-    """What runs.
-
-    Attributes:
-        method: "naive", "grid" or "parallel".
-        workers: numbers of workers to choose from while running, the likely best first.
-        remark: why there is one worker where there could be more; empty: there is nothing to say.
-    """
-
-    method: str
-    workers: tuple[int, ...]
-    remark: str = ""
-
-
 def choose(count: int, settings: Settings) -> Choice:
     """What runs `count` discs under these settings."""
     method = settings.method
     if method == "auto":
         method = "naive" if count <= NAIVE_UP_TO else "parallel" if count >= PARALLEL_FROM else "grid"
-    if method != "parallel":
+    if not METHODS[method].workers:
         return Choice(method, (1,))
     workers, remark = settings.workers or usable_cores(), ""
     if workers > 1 and not may_start_processes():
@@ -54,6 +59,11 @@ def choose(count: int, settings: Settings) -> Choice:
     if settings.method != "auto":
         return Choice(method, (workers,), remark)
     return Choice(method, (workers, 1)) if workers > 1 else Choice("grid", (1,), remark)
+
+
+def of_one_solver(one: Choice, other: Choice) -> bool:
+    """Whether a solver can go over from one choice to the other by itself."""
+    return METHODS[one.method].solver is METHODS[other.method].solver
 
 
 def note_remark(choice: Choice, before: Choice | None, notices: Notices) -> None:
@@ -72,25 +82,3 @@ def what_ran(choice: Choice, best: int, settings: Settings) -> tuple[str, int]:
     """
     alone = settings.method == "auto" and choice.method == "parallel" and best == 1
     return "grid" if alone else choice.method, best
-
-
-class Columns(NamedTuple):
-    """Who is where in the grid.
-
-    Attributes:
-        of_disc: column of each disc, shape (N,).
-        owner: the worker to whom the next frame gives that column, shape (N,).
-        number: of columns, of equal width.
-    """
-
-    of_disc: NDArray[np.int64]
-    owner: NDArray[np.int64]
-    number: int
-
-
-def no_columns(method: str) -> InputError:
-    """The error for who asks for the columns of a method that has none."""
-    return InputError(
-        f"columns are there only in methods that sort discs into them, 'grid' and 'parallel'; this run is by "
-        f"{method!r}. Use Settings(method='parallel', workers=...)."
-    )

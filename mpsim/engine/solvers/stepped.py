@@ -1,7 +1,8 @@
-"""The stepped solver as the coordinator sees it: the block, its parameters, and one command after the other."""
+"""The stepped solvers as the coordinator sees them: the block and its moves, and one command after the other."""
 
 import math
 import os
+from abc import abstractmethod
 from typing import Any
 
 import numpy as np
@@ -9,48 +10,32 @@ from numpy.typing import NDArray
 
 from mpsim.core.errors import DivergedError
 from mpsim.core.state import State
-from mpsim.engine.feature_arrays import (
-    box_now,
-    feature_specs,
-    fill_features,
-    giant_radius,
-    has_radii,
-    typical_momentum,
-    wall_limits,
-)
+from mpsim.engine.feature_arrays import feature_specs, fill_features, has_radii
+from mpsim.engine.frame_count import frames_until
 from mpsim.engine.insertion import NewDiscs
 from mpsim.engine.report import Slice, tallied
-from mpsim.engine.run_loop import frames_until
-from mpsim.engine.solvers.methods import Choice, Columns, no_columns
+from mpsim.engine.solvers import stepped_snapshot
+from mpsim.engine.solvers.base import Capabilities, Choice, Solver
+from mpsim.engine.solvers.discs import absorbed_in, first_not_finite, places_and_speeds, state_in, write_discs
+from mpsim.engine.solvers.parameters import Present, configure
+from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
 from mpsim.engine.speed_alarm import Alert, caught
 from mpsim.engine.speed_estimates import Pace, pace_of
 from mpsim.engine.workers.arrays import Grid, block_arrays, grid_for
-from mpsim.engine.workers.pool import WorkerPool
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.system_limits import resident_bytes
-from mpsim.engine.workers.worker import kernel_arguments, live_discs, load_kernels, naive_arguments
-from mpsim.features.edges import EDGES
 from mpsim.kernels import layout
-from mpsim.kernels.features.hooks import prepare_step
-from mpsim.kernels.features.images import wrap_places
-from mpsim.kernels.frame.stepping import run_grid, run_naive
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
-LIMITS = (layout.X_LOW, layout.X_HIGH, layout.Y_LOW, layout.Y_HIGH)
-BY_ID = ("exits", "image")
-"""Arrays of features, by id, that frames change: a snapshot holds them."""
 
-_CONTACTS = {"push": layout.PUSH, "impact": layout.IMPACT}
-_LAWS = {"reflect": layout.REFLECT, "elastic": layout.ELASTIC}
-
-
-class SteppedSolver:
-    """Runs frames of a scene by `naive`, `grid` or `parallel`.
+class SteppedSolver(Solver):
+    """Runs frames that are made of steps: what `naive`, `grid` and `parallel` have in common.
 
     The state lives in the shared block, in whatever order the last frame sorted it; ids bring it back to the scene's.
-    It holds nothing that would have to be given back until `start`.
     """
+
+    capabilities = Capabilities(has_steps=True, has_columns=False)
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         self.count: int = scene.count
@@ -58,73 +43,91 @@ class SteppedSolver:
         self._scene = scene
         self._settings = settings
         self.substeps: int = settings.substeps
-        self._sorted_grid: Grid | None = None
-        self._tallying = self._moving = False
+        self._moving = False
         self._alert = Alert()
         self._begun = -1  # frames that were done when the last command was given to this block
-        self._pool: WorkerPool | None = None
         self._radii = scene.radii.astype(float)
         self._masses = scene.masses.astype(float)
-        self._block = self._next_block(max(scene.count, 1))
+        self._block = self._next_block(max(scene.count, 1), self._radii)
 
     def start(self) -> None:
-        """Make the block and start the workers. Whatever stops this, `close` then gives back what there is.
-
-        Raises:
-            ResourceError, WorkerDied, WorkerStalled: if the block or the workers cannot be had.
-        """
+        """Make the block, write the scene's discs into it, and start the workers."""
         self._fill(self._block)
         scene = self._scene
-        self._write_state(scene.position, scene.velocity, scene.acceleration)
+        self._write(scene.position, scene.velocity, scene.acceleration)
         self._configure()
         self._prepare()
 
-    def _prepare(self) -> None:
-        """Compile or load the kernels, then start the workers: they find the machine code and no frame waits for it."""
-        self._load_kernels()
-        if self._most_workers > 1:
-            self._pool = WorkerPool(self._block, self._settings.start_method)
-            self._pool.start(self._most_workers)
+    def close(self) -> None:
+        """Stop the workers and remove the block. May be called again."""
+        self._stop_workers()
+        self._block.close()
 
-    @property
-    def _most_workers(self) -> int:
-        return max(self.choice.workers)
+    # --- what each of them does in its own way
+
+    @abstractmethod
+    def _load_kernels(self) -> None:
+        """Compile or load what will run, by running no frame."""
+
+    @abstractmethod
+    def _run_command(self, workers: int) -> int:
+        """Run the command that the control words hold. Returns layout.RUNNING, or why it has ended before."""
+
+    def _failure(self, abort: int) -> Exception:
+        """The exception for a command that has ended before its time."""
+        assert abort == layout.BAD_STATE
+        frame = self.frame + int(self._block.arrays["team"][0, layout.FRAME])
+        particle, position, velocity = first_not_finite(self._block)
+        return DivergedError(particle, frame, position, velocity)
+
+    def _start_workers(self) -> None:
+        """Start the workers, where there are any."""
+
+    def _move_workers(self) -> None:
+        """Let the workers, where there are any, attach to the present block."""
+
+    def _stop_workers(self) -> None:
+        """Stop the workers, where there are any. May be called again."""
+
+    def _giant_radius(self, radii: NDArray[np.float64]) -> float | None:
+        """Radius above which discs of such radii are kept out of the grid; None: there are no such discs."""
+        return None
 
     # --- frames
 
     def advance(self, frames: int, workers: int, stop: float = math.inf) -> Slice:
-        """Run up to MOST_FRAMES frames on all workers or on one (the coordinator, while the others rest).
+        """Run frames on so many workers; while it is the coordinator alone, the others rest."""
+        self._write_command(frames, workers, stop)
+        abort = self._run_command(workers)
+        if abort != layout.RUNNING:
+            raise self._failure(abort)
+        arrays = self._block.arrays
+        frames = int(arrays["control"][layout.FRAMES])
+        contacts = int(arrays["team"][:, layout.COLLISIONS].sum())
+        tally = arrays.get("tally")
+        if tally is not None:
+            scale = float(arrays["parameters"][layout.TALLY_SCALE])
+            tally = tallied(tally[:, :frames], scale, 2 * self._scene.largest_radius)
+        return Slice(arrays["times"][:, :frames].copy(), contacts, tally)
 
-        Fewer where they take longer than expected: no command lasts much longer than layout.SLICE. The first frame that
-        reaches the time `stop` [time] is the last.
-
-        Raises:
-            DivergedError, WorkerDied, WorkerStalled: the solver can then only be closed.
-        """
+    def _write_command(self, frames: int, workers: int, stop: float) -> None:
+        """Write a command into the block: its words, and zeros where it counts."""
         arrays, control, dt = self._block.arrays, self._block.arrays["control"], self._settings.dt
         if stop < (self.frame + frames) * dt:
             frames = min(frames, max(frames_until(stop, dt) - self.frame, 1))
         control[layout.FRAMES] = frames
         control[layout.WORKERS] = workers
         arrays["team"][:, [layout.COLLISIONS, layout.FASTEST]] = 0
-        self._deal(workers)
-        times, tally = arrays["times"], arrays.get("tally")
-        for counts in (times, tally):
+        for counts in (arrays["times"], arrays.get("tally")):
             if counts is not None:
                 counts[:, :frames] = 0
         self._begun = int(control[layout.DONE])
-        if self.choice.method == "naive":
-            abort = run_naive(*naive_arguments(self._block))
-        else:
-            abort = self._run_grid(self._pool if workers > 1 else None)
-        if abort != layout.RUNNING:
-            raise self._failure(abort)
-        frames = int(control[layout.FRAMES])
-        contacts = int(arrays["team"][:, layout.COLLISIONS].sum())
-        if tally is not None:
-            scale = float(arrays["parameters"][layout.TALLY_SCALE])
-            tally = tallied(tally[:, :frames], scale, 2 * self._scene.largest_radius)
-        return Slice(times[:, :frames].copy(), contacts, tally)
+
+    def record(self, tallied: bool) -> None:
+        """Have what measures need counted from now on, or not: frames that are not measured pay nothing for it."""
+        if tallied != self.tallied:
+            self.tallied = tallied
+            self._move(self._capacity, self.choice, self._radii)
 
     @property
     def torn(self) -> bool:
@@ -132,9 +135,26 @@ class SteppedSolver:
         words = self._block.arrays.get("control", np.zeros(layout.CONTROL, np.int64))  # none after `close`
         return self._moving or bool((words[layout.ABORT] or words[layout.BAD]) and words[layout.DONE] == self._begun)
 
+    @property
+    def frame(self) -> int:
+        """Frames finished since the start."""
+        return int(self._block.arrays["control"][layout.DONE])
+
+    @property
+    def time(self) -> float:
+        """Simulated time since the start [time]."""
+        return self.frame * self._settings.dt
+
+    def reached(self, time: float) -> bool:
+        """Whether the last frame has reached a time [time]; one that ends within rounding of it has."""
+        frame, dt = self.frame, self._settings.dt
+        return time < (frame + 1) * dt and frames_until(time, dt) <= frame
+
+    # --- steps
+
     def pace(self, new: NewDiscs | None = None) -> Pace:
         """How fast the discs are, those that are about to be added included."""
-        velocity, radii, present = self._places_and_speeds()[1], self._radii[: self.count], ~self.absorbed
+        velocity, radii, present = places_and_speeds(self._block, self.count)[1], self._radii, ~self.absorbed
         if new is not None:
             velocity, radii = np.concatenate([velocity, new.velocity]), np.concatenate([radii, new.radius])
             present = np.append(present, np.ones(len(new.position), bool))
@@ -165,144 +185,62 @@ class SteppedSolver:
             self._block.arrays["control"][layout.STEPS] = self.frame * substeps
             self._configure()
 
-    def record(self, tallied: bool) -> None:
-        """Have what measures need counted from now on, or not: frames that are not measured pay nothing for it."""
-        if tallied != self._tallying:
-            self._tallying = tallied
-            self._move(self._capacity, self.choice)
-
-    def _run_grid(self, pool: WorkerPool | None) -> int:
-        """Give the command to everybody and do the coordinator's part of it."""
-        if pool is not None:
-            pool.wake()
-        try:
-            abort = run_grid(*kernel_arguments(self._block, 0))
-        finally:
-            if pool is not None:
-                pool.settle()
-        self._sorted_grid = self._grid
-        return abort
-
-    def _shares(self, workers: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """First column and first disc of each worker, and the ends: equal numbers, whole columns once sorted."""
-        share = np.arange(workers + 1) * self.count // workers
-        if self._sorted_grid == self._grid:
-            first_of_column = self._block.arrays["start"][: self._grid.table_size : self._grid.rows + 2]
-            columns = np.searchsorted(first_of_column[: self._grid.columns], share)
-            columns[0], columns[-1] = 0, self._grid.columns
-            slots = first_of_column[columns].astype(np.int64)
-            slots[-1] = self.count  # discs that were added since lie behind the sorted ones
-        else:
-            columns, slots = np.arange(workers + 1) * self._grid.columns // workers, share
-        return columns, slots
-
-    def _deal(self, workers: int) -> None:
-        """Give each worker its columns and its slice."""
-        team = self._block.arrays["team"][:workers]
-        columns, slots = self._shares(workers)
-        team[:, layout.FIRST_COLUMN], team[:, layout.LAST_COLUMN] = columns[:-1], columns[1:]
-        team[:, layout.LOW], team[:, layout.HIGH] = slots[:-1], slots[1:]
-
-    def _failure(self, abort: int) -> Exception:
-        if abort != layout.BAD_STATE:
-            assert self._pool is not None  # only a pool's watcher or barrier sets these
-            return self._pool.failure()
-        team = self._block.arrays["team"]
-        frame = self.frame + int(team[0, layout.FRAME])
-        # After an odd number of steps the state lies in the other buffer; the bad slot is the one that is not finite.
-        candidates = [
-            (int(buffer.id[slot]), values)
-            for buffer in kernel_arguments(self._block, 0)[:2]
-            for slot in team[team[:, layout.BAD_SLOT] >= 0, layout.BAD_SLOT]
-            if not np.isfinite(values := [float(array[slot]) for array in buffer[:4]]).all()
-        ]
-        particle, (x, y, vx, vy) = min(candidates)
-        return DivergedError(particle, frame, (x, y), (vx, vy))
-
-    # --- state
-
-    @property
-    def frame(self) -> int:
-        """Frames finished since the start."""
-        return int(self._block.arrays["control"][layout.DONE])
-
-    @property
-    def time(self) -> float:
-        """Simulated time since the start [time]."""
-        return self.frame * self._settings.dt
-
-    def reached(self, time: float) -> bool:
-        """Whether the last frame has reached a time [time]; one that ends within rounding of it has."""
-        frame, dt = self.frame, self._settings.dt
-        return time < (frame + 1) * dt and frames_until(time, dt) <= frame
-
-    @property
-    def guarded(self) -> int:
-        """Nothing: the stepped solver has no guard, and needs none."""
-        return 0
+    # --- discs
 
     def state(self) -> State:
         """Copies in the order of the scene's discs."""
-        (position, velocity), arrays = self._places_and_speeds(), self._block.arrays
-        image = arrays["image"][:, : self.count].copy() if "image" in arrays else None
-        for axis, wrap in enumerate((arrays.get("wrap_x"), arrays.get("wrap_y"))):
-            if wrap is not None:  # a contact may have moved a disc through the border; the next step brings it back
-                wrap_places(position[:, axis], image, axis, wrap)
-        image = None if image is None else image.T
-        return State(position, velocity, present=~self.absorbed, image=image, box=box_now(self._scene, arrays))
-
-    def _places_and_speeds(self) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-        """Positions and velocities as they lie in the block, in the order of the scene's discs."""
-        discs = live_discs(self._block)
-        order = discs.id[: self.count]
-        position = np.empty((self.count, 2), discs.x.dtype)
-        velocity = np.empty_like(position)
-        for column, (place, speed) in enumerate(((discs.x, discs.vx), (discs.y, discs.vy))):
-            position[order, column] = place[: self.count]
-            velocity[order, column] = speed[: self.count]
-        return position, velocity
+        return state_in(self._block, self._scene, self.count)
 
     @property
     def radii(self) -> NDArray[np.float64]:
         """Radius of each disc, shape (N,) [length]."""
-        return self._radii[: self.count].copy()
+        return self._radii.copy()
 
     @property
     def masses(self) -> NDArray[np.float64]:
         """Mass of each disc, shape (N,) [mass]."""
-        return self._masses[: self.count].copy()
-
-    def columns(self) -> Columns:
-        """Column and owner of each disc."""
-        if self.choice.method == "naive":
-            raise no_columns("naive")
-        x = self.state().position[:, 0].astype(np.float64)
-        column = np.clip((x * (self._grid.columns / self._scene.width)).astype(np.int64), 0, self._grid.columns - 1)
-        first = self._shares(self._most_workers)[0][:-1]
-        return Columns(column, np.searchsorted(first, column, side="right") - 1, self._grid.columns)
+        return self._masses.copy()
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:
         """Which discs have left through an absorbing edge, shape (N,)."""
-        exits = self._block.arrays.get("exits")
-        return np.zeros(self.count, bool) if exits is None else exits[0, : self.count] != 0
+        return absorbed_in(self._block, self.count)
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
-        """Append discs, ids continuing, and go on as `choice` says. The block doubles when it is full."""
+        """Append discs, ids continuing, and continue as `choice` says. The block doubles when it is full."""
         count = self.count + len(new.position)
-        radii = np.append(self._radii[: self.count], new.radius)
-        masses = np.append(self._masses[: self.count], new.mass)
-        self._radii, self._masses = radii, masses
+        radii, masses = np.append(self._radii, new.radius), np.append(self._masses, new.mass)
         # Discs that make giants of others leave the grid finer than one for as many discs without giants.
-        crowded = self._grid_for(count).table_size > len(self._block.arrays["start"])
+        crowded = self._grid_for(count, radii).table_size > len(self._block.arrays["start"])
         if choice != self.choice or count > self._capacity or crowded:
-            self._move(max(2 * self._capacity, count) if count > self._capacity else self._capacity, choice)
-            self._radii, self._masses = radii, masses  # the move has carried over the discs of before
-        self._write_state(new.position, new.velocity, new.acceleration, self.count)
-        if "image" in self._block.arrays:
-            self._block.arrays["image"][:, self.count : count] = new.image.T
-        self.count = count
+            self._move(max(2 * self._capacity, count) if count > self._capacity else self._capacity, choice, radii)
+        write_discs(self._block, new, self.count)
+        self.count, self._radii, self._masses = count, radii, masses
         self._configure()
+
+    # --- snapshots
+
+    def snapshot(self) -> Snapshot:
+        """Copies of everything that the next frame depends on, in the order of the scene's discs."""
+        return stepped_snapshot.taken(self._block, self._radii, self._masses)
+
+    def restore(self, snapshot: Snapshot, choice: Choice, new_workers: bool, room: int = 0) -> None:
+        """Go back (or on) to a snapshot; on new workers where those that were there may be dead."""
+        capacity = max(self._capacity, count_in(snapshot), room)
+        new_workers = new_workers or choice != self.choice
+        self._replace_block(capacity, choice, snapshot, snapshot["radii"], new_workers)
+
+    @staticmethod
+    def snapshot_shapes(scene: Scene, settings: Settings, count: int) -> Shapes:
+        """dtype and shape of every array of a snapshot of so many discs."""
+        return stepped_snapshot.shapes(scene, np.dtype(settings.precision), count)
+
+    @staticmethod
+    def check_snapshot(scene: Scene, settings: Settings, snapshot: Snapshot) -> None:
+        """Raise ValueError for a snapshot in which no solver can have been, saying why."""
+        stepped_snapshot.check(scene, snapshot)
+
+    # --- the block
 
     @property
     def array_names(self) -> tuple[str, ...]:
@@ -314,38 +252,24 @@ class SteppedSolver:
         return tuple(map(resident_bytes, (os.getpid(), *self.pids))), self._block.nbytes
 
     @property
-    def pids(self) -> list[int]:
-        """Process numbers of the workers other than the coordinator."""
-        pool = self._pool  # which the thread of a run may just be replacing
-        return pool.pids if pool is not None else []
+    def _most_workers(self) -> int:
+        return max(self.choice.workers)
 
-    def close(self) -> None:
-        """Stop the workers and remove the block. May be called again."""
-        self._stop_pool()
-        self._block.close()
+    def _grid_for(self, count: int, radii: NDArray[np.float64]) -> Grid:
+        """The grid for so many discs; `radii` tell which of them are kept out of it."""
+        scene, precision = self._scene, self._settings.precision
+        giant = self._giant_radius(radii)
+        largest = scene.largest_radius if giant is None else giant
+        outside = bool(scene.absorbing) or has_radii(scene)
+        return grid_for(count, scene.width, scene.height, 2 * largest, precision, scene.boundary, outside)
 
-    def _stop_pool(self) -> None:
-        if self._pool is not None:
-            self._pool.stop()
-            self._pool = None
-
-    # --- the block
-
-    @property
-    def _tally_scale(self) -> float:
-        """A power of two that makes a typical momentum some 2^32: fine steps, and 2^31 discs' worth of room above."""
-        typical = typical_momentum(self._scene, self._settings.dt)
-        # Where the exponent of the run's floats would end, sums are coarser or the room above is less.
-        most = np.finfo(self._settings.precision).maxexp - 28
-        return 2.0 ** float(np.clip(32 - np.frexp(typical)[1], -most, most))
-
-    def _next_block(self, capacity: int) -> SharedBlock:
+    def _next_block(self, capacity: int, radii: NDArray[np.float64]) -> SharedBlock:
         """A block for so many discs, which is still to be filled."""
         precision = self._settings.precision
         features = feature_specs(self._scene, capacity, self._most_workers, precision)
-        grid = self._grid_for(capacity)
+        grid = self._grid_for(capacity, radii)
         self._capacity = capacity
-        return SharedBlock(block_arrays(capacity, grid, self._most_workers, precision, features, self._tallying))
+        return SharedBlock(block_arrays(capacity, grid, self._most_workers, precision, features, self.tallied))
 
     def _fill(self, block: SharedBlock) -> None:
         """Make a block, and fill it with what the scene has."""
@@ -353,17 +277,27 @@ class SteppedSolver:
         block.arrays["team"][:, layout.BAD_SLOT] = -1
         fill_features(block.arrays, self._scene)
 
-    def _move(self, capacity: int, choice: Choice) -> None:
-        """Move everything to a new block, larger or for another method, and the workers with it."""
-        self._replace_block(capacity, choice, self.snapshot(), new_pool=choice != self.choice)
+    def _prepare(self) -> None:
+        """Compile or load the kernels, then start the workers: they find the machine code and no frame waits for it."""
+        self._load_kernels()
+        self._start_workers()
 
-    def _replace_block(self, capacity: int, choice: Choice, snapshot: dict[str, NDArray[Any]], new_pool: bool) -> None:
-        """A new block that holds a snapshot; the workers attach to it, or others are started."""
+    def _move(self, capacity: int, choice: Choice, radii: NDArray[np.float64]) -> None:
+        """Move everything to a new block, larger or for other workers, and the workers with it."""
+        self._replace_block(capacity, choice, self.snapshot(), radii, new_workers=choice != self.choice)
+
+    def _replace_block(
+        self, capacity: int, choice: Choice, snapshot: Snapshot, radii: NDArray[np.float64], new_workers: bool
+    ) -> None:
+        """A new block that holds a snapshot; the workers attach to it, or others are started.
+
+        radii: of the discs for which it is to have a grid, shape (M,): those of the snapshot, and of any to be added.
+        """
         old, before = self._block, (self.choice, self._capacity)
-        loaded = "tally" in old.arrays or not self._tallying
+        loaded = "tally" in old.arrays or not self.tallied
         self.choice = choice
         try:
-            with (new := self._next_block(capacity)).closed_on_error():
+            with (new := self._next_block(capacity, radii)).closed_on_error():
                 self._fill(new)
         except BaseException:
             self.choice, self._capacity = before
@@ -371,129 +305,38 @@ class SteppedSolver:
         self._moving, self._block, self._begun = True, new, -1
         try:
             self._enter(snapshot)
-            if new_pool:
-                self._stop_pool()
+            if new_workers:
+                self._stop_workers()
                 self._prepare()
             else:
                 if not loaded:
                     self._load_kernels()
-                if self._pool is not None:
-                    self._pool.move_to(self._block)
+                self._move_workers()
         finally:
             old.close()
         self._moving = False
 
-    def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Copies of everything that the next frame depends on, in the order of the scene's discs."""
-        (position, velocity), count, arrays = self._places_and_speeds(), self.count, self._block.arrays
-        control = arrays["control"]
-        found: dict[str, NDArray[Any]] = {"position": position, "velocity": velocity}
-        found |= {"radii": self._radii[:count].copy(), "masses": self._masses[:count].copy()}
-        if "acceleration" in arrays:
-            found["acceleration"] = arrays["acceleration"][:, :count].T.copy()
-        for name in BY_ID:
-            if name in arrays:
-                found[name] = arrays[name][:, :count].copy()
-        found["progress"] = np.array([control[layout.DONE], control[layout.STEPS]])
-        return found
-
-    @staticmethod
-    def count_in(snapshot: dict[str, NDArray[Any]]) -> int:
-        """Discs in a snapshot."""
-        return len(snapshot["position"])
-
-    def restore(self, snapshot: dict[str, NDArray[Any]], choice: Choice, new_workers: bool) -> None:
-        """Go back (or on) to a snapshot; on new workers where those that were there may be dead."""
-        capacity = max(self._capacity, len(snapshot["position"]))
-        self._radii = snapshot["radii"].copy()  # which the size of the grid may depend on
-        self._replace_block(capacity, choice, snapshot, new_pool=new_workers or choice != self.choice)
-
-    def _enter(self, snapshot: dict[str, NDArray[Any]]) -> None:
+    def _enter(self, snapshot: Snapshot) -> None:
         """Write a snapshot into the present, new block."""
         self._radii, self._masses = snapshot["radii"].copy(), snapshot["masses"].copy()
-        self.count = len(self._radii)
-        self._write_state(snapshot["position"], snapshot["velocity"], snapshot.get("acceleration"))
-        control = self._block.arrays["control"]
+        self.count = count_in(snapshot)
+        self._write(snapshot["position"], snapshot["velocity"], snapshot.get("acceleration"))
+        arrays = self._block.arrays
         frames, steps = snapshot["progress"].tolist()
-        control[layout.DONE], control[layout.STEPS] = frames, steps
+        arrays["control"][layout.DONE], arrays["control"][layout.STEPS] = frames, steps
         self.substeps = steps // frames if frames else self._settings.substeps
-        for name in BY_ID:
+        for name in stepped_snapshot.BY_ID:
             if name in snapshot:  # in files of older versions there is no image, and it counts from there on
-                self._block.arrays[name][:, : self.count] = snapshot[name]
-        self._sorted_grid = None
+                arrays[name][:, : self.count] = snapshot[name]
         self._configure()
 
-    def _grid_for(self, count: int) -> Grid:
-        scene, precision = self._scene, self._settings.precision
-        giant = self._giant_radius()
-        largest = scene.largest_radius if giant is None else giant
-        outside = bool(scene.absorbing) or has_radii(scene)
-        return grid_for(count, scene.width, scene.height, 2 * largest, precision, scene.boundary, outside)
-
-    def _giant_radius(self) -> float | None:
-        """Radius above which discs are kept out of the grid."""
-        return giant_radius(self._radii) if has_radii(self._scene) and self.choice.method != "naive" else None
-
-    def _write_state(self, position: NDArray, velocity: NDArray, acceleration: NDArray | None, first: int = 0) -> None:
-        """Write discs `first`, `first + 1`, ... behind those that are there."""
-        arrays = self._block.arrays
-        discs = live_discs(self._block)
-        last = first + len(position)
-        discs.x[first:last], discs.y[first:last] = position.T
-        discs.vx[first:last], discs.vy[first:last] = velocity.T
-        discs.id[first:last] = np.arange(first, last)
-        if discs.radius is not None:
-            discs.radius[first:last] = self._radii[first:last]
-        if "mass" in arrays:
-            arrays["mass"][first:last] = self._masses[first:last]
-        if "acceleration" in arrays:
-            arrays["acceleration"][:, first:last] = 0 if acceleration is None else acceleration.T
+    def _write(self, position: NDArray[Any], velocity: NDArray[Any], acceleration: NDArray[Any] | None) -> None:
+        """Write all discs into a new block."""
+        image = np.zeros((self.count, 2), np.int64)
+        write_discs(self._block, NewDiscs(position, velocity, acceleration, self._radii, self._masses, image), 0)
 
     def _configure(self) -> None:
-        """Write the parameters and control words that follow from scene, settings and number of discs."""
-        scene, settings = self._scene, self._settings
-        self._grid = self._grid_for(self.count)
-        smallest = float(self._radii[: self.count].min(initial=scene.largest_radius))
-        common = None if has_radii(scene) else scene.largest_radius
-        values: dict[int, Any] = {
-            layout.DT: settings.dt / self.substeps,
-            layout.DIAMETER: 2 * scene.largest_radius,
-            **dict(zip(LIMITS, wall_limits(scene), strict=True)),
-            layout.CELLS_PER_X: self._grid.columns / scene.width,
-            layout.CELLS_PER_Y: self._grid.rows / scene.height,
-            layout.EXCHANGE: (1 + scene.restitution) / 2,
-            layout.WALL_RESTITUTION: scene.wall_restitution,
-            layout.WALL_BOUNCE: scene.wall_restitution if settings.contact == "impact" else 0.0,
-            layout.TALLY_SCALE: self._tally_scale,
-            layout.FAST: self._alert.square(settings.dt / self.substeps, common, smallest, settings.precision),
-        }
-        for index, value in values.items():
-            self._block.arrays["parameters"][index] = value
-        prepare_step(self._block.arrays)
-        if "giants" in self._block.arrays:
-            giant = self._giant_radius()
-            self._block.arrays["giants"][0] = np.inf if giant is None else giant
-        words = {
-            layout.COUNT: self.count,
-            layout.COLUMNS: self._grid.columns,
-            layout.ROWS: self._grid.rows,
-            layout.SUBSTEPS: self.substeps,
-            layout.LAW: _LAWS[settings.law],
-            layout.CONTACT: _CONTACTS[settings.contact],
-            layout.PASSES: settings.passes,
-            layout.GUARDED: int(not settings.unguarded),
-            layout.CELLS: self._grid.table_size - 1,
-            layout.ABSORBING: sum(1 << EDGES.index(edge) for edge in scene.absorbing),
-        }
-        for index, word in words.items():
-            self._block.arrays["control"][index] = word
-
-    def _load_kernels(self) -> None:
-        """Compile or load what will run, by running no frame."""
-        if self.choice.method != "naive":
-            load_kernels(self._block)
-            return
-        arguments = list(naive_arguments(self._block))
-        arguments[3] = arguments[3].copy()
-        arguments[3][layout.FRAMES] = 0
-        run_naive(*arguments)
+        """Write the parameters and control words that follow from what is simulated now."""
+        self._grid = self._grid_for(self.count, self._radii)
+        now = Present(self._radii, self._grid, self._giant_radius(self._radii), self.substeps, self._alert)
+        configure(self._block.arrays, self._scene, self._settings, now)

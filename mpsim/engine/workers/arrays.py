@@ -80,7 +80,9 @@ def block_arrays(
     real, length = np.dtype(precision), capacity + layout.PADDING
     arrays: dict[str, ArraySpec] = {}
     for buffer in ("a", "b"):
-        for column in layout.Discs._fields[:-1]:  # the radius is a feature
+        for column in layout.Discs._fields:
+            if column == "radius":  # which is a feature
+                continue
             integer = column in ("id", "cell")
             arrays[f"{buffer}.{column}"] = ArraySpec(np.dtype(np.int32) if integer else real, (length,))
     arrays["start"] = ArraySpec(np.dtype(np.int32), (grid.table_size,))

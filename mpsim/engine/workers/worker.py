@@ -11,7 +11,7 @@ import traceback
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import parent_process
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,43 +41,57 @@ REFUSED = 4
 """Exit code of a worker to which the system refuses what it needs."""
 
 
-def kernel_arguments(block: SharedBlock, worker: int) -> tuple[Any, ...]:
-    """Arguments of `run_grid` for one worker, views of the block."""
+class GridArguments(NamedTuple):
+    """Arguments of `run_grid`, in its order; see there. All but the last two are views of the block."""
+
+    a: layout.Discs
+    b: layout.Discs
+    start: Any
+    outbox: Any
+    features: Any
+    parameters: Any
+    control: Any
+    team: Any
+    sent: Any
+    tally: Any
+    times: Any
+    worker: int
+    linger: int
+
+
+def kernel_arguments(block: SharedBlock, worker: int) -> GridArguments:
+    """What one worker calls `run_grid` with."""
     arrays = block.arrays
-    return (
-        *(layout.Discs(*(arrays.get(f"{name}.{field}") for field in layout.Discs._fields)) for name in "ab"),
-        arrays["start"],
-        arrays["outbox"],
-        features_of(arrays),
-        arrays["parameters"],
-        arrays["control"],
-        arrays["team"],
-        arrays["sent"],
-        arrays["tally"][worker] if "tally" in arrays else None,
-        arrays["times"][worker],
-        worker,
-        LINGER,
+    a, b = buffers_of(block)
+    return GridArguments(
+        a=a,
+        b=b,
+        start=arrays["start"],
+        outbox=arrays["outbox"],
+        features=features_of(arrays),
+        parameters=arrays["parameters"],
+        control=arrays["control"],
+        team=arrays["team"],
+        sent=arrays["sent"],
+        tally=arrays["tally"][worker] if "tally" in arrays else None,
+        times=arrays["times"][worker],
+        worker=worker,
+        linger=LINGER,
     )
 
 
-def naive_arguments(block: SharedBlock) -> tuple[Any, ...]:
-    """Arguments of `run_naive`, views of the block."""
-    discs, _, _, _, features, parameters, control, team, _, tally, times, *_ = kernel_arguments(block, 0)
-    return discs, features, parameters, control, team, tally, times
-
-
-def live_discs(block: SharedBlock) -> layout.Discs:
-    """The buffer that holds the state."""
-    return kernel_arguments(block, 0)[int(block.arrays["control"][layout.LIVE])]
+def buffers_of(block: SharedBlock) -> tuple[layout.Discs, layout.Discs]:
+    """Both buffers of discs; control[LIVE] tells which of them holds the state."""
+    a, b = (layout.Discs(*(block.arrays.get(f"{name}.{field}") for field in layout.Discs._fields)) for name in "ab")
+    return a, b
 
 
 def load_kernels(block: SharedBlock) -> None:
     """Compile or load everything that coordinator and workers call, by running no frame on private control words."""
-    arguments = list(kernel_arguments(block, 0))
-    control, team = arguments[6].copy(), np.zeros_like(arguments[7])
+    arguments = kernel_arguments(block, 0)
+    control = arguments.control.copy()
     control[layout.FRAMES], control[layout.WORKERS] = 0, 1
-    arguments[6:8] = control, team
-    run_grid(*arguments)
+    run_grid(*arguments._replace(control=control, team=np.zeros_like(arguments.team)))
     store_word(control, layout.MAIL, 1)
     add_to_word(control, layout.ANNOUNCED, load_word(control, layout.MAIL))
 
@@ -147,7 +161,7 @@ def _serve(worker: int, connection: Connection, block: SharedBlock) -> None:
                 arguments = _join(worker, connection, block)
 
 
-def _join(worker: int, connection: Connection, block: SharedBlock) -> tuple[Any, ...]:
+def _join(worker: int, connection: Connection, block: SharedBlock) -> GridArguments:
     """Say that this worker is ready for the next command in the block; returns its arguments for `run_grid`."""
     control, mine = block.arrays["control"], block.arrays["team"][worker]
     mine[layout.COMMANDS] = load_word(control, layout.COMMAND)

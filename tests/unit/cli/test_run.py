@@ -11,7 +11,7 @@ from support.commands import SHORT, library_digest, mpsim_command
 
 import mpsim
 from mpsim.cli.run import pictures_of
-from mpsim.engine.run_loop import frames_until
+from mpsim.engine.frame_count import frames_until
 from mpsim.output.recorder import COLUMNS, read_table
 from mpsim.scene import scenefile
 

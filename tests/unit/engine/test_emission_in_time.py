@@ -13,7 +13,7 @@ from support.scenes import simulate
 import mpsim
 from mpsim.engine import emission
 from mpsim.engine.entry_flight import launched
-from mpsim.engine.solvers import exact
+from mpsim.engine.solvers import events
 
 ROOM = {"width": 60.0, "height": 60.0, "position": np.zeros((0, 2)), "velocity": np.zeros((0, 2)), "radius": 0.25}
 
@@ -168,7 +168,7 @@ def test_how_the_exact_solver_is_cut_into_calls_changes_no_bit(monkeypatch, ever
     scene = mpsim.Scene.random(count=20, width=10, height=8, radius=0.3, seed=2, emitters=jam)
     expected = ran(scene, 6.0, method="event", dt=1.0)[0]
     for name in ("FEWEST_EVENTS", "SECONDS_AT_ONCE"):
-        monkeypatch.setattr(exact, name, 0.0 if name == "SECONDS_AT_ONCE" else 3)
+        monkeypatch.setattr(events, name, 0.0 if name == "SECONDS_AT_ONCE" else 3)
     assert_same_bits(ran(scene, 6.0, 6, method="event", dt=1.0)[0], expected, f"{timing}, three events at once")
 
 
@@ -179,7 +179,7 @@ def test_a_checkpoint_in_the_middle_of_waiting_changes_no_bit(tmp_path, method, 
         warnings.simplefilter("ignore")
         with simulate(BUSY, contact="impact", method=method, dt=dt) as sim:
             sim.run(until=2.6)
-            assert any(due % 8 for due in sim._emission.progress["due"]), "a disc waits"
+            assert any(due % 8 for due in sim._coordinator.emission.progress["due"]), "a disc waits"
             path = sim.save(tmp_path / "run")
         with mpsim.Simulation.resume(path) as sim:
             sim.run(until=6)

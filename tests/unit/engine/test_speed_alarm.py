@@ -64,7 +64,7 @@ def test_sub_steps_follow_a_piston():
         found = []
         for seed in range(8):
             with simulate(squeezed(seed=seed), method="grid", contact="impact", **settings) as sim:
-                sim._watch._fast.given = sim._watch._fast.given or name != "substep"
+                sim._coordinator.watch._fast.given = sim._coordinator.watch._fast.given or name != "substep"
                 sim.run(until=14)
                 found.append(mpsim.measure.kinetic_energy(sim.state, sim.scene))
         energies[name] = np.mean(found), np.std(found, ddof=1) / np.sqrt(8)
@@ -93,7 +93,7 @@ def test_a_disc_between_piston_and_wall_is_warned_of_in_the_frame_in_which_it_is
     with simulate(scene, method="grid", dt=0.05, contact="impact") as sim:
         sim.run(frames=frame - 1)
         assert np.hypot(*sim.state.velocity[0]) * 0.05 > 0.5, "as is so"
-        assert not sim._watch.is_due(sim.frame, 1), "at a frame at which nobody looks anyway"
+        assert not sim._coordinator.watch.is_due(sim.frame, 1), "at a frame at which nobody looks anyway"
 
 
 # --- acceleration, collisions
@@ -112,11 +112,11 @@ def test_a_light_disc_that_a_heavy_one_meets_is_warned_of_in_the_next_frame(meth
     scene = mpsim.Scene(
         width=20, height=10, position=[[3, 5], [10, 5]], velocity=[[40, 0], [0, 0]], radius=radius, mass=[1e4, 1]
     )
-    forecast = step_limits.Watch(scene, mpsim.Settings(), exact=False).forecast()
+    forecast = step_limits.Watch(scene, mpsim.Settings(), has_steps=True).forecast()
     assert forecast is not None, "the forecast of the start says so too; without it"
     with simulate(scene, method=method, contact=contact) as sim:
-        sim._watch = step_limits.Watch(scene, sim.settings, exact=False)
-        sim._watch.arm(sim._solver)
+        sim._coordinator.watch = step_limits.Watch(scene, sim.settings, has_steps=True)
+        sim._coordinator.watch.arm(sim._solver)
         with pytest.warns(mpsim.FastWarning, match=r"in frame 1[567] disc 1 moves (1\.6|2) times its radius") as found:
             sim.run(frames=40)
         assert sim.frame == 40
@@ -131,8 +131,8 @@ def test_a_disc_that_is_fast_for_one_frame_only_is_warned_of():
         width=9, height=9, position=places, velocity=[[40, 0], [0, 0], [0, 0]], radius=radius, mass=[99, 1, 99]
     )
     with simulate(scene, method="grid", contact="impact", dt=0.01) as sim:
-        sim._watch = step_limits.Watch(scene, sim.settings, exact=False)
-        sim._watch.arm(sim._solver)
+        sim._coordinator.watch = step_limits.Watch(scene, sim.settings, has_steps=True)
+        sim._coordinator.watch.arm(sim._solver)
         speeds = [np.hypot(*sim.state.velocity.T)]
         with pytest.warns(mpsim.FastWarning, match=r"in frame \d+ disc 1 moves [12]\.\d+ times its radius 0.4"):
             sim.run(frames=10)
@@ -206,8 +206,8 @@ def test_a_command_ends_with_the_frame_in_which_a_disc_is_fast_and_no_other():
         faster = mpsim.Scene(**WALL, position=[[5, 5]], velocity=[[30.003, 40.003]])
         with simulate(faster, dt=0.01, method="grid", precision=precision) as sim:
             assert sim._solver.advance(20, 1).times.shape[1] == 20, "the warning was given at the start: no more looks"
-            sim._watch = step_limits.Watch(faster, sim.settings, exact=False)
-            sim._watch.arm(sim._solver)
+            sim._coordinator.watch = step_limits.Watch(faster, sim.settings, has_steps=True)
+            sim._coordinator.watch.arm(sim._solver)
             assert sim._solver.advance(20, 1).times.shape[1] == 1
             found = sim._solver.caught()
             assert found.speed == pytest.approx(np.hypot(30.003, 40.003), rel=1e-5)

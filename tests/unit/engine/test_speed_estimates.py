@@ -41,7 +41,7 @@ def test_a_scene_without_discs_is_judged_alike_in_all_units_of_length(on_fast):
             width=10 * unit, height=10 * unit, position=np.zeros((0, 2)), velocity=np.zeros((0, 2)), radius=0.5 * unit,
             gravity=(0, -2 * unit), emitters=mpsim.Emitter((5 * unit, 9 * unit), (0, 0), interval=1.0),
         )  # fmt: skip
-        found = step_limits.Watch(heavy, mpsim.Settings(dt=0.1), exact=False).forecast()
+        found = step_limits.Watch(heavy, mpsim.Settings(dt=0.1), has_steps=True).forecast()
         assert found is not None
         assert "after a fall through the box a disc moves 1.26 times its radius" in found, "the control"
     assert seen[0] == seen[1] == seen[2]

@@ -92,7 +92,7 @@ def test_the_smallest_disc_counts_for_what_gravity_adds():
     scene = mpsim.Scene(
         width=9, height=90, position=[[4, 80], [2, 80]], velocity=[[1, 0], [0, 0]], radius=[0.5, 0.05], gravity=(0, -40)
     )
-    watch = step_limits.Watch(scene, mpsim.Settings(dt=0.1, on_fast="substep"), exact=False)
+    watch = step_limits.Watch(scene, mpsim.Settings(dt=0.1, on_fast="substep"), has_steps=True)
     assert watch.substeps_for(speed_estimates.pace_of(scene.velocity, scene.radii, scene), 0) == 257
 
 

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from mpsim.core.errors import DivergedError, InputError, StalledError
 from mpsim.core.state import State
 from mpsim.engine.feature_arrays import has_masses, has_radii
+from mpsim.engine.frame_count import frames_until
 from mpsim.engine.insertion import NewDiscs
 from mpsim.engine.report import Slice
-from mpsim.engine.run_loop import frames_until
-from mpsim.engine.solvers.methods import Choice, Columns, no_columns
-from mpsim.engine.speed_alarm import Alert
+from mpsim.engine.solvers.base import Capabilities, Choice, Solver
+from mpsim.engine.solvers.event_snapshot import KEPT, check, shapes
+from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
 from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.features import FEATURES
@@ -29,9 +30,6 @@ SECONDS_AT_ONCE = 0.03
 
 FEWEST_EVENTS = 1_000
 """Events between two looks at Ctrl-C at least, so that the Python around a call costs next to nothing."""
-
-KEPT = ("disc", "event", "cell_head", "cell_next", "order", "clock", "counter", "tally", "winding")
-"""Arrays of the block that a snapshot holds; radii and masses come beside them, the calendar is made anew."""
 
 GUARD = 1e-6
 """The contact-time guard, as a part of the time in which a typical disc moves the smallest radius: an impact so soon
@@ -47,14 +45,14 @@ ROUNDING = 1e-12
 """Depth of an overlap, in diameters of the largest disc, up to which a start counts as touching."""
 
 
-class ExactSolver:
+class EventSolver(Solver):
     """Runs a scene by `event`: from collision to collision, exact but for the rounding of float64.
 
-    It holds nothing that would have to be given back until `start`.
-
     Raises:
-        InputError: for a scene or setting that has no exact solution here, naming it, and for overlapping starts.
+        InputError: for a scene or setting that has no exact solution here, naming it.
     """
+
+    capabilities = Capabilities(has_steps=False, has_columns=False)
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         _refuse_what_is_not_exact(scene, settings)
@@ -64,27 +62,18 @@ class ExactSolver:
         self._settings = settings
         self._law = _law_of(scene, settings.dt)
         self._radii, self._masses = scene.radii, scene.masses
-        self.torn = False
-        self.alarmed = False
-        self.substeps = 1
-        self._counting = False
         self._at_once = 10 * FEWEST_EVENTS
         self._stopped = 0.0
         self._progress: Any = np.zeros(2, np.int64)
         self._seen: Any = np.zeros(events.COUNTED)
         self._clock: Any = np.zeros(2, np.int64)
         self._store: Any = None
+        self._process = psutil.Process()
         self._block, self._box = self._room(scene.count)
 
     def start(self) -> None:
-        """Make the block, with the discs in it. Whatever stops this, `close` then gives back what there is.
-
-        Raises:
-            InputError: for an overlapping start.
-            SharedMemoryError: if the block cannot be had.
-        """
+        """Make the block with the scene's discs in it, which must not overlap."""
         scene = self._scene
-        self._process = psutil.Process()
         discs = scene.position, scene.velocity, self._radii, self._masses
         self._store = self._placed(self._block, self._box, *discs, 0.0)
         # Compiles or loads the kernel, so that no frame time contains it, and no wait for Ctrl-C.
@@ -104,12 +93,12 @@ class ExactSolver:
         """
         before = int(self._store.counter[events.PAIRS])
         times = np.zeros(frames, np.int64)
-        counts = np.zeros((frames if self._counting else 0, events.COUNTED))
+        counts = np.zeros((frames if self.tallied else 0, events.COUNTED))
         done = self._play(times, counts, stop)
         by_phase = np.zeros((1, done, len(layout.PHASES)), np.int64)
         by_phase[0, :, layout.MOVE] = times[:done]
         contacts = int(self._store.counter[events.PAIRS]) - before
-        return Slice(by_phase, contacts, self._tally(counts[:done]) if self._counting else None)
+        return Slice(by_phase, contacts, self._tally(counts[:done]) if self.tallied else None)
 
     def _play(self, times: NDArray[np.int64], counts: NDArray[np.float64], stop: float) -> int:
         """One call of the kernel. Returns the frames it finished."""
@@ -158,9 +147,9 @@ class ExactSolver:
         tally[:, layout.COLLISION] = counts[:, events.TALLIES]
         return tally
 
-    def record(self, counting: bool) -> None:
-        """Have what measures need handed out from now on, or not. It is always counted: that costs 1 %."""
-        self._counting = counting
+    def record(self, tallied: bool) -> None:
+        """It is always counted: that costs 1 %."""
+        self.tallied = tallied
 
     # --- state
 
@@ -193,12 +182,6 @@ class ExactSolver:
         image = np.zeros((self.count, 2), np.int64) if any(self._scene.periodic) else None
         events.read_out(self._store, self._box, self._law, self._present, position, velocity, image)
         return State(position, velocity, image=image, box=self._scene.box)
-
-    def divide(self, substeps: int) -> None:
-        """Nothing: there are no steps."""
-
-    def set_alert(self, alert: Alert) -> None:
-        """Nothing: no disc is too fast."""
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
         """Append discs at the present time; refused if they overlap.
@@ -236,15 +219,6 @@ class ExactSolver:
         """Mass of each disc, shape (N,) [mass]."""
         return self._masses.copy()
 
-    def columns(self) -> Columns:
-        """No columns here."""
-        raise no_columns("event")
-
-    @property
-    def absorbed(self) -> NDArray[np.bool_]:
-        """Which discs have left through an absorbing edge, shape (N,): none, as such edges are refused."""
-        return np.zeros(self.count, bool)
-
     @property
     def guarded(self) -> int:
         """Losses of energy that the contact-time guard has suppressed."""
@@ -259,11 +233,6 @@ class ExactSolver:
         """Resident bytes of this process, and the size of the block."""
         return (self._process.memory_info().rss,), self._block.nbytes
 
-    @property
-    def pids(self) -> list[int]:
-        """No worker processes."""
-        return []
-
     def close(self) -> None:
         """Remove the block. May be called again."""
         self._store = self._seen = self._clock = None
@@ -271,20 +240,15 @@ class ExactSolver:
 
     # --- snapshots
 
-    def snapshot(self) -> dict[str, NDArray[Any]]:
+    def snapshot(self) -> Snapshot:
         """Copies of everything that the next event depends on; the calendar follows from the discs' next events."""
         found = {name: self._block.arrays[name].copy() for name in KEPT if name in self._block.specs}
         found |= {"radii": self._radii.astype(float), "masses": self._masses.astype(float)}
         return found | {"progress": self._progress.copy(), "seen": self._seen.copy()}
 
-    @staticmethod
-    def count_in(snapshot: dict[str, NDArray[Any]]) -> int:
-        """Discs in a snapshot."""
-        return len(snapshot["order"])
-
-    def restore(self, snapshot: dict[str, NDArray[Any]], choice: Choice, new_workers: bool) -> None:
-        """Go back (or on) to a snapshot. It has no workers."""
-        count = self.count_in(snapshot)
+    def restore(self, snapshot: Snapshot, choice: Choice, new_workers: bool, room: int = 0) -> None:
+        """Go back, or on, to a snapshot. There are no workers, and room for no more discs than there are."""
+        count = count_in(snapshot)
         block, box = self._room(count)
         with block.closed_on_error():
             block.create()
@@ -303,6 +267,16 @@ class ExactSolver:
         self.choice, self._radii, self._masses = choice, radii, masses
         self._progress[:], self._seen[:] = snapshot["progress"], snapshot["seen"]
         self._stopped = 0.0  # a stop at which nothing was done yet is met again
+
+    @staticmethod
+    def snapshot_shapes(scene: Scene, settings: Settings, count: int) -> Shapes:
+        """dtype and shape of every array of a snapshot of so many discs."""
+        return shapes(scene, count)
+
+    @staticmethod
+    def check_snapshot(scene: Scene, settings: Settings, snapshot: Snapshot) -> None:
+        """Raise ValueError for a snapshot in which no solver can have been, saying why."""
+        check(scene, snapshot, frame_end=(int(snapshot["progress"][events.FRAME]) + 1) * settings.dt)
 
     # --- the block
 

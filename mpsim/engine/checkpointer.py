@@ -1,0 +1,88 @@
+"""Checkpoints along a run, and the one when the process is asked to end."""
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from mpsim.core import checks
+from mpsim.core.deferred_signals import Handled
+from mpsim.core.errors import InputError
+from mpsim.engine.frame_count import MOST_FRAMES_OF_A_RUN
+
+
+class Checkpointer:
+    """Writes checkpoints while a run continues, and one when the process is asked to end (SIGTERM).
+
+    Whatever handled SIGTERM before does so again afterwards, also a handler in C.
+
+    Args:
+        save: writes one.
+        path: where; None: no checkpoints, and SIGTERM is left alone.
+        every: frames between two; None: `seconds` count.
+        seconds: between two.
+
+    Raises:
+        InputError: naming the argument of `run` that is out of range.
+    """
+
+    def __init__(self, save: Callable[[Path], Any], path: Path | None, every: int | None, seconds: float):
+        if every is not None:
+            checks.whole("checkpoint_every", every, 1, MOST_FRAMES_OF_A_RUN, "Frames between two checkpoints.")
+            if path is None:
+                raise InputError(f"checkpoint_every needs checkpoint, the file to write; got {every!r} and no file.")
+        self._save = save
+        self._path = path
+        self._every = every
+        self._seconds = checks.positive("checkpoint_seconds", seconds, "[s]")
+        self._last = time.monotonic()
+        self._frames = 0
+        self._asked_to_end = False
+        self._handled: Handled | None = None
+        self._creator = os.getpid()
+
+    def __enter__(self) -> "Checkpointer":
+        if self._path is not None and threading.current_thread() is threading.main_thread():
+            self._handled = Handled(signal.SIGTERM, self._note)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *exception: object) -> None:
+        if self._handled is None:
+            return
+        self._handled.put_back()
+        self._handled = None
+        if self._asked_to_end and kind is None:  # after the last look
+            raise SystemExit(128 + signal.SIGTERM)
+        if self._asked_to_end and kind is not SystemExit:
+            signal.raise_signal(signal.SIGTERM)  # the run has ended otherwise: let it do what it does without us
+
+    def frames_ahead(self, done: int) -> int:
+        """Frames until the next checkpoint by frames; a very large number without one."""
+        if self._path is None or self._every is None:
+            return 2**62
+        return self._every - done % self._every
+
+    def look(self, done: int, last: bool) -> None:
+        """Write a checkpoint if it is time for one, or the last frame is done, or the process is to end.
+
+        Raises:
+            SystemExit: with 143, after SIGTERM and its checkpoint.
+        """
+        if self._path is None:
+            return
+        by_frames = self._every is not None and done - self._frames >= self._every
+        by_time = self._every is None and time.monotonic() - self._last >= self._seconds
+        if by_frames or by_time or last or self._asked_to_end:
+            self._save(self._path)
+            self._last, self._frames = time.monotonic(), done
+        if self._asked_to_end:
+            raise SystemExit(128 + signal.SIGTERM)
+
+    def _note(self, number: int, frame: Any) -> None:
+        if os.getpid() != self._creator and self._handled is not None:  # a fork, where nobody looks at it
+            self._handled.put_back()
+            signal.raise_signal(signal.SIGTERM)
+        self._asked_to_end = True

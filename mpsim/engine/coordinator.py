@@ -1,0 +1,279 @@
+"""The coordinator of a simulation: its solver, and what acts on it between two commands.
+
+Emitters add discs, limits look at speeds, the pacer says how long the next command is, and a death is answered from
+snapshots. Who may call is settled before (`access.py`); who calls holds `access.whole`.
+"""
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from mpsim.core.deferred_signals import interrupts_held_back
+from mpsim.core.errors import (
+    BusyError,
+    ClosedError,
+    GuardWarning,
+    TooFastError,
+    WorkerDied,
+    WorkerStalled,
+    level_of_caller,
+)
+from mpsim.core.state import State
+from mpsim.engine.access import Access
+from mpsim.engine.batch_size import Pacer
+from mpsim.engine.emission import Emission, Insert, Progress
+from mpsim.engine.insertion import NewDiscs
+from mpsim.engine.recovery import RecoverySnapshots, retried_on_new_workers
+from mpsim.engine.report import Report, phase_seconds
+from mpsim.engine.run_record import RunRecord
+from mpsim.engine.shutdown import Closing
+from mpsim.engine.solvers import methods
+from mpsim.engine.solvers.base import Choice, Solver
+from mpsim.engine.solvers.snapshots import Snapshot, count_in
+from mpsim.engine.step_limits import Watch
+from mpsim.engine.workers.arrays import MOST_FRAMES
+from mpsim.engine.workers.system_limits import refusals_named
+from mpsim.measure.run_averages import Gathering, Run
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+
+
+class Coordinator:
+    """The solver of a simulation, and what acts on it between two commands.
+
+    Args:
+        simulation: which it belongs to; when that is collected, the solver is closed.
+        scene, settings: of the simulation.
+        access: to it.
+
+    Attributes:
+        solver: what runs the frames; another one after `auto` has changed the method.
+        last_frame: frames done when it was closed.
+        emission: what the emitters have done.
+        watch: looks at the speeds.
+    """
+
+    def __init__(self, simulation: object, scene: Scene, settings: Settings, access: Access):
+        self._scene = scene
+        self._settings = settings
+        self._access = access
+        self.last_frame: int = 0
+        self.emission: Emission = Emission(scene, settings, access.notices)
+        choice = methods.choose(scene.count, settings)
+        solver = methods.METHODS[choice.method].solver
+        self.watch: Watch = Watch(scene, settings, solver.capabilities.has_steps)
+        for text, kind in self.watch.at_start():
+            warnings.warn(text, kind, stacklevel=level_of_caller())
+        methods.note_remark(choice, None, access.notices)
+        access.notices.give()
+        self._pacer = Pacer(choice.workers, MOST_FRAMES)
+        self.solver: Solver = solver(scene, settings, choice)
+        self._closing = Closing(simulation, self.solver, access)  # before there is anything to close
+
+    def start(self) -> None:
+        """Start the solver; where that fails, nothing is left of it."""
+        try:
+            with self._access.whole, refusals_named():  # the end of the program waits until it can be closed
+                self.solver.start()
+                self.watch.arm(self.solver)
+        except BaseException:
+            with interrupts_held_back():
+                self._closing()
+            raise
+
+    @property
+    def alive(self) -> bool:
+        """Whether the solver is still to be closed."""
+        return self._closing.alive
+
+    def end(self) -> None:
+        """Close the simulation, from within whatever this thread is doing with it; Ctrl-C waits."""
+        with interrupts_held_back(), self._access.moving():
+            if self.alive:
+                self.last_frame = self.solver.frame
+                self._closing()
+
+    def open_solver(self) -> Solver:
+        """The solver.
+
+        Raises:
+            ClosedError, ForkedError: if there is none any more, or none in this process.
+        """
+        self._access.demand_own_process()
+        if not self.alive:
+            self._access.stop_if_over()
+            raise ClosedError(
+                f"this simulation was closed after frame {self.last_frame}. A closed simulation has no state. "
+                "Use it inside its `with` block, take sim.state before, or make a new one."
+            )
+        return self.solver
+
+    # --- runs
+
+    def record(self, names: tuple[str, ...], frames: int) -> RunRecord:
+        """Begin the record of a run of so many frames that gathers measures of these names."""
+        solver = self.solver
+        whole, guarded = solver.time == solver.frame * self._settings.dt, solver.guarded
+        gathering = Gathering(names, frames, self.state, whole)
+        self.between_frames(lambda: self.solver.record(gathering.counting))
+        return RunRecord(max(solver.choice.workers), gathering, whole, guarded)
+
+    def recovery(self, record: RunRecord) -> RecoverySnapshots | None:
+        """What answers deaths of workers in a run; None where the settings do not say so."""
+        if self._settings.on_worker_death != "restart":
+            return None
+        return RecoverySnapshots(self.snapshot, self.restore, record, self._access.notices)
+
+    def report(self, record: RunRecord, observing_seconds: float) -> Report:
+        """The report of a run that is over."""
+        solver = self.open_solver()
+        resources = solver.resources()
+        ran = methods.what_ran(solver.choice, self._pacer.best, self._settings)
+        gathered = record.gathering.measures(Run(self._scene, solver.count, self._settings.dt))
+        guarded = solver.guarded - record.guarded
+        if guarded:
+            self._access.notices.warn(
+                f"in {guarded} collisions the contact-time guard suppressed the loss of energy: a disc's last contact "
+                "was an instant before, as in inelastic collapse or of a disc at rest. Without it the run would never "
+                "end.",
+                GuardWarning,
+            )
+        counts = (*phase_seconds(record.times), record.collisions, *ran, *resources)
+        return Report(*counts, gathered, guarded, observing_seconds)
+
+    def advance(self, most: int, record: RunRecord, recovery: RecoverySnapshots | None) -> None:
+        """One slice of frames: what emitters add, a command of the solver, and the answer to a death of a worker."""
+        self._adapt()
+        try:
+            self._emit(self.emission.before_frame)
+            solver = self.solver
+            if recovery is not None and solver.pids:
+                recovery.take()
+            ahead = min(
+                record.gathering.frames_to_sample(record.done),
+                self.emission.frames_ahead(solver.frame),
+                self.watch.frames_ahead(solver.frame, solver.count),
+            )
+            workers, size = self._pacer.next_slice(int(min(most, ahead)))
+            part = solver.advance(size, workers, self.emission.next_time)
+        except WorkerDied as death:
+            try:
+                if recovery is None or not self.alive:
+                    raise
+                with interrupts_held_back():
+                    recovery.go_back(death)
+            except Exception:
+                self.end()
+                raise
+            return
+        except BaseException as error:
+            refused = isinstance(error, (BusyError, TooFastError))  # which change nothing
+            if self.solver.torn or (isinstance(error, Exception) and not refused):
+                self.end()
+            raise
+        if part.times.shape[1]:
+            self._pacer.note(workers, part.times.shape[1], float(np.median(part.times[0].sum(axis=1))) * 1e-9)
+        record.take(part, self._scene)
+        self.last_frame = solver.frame
+        if solver.capabilities.has_steps and solver.alarmed:  # look now: the run may end here, or be saved
+            self._adapt()
+        self.watch.look_for_pressed(solver, self._access.notices)
+        self._emit(self.emission.in_time)
+
+    def _emit(self, enter: Callable[[Solver, Insert], None]) -> None:
+        """Have the emitters add what is due."""
+        before = self.solver.count
+        try:
+            enter(self.solver, lambda new: self.insert(new, self.look(new)))
+        except Exception:  # of a signal handler, say
+            if self.solver.count != before:  # the discs are there, and the emitters' books do not know of them
+                self.end()
+            raise
+
+    def _adapt(self) -> None:
+        """Look at the speeds where there is reason to, and divide the frames to come as they need it."""
+        solver = self.solver
+        if not solver.capabilities.has_steps:
+            return
+        if solver.alarmed or self.watch.is_due(solver.frame, solver.count):
+            with interrupts_held_back(), self._access.moving():
+                solver.divide(self.watch.judge(solver, self._access.notices))
+
+    def look(self, new: NewDiscs) -> int:
+        """Look at the speeds with new discs, and warn or refuse as is set. Returns the sub-steps from now on."""
+        solver, notices = self.solver, self._access.notices
+        with interrupts_held_back(), self._access.moving():
+            return self.watch.judge(solver, notices, new)
+
+    def state(self) -> State:
+        """Copies of positions and velocities now."""
+        return self.solver.state()
+
+    def snapshot(self) -> tuple[Any, Any]:
+        """Copies of everything that the next frame depends on: of the solver, and of the emitters."""
+        return self.solver.snapshot(), self.emission.progress
+
+    def restore(self, kept: tuple[Any, Any], new_workers: bool = True) -> None:
+        """Go back, or on, to such a snapshot; see `Solver.restore`."""
+        snapshot, progress = kept
+        before, choice = self.solver.choice, methods.choose(count_in(snapshot), self._settings)
+        with interrupts_held_back(), self._access.moving():
+            if methods.of_one_solver(before, choice):
+                self.solver.restore(snapshot, choice, new_workers)
+            else:
+                self._succeed(choice, snapshot)
+            methods.note_remark(choice, before, self._access.notices)
+            self.emission.progress = progress
+            self._pacer = Pacer(choice.workers, MOST_FRAMES)
+
+    def resume(self, snapshot: Snapshot, emission: Progress) -> None:
+        """Continue from a checkpoint, as if what was warned of before it had not been."""
+        self.restore((snapshot, emission), new_workers=False)
+        self.watch = Watch(self._scene, self._settings, self.solver.capabilities.has_steps)
+        self.watch.arm(self.solver)
+
+    def _succeed(self, choice: Choice, snapshot: Snapshot, room: int = 0) -> None:
+        """Put another solver in the place of the present one, where `auto` changes the method."""
+        old, new = self.solver, methods.METHODS[choice.method].solver(self._scene, self._settings, choice)
+        new.tallied = old.tallied
+        self._closing.solvers.append(new)  # before there is anything to close
+        try:
+            new.restore(snapshot, choice, new_workers=True, room=room)
+            self.watch.arm(new)
+        except BaseException:
+            self._closing.solvers.remove(new)
+            new.close()
+            raise
+        self.solver = new
+        self._closing.solvers.remove(old)
+        old.close()
+
+    def between_frames(self, action: Callable[[], None]) -> None:
+        """Do what may move to another block, on new workers if one has died. Signals wait: half a move is no state."""
+        renew = (lambda: self.restore(self.snapshot())) if self._settings.on_worker_death == "restart" else None
+        with interrupts_held_back(), self._access.moving():
+            try:
+                retried_on_new_workers(action, renew, self._access.notices)
+            except BaseException as error:
+                if self.solver.torn or isinstance(error, (BusyError, WorkerDied, WorkerStalled)):  # left halfway
+                    self.end()
+                raise
+
+    def insert(self, new: NewDiscs, substeps: int) -> None:
+        """Add discs that have been checked; the solver may then continue by another method."""
+        count = self.solver.count + len(new.position)
+        before, choice = self.solver.choice, methods.choose(count, self._settings)
+
+        def grow() -> None:
+            if not methods.of_one_solver(self.solver.choice, choice):
+                self._succeed(choice, self.solver.snapshot(), count)
+            self.solver.add(new, choice)
+            if substeps != self.solver.substeps:
+                self.solver.divide(substeps)
+
+        self.between_frames(grow)
+        methods.note_remark(choice, before, self._access.notices)
+        if choice != before:
+            self._pacer = Pacer(choice.workers, MOST_FRAMES)

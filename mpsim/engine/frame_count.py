@@ -1,0 +1,38 @@
+"""Frames until a time, and in a run."""
+
+import math
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+
+MOST_FRAMES_OF_A_RUN = 10**12
+
+
+def frames_until(until: float, dt: float) -> int:
+    """Frames from the start to the first that reaches a time; one that ends within rounding of it does.
+
+    >>> frames_until(2.1, 0.3), frames_until(2.2, 0.3)  # 2.1 / 0.3 is 7.000000000000001
+    (7, 8)
+    """
+    return math.ceil(until / dt * (1 - 1e-12))
+
+
+def frames_wanted(frames: int | None, until: float | None, dt: float, frame: int, time: float) -> int:
+    """How many frames a run is to have.
+
+    Args:
+        frames, until: as `Simulation.run` was given them.
+        dt: of a frame [time].
+        frame, time: where the simulation stands.
+
+    Raises:
+        InputError: both or neither, or one out of range.
+    """
+    if (frames is None) == (until is None):
+        raise InputError(f"run needs either frames or until; got frames={frames!r}, until={until!r}.")
+    if frames is not None:
+        return checks.whole("frames", frames, 0, MOST_FRAMES_OF_A_RUN, "Ask for 0 or more frames.")
+    until = checks.non_negative("until", until, "[time]")
+    if until < time:
+        raise InputError(f"until must not lie in the past: the time is {time:g}; got {until!r}.")
+    return max(frames_until(until, dt) - frame, 0)

@@ -1,0 +1,73 @@
+"""Observers: who looks at a simulation along a run, to write a trajectory say."""
+
+import time
+from collections.abc import Iterable
+from typing import Any, Generic, Protocol, TypeVar
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+
+
+class HasFrame(Protocol):
+    """A simulation, as far as it matters here."""
+
+    @property
+    def frame(self) -> int:
+        """Frames done."""
+        ...
+
+
+Seen_contra = TypeVar("Seen_contra", contravariant=True)
+Observed = TypeVar("Observed", bound=HasFrame)
+
+
+class Observer(Protocol[Seen_contra]):
+    """Somebody who looks at a simulation along a run, to write a trajectory say. Looking must change nothing.
+
+    Attributes:
+        every: frames between two looks, >= 1, counted from frame 0, so that a run in parts shows the same frames.
+    """
+
+    every: int
+
+    def look(self, sim: Seen_contra, collisions: int) -> None:
+        """Look at the simulation between two frames.
+
+        A frame may be shown twice: at the end of one run and the start of the next, or when a run has healed.
+
+        Args:
+            sim: to be read only.
+            collisions: contacts resolved since this run began.
+        """
+        ...
+
+
+class Observers(Generic[Observed]):
+    """The observers of one run. Attribute seconds: the time they have taken [s].
+
+    Raises:
+        InputError: if one of them is no observer.
+    """
+
+    def __init__(self, observers: Observer[Observed] | Iterable[Observer[Observed]] | None):
+        self.seconds: float = 0.0
+        given: Any = [] if observers is None else [observers] if hasattr(observers, "look") else observers
+        self._observers: list[Observer[Observed]] = list(given) if isinstance(given, Iterable) else [given]
+        for each in self._observers:
+            if not callable(getattr(each, "look", None)):
+                raise InputError(
+                    f"observe must be one observer or several, such as mpsim.Trajectory.write(...); got {each!r}."
+                )
+            checks.whole("every of an observer", getattr(each, "every", None), 1, 10**12, "1 looks at every frame.")
+
+    def frames_ahead(self, frame: int) -> int:
+        """Frames until somebody wants to look; a very large number without observers."""
+        return min((each.every - frame % each.every for each in self._observers), default=2**62)
+
+    def look(self, sim: Observed, collisions: int) -> None:
+        """Let those look whose turn it is."""
+        started = time.perf_counter()
+        for each in self._observers:
+            if sim.frame % each.every == 0:
+                each.look(sim, collisions)
+        self.seconds += time.perf_counter() - started

@@ -1,0 +1,106 @@
+"""What is done about the death of a worker: snapshots in memory, and the return to the last one on new workers."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from mpsim.core.errors import WorkerDied
+from mpsim.engine.notices import Notices
+from mpsim.engine.run_record import Mark, RunRecord
+
+SNAPSHOT_FRACTION = 0.01
+"""Fraction of the running time that in-memory snapshots may take: the next one waits until the last one's time is so
+small a fraction of what has passed since."""
+
+SNAPSHOT_SECONDS = 0.2
+"""Time between two snapshots, at least."""
+
+MOST_DEATHS = 5
+"""Deaths of workers without a snapshot in between after which there is no use in trying again."""
+
+
+def log_death(death: WorkerDied, what_now: str, notices: Notices) -> None:
+    """One line in the log for a death that is healed."""
+    notices.log(
+        "mpsim: worker %d (process %s) ended with exit code %s in frame %d, phase '%s'; %s, on new workers.",
+        death.worker,
+        death.pid,
+        death.exitcode,
+        death.frame,
+        death.phase,
+        what_now,
+    )
+
+
+def retried_on_new_workers(act: Callable[[], None], renew: Callable[[], None] | None, notices: Notices) -> None:
+    """Act; where a worker has died, once more on new ones.
+
+    Args:
+        act: changes nothing if a worker dies.
+        renew: starts new workers; None: a death is not to be healed.
+        notices: which take a line for each death.
+
+    Raises:
+        WorkerDied: if that does not help.
+    """
+    died = False
+    for chances in range(MOST_DEATHS, -1, -1):
+        try:
+            if died and renew is not None:
+                renew()
+            act()
+            return
+        except WorkerDied as death:
+            if renew is None or not chances:
+                raise
+            log_death(death, "trying again", notices)
+            died = True
+
+
+class RecoverySnapshots:
+    """Snapshots of a run, and the return to the last one when a worker has died.
+
+    Args:
+        take: copies everything that the next frame depends on.
+        restore: goes back to such a copy, on new workers.
+        record: of the run, which is rewound too.
+        notices: which take a line for each death.
+    """
+
+    def __init__(self, take: Callable[[], Any], restore: Callable[[Any], None], record: RunRecord, notices: Notices):
+        self._take = take
+        self._restore = restore
+        self._record = record
+        self._notices = notices
+        self._kept: tuple[Any, Mark] | None = None
+        self._due = 0.0
+        self._deaths = 0
+
+    def take(self) -> None:
+        """Take a snapshot if it is time for one and there is anything new to keep."""
+        started = time.perf_counter()
+        if started >= self._due and (self._kept is None or self._record.done > self._kept[1][0]):
+            self._kept = self._take(), self._record.mark()
+            now = time.perf_counter()
+            self._due = now + max(SNAPSHOT_SECONDS, (now - started) / SNAPSHOT_FRACTION)
+            self._deaths = 0
+
+    def go_back(self, death: WorkerDied) -> None:
+        """Restore the last snapshot.
+
+        Raises:
+            WorkerDied: the death itself, if workers die faster than snapshots can be taken.
+        """
+        while True:
+            self._deaths += 1
+            if self._kept is None or self._deaths > MOST_DEATHS:
+                raise death
+            snapshot, mark = self._kept
+            frames = self._record.done - mark[0]
+            log_death(death, f"going back {frames} frames and more" if frames else "trying again", self._notices)
+            self._record.rewind(mark)
+            try:
+                self._restore(snapshot)
+                return
+            except WorkerDied as another:  # a new worker, before it was ready
+                death = another

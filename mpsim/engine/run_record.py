@@ -1,0 +1,63 @@
+"""What a run has taken and counted so far."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.engine.report import Slice
+from mpsim.kernels.layout import PHASES
+from mpsim.measure.run_averages import Gathering
+from mpsim.scene.scene import Scene
+
+Mark = tuple[int, int, int, Any]
+
+
+class RunRecord:
+    """Times, collisions and counts of the frames of a run so far.
+
+    Attributes:
+        gathering: averages for its measures.
+        whole: whether it began between two frames, not inside one.
+        guarded: losses that the solver's guard had suppressed before.
+        done: frames.
+        collisions: contacts resolved.
+    """
+
+    def __init__(self, workers: int, gathering: Gathering, whole: bool, guarded: int):
+        self.gathering = gathering
+        self.whole: bool = whole
+        self.guarded: int = guarded
+        self.done: int = 0
+        self.collisions: int = 0
+        self._times = [np.zeros((workers, 0, len(PHASES)), np.int64)]
+
+    def take(self, part: Slice, scene: Scene) -> None:
+        """Take in what one command of the solver has done."""
+        size = part.times.shape[1]
+        self.done += size
+        self._times.append(part.times)
+        self.collisions += part.contacts
+        if size:
+            self.gathering.take(part.tally, self.done, scene)
+
+    def mark(self) -> Mark:
+        """Where it stands, for `rewind`."""
+        return self.done, self.collisions, len(self._times), self.gathering.mark()
+
+    def rewind(self, mark: Mark) -> None:
+        """Forget what came after a mark."""
+        self.done, self.collisions, slices, gathered = mark
+        del self._times[slices:]
+        self.gathering.rewind(gathered)
+
+    @property
+    def times(self) -> NDArray[np.int64]:
+        """Times of all frames, (workers, frames, phases); growth under `auto` may have raised the number of workers."""
+        workers = max(part.shape[0] for part in self._times)
+        times = np.zeros((workers, sum(part.shape[1] for part in self._times), len(PHASES)), np.int64)
+        end = 0
+        for part in self._times:
+            begin, end = end, end + part.shape[1]
+            times[: len(part), begin:end] = part
+        return times

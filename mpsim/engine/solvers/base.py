@@ -1,0 +1,275 @@
+"""What every solver promises: the protocol by which a simulation, its emitters and its limits know a method.
+
+A new method is one file with a class that derives from `Solver`, and one line in `methods.METHODS`. Callers ask for
+`capabilities`, never for a class.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core.state import State
+from mpsim.engine.insertion import NewDiscs
+from mpsim.engine.report import Slice
+from mpsim.engine.solvers.snapshots import Shapes, Snapshot
+from mpsim.engine.speed_alarm import Alert
+from mpsim.engine.speed_estimates import Pace
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What runs.
+
+    Attributes:
+        method: "naive", "grid", "parallel" or "event".
+        workers: numbers of workers to choose from while running, the likely best first.
+        remark: why there is one worker where there could be more; empty: there is nothing to say.
+    """
+
+    method: str
+    workers: tuple[int, ...]
+    remark: str = ""
+
+
+class Columns(NamedTuple):
+    """Who is where in the grid.
+
+    Attributes:
+        of_disc: column of each disc, shape (N,).
+        owner: the worker to whom the next frame gives that column, shape (N,).
+        number: of columns, of equal width.
+    """
+
+    of_disc: NDArray[np.int64]
+    owner: NDArray[np.int64]
+    number: int
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """What can be known of a method before there is a solver.
+
+    Attributes:
+        has_steps: frames are made of steps, so that a disc can be too fast for one. Only then callers use `pace`,
+            `alarmed`, `caught`, `set_alert` and `divide`.
+        has_columns: discs are sorted into the columns of a grid. Only then callers use `columns`.
+    """
+
+    has_steps: bool
+    has_columns: bool
+
+
+class Solver(ABC):
+    """Runs the frames of a scene by one method.
+
+    It holds nothing that would have to be given back until `start`: so its owner knows of it before. Unless something
+    else is said, members may be used between `start` and `close`, and change nothing if they raise. Discs are in the
+    order of the scene's, added ones follow; N is their number.
+
+    Args:
+        scene, settings: of the simulation.
+        choice: what runs. Its method is one for which `methods.METHODS` names this class.
+
+    Raises:
+        InputError: for a scene or settings that the method cannot do, naming them.
+
+    Attributes:
+        capabilities: of the method.
+        count: number of discs, N.
+        choice: what runs.
+        substeps: steps of a frame now; 1 without steps.
+        tallied: whether what measures need is counted, and put into Slice.tally. `record` changes it; it may be set
+            before `start`.
+    """
+
+    capabilities: ClassVar[Capabilities]
+    count: int
+    choice: Choice
+    substeps: int = 1
+    tallied: bool = False
+
+    @abstractmethod
+    def __init__(self, scene: Scene, settings: Settings, choice: Choice):
+        """Check that the method can do the scene, and plan."""
+
+    @abstractmethod
+    def start(self) -> None:
+        """Make the block, with the scene's discs in it, load the kernels, and start workers if there are any.
+
+        Whatever stops this, `close` then gives back what there is.
+
+        Raises:
+            InputError: for a start that the method cannot do.
+            ResourceError, WorkerDied, WorkerStalled: if the block or the workers cannot be had.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """Stop the workers and remove the block. At any moment, and again: it copes with any part of them."""
+
+    # --- frames
+
+    @abstractmethod
+    def advance(self, frames: int, workers: int, stop: float = math.inf) -> Slice:
+        """Run up to so many frames on so many workers, and return what they took and counted.
+
+        Fewer where they take longer than expected, so that no call lasts much longer than a tenth of a second.
+
+        Args:
+            frames: >= 1, at most workers.arrays.MOST_FRAMES.
+            workers: one of choice.workers.
+            stop: where to end, if it comes first [time]: with the frame that reaches it, or at it, inside the frame.
+
+        Raises:
+            DivergedError, StalledError, WorkerDied, WorkerStalled: the solver can then only be closed, or restored.
+        """
+
+    @abstractmethod
+    def record(self, tallied: bool) -> None:
+        """Have what measures need counted from now on, or not; see `tallied`.
+
+        Raises:
+            ResourceError, WorkerDied, WorkerStalled: as `start`.
+        """
+
+    @property
+    @abstractmethod
+    def frame(self) -> int:
+        """Frames finished since the start."""
+
+    @property
+    @abstractmethod
+    def time(self) -> float:
+        """Time that has been reached since the start [time]: frame * dt, or later if a stop came inside a frame."""
+
+    @abstractmethod
+    def reached(self, time: float) -> bool:
+        """Whether a time [time] has been reached, but for rounding."""
+
+    @property
+    def torn(self) -> bool:
+        """Whether the last command was left in the middle, so that there is no whole state. Also after `close`."""
+        return False
+
+    # --- discs
+
+    @abstractmethod
+    def state(self) -> State:
+        """Copies of positions and velocities now, (N, 2), with what else a state has. Taking them changes nothing."""
+
+    @property
+    @abstractmethod
+    def radii(self) -> NDArray[np.float64]:
+        """Radius of each disc, shape (N,), a copy [length]."""
+
+    @property
+    @abstractmethod
+    def masses(self) -> NDArray[np.float64]:
+        """Mass of each disc, shape (N,), a copy [mass]."""
+
+    @property
+    def absorbed(self) -> NDArray[np.bool_]:
+        """Which discs have left through an absorbing edge, shape (N,); none where the method has no such edges."""
+        return np.zeros(self.count, bool)
+
+    @abstractmethod
+    def add(self, new: NewDiscs, choice: Choice) -> None:
+        """Append discs that have been checked, and continue as `choice` says, whose method is one of this class.
+
+        There is no way to remove a disc: one that leaves through an absorbing edge keeps its number.
+
+        Raises:
+            InputError: for discs that the method cannot do.
+            ResourceError, WorkerDied, WorkerStalled: as `start`; only `torn` then tells whether the state is whole.
+        """
+
+    # --- snapshots
+
+    @abstractmethod
+    def snapshot(self) -> Snapshot:
+        """Copies of everything that the next frame depends on, with which `restore` gives the same bits."""
+
+    @abstractmethod
+    def restore(self, snapshot: Snapshot, choice: Choice, new_workers: bool, room: int = 0) -> None:
+        """Go back, or on, to a snapshot of this scene, of this method or one that `auto` may have taken before.
+
+        May stand in place of `start`.
+
+        Args:
+            snapshot: what `snapshot` has returned, or a checkpoint that has been checked.
+            choice: what then runs, by a method of this class.
+            new_workers: start new workers, as those that were there may be dead.
+            room: discs for which there is then room without another move, if it needs one for them.
+
+        Raises:
+            ResourceError, WorkerDied, WorkerStalled: as `start`.
+        """
+
+    @staticmethod
+    @abstractmethod
+    def snapshot_shapes(scene: Scene, settings: Settings, count: int) -> Shapes:
+        """dtype and shape of every array of a snapshot of so many discs."""
+
+    @staticmethod
+    @abstractmethod
+    def check_snapshot(scene: Scene, settings: Settings, snapshot: Snapshot) -> None:
+        """Raise ValueError for a snapshot from a file in which no solver can have been, saying why.
+
+        Its arrays have the right shapes, and radii, masses and `progress` have been looked at.
+        """
+
+    # --- what a report says
+
+    @property
+    def guarded(self) -> int:
+        """Losses of energy that a guard against endless collisions has suppressed so far; 0 without one."""
+        return 0
+
+    @property
+    @abstractmethod
+    def array_names(self) -> tuple[str, ...]:
+        """Names of the arrays in the block."""
+
+    @abstractmethod
+    def resources(self) -> tuple[tuple[int, ...], int]:
+        """Resident bytes of each process, this one first, and the size of the block [bytes]."""
+
+    @property
+    def pids(self) -> list[int]:
+        """Process numbers of the workers other than this process, at any moment; none where all is done in it."""
+        return []
+
+    # --- only where capabilities.has_columns
+
+    def columns(self) -> Columns:
+        """Column of the grid and owner of each disc."""
+        raise NotImplementedError
+
+    # --- only where capabilities.has_steps
+
+    @property
+    def alarmed(self) -> bool:
+        """Whether a disc was too fast in the last command, and so ended it."""
+        raise NotImplementedError
+
+    def caught(self) -> Pace | None:
+        """The disc that was too fast in the last command, reported once; None where there was none."""
+        raise NotImplementedError
+
+    def pace(self, new: NewDiscs | None = None) -> Pace:
+        """How fast the discs are, those that are about to be added included."""
+        raise NotImplementedError
+
+    def set_alert(self, alert: Alert) -> None:
+        """From now on end a command with the frame in which a disc is so fast."""
+        raise NotImplementedError
+
+    def divide(self, substeps: int) -> None:
+        """Divide the frames that follow into so many steps, >= 1."""
+        raise NotImplementedError

@@ -1,0 +1,80 @@
+"""Discs in the block of a stepped solver: written, and read back in the order of the scene."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core.state import State
+from mpsim.engine.feature_arrays import box_now
+from mpsim.engine.insertion import NewDiscs
+from mpsim.engine.workers.shared import SharedBlock
+from mpsim.engine.workers.worker import buffers_of
+from mpsim.kernels import layout
+from mpsim.kernels.features.images import wrap_places
+from mpsim.scene.scene import Scene
+
+
+def live_discs(block: SharedBlock) -> layout.Discs:
+    """The buffer that holds the state."""
+    return buffers_of(block)[int(block.arrays["control"][layout.LIVE])]
+
+
+def write_discs(block: SharedBlock, new: NewDiscs, first: int) -> None:
+    """Write discs `first`, `first + 1`, ... behind those that are there."""
+    arrays, discs = block.arrays, live_discs(block)
+    last = first + len(new.position)
+    discs.x[first:last], discs.y[first:last] = new.position.T
+    discs.vx[first:last], discs.vy[first:last] = new.velocity.T
+    discs.id[first:last] = np.arange(first, last)
+    if discs.radius is not None:
+        discs.radius[first:last] = new.radius
+    if "mass" in arrays:
+        arrays["mass"][first:last] = new.mass
+    if "acceleration" in arrays:
+        arrays["acceleration"][:, first:last] = 0 if new.acceleration is None else new.acceleration.T
+    if "image" in arrays:
+        arrays["image"][:, first:last] = new.image.T
+
+
+def places_and_speeds(block: SharedBlock, count: int) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Positions and velocities as they lie in the block, in the order of the scene's discs."""
+    discs = live_discs(block)
+    order = discs.id[:count]
+    position = np.empty((count, 2), discs.x.dtype)
+    velocity = np.empty_like(position)
+    for column, (place, speed) in enumerate(((discs.x, discs.vx), (discs.y, discs.vy))):
+        position[order, column] = place[:count]
+        velocity[order, column] = speed[:count]
+    return position, velocity
+
+
+def absorbed_in(block: SharedBlock, count: int) -> NDArray[np.bool_]:
+    """Which discs have left through an absorbing edge, shape (count,)."""
+    exits = block.arrays.get("exits")
+    return np.zeros(count, bool) if exits is None else exits[0, :count] != 0
+
+
+def state_in(block: SharedBlock, scene: Scene, count: int) -> State:
+    """Copies in the order of the scene's discs."""
+    (position, velocity), arrays = places_and_speeds(block, count), block.arrays
+    image = arrays["image"][:, :count].copy() if "image" in arrays else None
+    for axis, wrap in enumerate((arrays.get("wrap_x"), arrays.get("wrap_y"))):
+        if wrap is not None:  # a contact may have moved a disc through the border; the next step brings it back
+            wrap_places(position[:, axis], image, axis, wrap)
+    image = None if image is None else image.T
+    return State(position, velocity, present=~absorbed_in(block, count), image=image, box=box_now(scene, arrays))
+
+
+def first_not_finite(block: SharedBlock) -> tuple[int, tuple[float, float], tuple[float, float]]:
+    """The disc that a worker has found not finite, of the least id, with its position and velocity.
+
+    After an odd number of steps the state lies in the other buffer, so both are looked at.
+    """
+    slots = block.arrays["team"][:, layout.BAD_SLOT]
+    candidates = [
+        (int(discs.id[slot]), values)
+        for discs in buffers_of(block)
+        for slot in slots[slots >= 0]
+        if not np.isfinite(values := [float(each[slot]) for each in (discs.x, discs.y, discs.vx, discs.vy)]).all()
+    ]
+    particle, (x, y, vx, vy) = min(candidates)
+    return particle, (x, y), (vx, vy)
