@@ -177,8 +177,8 @@ class SteppedSolver(Solver):
     def divide(self, substeps: int) -> None:
         """Divide the frames that follow into so many steps.
 
-        The count of steps becomes what it would be if all frames had had as many: so the place of a moving wall follows from
-        it as before, and a snapshot tells the number of sub-steps.
+        The count of steps becomes what it would be if all frames had had as many: so the place of a moving wall follows
+        from it as before, and a snapshot tells the number of sub-steps.
         """
         if substeps != self.substeps:
             self.substeps = substeps
