@@ -16,6 +16,7 @@ from mpsim.engine.insertion import NewDiscs, checked, hindrance
 from mpsim.engine.notices import Notices, Once
 from mpsim.engine.solvers.base import Solver
 from mpsim.features.emitters import Emitter
+from mpsim.measure.pairs import lengths_of, to_nearest_image
 from mpsim.scene.scene import LARGEST_COUNT, Scene
 from mpsim.scene.settings import Settings
 
@@ -202,6 +203,7 @@ class _Crowd:
         length = (scene.width, scene.height)[self._axis]
         self._number = max(int(min(length / (2 * scene.largest_radius * (1 + 1e-6)), MOST_STRIPS)), 1)
         self._per_length = self._number / length
+        self._lengths = lengths_of(scene)
         self._strips: list[list[int]] = []  # made when there are looks enough
 
     @property
@@ -212,10 +214,7 @@ class _Crowd:
     def admits(self, place: NDArray[np.float64], radius: float) -> bool:
         """Whether a disc overlaps none; it is then one of them."""
         near = self._near(place)
-        offset = np.abs(self._position[near] - place)
-        for axis, length in enumerate((self._scene.width, self._scene.height)):
-            if self._scene.periodic[axis]:
-                offset[:, axis] = np.minimum(offset[:, axis], length - offset[:, axis])
+        offset = to_nearest_image(self._position[near] - place, self._lengths)
         free = not ((offset**2).sum(axis=1) < (self._radius[near] + radius) ** 2).any()
         if free:
             self._add(place, radius)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.engine.simulation import Simulation
+from mpsim.measure.pairs import lengths_of, to_nearest_image
 from mpsim.output.frames import Frame, among, differs, frame_of
 from mpsim.scene.scene import Scene
 
@@ -89,8 +90,7 @@ def _begins_as(scene: Scene, first: Frame) -> bool:
     start = among(first, ids)
     if not checks.equal(start.ids, ids):
         return False
-    offset, size = np.abs(start.position - scene.position), np.array([scene.width, scene.height])
-    offset = np.where(first.periodic, np.minimum(offset, np.abs(size - offset)), offset)
+    offset = np.abs(to_nearest_image(start.position - scene.position, lengths_of(scene)))
     change, fastest = np.abs(start.velocity - scene.velocity), float(np.abs(scene.velocity).max(initial=0.0))
     rounding = ROUNDING * float(np.finfo(first.position.dtype).eps)
     return bool((offset <= _slack(scene, first)).all() and (change <= rounding * fastest).all())
