@@ -17,7 +17,7 @@ from mpsim.core.state import Box, State
 from mpsim.core.views import view
 from mpsim.features import FEATURES
 from mpsim.features.absorption import check_edges
-from mpsim.features.capsules import Among
+from mpsim.features.capsules import CapsuleIndex
 from mpsim.features.edges import MovingWall, check_boundary
 from mpsim.features.emitters import Emitter, check_emitters
 from mpsim.features.feature import Deepest
@@ -61,7 +61,7 @@ class Scene:
 
     _others: Callable[[int], "Scene"] | None = None
     _capsules: tuple[tuple[Obstacle, ...], NDArray[np.float64]] | None = None  # and what they were made of
-    _among: Among | None = None
+    _among: CapsuleIndex | None = None
 
     def __init__(
         self,
@@ -303,7 +303,7 @@ class Scene:
         return self._capsules[1]
 
     @property
-    def among(self) -> Among:
+    def among(self) -> CapsuleIndex:
         """The obstacles in their box, for those who ask again and again how deep discs are in them."""
         found, size = self._among, (self.width, self.height)
         if (
@@ -311,7 +311,7 @@ class Scene:
             or found.capsules is not self.capsules
             or (found.size, found.periodic) != (size, self.periodic)
         ):
-            found = self._among = Among(self.capsules, size, self.periodic)
+            found = self._among = CapsuleIndex(self.capsules, size, self.periodic)
         return found
 
     @property
