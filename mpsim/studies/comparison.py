@@ -10,7 +10,7 @@ from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
-from mpsim.measure.observables import TrajectoryError, trajectory_error
+from mpsim.measure.observables import TrajectoryDeviation, trajectory_error
 from mpsim.measure.predictability import Predictability, predictability, require_predictable
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -41,7 +41,7 @@ class ShortRun:
     """
 
     time: float
-    error: TrajectoryError
+    error: TrajectoryDeviation
     collisions: tuple[int, int]
 
 

@@ -223,7 +223,7 @@ def _all_problems(
 def _refused(
     members: list[Any], arguments: Callable[[list[Any]], Arguments], first: int = 0
 ) -> Iterator[tuple[int, InputError]]:
-    """Members that Scene refuses, by index, with the error; found by bisection, so that many valid ones take one trial."""
+    """Members that Scene refuses, by index, with the error, found by bisection."""
     if not members:
         return
     try:
