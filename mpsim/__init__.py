@@ -84,7 +84,7 @@ def _imported_when_called(module: str, name: str) -> Callable[..., Any]:
 
 
 for _view, _where in _VIEWS.items():
-    views.give(_view, _imported_when_called(*_where))
+    views.register(_view, _imported_when_called(*_where))
 
 
 def __getattr__(name: str) -> Any:

@@ -265,7 +265,9 @@ def make_folder(path: Path) -> None:
 
 def features(options: argparse.Namespace, settings: mpsim.Settings, machine_now: dict[str, Any]) -> str:
     """Markdown: cost of each feature, and of the bare scene beside an older version."""
-    before = archive_of(options.before) if options.before else b""  # a mistyped revision is told before the long work
+    before = (
+        archive_of(options.before) if options.before else b""
+    )  # a mistyped revision is an error before the long work
     with console.status("compiling") as status:
         found = feature_cost.feature_costs(settings, status.update)
         bare = found[0].nanoseconds

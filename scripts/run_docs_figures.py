@@ -38,8 +38,8 @@ PHASE_COLOURS: dict[str, str] = dict(zip(PHASES, ("#0072B2", "#56B4E9", "#009E73
 FRAME_DISCS = 20_000
 
 
-def crowd() -> tuple[mpsim.Scene, Grid]:
-    """A small crowd, and the cells that mpsim sorts it into."""
+def dense_gas() -> tuple[mpsim.Scene, Grid]:
+    """A small dense gas, and the cells that mpsim sorts it into."""
     scene = mpsim.Scene.random(count=36, width=9.0, height=5.5, radius=0.5, seed=4)
     return scene, grid_for(scene.count, scene.width, scene.height, 2 * scene.largest_radius, "float64")
 
@@ -62,7 +62,7 @@ def cells(axes: Axes, scene: mpsim.Scene, grid: Grid, columns_only: bool = False
 
 def passes(path: Path) -> None:
     """Which columns meet which in each pass, and who does it."""
-    scene, grid = crowd()
+    scene, grid = dense_gas()
     wide = scene.width / grid.columns
     half = grid.columns // 2
     column_of = np.minimum((scene.position[:, 0] / wide).astype(int), grid.columns - 1)
@@ -93,7 +93,7 @@ def passes(path: Path) -> None:
 
 def neighbours(path: Path) -> None:
     """The cells at which one disc looks."""
-    scene, grid = crowd()
+    scene, grid = dense_gas()
     wide, high = scene.width / grid.columns, scene.height / grid.rows
     cell = np.minimum((scene.position / (wide, high)).astype(int), (grid.columns - 1, grid.rows - 1))
     middle = np.array([grid.columns // 2 - 1, grid.rows // 2])

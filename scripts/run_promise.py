@@ -24,7 +24,7 @@ from run_bench import machine
 
 import mpsim
 from mpsim.scene import scenefile
-from mpsim.studies.ensemble import Campaign
+from mpsim.studies.ensemble import Ensemble
 from mpsim.studies.independent_starts import StartsGiven
 from mpsim.studies.replicas import available
 from mpsim.studies.tune import FEWEST_REPLICAS
@@ -76,7 +76,7 @@ def answers(asked: Asked, kept: Path) -> list[dict[str, Any]]:
     if verified:
         until = next(iter(verified.values())).until
         how: dict[str, Any] = {"starts": asked.starts, "seconds": asked.seconds, "path": kept}
-        with Campaign(asked.scene, until, (asked.measure,), replicas=FEWEST_REPLICAS, **how) as run:
+        with Ensemble(asked.scene, until, (asked.measure,), replicas=FEWEST_REPLICAS, **how) as run:
             run.assess([])
             for budget, found in verified.items():
                 rows[budget][0].update(check(run, found.settings, asked, budget))
@@ -99,7 +99,7 @@ def answer(asked: Asked, budget: float, kept: Path) -> tuple[dict[str, Any], mps
     return row | {"error": error.value, "standard_error": error.error, "spread": error.error > 0}, found
 
 
-def check(run: Campaign, settings: mpsim.Settings, asked: Asked, budget: float) -> dict[str, Any]:
+def check(run: Ensemble, settings: mpsim.Settings, asked: Asked, budget: float) -> dict[str, Any]:
     """The error of settings over starts that had no part in choosing or verifying them."""
     one = run.seconds_for(settings, 1, verify=True)
     number = max(min(MOST, int(asked.checking / max(one, 1e-9))), LEAST)

@@ -41,7 +41,7 @@ def arguments() -> argparse.Namespace:
 
 
 def cost() -> None:
-    """Median time of a frame and of a look at the speeds, and the part of a run that looks take."""
+    """Median time of a frame and of a check of the speeds, and the fraction of a run that checks take."""
     for count in (100, 8192, 100_000):
         scene = mpsim.Scene.random(count=count, packing=0.4, radius=0.5, seed=1)
         with mpsim.Simulation(scene, mpsim.Settings(dt=0.01, method="grid")) as sim:

@@ -6,7 +6,7 @@ python scripts/run_tradeoff.py dense --fresh      one scene, anew
 python scripts/run_tradeoff.py --retime           keep the errors, measure costs anew (the machine was busy)
 python scripts/run_tradeoff.py --full             longer runs and more of them: a quarter of an hour
 
-An interrupted call goes on where it stopped. Scenes: 200 discs in a square box at packing 0.1, 0.4 and 0.7, kT = 1;
+An interrupted call continues where it stopped. Scenes: 200 discs in a square box at packing 0.1, 0.4 and 0.7, kT = 1;
 with gravity such that m g L is 4, 10 and 30 kT (L: side of the box), settled before the start.
 """
 
@@ -26,7 +26,7 @@ from pages import fill_page, made_by
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from run_bench import machine, make_folder
-from tradeoff_answers import Effort, Kept, answers
+from tradeoff_answers import Effort, SavedAnswers, answers
 
 import mpsim
 from mpsim.engine.workers.cores import usable_cores
@@ -197,7 +197,7 @@ def run(options: argparse.Namespace) -> None:
         def tick(what: str) -> None:
             progress.update(task, description=f"answers: {what}")
 
-        kept = Kept(options.out / "answers.json", options.fresh or options.retime)
+        kept = SavedAnswers(options.out / "answers.json", options.fresh or options.retime)
         found_answers = answers(found, scenes, kept, Effort(full=options.full), tick)
     text = "\n\n".join(found_answers.values())
     (options.out / "answers.md").write_text(f"{text}\n\n{made}\n")
@@ -215,7 +215,7 @@ def main() -> int:
         make_folder(options.out)
         run(options)
     except KeyboardInterrupt:
-        console.print("Interrupted; the same call, without --fresh, goes on from what is finished.")
+        console.print("Interrupted; the same call, without --fresh, continues from what is finished.")
         return 130
     except (mpsim.MpsimError, OSError) as error:
         console.print(f"run_tradeoff: {error}", style="red", highlight=False, soft_wrap=True)

@@ -49,7 +49,7 @@ class Effort:
         return 16 if self.full else 8
 
 
-class Kept:
+class SavedAnswers:
     """Answers that took runs of their own, in a file."""
 
     def __init__(self, path: Path, fresh: bool):
@@ -66,14 +66,18 @@ class Kept:
 
 
 def answers(
-    tables: Mapping[str, mpsim.Tradeoff], scenes: Mapping[str, mpsim.Scene], kept: Kept, effort: Effort, tick: Tick
+    tables: Mapping[str, mpsim.Tradeoff],
+    scenes: Mapping[str, mpsim.Scene],
+    saved: SavedAnswers,
+    effort: Effort,
+    tick: Tick,
 ) -> dict[str, str]:
     """All answers by name, each with a heading of its own."""
     tick("push against the tuned setting")
-    found = {"push": push_against_tuned(kept.get("push against tuned", effort, lambda: measure_push(effort)))}
+    found = {"push": push_against_tuned(saved.get("push against tuned", effort, lambda: measure_push(effort)))}
     found["exact"] = where_exact_is_cheaper(tables)
     tick(f"float32 at {LARGE:,} discs")
-    found["float32"] = float32(tables, kept.get("float32", effort, lambda: measure_float32(effort)))
+    found["float32"] = float32(tables, saved.get("float32", effort, lambda: measure_float32(effort)))
     found["reflect"] = reflect(tables)
     lines = []
     for name in TUNED_SCENES:
@@ -81,7 +85,7 @@ def answers(
             if name in scenes:
                 tick(f"tuning {name} for {who}")
                 key = f"tuned {name} {budgets}"
-                each = kept.get(key, effort, lambda s=scenes[name], b=budgets: tuned(s, b, effort))
+                each = saved.get(key, effort, lambda s=scenes[name], b=budgets: tuned(s, b, effort))
                 lines.append((f"{who}, {name}", each))
     if lines:
         found["tuned"] = tuned_table(lines)

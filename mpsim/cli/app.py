@@ -1,7 +1,7 @@
-"""The command `mpsim`: a thin door to what the library does. Commands live in mpsim.cli, one module per group.
+"""The command `mpsim`: a thin layer over the library. Commands are in mpsim.cli, one module per group.
 
-Results go to standard output, progress and errors to standard error. Exit codes: 0 done, 1 it failed, with a sentence
-that says why, 2 wrong usage or input, 130 Ctrl-C.
+Results go to standard output, progress and errors to standard error. Exit codes: 0 done, 1 failed, with a sentence that
+says why, 2 wrong usage or input, 130 Ctrl-C.
 """
 
 import logging
@@ -25,7 +25,7 @@ class Refused(click.ClickException):
     exit_code = 2
 
 
-class Door(click.Group):
+class Commands(click.Group):
     """A group of commands in which an error of mpsim is a sentence and exit code 1 or 2, not a traceback."""
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -38,7 +38,7 @@ class Door(click.Group):
                 click.echo(str(stop) or "Interrupted.", err=True)
                 ctx.exit(INTERRUPTED)
             except (MpsimError, OSError, MemoryError) as error:
-                if isinstance(error, BrokenPipeError):  # whoever read us has had enough
+                if isinstance(error, BrokenPipeError):  # the reader of the output has closed it
                     raise
                 kind = Refused if isinstance(error, InputError) else click.ClickException
                 raise kind(str(error) or type(error).__name__) from error
@@ -56,7 +56,7 @@ Examples:
   mpsim scenes                                     what there is to look at
   mpsim show gas                                   what a scene is
   mpsim run gas --until 50 --out run               simulate it; run/ holds what happened
-  mpsim resume run --until 100                     go on with it
+  mpsim resume run --until 100                     continue it
   mpsim plot run                                   draw what it recorded
   mpsim animate gas gas.gif                        or watch it
   mpsim tune gas --pressure 1%                     the cheapest settings that are good to 1 % in pressure
@@ -65,10 +65,10 @@ Examples:
 
 
 @click.group(
-    cls=Door, epilog=EXAMPLES, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
+    cls=Commands, epilog=EXAMPLES, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
 )
 @click.version_option(package_name="mpsim", prog_name="mpsim")
-@click.option("-v", "--verbose", is_flag=True, help="Also tell what is read and what is decided.")
+@click.option("-v", "--verbose", is_flag=True, help="Also report what is read and what is decided.")
 def main(verbose: bool) -> None:
     """Many moving discs in two dimensions, the same bits on any number of cores.
 

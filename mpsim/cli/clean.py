@@ -12,7 +12,7 @@ from mpsim.engine.workers import shared
     short_help="Remove shared memory of programs that were killed.",
     epilog="\b\nExamples:\n  mpsim clean --dry-run\n  mpsim clean",
 )
-@click.option("--dry-run", is_flag=True, help="Only tell what would be removed.")
+@click.option("--dry-run", is_flag=True, help="Only list what would be removed.")
 @click.option("--json", "as_json", is_flag=True, help="As JSON: name, size and process of each.")
 def clean(dry_run: bool, as_json: bool) -> None:
     """Remove shared memory of mpsim whose owner is dead, and nothing else.

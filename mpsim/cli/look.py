@@ -39,7 +39,9 @@ def plot(folder: Path, out: Path | None, force: bool, as_json: bool) -> None:
         terminal.existing_refused(out, force)
     table, frames = read_table(found[MEASURES]), found.frames
     if not len(frames) or not len(table["time"]):
-        raise InputError(f"{str(folder)!r} holds no frame yet; got an empty trajectory. Let the run go on for a while.")
+        raise InputError(
+            f"{str(folder)!r} holds no frame yet; got an empty trajectory. Let the run continue for a while."
+        )
     title = f"{found.record['scene']}, frame {table['frame'][-1]:.0f}, {found.record['status']}"
     figure = history(table, found.scene, frames[-1], title)
     path = save_figure(figure, out or folder / "plot.png")

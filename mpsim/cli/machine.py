@@ -23,7 +23,7 @@ All of it, with pictures: python scripts/run_bench.py in a checkout.
 """
 
 
-@click.command(epilog=BENCH_EXAMPLES, short_help="Tell how fast mpsim is here.")
+@click.command(epilog=BENCH_EXAMPLES, short_help="Measure how fast mpsim is here.")
 @click.option(
     "--count", type=click.IntRange(1, 3000), default=100, show_default=True, help="Discs; all pairs are tried, too."
 )

@@ -1,4 +1,4 @@
-"""`mpsim run` and `mpsim resume`: simulate a scene; a folder holds what happened, and from where to go on."""
+"""`mpsim run` and `mpsim resume`: simulate a scene; a folder holds the results, and what is needed to continue."""
 
 import contextlib
 import dataclasses
@@ -23,10 +23,10 @@ from mpsim.output.tables import measure_text
 from mpsim.scene import scenefile
 
 FRAMES = 500
-"""Frames of a run for which nobody said how many."""
+"""Default number of frames of a run."""
 
 CHECKPOINT_SECONDS = 30.0
-"""Time of a run that a kill may cost."""
+"""Seconds between checkpoints: the time of a run that a kill may cost."""
 
 RUN_EXAMPLES = """\b
 Examples:
@@ -67,7 +67,7 @@ def run(
     """Simulate SCENE, with the settings it recommends but for those given here.
 
     With --out, a folder is written: the trajectory for OVITO, tables of times and measures, the last state and a
-    picture of it, and a checkpoint. Ctrl-C leaves it so that `mpsim resume` goes on.
+    picture of it, and a checkpoint. After Ctrl-C, `mpsim resume` continues it.
     """
     if frames is not None and until is not None:
         raise click.UsageError("Give --frames or --until, not both.")
@@ -92,7 +92,7 @@ def run(
         "status": "starting",
     }
     with Simulation(file.scene, settings) as sim, RunFolder.create(out, record, force=force) as folder:
-        sim.save(folder[CHECKPOINT])  # so that the run can be gone on with, however early it ends
+        sim.save(folder[CHECKPOINT])  # so that the run can be continued, however early it ends
         folder.note(sim, "running")
         _advance(folder, sim, target, as_json, quiet)
 
@@ -105,7 +105,7 @@ Examples:
 """
 
 
-@click.command(epilog=RESUME_EXAMPLES, short_help="Go on with a run.")
+@click.command(epilog=RESUME_EXAMPLES, short_help="Continue a run.")
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--frames", type=click.IntRange(1), help="So many frames more.")
 @click.option("--until", type=terminal.Positive("time"), help="Or until this time of the scene.")
@@ -115,9 +115,9 @@ Examples:
 def resume(
     folder: Path, frames: int | None, until: float | None, workers: int | None, as_json: bool, quiet: bool
 ) -> None:
-    """Go on with the run in FOLDER, to the same bits as if it had never stopped.
+    """Continue the run in FOLDER, to the same bits as if it had never stopped.
 
-    Without --frames or --until it goes on to the end that `mpsim run` was asked for.
+    Without --frames or --until it continues to the end that `mpsim run` was asked for.
     """
     if frames is not None and until is not None:
         raise click.UsageError("Give --frames or --until, not both.")
@@ -130,16 +130,16 @@ def resume(
         if target <= sim.frame:
             asked = f"--until {until:g} is frame {target}" if until is not None else f"it was to go to frame {target}"
             raise click.UsageError(
-                f"The run in {str(folder)!r} is at frame {sim.frame}, time {sim.time:g}; {asked}. Say how far it is to "
-                "go on: --frames or --until."
+                f"The run in {str(folder)!r} is at frame {sim.frame}, time {sim.time:g}; {asked}. Say how far it is "
+                "to continue: --frames or --until."
             )
-        _tell_of_frames_lost(found, sim, quiet)
+        _report_lost_frames(found, sim, quiet)
         found.record["target"] = max(target, found.record["target"])  # the end that was asked for stays
         found.note(sim, "running")
         _advance(found, sim, target, as_json, quiet)
 
 
-def _tell_of_frames_lost(folder: RunFolder, sim: Simulation, quiet: bool) -> None:
+def _report_lost_frames(folder: RunFolder, sim: Simulation, quiet: bool) -> None:
     """After a kill the trajectory may hold frames that are later than the checkpoint."""
     if quiet or not folder.trajectory.exists():
         return
@@ -149,7 +149,7 @@ def _tell_of_frames_lost(folder: RunFolder, sim: Simulation, quiet: bool) -> Non
         kept -= 1
     if kept < len(frames):
         click.echo(
-            f"Going on from the checkpoint of frame {sim.frame}: the run was ended without a later one. Its "
+            f"Continuing from the checkpoint of frame {sim.frame}: the run was ended without a later one. Its "
             f"{len(frames) - kept} recorded frames after that, up to {frames[-1].frame}, are computed again, to the "
             "same bits.",
             err=True,
@@ -193,7 +193,7 @@ def _advance(folder: RunFolder, sim: Simulation, target: int, as_json: bool, qui
 
 @contextlib.contextmanager
 def _left_resumable(folder: RunFolder, sim: Simulation) -> Iterator[None]:
-    """See to it that a run that does not come to its end can be gone on with, and say so."""
+    """Make sure that a run that ends early can be continued, and say so."""
     try:
         yield
     except KeyboardInterrupt:
@@ -201,21 +201,21 @@ def _left_resumable(folder: RunFolder, sim: Simulation) -> Iterator[None]:
             sim.save(folder[CHECKPOINT])
             folder.note(sim, "interrupted")
         raise terminal.Interrupted(
-            f"Interrupted at frame {sim.frame} of {folder.record['target']}. Go on with: mpsim resume {folder.path}"
+            f"Interrupted at frame {sim.frame} of {folder.record['target']}. Continue with: mpsim resume {folder.path}"
         ) from None
     except BaseException as end:
         folder.record |= {"status": "ended early", "frame": sim.frame, "time": sim.time}
         with contextlib.suppress(MpsimError):
             folder.save()
         if isinstance(end, SystemExit):  # by SIGTERM, after a checkpoint
-            click.echo(f"Ended by SIGTERM at frame {sim.frame}. Go on with: mpsim resume {folder.path}", err=True)
+            click.echo(f"Ended by SIGTERM at frame {sim.frame}. Continue with: mpsim resume {folder.path}", err=True)
         raise
 
 
 def _without_folder(
     sim: Simulation, file: scenefile.SceneFile, frames: int, measures: tuple[str, ...], as_json: bool, quiet: bool
 ) -> None:
-    """Run and tell, and write nothing."""
+    """Run and print a summary, without writing files."""
     sim.run(frames=0, measures=measures or None)  # compiles what is missing
     started = time.perf_counter()
     try:
@@ -239,12 +239,12 @@ def _without_folder(
 
 
 def pictures_of(count: int) -> int:
-    """Frames in the trajectory of so many discs, where nobody said how many: writing a million takes seconds."""
+    """Default number of frames in a trajectory: writing a million discs takes seconds."""
     return min(max(1_000_000 // max(count, 1), 10), 100)
 
 
 def summary(part: dict[str, Any], report: Report, sim: Simulation) -> Iterator[str]:
-    """What a run did, in lines."""
+    """Summary of a run, line by line."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield f"{report!r}"[1:-1].removeprefix("Report: ")

@@ -1,9 +1,9 @@
-"""The folder of a run: what lies where in it, and the record run.json.
+"""The folder of a run: its files, and the record run.json.
 
 run.json            scene, settings, versions, and what each part of the run did
-checkpoint.mpsim    from which `mpsim resume` goes on
+checkpoint.mpsim    from which `mpsim resume` continues
 trajectory.xyz      (or .gsd) frames, for OVITO and mpsim.Trajectory
-measures.csv        energy, overlap and collision rate along the way
+measures.csv        energy, overlap and collision rate along the run
 timings.csv         time of each frame, phase and worker, of the parts that came to their end
 final.npz, final.png    the last state
 """
@@ -54,7 +54,7 @@ _ALL = (
 
 
 class RunFolder:
-    """A folder that holds one run. `create` makes one, `claim` takes one to go on with, `open` looks at one.
+    """A folder that holds one run. `create` makes one, `claim` locks one to continue it, `open` reads one.
 
     What `create` and `claim` return is locked: use it in a `with` block, at whose end another process may write to it.
 
@@ -103,13 +103,13 @@ class RunFolder:
 
     @classmethod
     def claim(cls, path: str | os.PathLike[str]) -> "RunFolder":
-        """The folder of a run, to go on with it.
+        """The folder of a run, to continue it.
 
         Raises:
             InputError: as `open`, or if another process writes to it.
         """
         lock = _locked(cls.open(path).path)
-        claimed = cls.open(path)  # again: who had it until now may have written
+        claimed = cls.open(path)  # again: the last owner may have written to it
         claimed._lock = lock
         return claimed
 
@@ -162,13 +162,13 @@ class RunFolder:
             raise _unwritable(self.path, error) from error
 
     def note(self, sim: Simulation, status: str) -> None:
-        """Write down where the run stands."""
+        """Record the state of the run."""
         self.record |= {"status": status, "frame": sim.frame, "time": sim.time, "discs": sim.count}
         self.record["digest"] = sim.digest()
         self.save()
 
     def finish(self, sim: Simulation, report: Report, wall_seconds: float) -> None:
-        """Write down what a part of the run did, its times, and the last state."""
+        """Record what a part of the run did, its times, and the last state."""
         self.record["parts"].append(part_of(sim, report, wall_seconds))
         table = report.to_csv(first_frame=sim.frame - report.frames + 1)
         head, _, lines = table.partition("\n")
@@ -209,7 +209,7 @@ def part_of(sim: Simulation, report: Report, wall_seconds: float) -> dict[str, A
 
 
 def versions() -> dict[str, str]:
-    """Versions of what decides the bits and reads the files."""
+    """Versions of all that determines the bits or reads the files."""
     found = {"python": platform.python_version()}
     for name in ("mpsim", "numpy", "numba"):
         try:
@@ -231,7 +231,7 @@ def _demand_leave(folder: Path, force: bool) -> None:
     if not force:
         raise InputError(
             f"--out holds a run already: {str(folder)!r} is not overwritten. Give another name, --force to replace "
-            f"it, or go on with it: mpsim resume {folder}"
+            f"it, or continue it: mpsim resume {folder}"
         )
 
 

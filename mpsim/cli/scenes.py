@@ -29,14 +29,14 @@ def scenes(as_json: bool) -> None:
 
 
 @click.command(
-    short_help="Tell what a scene is.", epilog="\b\nExamples:\n  mpsim show hopper\n  mpsim show my_scene.toml --json"
+    short_help="Describe a scene.", epilog="\b\nExamples:\n  mpsim show hopper\n  mpsim show my_scene.toml --json"
 )
 @click.argument("scene", shell_complete=complete_scene)
 @click.option("--json", "as_json", is_flag=True, help="As JSON.")
 def show(scene: str, as_json: bool) -> None:
-    """Tell what SCENE is: box, discs, features, recommended settings, what to look for.
+    """Describe SCENE: box, discs, features, recommended settings, what to look for.
 
-    The whole file is checked; everything that is wrong in it is told at once.
+    The whole file is checked; all its problems are reported at once.
     """
     file = scenefile.load(scene)
     if as_json:

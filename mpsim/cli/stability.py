@@ -21,10 +21,10 @@ Examples:
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder for JSON and heat maps.")
 @terminal.quiet_option
 def stability(axes: tuple[str, ...], full: bool, as_json: bool, out: Path | None, quiet: bool) -> None:
-    """Drive every method, contact, law and precision through extremes, and tell what becomes of them.
+    """Try every method, contact, law and precision on extreme scenes, and report the outcomes.
 
-    Each trial is correct, degraded (an error is large, and a warning told it) or refused. Anything else is forbidden,
-    and makes the exit code 1.
+    Each trial is correct, degraded (an error is large, with a warning) or refused. Anything else is forbidden, and
+    makes the exit code 1.
     """
     from mpsim.studies import stability as trials  # noqa: PLC0415 - not needed by any other command
 

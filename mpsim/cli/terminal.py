@@ -17,7 +17,7 @@ from mpsim.scene.scenefile import SceneFile
 from mpsim.scene.settings import CONTACTS, DEATHS, LAWS, METHODS, MOST_WORKERS, ON_FAST, PRECISIONS, Settings
 
 SPARSE = 10.0
-"""Seconds between two lines of progress where nobody watches a terminal."""
+"""Seconds between two lines of progress without a terminal."""
 
 Progress = Callable[[int, int, str], None]
 """Called as progress(done, of, what)."""
@@ -85,7 +85,7 @@ def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
             click.option("--substeps", type=click.IntRange(1, 1_000_000), help="Steps in each frame."),
             click.option("--on-fast", type=click.Choice(ON_FAST), help="When discs move too far in a step."),
             click.option(
-                "--on-worker-death", type=click.Choice(DEATHS), help="restart: go on from a snapshot in memory."
+                "--on-worker-death", type=click.Choice(DEATHS), help="restart: continue from a snapshot in memory."
             ),
         ]
     ):
@@ -123,7 +123,7 @@ def progress(quiet: bool) -> Iterator[Progress | None]:
 
 @contextmanager
 def _bar() -> Iterator[Progress]:
-    from rich import progress as rich_progress  # noqa: PLC0415 - only where somebody watches
+    from rich import progress as rich_progress  # noqa: PLC0415 - only on a terminal
     from rich.console import Console  # noqa: PLC0415
     from rich.table import Column  # noqa: PLC0415
 
@@ -140,7 +140,7 @@ def _bar() -> Iterator[Progress]:
     )
     with rich_progress.Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as display:
         task = display.add_task("starting", total=None, rate="")
-        pace = _Pace()
+        pace = _Rate()
 
         def show(done: int, of: int, what: str) -> None:
             if is_announcement(done, of):
@@ -151,12 +151,12 @@ def _bar() -> Iterator[Progress]:
 
 
 def is_announcement(done: int, of: int) -> bool:
-    """Whether a call of progress tells what comes, rather than what is done."""
+    """Whether a call of progress announces what comes, rather than what is done."""
     return (done, of) == (0, 1)
 
 
-class _Pace:
-    """How fast something goes on, and when it will be done."""
+class _Rate:
+    """Rate of progress, and remaining time."""
 
     def __init__(self) -> None:
         self._started = time.monotonic()
@@ -178,7 +178,7 @@ class _Lines:
 
     def __init__(self) -> None:
         self._last = time.monotonic()
-        self._pace = _Pace()
+        self._pace = _Rate()
 
     def __call__(self, done: int, of: int, what: str) -> None:
         if is_announcement(done, of):

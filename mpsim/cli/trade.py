@@ -113,11 +113,11 @@ TRADEOFF_EXAMPLES = """\b
 Examples:
   mpsim tradeoff gas
   mpsim tradeoff gas --measure pressure --measure overlap --until 100 --csv
-  mpsim tradeoff dense --out dense.json --keep dense.part      (interrupted, it goes on from dense.part)
+  mpsim tradeoff dense --out dense.json --keep dense.part      (if interrupted, it continues from dense.part)
 """
 
 
-@click.command(epilog=TRADEOFF_EXAMPLES, short_help="Tell what settings cost and how wrong they are.")
+@click.command(epilog=TRADEOFF_EXAMPLES, short_help="Measure what settings cost and how wrong they are.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
 @click.option(
     "--measure", "measures", type=click.Choice(MEASURES), multiple=True, help="An error to look at; else all."
@@ -140,7 +140,7 @@ Examples:
     help="Write to a file: JSON if it ends in .json, else CSV.",
 )
 @click.option(
-    "--keep", type=click.Path(dir_okay=False, path_type=Path), help="Keep what is finished here; go on from it."
+    "--keep", type=click.Path(dir_okay=False, path_type=Path), help="Save finished runs here; continue from it."
 )
 @click.option("--force", is_flag=True, help="Replace the file of --out.")
 @terminal.quiet_option
@@ -158,7 +158,7 @@ def tradeoff(
     force: bool,
     quiet: bool,
 ) -> None:
-    """Tell what settings cost on SCENE, and how wrong each is against the exact solver."""
+    """Measure what settings cost on SCENE, and how wrong each is against the exact solver."""
     if as_csv and as_json:
         raise click.UsageError("Choose one of --csv and --json.")
     if out is not None:

@@ -1,7 +1,7 @@
-"""Named arrays in one file, a NumPy .npz, read without trusting it: no size is taken from it before it is checked.
+"""Named arrays in one file, a NumPy .npz, read without trusting it: no declared size is used before it is checked.
 
-Nothing is compressed and nothing is an object: what the file says it holds cannot be more than its own length, and
-nothing in it is executed.
+Nothing is compressed and nothing is an object: a file cannot declare more than its own length, and nothing in it is
+executed.
 """
 
 import math
@@ -19,7 +19,7 @@ from mpsim.core.deferred_signals import interrupts_held_back
 Arrays = dict[str, NDArray[Any]]
 
 MOST_ARRAYS = 64
-"""Arrays in one file at most: several times what any simulation has."""
+"""Largest number of arrays in one file: several times what any simulation has."""
 
 DAMAGE = (
     zipfile.BadZipFile,
@@ -32,10 +32,10 @@ DAMAGE = (
     NotImplementedError,
     RecursionError,
 )
-"""What reading a damaged file raises; all else (no memory, no right, an interrupt) says nothing about the file."""
+"""What reading a damaged file raises; other errors (no memory, no permission, an interrupt) are not the file's."""
 
 MOST_DIRECTORY = 2**16
-"""Bytes of the directory at the end of a file, which names its arrays, at most: each takes some 70."""
+"""Largest size in bytes of the directory at the end of a file, which names its arrays: each takes about 70."""
 
 # The end of a zip file: a record of 22 bytes; in large ones behind a record of 56 bytes and its locator, of 20.
 _END, _END_64, _LOCATOR = b"PK\x05\x06", b"PK\x06\x06", b"PK\x06\x07"
@@ -53,7 +53,7 @@ _HEADER = re.compile(
 
 
 def write_arrays(file: BinaryIO, arrays: Arrays) -> None:
-    """Write arrays, in this order."""
+    """Write arrays in the given order."""
     with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
         for name, array in arrays.items():
             with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
@@ -61,16 +61,16 @@ def write_arrays(file: BinaryIO, arrays: Arrays) -> None:
 
 
 REAL = "fiu"
-"""Kinds of dtype that are real numbers: floating, signed, unsigned."""
+"""dtype kinds of real numbers: floating, signed, unsigned."""
 
 
 def read_array(file: Any, length: int, name: str, kinds: str) -> NDArray[Any]:
     """An array as numpy.save writes it, read-only: `length` bytes, of which a header declares kind and shape.
 
-    Nothing is read or allocated before that is known to be of one of the kinds, and the shape of the bytes that follow.
+    Nothing is read or allocated before the kind is known to be in `kinds`, and the shape to fit the bytes that follow.
 
     Raises:
-        ValueError: if it is not.
+        ValueError: if they are not.
     """
     if np.lib.format.read_magic(file) != (1, 0):
         raise ValueError(f"{name!r} is of another version of the .npy format")
@@ -107,10 +107,10 @@ class ArrayFile:
         if _directory_bytes(file, length) > MOST_DIRECTORY:
             raise ValueError(f"its directory is longer than {MOST_DIRECTORY:,} bytes; {MOST_ARRAYS} arrays are allowed")
         try:
-            with interrupts_held_back():  # half made, it would complain when it is collected
+            with interrupts_held_back():  # one that is half made would print an error when it is collected
                 self._zip = zipfile.ZipFile(file)
         except zipfile.BadZipFile as error:
-            if isinstance(error.__context__, OSError):  # of the system, or of a signal handler: no fault of the file
+            if isinstance(error.__context__, OSError):  # from the system or a signal handler: the file is not at fault
                 raise error.__context__ from None
             raise
         members = self._zip.infolist()
@@ -120,11 +120,11 @@ class ArrayFile:
         for member in members:
             if member.compress_type != zipfile.ZIP_STORED or member.compress_size != member.file_size:
                 raise ValueError(f"{member.filename!r} in it is compressed, as mpsim writes none")
-            if not 0 <= member.header_offset < length:  # where the system would refuse to look, as if it were at fault
+            if not 0 <= member.header_offset < length:  # seeking there would be an OSError, which blames the system
                 raise ValueError(f"{member.filename!r} in it begins outside of it")
             if member.flag_bits & _ENCRYPTED:
                 raise ValueError(f"{member.filename!r} in it is encrypted, as mpsim writes none")
-        # Members may overlap in a zip file: only the sum tells that what is read is no more than what is there.
+        # Members may overlap in a zip file: only the sum shows that no more is read than the file has.
         if sum(member.file_size for member in members) > length:
             raise ValueError("it declares more bytes than it has")
 
@@ -148,7 +148,7 @@ class ArrayFile:
 
 
 def _directory_bytes(file: BinaryIO, length: int) -> int:
-    """Bytes of the directory of a zip file, as its end declares them: zipfile would read all of it at once."""
+    """Declared size of a zip file's directory in bytes: zipfile would read all of it at once."""
     file.seek(max(length - 98, 0))
     end = file.read(98)[-98:].rjust(98, b"\0")
     file.seek(0)

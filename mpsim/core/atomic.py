@@ -1,13 +1,13 @@
-"""Files that are whole: what was there before, or the new content, whenever the process or the machine dies.
+"""Files that are always whole: the old content or the new one, whenever the process or the machine dies.
 
-The content goes to a draft beside the file. The draft has a random name, at which nobody can have planted a link, and
-is made anew (O_EXCL) without following one (O_NOFOLLOW). It is forced to the disk and takes the name of the file in one
-step; then the folder is forced to the disk. So two that write one file at once never meet: the later one counts.
+The content goes to a draft beside the file. The draft has a random name, where no link can have been planted, and is
+created (O_EXCL) without following one (O_NOFOLLOW). It is flushed to the disk and renamed in one step; then the folder
+is flushed to the disk. So two processes that write one file at once do not disturb each other: the later one wins.
 
-The mode bits are those of the file that is replaced, or else what the umask leaves, as of any new file. A symbolic link
-at the name is refused: through it another file would be lost, and replacing the link would lose the link. So is what is
-no regular file, and a file that may not be written. What grows row by row or frame by frame (trajectories, the table of
-measures) cannot be written like this: see there.
+A replaced file keeps its mode bits; a new one has those that the umask leaves. A symbolic link is refused: writing
+through it would overwrite another file, and replacing it would lose the link. So is anything but a regular file, and a
+file that may not be written. Files that grow row by row or frame by frame (trajectories, the table of measures) cannot
+be written like this: see their modules.
 """
 
 import contextlib
@@ -24,20 +24,20 @@ from typing import BinaryIO
 import psutil
 
 _DRAFT = re.compile(r"\.mpsim-(\d{1,7})-(.+)-[0-9a-f]{32}\.tmp(\..*)?")
-"""Names of drafts: the process and the machine that write them, and chance."""
+"""Names of drafts: the process and the machine that write them, and random digits."""
 
 _LONGEST_ENDING = 16
-"""Characters of a file's ending that its draft has too: libraries that write by name choose the format by it."""
+"""Largest length of a file's ending that its draft keeps: libraries that write by name choose the format by it."""
 
 
 @contextlib.contextmanager
 def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """A new file, open for writing, that takes the name `path` at the end of the block, unless that raises.
+    """A new file, open for writing, that is renamed to `path` at the end of the block, unless the block raises.
 
     Its attribute `name` is the path of the draft, for libraries that write by name; it has the ending of `path`.
 
     Raises:
-        OSError: what `check_target` raises, or the system.
+        OSError: from `check_target` or the system.
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -54,23 +54,23 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
     with draft_of(target) as draft, open(draft, "xb", opener=opened) as file:
         if mode is not None:
-            os.fchmod(file.fileno(), mode)  # what the umask has taken away
+            os.fchmod(file.fileno(), mode)  # restores what the umask has removed
         yield file
         file.flush()
         os.fsync(file.fileno())
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a file of UTF-8 text, as `atomic_write` does."""
+    """Write a UTF-8 text file by `atomic_write`."""
     with atomic_write(path) as file:
         file.write(text.encode())
 
 
 @contextlib.contextmanager
 def draft_of(path: Path) -> Iterator[Path]:
-    """A random name beside `path`. What has it at the end of the block is renamed to `path`, unless the block raises.
+    """A random name beside `path`. The file of that name is renamed to `path` at the end of the block.
 
-    What processes of this machine that were killed have left in the folder is removed.
+    If the block raises, it is removed. So are drafts in the folder that killed processes of this machine have left.
     """
     _remove_leftovers(path.parent)
     who = f"{os.getpid()}-{socket.gethostname()}"
@@ -80,20 +80,20 @@ def draft_of(path: Path) -> Iterator[Path]:
         draft.replace(path)
         _sync_folder(path.parent)
     finally:
-        # After the renaming there is none, except where both were names of one file: that renames nothing.
+        # After the renaming there is no draft, except where both names were links to one file: that renames nothing.
         with contextlib.suppress(OSError):
             draft.unlink()
 
 
 def check_target(path: Path) -> int | None:
-    """Make sure that a file can be written at a path, before long work or right before it is.
+    """Check that a file can be written at a path: before long work, or right before writing.
 
     Returns:
-        Mode bits of the file that is there; None where there is none.
+        Mode bits of the existing file; None if there is none.
 
     Raises:
-        OSError: if its folder is missing or cannot be written to; if what is there is a symbolic link, no regular file,
-            or protected from writing.
+        OSError: if its folder is missing or cannot be written to; if the path is a symbolic link, no regular file, or
+            write-protected.
     """
     if not path.parent.is_dir():
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent))
@@ -116,7 +116,7 @@ def check_target(path: Path) -> int | None:
 
 def _remove_leftovers(folder: Path) -> None:
     """Remove the drafts of processes of this machine that have ended."""
-    with contextlib.suppress(OSError):  # a folder may take new files and not be listed
+    with contextlib.suppress(OSError):  # a folder may be writable but not readable
         for name in os.listdir(folder):
             found = _DRAFT.fullmatch(name)
             if found and found[2] == socket.gethostname() and not psutil.pid_exists(int(found[1])):
@@ -125,7 +125,7 @@ def _remove_leftovers(folder: Path) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Force the names in a folder to the disk, where the folder may be read and its file system can do that."""
+    """Flush the names in a folder to the disk, if the folder is readable and its file system can do that."""
     try:
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     except PermissionError:

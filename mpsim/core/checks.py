@@ -1,4 +1,4 @@
-"""The one gate that user input passes: finite first, then dtype, shape, range. Texts: name, rule, value, remedy."""
+"""All checks of user input: finite first, then dtype, shape, range. Texts: name, rule, value, remedy."""
 
 import difflib
 import math
@@ -14,10 +14,10 @@ from mpsim.core.errors import InputError
 
 
 def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: str) -> NDArray[np.float64]:
-    """A read-only float64 copy of `value` with the given shape (None: any length). `meaning` words the shape."""
+    """A read-only float64 copy of `value` with the given shape (None: any length). `meaning` is the shape in words."""
     try:
         array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:  # the last of a whole number beyond float64
+    except (TypeError, ValueError, OverflowError) as error:  # the last for a whole number beyond float64
         raise InputError(f"{name} must be numbers of shape {meaning}; got {brief(value)} ({error!s:.200}).") from None
     finite = np.isfinite(array)
     if not finite.all():
@@ -39,9 +39,9 @@ def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: 
 
 
 def resolution(array: NDArray[np.float64]) -> float:
-    """The relative spacing (eps) of the precision in which numbers were computed: float32 if each is such a number.
+    """The relative spacing (eps) of the precision in which numbers were computed: float32 if each fits one exactly.
 
-    The dtype does not tell: numbers of a float32 run may have come as float64, from a file or through arithmetic.
+    The dtype does not show it: results of a float32 run may come as float64, from a file or through arithmetic.
 
     >>> resolution(np.array([0.5, np.float32(0.1)])) == 2.0**-23, resolution(np.array([0.5, 0.1])) == 2.0**-52
     (True, True)
@@ -60,7 +60,7 @@ def positive(name: str, value: Any, unit: str) -> float:
 
 
 def time_to_come(name: str, value: Any) -> float:
-    """A number, 0 or above, or infinity, for the end of all motion."""
+    """A number >= 0, or infinity, which stands for the end of all motion."""
     number = _number(name, value, "a number >= 0 [time]")
     if not number >= 0:
         raise InputError(f"{name} must be a number >= 0 [time], or infinity; got {value!r}.")
@@ -68,7 +68,7 @@ def time_to_come(name: str, value: Any) -> float:
 
 
 def non_negative(name: str, value: Any, unit: str) -> float:
-    """A finite number, 0 or above."""
+    """A finite number >= 0."""
     number = _number(name, value, f"a number >= 0 {unit}")
     if not (math.isfinite(number) and number >= 0):
         raise InputError(f"{name} must be a finite number >= 0 {unit}; got {brief(value)}.")
@@ -84,7 +84,7 @@ def fraction(name: str, value: Any) -> float:
 
 
 def one_or_each(name: str, value: Any, count: int, unit: str) -> float | NDArray[np.float64]:
-    """A positive number for all, or one each, shape (count,); equal ones become one for all."""
+    """A positive number for all discs, or one each, shape (count,); equal ones become one number."""
     if np.ndim(value) == 0:
         return positive(name, value, unit)
     array = finite_array(name, value, (count,), f"() or ({count},), one per row of position")
@@ -110,14 +110,14 @@ def whole(name: str, value: Any, low: int, high: int, remedy: str) -> int:
 
 
 def truth(name: str, value: Any) -> bool:
-    """True or False, not something that merely counts as one."""
+    """True or False, not a value that is merely truthy."""
     if not isinstance(value, bool | np.bool_):
         raise InputError(f"{name} must be True or False; got {brief(value)}.")
     return bool(value)
 
 
 def fitting(name: str, array: NDArray[np.float64], precision: str) -> None:
-    """Refuse values that are finite in float64 but whose squares are not in the precision of the run."""
+    """Refuse values whose squares overflow in the precision of the run."""
     largest = float(np.sqrt(np.finfo(precision).max)) / 4
     bad = np.argwhere(np.abs(array) > largest)
     if len(bad):
@@ -131,13 +131,13 @@ def fitting(name: str, array: NDArray[np.float64], precision: str) -> None:
 def equal(one: NDArray[Any], other: NDArray[Any]) -> bool:
     """Whether two arrays have one shape and equal elements.
 
-    As numpy.array_equal, which takes an exception of a signal handler, at its end of a limit of time say, for a No.
+    numpy.array_equal would turn an exception of a signal handler, such as a time limit, into False.
     """
     return one.shape == other.shape and bool((one == other).all())
 
 
 def not_vanishing(name: str, value: float, least: float, precision: str) -> None:
-    """Refuse a positive value that the precision of the run would lose."""
+    """Refuse a positive value that vanishes in the precision of the run."""
     if value < least:
         raise InputError(
             f"{name} must be at least {least:.3g} in {precision}, below which it counts as 0; got {brief(value)}. "
@@ -146,7 +146,7 @@ def not_vanishing(name: str, value: float, least: float, precision: str) -> None
 
 
 def choice(name: str, value: Any, allowed: Iterable[str]) -> str:
-    """One of the allowed words, with a suggestion where the value is nearly one."""
+    """One of the allowed words; the error suggests one that is similar."""
     words = list(allowed)
     if value in words:
         return str(value)
@@ -165,14 +165,14 @@ def _number(name: str, value: Any, rule: str) -> float:
 
 
 MOST_BITS = 200
-"""Bits of whole numbers that are written out: those are LONGEST digits."""
+"""Whole numbers of fewer bits are written out: these have LONGEST digits at most."""
 
 LONGEST = 60
-"""Characters of a value in a message at most."""
+"""Largest length of a value in a message, in characters."""
 
 
 class _Brief(reprlib.Repr):
-    """What repr would say, but of some of it only where it is large or deep; and of any whole number."""
+    """repr, shortened where a value is large or deep; works for any whole number."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -190,7 +190,7 @@ _words = _Brief().repr
 
 
 def brief(value: Any) -> str:
-    """A value for a message, in at most LONGEST characters, however large or deep it is.
+    """A value as text for a message, in at most LONGEST characters, however large or deep it is.
 
     >>> brief("word"), brief(10**5000), len(brief([[1.5] * 1000] * 1000))
     ("'word'", 'a whole number of 5,001 digits', 60)
@@ -199,12 +199,12 @@ def brief(value: Any) -> str:
 
 
 def shortened(text: str) -> str:
-    """A text of at most LONGEST characters."""
+    """A text cut to LONGEST characters."""
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
 def near(value: Any, words: Iterable[str]) -> str | None:
-    """The word that was probably meant, if any is like the value."""
+    """The word that was probably meant, if one is similar to the value."""
     likely = isinstance(value, str) and len(value) <= LONGEST
     return next(iter(difflib.get_close_matches(value, list(words), n=1)), None) if likely else None
 

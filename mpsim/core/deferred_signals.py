@@ -1,4 +1,4 @@
-"""Signals at moments at which they could only do harm, and SIGTERM where it would leave something behind."""
+"""Signals deferred where handling them would do harm, and SIGTERM where it would leave something behind."""
 
 import _signal  # type: ignore[import-not-found]
 import ctypes
@@ -14,23 +14,23 @@ from typing import Any
 _NUMBERS = tuple(int(number) for number in signal.valid_signals())
 
 _handler_of: Callable[[int], Any] = _signal.getsignal
-"""That of `signal` makes members of an enumeration: for all signals that takes as long as a short run."""
+"""`signal.getsignal` makes enumeration members: for all signals that takes as long as a short run."""
 
 _act = ctypes.CDLL(None).sigaction
 _act.argtypes = [ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p]
 
 _ACTION_BYTES = 512
-"""At least the size of the C structure of an action, which is kept as it is."""
+"""At least the size of the C structure of a signal action, which is stored as it is."""
 
 
 @contextmanager
 def interrupts_held_back() -> Iterator[None]:
-    """Let signals that Python code handles, Ctrl-C above all, wait until the end of the block; then they are handled.
+    """Defer signals that Python code handles, Ctrl-C above all, until the end of the block.
 
-    For starting a process, which half started would belong to nobody (one started in here inherits a blocked SIGINT, so
-    that its start prints no traceback), and for loading compiled kernels: an exception in a callback of the compiler
-    takes the process down. Blocking alone holds nothing back: the system may give a signal to another thread, of a
-    numerical library say, and the main thread then runs its handler.
+    For starting a process: one that is half started would have no owner. (One started in here inherits a blocked
+    SIGINT, so that its start prints no traceback.) And for loading compiled kernels: an exception in a callback of the
+    compiler ends the process. Blocking alone is not enough: the system may deliver a signal to another thread, such as
+    one of a numerical library, and the main thread then runs its handler.
     """
     held = _Held()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
@@ -49,7 +49,7 @@ def interrupts_held_back() -> Iterator[None]:
 
 
 class _Held:
-    """Signals that wait, and what handled them: in the main thread, which alone runs handlers."""
+    """Deferred signals and their handlers, in the main thread, which alone runs handlers."""
 
     def __init__(self) -> None:
         self.thread: int = threading.get_ident()
@@ -58,7 +58,7 @@ class _Held:
         self._actions: dict[int, Any] = {}
 
     def begin(self) -> None:
-        """Note from now on what comes, and do nothing else."""
+        """From now on only record which signals come."""
         if threading.current_thread() is not threading.main_thread():
             return
         found = {number: handler for number in _NUMBERS if callable(handler := _handler_of(number))}
@@ -69,13 +69,13 @@ class _Held:
             signal.signal(number, self._note)
 
     def _note(self, number: int, frame: object) -> None:
-        if number not in self._came:  # one that waits does so once, in the system, too
+        if number not in self._came:  # a pending signal is delivered once, as by the system
             self._came.append(number)
 
     def put_back(self) -> None:
-        """Let the handlers act again: all of them, also where one acts at once, and raises.
+        """Restore all handlers, even if one of them runs at once and raises.
 
-        What Python does not know of an action comes back, too: `siginterrupt`, and `faulthandler.register` with chain.
+        So are settings that Python does not know of: `siginterrupt`, and `faulthandler.register` with chain.
         """
         remaining, raised = list(self._handlers), None
         while remaining:
@@ -93,7 +93,7 @@ class _Held:
             raise raised
 
     def deliver(self) -> None:
-        """Give what has come to who handles it; once each, also where one raises."""
+        """Call the handler of each signal that came, once, even if one raises."""
         if self._came:
             number = self._came.pop(0)
             try:
@@ -103,23 +103,23 @@ class _Held:
 
 
 def _action(number: int) -> Any:
-    """What the system does at a signal, as C has it."""
+    """The system's action for a signal, as a C structure."""
     action = ctypes.create_string_buffer(_ACTION_BYTES)
     _act(number, None, action)
     return action
 
 
 def _is_default(number: int) -> bool:
-    """Whether the system itself acts at a signal; the address of what handles it comes first in an action."""
+    """Whether a signal has the system's default action; the handler's address comes first in the structure."""
     return not any(_action(number).raw[: ctypes.sizeof(ctypes.c_void_p)])
 
 
 _holding: list[_Held] = []
-"""Blocks of the main thread that hold signals back now, the outermost first."""
+"""Blocks of the main thread that defer signals now, the outermost first."""
 
 
 def _let_go_in_fork() -> None:
-    """In a fork: another thread than the one that holds signals back made it, so nobody here would put them back."""
+    """In a fork made by another thread than the one that defers signals: nothing else here would restore them."""
     if _holding and _holding[0].thread != threading.get_ident():
         _holding[0].put_back()
         _holding.clear()
@@ -130,10 +130,10 @@ if hasattr(os, "register_at_fork"):
 
 
 class Handled:
-    """A signal that a function handles until `put_back`: then what handled it before does, in the main thread.
+    """A signal that a function handles until `put_back`, which restores the earlier handler. For the main thread.
 
-    That may be C code that Python does not know: of faulthandler, or of a program that embeds Python. Where
-    `signal.getsignal` said None of it, it says SIG_DFL afterwards, as for all that comes after the start of Python.
+    That may be C code that Python does not know, of faulthandler or of a program that embeds Python. Where
+    `signal.getsignal` returned None for it, it returns SIG_DFL afterwards, as for every handler installed later.
     """
 
     def __init__(self, number: int, handler: Callable[[int, FrameType | None], Any]):
@@ -144,17 +144,17 @@ class Handled:
         signal.signal(number, handler)
 
     def put_back(self) -> None:
-        """Let what handled the signal before do so again."""
+        """Restore the earlier handler."""
         signal.signal(self._number, self._before)
         _act(self._number, self._action, None)
 
 
 @contextmanager
 def terminated_by_exit() -> Iterator[None]:
-    """Let SIGTERM end the program by SystemExit(143) in this block, so that what the block has open is closed.
+    """Turn SIGTERM into SystemExit(143) in this block, so that open resources of the block are closed.
 
-    Only where nobody handles it, C code included, so that it would end the process at once; in the main thread, which
-    handles signals.
+    Only where it has no handler, C code included, so that it would end the process at once; only in the main thread,
+    which runs handlers.
     """
     in_main_thread = threading.current_thread() is threading.main_thread()
     if not in_main_thread or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL or not _is_default(signal.SIGTERM):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def level_of_caller() -> int:
-    """The `stacklevel` that makes the caller of mpsim the place of a warning, however deep inside mpsim it is given."""
+    """The `stacklevel` by which a warning names the line that called mpsim, however deep inside mpsim it is raised."""
     package = f"{Path(__file__).parents[1]}{os.sep}"
     frame, depth = sys._getframe(1), 1  # pyright: ignore[reportPrivateUsage]
     while frame.f_back is not None and frame.f_code.co_filename.startswith(package):
@@ -16,15 +16,15 @@ def level_of_caller() -> int:
 
 
 def is_of_the_system(error: OSError) -> bool:
-    """Whether the system has refused something: else a program raised it by itself, as a time limit of its own."""
+    """Whether the error comes from the system, not from the program, such as a time limit of its own."""
     return error.errno is not None and not isinstance(error, TimeoutError)
 
 
 def reason_of(error: Exception) -> str:
-    """Why a file cannot be read: what the system says of it, or what is wrong in it.
+    """Why a file cannot be read: the system's reason, or what is wrong in the file.
 
     Raises:
-        OSError: the error itself, if it is not of the system.
+        OSError: the error itself, if it does not come from the system.
     """
     if isinstance(error, OSError) and not is_of_the_system(error):
         raise error
@@ -60,7 +60,7 @@ class ClosedError(MpsimError, RuntimeError):
 
 
 class ForkedError(MpsimError, RuntimeError):
-    """A simulation was used in a fork of the process that made it; nothing of it was read or changed."""
+    """A simulation was used in a fork of the process that made it; nothing was read or changed."""
 
 
 class BusyError(MpsimError, RuntimeError):
@@ -86,11 +86,11 @@ class DivergedError(MpsimError, ArithmeticError):
 
 
 class TooFastError(InputError):
-    """Discs move so far in a step that they may pass through each other, or are pressed, and on_fast forbids it."""
+    """Discs may pass through each other in a step, or are pressed into each other, and on_fast="error" forbids it."""
 
 
 class ResourceError(MpsimError, OSError):
-    """The system refuses what a simulation needs: descriptors, processes, memory. Nothing was kept of what it gave."""
+    """The system refuses what a simulation needs: descriptors, processes, memory. Whatever it gave was released."""
 
 
 class SharedMemoryError(ResourceError):
@@ -111,7 +111,7 @@ class WorkerDied(MpsimError, RuntimeError):  # noqa: N818 - the established name
         self.phase = phase
         super().__init__(
             f"worker {worker} (process {pid}) ended by {cause} in frame {frame}, phase '{phase}'. "
-            "The run cannot go on and its last frames are lost; the other workers were stopped. "
+            "The run cannot continue and its last frames are lost; the other workers were stopped. "
             "SIGKILL often means that the machine ran out of memory. Start again, with fewer workers if it repeats."
         )
 
@@ -121,7 +121,7 @@ class WorkerStalled(MpsimError, RuntimeError):  # noqa: N818 - the established n
 
 
 class NotRecordedError(MpsimError, KeyError):
-    """A measure was asked of a run that did not record it."""
+    """A measure was asked for that the run did not record."""
 
     def __str__(self) -> str:
         """The sentence itself; KeyError would quote it."""
@@ -129,11 +129,11 @@ class NotRecordedError(MpsimError, KeyError):
 
 
 class BudgetError(MpsimError, ValueError):
-    """No settings meet the errors that `tune` was asked for."""
+    """No settings meet the error budgets given to `tune`."""
 
 
 class NotMeasurableError(MpsimError, ValueError):
-    """An error that `tune` was asked to bound means nothing on this scene; the text says why, and what to ask for."""
+    """An error with a budget means nothing on this scene; the text says why, and what to ask for instead."""
 
 
 class OutputError(MpsimError, OSError):
@@ -141,7 +141,7 @@ class OutputError(MpsimError, OSError):
 
 
 class StalledError(MpsimError, RuntimeError):
-    """The exact solver met more collisions at one instant than can be."""
+    """The exact solver met more collisions at one instant than are possible."""
 
 
 class CheckpointError(MpsimError, OSError):
@@ -149,7 +149,7 @@ class CheckpointError(MpsimError, OSError):
 
 
 class TrajectoryError(MpsimError, OSError):
-    """A trajectory cannot be read, or lacks what it is asked for."""
+    """A trajectory cannot be read, or lacks what was asked for."""
 
 
 class TrajectoryWarning(UserWarning):
@@ -161,7 +161,7 @@ class CheckpointWarning(UserWarning):
 
 
 class EmitterWarning(UserWarning):
-    """A disc that an emitter was to add waits: its place is occupied, or there is no room for it."""
+    """A disc of an emitter has to wait: its place is occupied, or there is no room for it."""
 
 
 class FastWarning(UserWarning):
@@ -169,15 +169,15 @@ class FastWarning(UserWarning):
 
 
 class GuardWarning(UserWarning):
-    """The exact solver let collisions pass without their loss of energy, so that infinitely many came to an end."""
+    """The exact solver kept the energy in some inelastic collisions, so that infinitely many came to an end."""
 
 
 class OverlapWarning(UserWarning):
-    """Discs of the start overlap: legal, the first frames push them apart, which adds no energy but moves them."""
+    """Discs overlap at the start. That is allowed: the first frames push them apart, which moves them, at no energy."""
 
 
 class ResolutionWarning(UserWarning):
-    """Coordinates or velocities of the precision of the run are too coarse for the scene: its result is degraded."""
+    """The precision of the run is too coarse for coordinates or velocities of the scene: the result is degraded."""
 
 
 for _each in tuple(vars().values()):

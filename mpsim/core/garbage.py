@@ -1,4 +1,4 @@
-"""Very many objects made at once."""
+"""Garbage collection while very many objects are made at once."""
 
 import contextlib
 import gc
@@ -7,7 +7,7 @@ from collections.abc import Generator
 
 @contextlib.contextmanager
 def garbage_collection_paused() -> Generator[None]:
-    """No search for garbage meanwhile: of a million objects that all stay it takes four fifths of the time."""
+    """Pause garbage collection: for a million objects that all stay it would take four fifths of the time."""
     was_on = gc.isenabled()
     gc.disable()
     try:

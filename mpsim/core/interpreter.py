@@ -1,6 +1,6 @@
-"""Refuses to be imported in a subinterpreter, before NumPy and Numba are: they keep state that belongs to a process.
+"""Refuses import in a subinterpreter, before NumPy and Numba are imported: they keep state per process.
 
-NumPy only warns, or fails with words of its own; the first compiled kernel then takes the process down.
+NumPy only warns, or fails with a text of its own; the first compiled kernel would then end the process.
 """
 
 import importlib
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def _in_main() -> bool:
-    """Whether this is the main interpreter of the process; also where Python does not say."""
+    """Whether this is the main interpreter of the process; True if Python cannot tell."""
     for name in ("_interpreters", "_xxsubinterpreters"):  # from Python 3.13 on, and before
         try:
             interpreters: Any = importlib.import_module(name)

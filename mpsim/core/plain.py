@@ -1,4 +1,4 @@
-"""Plain values as JSON: what the command line prints and tables are written as."""
+"""Plain values as JSON, for the command line and for tables."""
 
 import json
 import math
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def json_text(value: Any) -> str:
-    """Plain values as JSON; a number that JSON lacks becomes null.
+    """Plain values as JSON text; numbers that are not finite become null.
 
     >>> json_text({"error": float("nan"), "span": (0.0, 1.0)}).split()
     ['{', '"error":', 'null,', '"span":', '[', '0.0,', '1.0', ']', '}']

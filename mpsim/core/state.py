@@ -21,13 +21,13 @@ Box = tuple[float, float, float, float]
 """Where the walls are: x_low, x_high, y_low, y_high [length]."""
 
 STATE_ARRAYS = ("position", "velocity", "present", "image", "box")
-"""What a state consists of, and the arrays of its file."""
+"""Arrays of a state, and of its file."""
 
 
 def _in_digest(where: Callable[[Any], bool]) -> dict[str, Any]:
-    """Metadata of a field of a state: it is in the digest where that holds for its value.
+    """Metadata of a field of a state: it enters the digest where `where` holds for its value.
 
-    What only some scenes have is there only where it says something, so that it changes no digest of other scenes.
+    So a field that only some scenes have does not change the digest of the others.
     """
     return {"digested": where}
 
@@ -44,17 +44,16 @@ class State:
 
     Args:
         position, velocity: as below.
-        present, image, box: as below, by name; None: all present, no counts, nobody knows.
+        present, image, box: as below, by name; None: all present, no counts, unknown.
 
     Attributes:
-        position: shape (N, 2) [length], in the precision of the run; along a periodic axis in [0, its length).
+        position: shape (N, 2) [length], in the precision of the run; in [0, length) along a periodic axis.
         velocity: shape (N, 2) [length/time].
-        present: shape (N,), bool: False for discs that an absorbing edge has absorbed. They rest where they left, and
-            no observable counts them.
+        present: shape (N,), bool: False for absorbed discs. They rest where they left, and no observable counts them.
         image: shape (N, 2), int64: how many periods each disc has moved through each periodic border since the scene
             began, negative towards lower coordinates, 0 along axes with walls. None where no axis is periodic.
         box: (x_low, x_high, y_low, y_high) [length]: where the walls are now, as one of them may have moved,
-            and the period of a periodic axis. None where nobody knows: in a state made by hand.
+            and the period of a periodic axis. None where that is unknown: in a state made by hand.
 
     Raises:
         InputError: if present or image has another shape, or image comes without box, which has the periods.
@@ -65,7 +64,7 @@ class State:
     ([[1.0, 2.0]], [True])
     """
 
-    # In the order of the digest. Each field says whether it is in it.
+    # In the order of the digest.
     position: NDArray[np.floating] = field(metadata=_ALWAYS)
     velocity: NDArray[np.floating] = field(metadata=_ALWAYS)
     image: NDArray[np.int64] | None = field(metadata=_WHERE_COUNTED)
@@ -98,7 +97,7 @@ class State:
     def unwrapped(self) -> NDArray[np.float64]:
         """Positions without the periodic borders, shape (N, 2), float64 [length]: position + image * period.
 
-        A disc that moves through a border goes on in these coordinates: differences of two states are displacements.
+        These coordinates are continuous where a disc crosses a border: differences of two states are displacements.
         Where image is None they are the positions.
 
         >>> import numpy as np
@@ -115,7 +114,7 @@ class State:
     def digest(self) -> str:
         """Hex digest of the bits of position and velocity; equal digests mean equal bits.
 
-        Counts of periods are digested too, where there are any, and who is present, where somebody has left.
+        Counts of periods are included where there are any, and which discs are present once one has left.
 
         >>> import numpy as np
         >>> State(np.zeros((1, 2)), np.ones((1, 2))).digest() == State(np.zeros((1, 2)), np.ones((1, 2))).digest()
@@ -134,7 +133,7 @@ class State:
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write a NumPy .npz with the arrays position, velocity and present, and image and box where there are any.
 
-        An existing file is replaced by a whole one or stays as it was; a symbolic link is refused.
+        An existing file is replaced as a whole or left as it was; a symbolic link is refused.
 
         Raises:
             InputError: if the path does not end in .npz.
@@ -157,7 +156,7 @@ class State:
     def load(cls, path: str | os.PathLike[str]) -> "State":
         """Read what `save` wrote, with the same bits. Nothing in the file is executed.
 
-        A file with position and velocity alone, as older versions wrote it, is a state whose discs are all present.
+        In a file with position and velocity alone, as older versions wrote it, all discs are present.
 
         Raises:
             InputError: if it is no file of a state.
@@ -192,12 +191,12 @@ class State:
 
 
 def _counts(image: Any, count: int) -> NDArray[np.int64]:
-    """Counts of periods, if they are whole numbers, one pair per disc."""
+    """Counts of periods, checked: whole numbers, one pair per disc."""
     counts = np.asarray(image)
     if counts.shape != (count, 2) or counts.dtype.kind not in "iu":
         raise InputError(
             f"image of a state must hold whole numbers of shape ({count}, 2), one pair per disc; got {counts.dtype} of "
-            f"shape {counts.shape}. Leave it out where nobody has counted."
+            f"shape {counts.shape}. Leave it out where periods were not counted."
         )
     return counts.astype(np.int64)
 

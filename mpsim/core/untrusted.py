@@ -1,4 +1,4 @@
-"""Files that anybody may have written: what they are and how large is known before anything of them is read."""
+"""Files of unknown origin: their kind and size are checked before anything in them is read."""
 
 import errno
 import json
@@ -19,13 +19,13 @@ _KINDS = {
 
 
 def opened(path: str | os.PathLike[str]) -> BinaryIO:
-    """A regular file, open for reading. From anything else nothing is read: a pipe would block, a device has no end.
+    """A regular file, open for reading. Nothing else is read: a pipe would block, a device has no end.
 
     Raises:
         OSError: if it cannot be opened or is no regular file; its strerror says which.
         ValueError: if no file can have that name.
     """
-    with interrupts_held_back():  # a descriptor that Ctrl-C keeps from getting an owner would stay open
+    with interrupts_held_back():  # Ctrl-C could leave a descriptor open that has no owner yet
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
             kind = stat.S_IFMT(os.fstat(descriptor).st_mode)
@@ -40,7 +40,7 @@ def opened(path: str | os.PathLike[str]) -> BinaryIO:
 
 
 def content(path: str | os.PathLike[str], most: int) -> bytes:
-    """All bytes of a regular file, if they are no more than `most`.
+    """All bytes of a regular file, at most `most`.
 
     Raises:
         OSError: likewise, and if there are more.
@@ -55,7 +55,7 @@ def content(path: str | os.PathLike[str], most: int) -> bytes:
 
 
 def text(path: Path, most: int) -> str:
-    """The text of a regular file in UTF-8, if it has no more than `most` bytes.
+    """The text of a regular UTF-8 file of at most `most` bytes.
 
     Raises:
         OSError, ValueError: likewise; a UnicodeDecodeError is one of the latter.
@@ -64,7 +64,7 @@ def text(path: Path, most: int) -> str:
 
 
 def json_value(path: Path, most: int) -> Any:
-    """What a regular file of JSON holds, if it has no more than `most` bytes.
+    """The value in a regular JSON file of at most `most` bytes.
 
     Raises:
         OSError, ValueError, RecursionError: likewise, and if it is no JSON.

@@ -1,19 +1,19 @@
 """What upper packages do for objects of lower ones: pictures of a scene, tables of a trade, files.
 
-An object asks for it by name. Who does it is written down in one place, mpsim/__init__.py, when mpsim is imported.
+An object asks for it by name. mpsim/__init__.py registers the functions when mpsim is imported.
 """
 
 from collections.abc import Callable
 from typing import Any
 
-_given: dict[str, Callable[..., Any]] = {}
+_registered: dict[str, Callable[..., Any]] = {}
 
 
-def give(name: str, function: Callable[..., Any]) -> None:
-    """Let `function` be what `view(name, ...)` calls."""
-    _given[name] = function
+def register(name: str, function: Callable[..., Any]) -> None:
+    """Make `view(name, ...)` call `function`."""
+    _registered[name] = function
 
 
 def view(name: str, *arguments: Any) -> Any:
-    """What the function given for this name returns."""
-    return _given[name](*arguments)
+    """Call the function registered under a name."""
+    return _registered[name](*arguments)

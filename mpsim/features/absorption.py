@@ -1,4 +1,4 @@
-"""Edges that absorb discs: a disc that has left keeps its number, rests where it left, and meets nobody."""
+"""Edges that absorb discs: an absorbed disc keeps its number, rests where it left, and no longer collides."""
 
 from typing import Any
 
@@ -25,7 +25,7 @@ class Absorption(Feature):
     )
 
     def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
-        """Which discs have left, and where."""
+        """Which discs were absorbed, and where."""
         return {"exits": (real, (3, capacity))} if scene.absorbing else {}
 
     def description(self, scene: SceneLike) -> str:

@@ -1,7 +1,7 @@
-"""Capsules, segments with a radius, of which all obstacles are made: how far they are, and which are near a place.
+"""Capsules, segments with a radius, of which all obstacles are made: distances to them, and which are near a point.
 
 A capsule is a row (ax, ay, bx, by, radius) [length]; one of length 0 is a disc. Nothing here compares every disc with
-every capsule: time and memory grow with the number of capsules and of those that really are near.
+every capsule: time and memory grow with the number of capsules and of close pairs.
 """
 
 import math
@@ -19,31 +19,30 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 CELLS_PER_CAPSULE = 16
-"""Cells of a grid for each capsule, about."""
+"""Grid cells per capsule, about."""
 
 MOST_LISTED = 2**23
-"""Entries of all cell lists together, about: more only where there are very many capsules (LISTED_EACH). They take less
-than a second; only where capsules fill the box several hundred times over, or thousands cross all of it, are there more
-in a grid of CELLS_PER_CAPSULE."""
+"""Entries of all cell lists together, about; LISTED_EACH adds to it. Making them takes less than a second. A grid of
+CELLS_PER_CAPSULE has more only if capsules fill the box several hundred times over, or thousands cross all of it."""
 
 LISTED_EACH = 32
-"""Entries for each capsule that there may be besides: as many as discs on a lattice have that touch each other."""
+"""Further entries allowed per capsule: as many as discs on a lattice need that touch each other."""
 
 MOST_COMPARED = 2**31
-"""Pairs of a disc and a capsule near it that are compared in all: a few minutes."""
+"""Largest number of pairs of a disc and a capsule near it that are compared: a few minutes."""
 
 MOST_PAIRS = 1_000_000
-"""Pairs, of a cell or a disc and a capsule, that are looked at in one go: some 100 MB."""
+"""Pairs of a capsule and a cell or disc that are handled together: about 100 MB."""
 
 FEW = 64
-"""Discs up to which comparing each with every capsule is quicker than making a grid."""
+"""Number of discs up to which comparing each with every capsule is quicker than making a grid."""
 
 
 class Images(NamedTuple):
     """Capsules with their images beyond periodic borders.
 
-    capsule: shape (M, 5) [length]. source: which capsule each is an image of, shape (M,). shift: where to, shape (M, 2)
-    [length].
+    capsule: shape (M, 5) [length]. source: index of the capsule that each is an image of, shape (M,). shift:
+    displacement of the image, shape (M, 2) [length].
     """
 
     capsule: Floats
@@ -69,13 +68,13 @@ def distance(position: Floats, capsules: Floats) -> Floats:
 
     Args:
         position: shape (..., 2) [length].
-        capsules: shape (..., 5), which fits that of the positions [length].
+        capsules: shape (..., 5), broadcast with the positions [length].
     """
     a, radius = capsules[..., :2], capsules[..., 4]
     along, r = capsules[..., 2:4] - a, position - a
     squared = along[..., 0] ** 2 + along[..., 1] ** 2
-    part = (r[..., 0] * along[..., 0] + r[..., 1] * along[..., 1]) / np.where(squared > 0, squared, 1)
-    gap = r - np.clip(part, 0, 1)[..., None] * along
+    fraction = (r[..., 0] * along[..., 0] + r[..., 1] * along[..., 1]) / np.where(squared > 0, squared, 1)
+    gap = r - np.clip(fraction, 0, 1)[..., None] * along
     return np.hypot(gap[..., 0], gap[..., 1]) - radius
 
 
@@ -121,10 +120,10 @@ def cell_lists(capsules: Floats, size: tuple[float, float], reach: float) -> Cel
 
 
 def _grid(capsules: Floats, size: tuple[float, float], reach: float) -> tuple[int, int, Floats, float]:
-    """Columns, rows, cells per length and the distance from a cell's middle in which capsules are listed.
+    """Columns, rows, cells per length, and the distance from a cell's centre within which capsules are listed.
 
-    Cells are twice as long until their lists are short enough: where capsules lie on each other, smaller ones would
-    each list nearly all of them.
+    Cells are doubled in size until the lists are short enough: where capsules overlap, small cells would each list
+    nearly all of them.
     """
     most = MOST_LISTED + LISTED_EACH * len(capsules)
     side = max(2 * reach, math.sqrt(size[0] * size[1] / (CELLS_PER_CAPSULE * (len(capsules) + 1))))
@@ -139,10 +138,10 @@ def _grid(capsules: Floats, size: tuple[float, float], reach: float) -> tuple[in
 
 
 def _cells_in_reach(capsules: Floats, margin: float, per_length: Floats, number: Integers) -> int:
-    """About how many cells are within `margin` of the surfaces of all capsules, each capsule counted by itself.
+    """About how many cells are within `margin` of the surface of a capsule, summed over all capsules.
 
-    The area of each, grown by the margin, or that of the rectangle round it in the box, if that is less. The sum of
-    whole numbers, each found with operations that are rounded alike on every machine: so is the grid.
+    For each the area of the capsule enlarged by the margin, or of its bounding rectangle in the box, if that is less.
+    A sum of whole numbers, each computed by operations that round alike on every machine, so that the grid is the same.
     """
     with np.errstate(over="ignore"):  # a radius may be as large as a float can be
         reach = np.minimum((margin + capsules[:, 4:]) * per_length, number)
@@ -166,11 +165,11 @@ def depths(
         periodic: along x and along y.
 
     Raises:
-        InputError: if that would take comparisons of more than MOST_COMPARED discs and capsules.
+        InputError: if more than MOST_COMPARED pairs of a disc and a capsule are near each other.
     """
     depth = np.zeros(len(position))
     binary = np.frexp(radius)[1]
-    for power in np.unique(binary) if len(capsules) else ():  # discs of about one size share a grid
+    for power in np.unique(binary) if len(capsules) else ():  # discs of similar size share a grid
         discs = np.flatnonzero(binary == power)
         reach = float(radius[discs].max())
         images = with_images(capsules, size, periodic, reach)
@@ -179,10 +178,10 @@ def depths(
     return depth
 
 
-class Among:
-    """Capsules in a box, for those who ask again and again how deep a few discs are in them.
+class CapsuleIndex:
+    """Capsules in a box, for repeated queries of how deep a few discs overlap them.
 
-    The first FEW discs are compared with every capsule, as `depths` does; then a grid is made, and kept.
+    The first FEW discs are compared with every capsule, as in `depths`; then a grid is made and kept.
 
     Args:
         capsules: shape (K, 5) [length].
@@ -199,13 +198,13 @@ class Among:
         self._grid: tuple[Images, CellLists] | None = None
 
     def depths(self, position: Floats, radius: Floats) -> Floats:
-        """How deep each disc is in the capsule that it overlaps most, as `depths` has it, to the bit."""
+        """The same as `depths`, to the bit."""
         self._asked += len(position)
         if not len(self.capsules) or len(position) > FEW or self._asked <= FEW:
             return depths(position, radius, self.capsules, self.size, self.periodic)
         largest = float(radius.max(initial=0.0))
         if self._grid is None or largest > self._reach:
-            self._reach = 2 * largest  # so that few grids are made, however the radii grow
+            self._reach = 2 * largest  # so that few grids are made while radii grow
             images = with_images(self.capsules, self.size, self.periodic, self._reach)
             self._grid = images, cell_lists(images.capsule, self.size, self._reach)
         images, lists = self._grid
@@ -215,17 +214,17 @@ class Among:
 def _deepest(
     position: Floats, radius: Floats, capsules: Floats, images: Images, pairs: Iterator[tuple[Integers, Integers]]
 ) -> Floats:
-    """How deep each disc is in the image of a capsule that it overlaps most, of some pairs of both, shape (N,)."""
+    """Largest overlap of each disc over the given pairs of discs and capsule images, shape (N,) [length]."""
     depth = np.zeros(len(position))
     for disc, capsule in pairs:
-        # Not the place of the image: rounded as the disc's own coordinates are.
+        # The disc is shifted, not the capsule: rounded as its own coordinates are.
         gap = distance(position[disc] - images.shift[capsule], capsules[images.source[capsule]])
         np.maximum.at(depth, disc, radius[disc] - gap)
     return depth
 
 
 def nearest(position: Floats, capsules: Floats, size: tuple[float, float], periodic: tuple[bool, bool]) -> int:
-    """The capsule whose surface, or that of an image, is nearest to a place, shape (2,) [length]: its index."""
+    """Index of the capsule whose surface, or that of an image, is nearest to a point, shape (2,) [length]."""
     images = with_images(capsules, size, periodic, math.inf)
     gap = distance(position - images.shift, capsules[images.source])
     return int(images.source[gap == gap.min()].min())
@@ -234,7 +233,7 @@ def nearest(position: Floats, capsules: Floats, size: tuple[float, float], perio
 def _disc_pairs(
     position: Floats, capsules: Floats, size: tuple[float, float], reach: float
 ) -> Iterator[tuple[Integers, Integers]]:
-    """Discs and capsules that may overlap, some pairs at a time: indices of both."""
+    """Discs and capsules that may overlap, in chunks of pairs: indices of both."""
     if len(position) <= FEW:
         every = np.arange(len(position))
         for chosen in _chunks(np.full(len(capsules), len(position))):
@@ -245,7 +244,7 @@ def _disc_pairs(
 
 
 def _listed_pairs(position: Floats, lists: CellLists) -> Iterator[tuple[Integers, Integers]]:
-    """Discs and the capsules that their cells list, some pairs at a time: indices of both."""
+    """Discs and the capsules that their cells list, in chunks of pairs: indices of both."""
     column, row = np.clip(position * lists.per_length, 0, lists.grid - 1).astype(np.int64).T
     cell = column * lists.grid[1] + row
     first, last = (lists.near[each].astype(np.int64) for each in (cell, cell + 1))
@@ -263,10 +262,10 @@ def _listed_pairs(position: Floats, lists: CellLists) -> Iterator[tuple[Integers
 def _cells_near(
     capsules: Floats, margin: float, per_length: Floats, columns: int, rows: int
 ) -> Iterator[tuple[Integers, Integers]]:
-    """Capsules and numbers, column-major, of the cells whose middle is at most `margin` from the surface of each.
+    """Capsules, and column-major numbers of the cells whose centre is within `margin` of their surface.
 
-    First the columns that each one reaches, then the rows that it reaches in each of them: a long oblique one is near
-    few of the cells in the rectangle round it.
+    First the columns that a capsule reaches, then the rows in each of them: a long oblique capsule is near few of the
+    cells in its bounding rectangle.
     """
     with np.errstate(over="ignore"):  # a radius may be as large as a float can be
         reach = margin + capsules[:, 4]
@@ -290,30 +289,30 @@ def _cells_near(
 def _heights(capsules: Floats, x: Floats, reach: Floats) -> tuple[Floats, Floats]:
     """Least and largest y at which a capsule can be within `reach` of the line at x, shapes (M,) [length]."""
     ax, ay, bx, by, _ = capsules.T
-    wider = reach * (1 + 1e-9) + 1e-9 * np.abs(x)  # no rounding may leave out what is just within
+    wider = reach * (1 + 1e-9) + 1e-9 * np.abs(x)  # rounding must not exclude what is just within
     run = bx - ax
     ends = [
-        np.where(run == 0, part, np.clip((x + side - ax) / np.where(run == 0, 1, run), 0, 1)) * (by - ay) + ay
-        for side, part in ((-wider, 0.0), (wider, 1.0))
+        np.where(run == 0, end, np.clip((x + side - ax) / np.where(run == 0, 1, run), 0, 1)) * (by - ay) + ay
+        for side, end in ((-wider, 0.0), (wider, 1.0))
     ]
     return np.minimum(*ends) - wider, np.maximum(*ends) + wider
 
 
 def _cells(low: Floats, high: Floats, per_length: float, number: int) -> tuple[Integers, Integers]:
-    """The first cell between two places along an axis, and the one behind the last."""
+    """The first cell between two coordinates along an axis, and the one after the last."""
     first = np.clip(low * per_length, 0, number).astype(np.int64)
     return first, np.minimum(np.clip(high * per_length, -1, number).astype(np.int64) + 1, number)
 
 
 def _expanded(first: Integers, last: Integers) -> tuple[Integers, Integers]:
-    """The whole numbers from first[i] to last[i] - 1, for each i: the i's, and the numbers."""
+    """The whole numbers from first[i] to last[i] - 1 for each i: the values of i, and the numbers."""
     length = np.maximum(last - first, 0)
     which = np.repeat(np.arange(len(first)), length)
     return which, np.arange(len(which)) - np.repeat(np.cumsum(length) - length - first, length)
 
 
 def _chunks(lengths: NDArray[Any]) -> Iterator[slice]:
-    """Slices in order, of elements whose lengths add up to MOST_PAIRS at most, or of one that alone is longer."""
+    """Consecutive slices of elements whose lengths add up to at most MOST_PAIRS, or of a single longer one."""
     total = np.cumsum(np.maximum(lengths, 0))
     start = 0
     while start < len(total):
@@ -324,9 +323,9 @@ def _chunks(lengths: NDArray[Any]) -> Iterator[slice]:
 
 
 class Deepest(NamedTuple):
-    """The disc that is deepest in what stands in the box.
+    """The disc that overlaps an obstacle most.
 
-    number: of discs that overlap it. disc: index of the deepest one. where: in what, by name. depth: [length].
+    number: of discs that overlap one. disc: index of the deepest one. where: name of its obstacle. depth: [length].
     """
 
     number: int
@@ -339,7 +338,7 @@ def check_clear(found: Deepest | None, name: str, position: Floats, radius: Floa
     """Refuse discs that overlap an obstacle.
 
     Args:
-        found: the deepest of them, if any does.
+        found: the deepest of them, if there is one.
         name: of the argument, for the text of the error.
         position: centres, shape (N, 2) [length].
         radius: one each, shape (N,) [length].
@@ -356,7 +355,7 @@ def check_clear(found: Deepest | None, name: str, position: Floats, radius: Floa
 
 
 RADII = 16
-"""Radii at most for which discs as large or larger are counted against the room among capsules."""
+"""Largest number of radii for which discs of that size and above are checked against the room among capsules."""
 
 
 def check_among(
@@ -368,14 +367,14 @@ def check_among(
     high: tuple[float, float],
     wall: MovingWall,
 ) -> None:
-    """Refuse more discs than a box from low to high, which a wall has made smaller, can hold among capsules.
+    """Refuse more discs than a box that a wall has made smaller can hold among capsules.
 
-    Of several radii, those as large as one of them or larger have no more room than equal discs of that radius.
+    Of several radii, discs of one radius and larger ones need at least as much room as equal discs of that radius.
 
     Args:
         capsules: shape (K, 5) [length].
         name: of the argument, for the text of the error.
-        radius, number: so many discs of each radius, shape (L,) [length].
+        radius, number: radii, and the number of discs of each, shape (L,) [length].
         low, high: corners (x, y) of the box [length].
         wall: the one that moves.
 

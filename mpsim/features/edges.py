@@ -27,17 +27,17 @@ class MovingWall(NamedTuple):
 
     @property
     def axis(self) -> int:
-        """Along which it moves."""
+        """The axis along which it moves."""
         return self.edge // 2
 
     def at(self, time: float) -> float:
-        """Where it is at a time [time]."""
+        """Its coordinate at a time [length]."""
         place = self.start + self.speed * time
         return max(place, self.stop) if self.speed < 0 else min(place, self.stop)
 
 
 def check_boundary(boundary: object) -> tuple[str, str]:
-    """Boundary of x and of y, "walls" or "periodic" each; one word stands for both."""
+    """Boundary of x and of y, each "walls" or "periodic"; one word stands for both."""
     each_of: Any = boundary
     pair = (each_of, each_of) if isinstance(each_of, str) else tuple(each_of)
     if len(pair) != 2:
@@ -47,7 +47,7 @@ def check_boundary(boundary: object) -> tuple[str, str]:
 
 
 def demand_wall(name: str, edge: str, boundary: tuple[str, str]) -> None:
-    """Refuse an edge that is none: beyond it the box repeats."""
+    """Refuse an edge along a periodic axis, where there is no wall."""
     axis = 0 if edge in ("left", "right") else 1
     if boundary[axis] == "periodic":
         raise InputError(

@@ -15,31 +15,31 @@ from mpsim.features.capsules import check_clear
 from mpsim.features.feature import Feature, SceneLike, Spoiled
 
 LARGEST_EMITTERS = 1_000_000
-"""More emitters than this likewise."""
+"""More emitters than this are taken for a mistake."""
 
 
 @dataclass(frozen=True)
 class Emitter:
     """A place where discs enter, one after the other.
 
-    With `interval`, disc k enters at the time k * interval, whatever the time step and the method. The exact solver
-    stops there; of the others a disc enters at the end of the frame that reaches its time, having flown for the rest
-    of that frame: at position + v s + g s^2/2 with velocity v + g s, where s is the time since it was due and g the
-    scene's gravity. A flight that meets a wall or a capsule ends there.
+    With `interval`, disc k enters at time k * interval, whatever the time step and the method. The exact solver stops
+    at that time. The other methods add the disc at the end of the frame, where free flight since then has taken it:
+    at position + v s + g s^2/2 with velocity v + g s, where s is the time since it was due and g the scene's gravity.
+    A flight that meets a wall or a capsule ends there.
 
-    With `every`, a disc enters before each so manieth frame: another scene for each dt.
+    With `every`, a disc enters before every k-th frame, so that each dt is another scene.
 
-    Where a disc finds its place occupied it waits, an EmitterWarning says so once, and those after it are put off as
-    long: it tries again every interval / 8 (of `every`: before each frame).
+    A disc whose place is occupied waits, which one EmitterWarning reports, and delays those after it: it tries again
+    every interval / 8 (with `every`: before each frame).
 
     Args:
-        position: centre of the new disc (x, y) [length], a radius from walls and capsules. Where a wall has passed it,
-            no more discs enter, and a warning says so.
+        position: centre of the new disc (x, y) [length], a radius from walls and capsules. Once a moving wall has
+            passed it, no more discs enter, and a warning says so.
         velocity: of the new disc v (vx, vy) [length/time].
         interval: time between two discs [time], > 0.
         every: frames between two discs, >= 1, instead of interval.
-        limit: discs in all, >= 1; None: no end.
-        radius, mass: of the new discs [length], [mass]; None: those of the scene, if its discs have one.
+        limit: total number of discs, >= 1; None: no limit.
+        radius, mass: of the new discs [length], [mass]; None: those of the scene, if all its discs share one.
 
     Raises:
         InputError: naming the argument, its rule and the value received; both or neither of interval and every.
@@ -80,12 +80,12 @@ class Emitter:
 
     def __repr__(self) -> str:
         values = {field.name: getattr(self, field.name) for field in fields(self)}
-        del values["every" if self.every is None else "interval"]  # so a scene's digest depends on what it has only
+        del values["every" if self.every is None else "interval"]  # a scene's digest depends only on what it uses
         return f"Emitter({', '.join(f'{name}={value!r}' for name, value in values.items())})"
 
 
 def check_emitters(emitters: object) -> tuple[Emitter, ...]:
-    """The emitters as a tuple, if each is one and they are not too many; a single one counts as one."""
+    """The emitters as a tuple, checked; a single one may come without a list."""
     each_of: Any = emitters
     chosen = (each_of,) if isinstance(each_of, Emitter) else tuple(each_of)
     if len(chosen) > LARGEST_EMITTERS:
@@ -112,7 +112,7 @@ class Emitters(Feature):
     )
 
     def check(self, scene: SceneLike) -> None:
-        """Refuse emitters that do not know the radius or mass of their discs, or that stand where there is no room."""
+        """Refuse emitters whose discs lack a radius or mass, or whose place leaves no room for a disc."""
         emitters: tuple[Emitter, ...] = self.of(scene)
         for name, common in (("radius", np.ndim(scene.radius) == 0), ("mass", scene.mass is None)):
             lacking = [] if common else [index for index, each in enumerate(emitters) if getattr(each, name) is None]

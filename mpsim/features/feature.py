@@ -1,7 +1,7 @@
-"""What a feature of a scene is: all that other parts of mpsim have to know of it, in one class.
+"""What a feature of a scene is: all that other modules need to know of it, in one class.
 
-Each feature has a file of its own with a subclass, an instance of which stands in `mpsim.features.FEATURES`. Everybody
-else asks all that are there. The answers here are those of a feature that changes nothing.
+Each feature has a module of its own with a subclass, of which `mpsim.features.FEATURES` holds an instance. All other
+modules loop over that list. The methods here are those of a feature that changes nothing.
 """
 
 import dataclasses
@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from mpsim.features.capsules import Among, Deepest
+from mpsim.features.capsules import CapsuleIndex, Deepest
 from mpsim.features.edges import MovingWall
 
 Floats = NDArray[np.float64]
@@ -42,7 +42,7 @@ class SceneLike(Protocol):
 
     @property
     def largest_radius(self) -> float:
-        """Of all discs, those to come included [length]."""
+        """Of all discs, those of emitters included [length]."""
         ...
 
     @property
@@ -57,16 +57,16 @@ class SceneLike(Protocol):
 
     @property
     def capsules(self) -> Floats:
-        """What stands in the box as segments with a radius, shape (K, 5) [length]."""
+        """Obstacles as segments with a radius, shape (K, 5) [length]."""
         ...
 
     @property
-    def among(self) -> Among:
-        """The same, for those who ask again and again how deep discs are in them."""
+    def among(self) -> CapsuleIndex:
+        """The same, indexed for repeated queries of overlap."""
         ...
 
     def deepest(self, position: Floats, radius: Floats) -> Deepest | None:
-        """The disc that is deepest in what stands in the box."""
+        """The disc that overlaps an obstacle most."""
         ...
 
     def walls_at(self, time: float) -> tuple[Floats, Floats]:
@@ -79,7 +79,7 @@ class SceneLike(Protocol):
 
 
 class Spoiled(NamedTuple):
-    """Measures that mean nothing beside a feature, what it is then called, and what to do instead."""
+    """Measures that a feature makes meaningless, the reason in words, and what to do instead."""
 
     measures: tuple[str, ...]
     what: str
@@ -87,10 +87,10 @@ class Spoiled(NamedTuple):
 
 
 class NewDiscs(NamedTuple):
-    """Discs for which there must be room.
+    """Discs to be added, for which there must be room.
 
-    name: of the argument that holds their places, for the texts of errors. position: shape (K, 2) [length]. radius:
-    shape (K,) [length]. present: radii of the discs that are there, shape (N,) [length].
+    name: of the argument that holds their positions, for the texts of errors. position: shape (K, 2) [length]. radius:
+    shape (K,) [length]. present: radii of the discs already there, shape (N,) [length].
     """
 
     name: str
@@ -103,17 +103,17 @@ class Feature:
     """One optional argument of Scene.
 
     Attributes:
-        argument: its name, also as a key of scene files and checkpoints.
-        kinds: classes of its value, which are dataclasses; () where it is words.
-        several: whether its value is a tuple of such.
+        argument: its name, also the key in scene files and checkpoints.
+        kinds: dataclasses of its value; () if the value is words.
+        several: whether its value is a tuple of them.
         meaning: what it is, for the docs of scene files.
-        keys: of a single value: what its fields mean, for the docs of scene files.
-        examples: of a single value: arguments that are right, of which one accepts whatever a field may be.
+        keys: of a single value: the meaning of its fields, for the docs of scene files.
+        examples: of a single value: valid arguments, such that each valid value of a field is valid in one of them.
         not_exact: what `event` cannot do, for the text of its refusal.
         drives: what sets discs at rest in motion, for the text that asks for such a thing.
         relief: what makes room for discs that are pressed, for the text of the warning.
         spoils: measures that it makes meaningless.
-        excludes: whether it keeps discs out of parts of the box.
+        excludes: whether it keeps discs out of regions of the box.
     """
 
     argument: ClassVar[str]
@@ -129,7 +129,7 @@ class Feature:
     excludes: ClassVar[bool] = False
 
     def of(self, scene: SceneLike) -> Any:
-        """The value that the scene has of it."""
+        """Its value in a scene."""
         return getattr(scene, self.argument)
 
     def is_in(self, scene: SceneLike) -> bool:
@@ -140,13 +140,13 @@ class Feature:
     # --- the scene
 
     def check(self, scene: SceneLike) -> None:
-        """Refuse, by name, what does not fit the rest of a scene that is being made."""
+        """Refuse, naming the argument, what does not fit the rest of a scene that is being made."""
 
     def check_room(self, scene: SceneLike, new: NewDiscs) -> None:
-        """Refuse, by name, discs for which it leaves no room."""
+        """Refuse, naming the argument, discs for which it leaves no room."""
 
     def deepest(self, scene: SceneLike, position: Floats, radius: Floats) -> Deepest | None:
-        """The disc that is deepest in it, places of shape (N, 2), radii (N,) [length]; None if no disc overlaps it."""
+        """The disc that overlaps it most, positions of shape (N, 2), radii (N,) [length]; None if no disc does."""
         return None
 
     def moving_wall(self, scene: SceneLike) -> MovingWall | None:
@@ -154,30 +154,30 @@ class Feature:
         return None
 
     def continued(self, scene: SceneLike, box: tuple[float, float, float, float]) -> Any:
-        """Its value in a scene that starts where a run of this one has come to, with the walls there [length]."""
+        """Its value in a scene that starts from a state of a run of this one, whose walls are at `box` [length]."""
         return self.of(scene)
 
     # --- the shared block
 
     def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
-        """The arrays that its kernels need, for so many discs, floats being `real`."""
+        """Arrays that its kernels need for `capacity` discs, with floats of dtype `real`."""
         return {}
 
     def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
-        """Write into them what does not change with the number of discs. margin: of walls, from centre to wall."""
+        """Fill in what does not depend on the number of discs. margin: distance of centres from walls [length]."""
 
     def wall_now(self, scene: SceneLike, arrays: dict[str, Any]) -> float | None:
-        """Where its wall is after the steps that are done, as the kernels move it; None if it moves none [length]."""
+        """Coordinate of its wall after the steps done so far, as the kernels have it; None without a wall [length]."""
         return None
 
     # --- people
 
     def description(self, scene: SceneLike) -> str:
-        """In words, where the scene has it."""
+        """In words, for a scene that has it."""
         return str(self.of(scene))
 
     def record(self, scene: SceneLike) -> Any:
-        """As plain values, for JSON."""
+        """Its value for JSON."""
         value = self.of(scene)
         if not self.kinds:
             return value
@@ -186,13 +186,13 @@ class Feature:
         return None if value is None else dataclasses.asdict(value)
 
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        """Values to time in a square box in which discs are so far apart [length], by what they are called."""
+        """Values to time, by name, in a square box of a side with discs on a lattice of a pitch [length]."""
         return {}
 
     # --- files
 
     def plain(self, scene: SceneLike) -> Any:
-        """Its value as plain values from which `made` makes it again, bit for bit."""
+        """Its value as plain values, from which `made` restores it bit for bit."""
         value = self.of(scene)
         if not self.kinds:
             return value
@@ -201,7 +201,7 @@ class Feature:
         return None if value is None else _fields(value)
 
     def made(self, plain: Any) -> Any:
-        """The value that `plain` was made of."""
+        """The value that `plain` was made from."""
         if not self.kinds or plain is None:
             return plain
         kinds: dict[str, Any] = {kind.__name__: kind for kind in self.kinds}

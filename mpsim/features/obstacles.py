@@ -45,7 +45,7 @@ class FixedDisc:
         object.__setattr__(self, "radius", checks.positive("radius of a FixedDisc", self.radius, "[length]"))
 
     def capsules(self) -> list[tuple[float, float, float, float, float]]:
-        """Segments with a radius, as the kernels take all obstacles: (ax, ay, bx, by, radius); here one of length 0."""
+        """The disc as one capsule of length 0: (ax, ay, bx, by, radius) [length]."""
         place: Any = self.position
         x, y = place
         return [(x, y, x, y, self.radius)]
@@ -77,7 +77,7 @@ class Polyline:
         object.__setattr__(self, "thickness", thickness)
 
     def capsules(self) -> list[tuple[float, float, float, float, float]]:
-        """Segments with a radius, as the kernels take all obstacles: (ax, ay, bx, by, radius)."""
+        """A capsule for each straight wall: (ax, ay, bx, by, radius) [length]."""
         points: Any = self.points
         return [(ax, ay, bx, by, self.thickness / 2) for (ax, ay), (bx, by) in pairwise(points)]
 
@@ -86,7 +86,7 @@ Obstacle = FixedDisc | Polyline
 
 
 def fixed_discs(position: NDArray[np.float64], radius: float | NDArray[np.float64]) -> list[FixedDisc]:
-    """Many FixedDiscs of numbers that are checked already, at once.
+    """Many FixedDiscs at once, from numbers that were checked before.
 
     Args:
         position: finite, shape (K, 2) [length].
@@ -103,11 +103,11 @@ def fixed_discs(position: NDArray[np.float64], radius: float | NDArray[np.float6
 
 
 def check_lines(points: NDArray[np.float64], lengths: NDArray[Any]) -> None:
-    """Refuse points that are no Polylines, one after the other.
+    """Refuse points that do not form Polylines, one after the other.
 
     Args:
-        points: of all, finite, shape (K, 2) [length].
-        lengths: how many of them each has, shape (L,): whole numbers >= 2 that add up to K.
+        points: of all lines, finite, shape (K, 2) [length].
+        lengths: number of points of each line, shape (L,): whole numbers >= 2 that add up to K.
 
     Raises:
         InputError: naming points or lengths, the rule and the values received.
@@ -133,7 +133,7 @@ def check_lines(points: NDArray[np.float64], lengths: NDArray[Any]) -> None:
 def polylines(
     points: NDArray[np.float64], lengths: NDArray[Any], thickness: float | NDArray[np.float64]
 ) -> list[Polyline]:
-    """Many Polylines of numbers that are checked already, at once.
+    """Many Polylines at once, from numbers that were checked before.
 
     Args:
         points, lengths: as of `check_lines`.
@@ -144,7 +144,7 @@ def polylines(
     thick = np.broadcast_to(thickness, len(lengths)).tolist()
     with garbage_collection_paused():
         corners: list[tuple[float, float]] = [(x, y) for x, y in points.tolist()]
-        for first, last, each in zip([0, *ends], ends, thick, strict=False):  # one beginning more than ends
+        for first, last, each in zip([0, *ends], ends, thick, strict=False):  # one more beginning than ends
             line = object.__new__(Polyline)
             vars(line).update(points=tuple(corners[first:last]), thickness=each)
             made.append(line)
@@ -152,7 +152,7 @@ def polylines(
 
 
 def capsules_of(obstacles: tuple[Obstacle, ...]) -> NDArray[np.float64]:
-    """All obstacles as segments with a radius, shape (K, 5): ax, ay, bx, by, radius [length]."""
+    """All obstacles as capsules, shape (K, 5): ax, ay, bx, by, radius [length]."""
     numbers = chain.from_iterable(chain.from_iterable(obstacle.capsules() for obstacle in obstacles))
     return np.fromiter(numbers, np.float64).reshape(-1, 5)
 
@@ -167,7 +167,7 @@ def owner_of(capsule: int, obstacles: tuple[Obstacle, ...]) -> int:
 
 
 def check_obstacles(obstacles: object, width: float, height: float) -> tuple[Obstacle, ...]:
-    """The obstacles as a tuple, if each is one and lies in the box."""
+    """The obstacles as a tuple, checked; a single one may come without a list."""
     each_of: Any = obstacles
     chosen = (each_of,) if isinstance(each_of, Obstacle) else tuple(each_of)
     if len(chosen) > LARGEST_OBSTACLES:
@@ -207,14 +207,14 @@ class Obstacles(Feature):
 
     def __init__(self) -> None:
         self._made: weakref.WeakKeyDictionary[Any, tuple[Any, dict[str, NDArray[Any]]]] = weakref.WeakKeyDictionary()
-        """`arrays` of scenes that are in use, and what they were made of: each block asks for them twice."""
+        """`arrays` of scenes in use, with what they were made from: each block needs them twice."""
 
     def check_room(self, scene: SceneLike, new: NewDiscs) -> None:
-        """Refuse discs that overlap an obstacle, which would put them beside it."""
+        """Refuse discs that overlap an obstacle: the first frame would push them out of it."""
         capsules.check_clear(scene.deepest(new.position, new.radius), new.name, new.position, new.radius)
 
     def deepest(self, scene: SceneLike, position: Floats, radius: Floats) -> Deepest | None:
-        """Discs that touch one to within rounding of the box's coordinates do not count; images of obstacles do."""
+        """Overlaps within the rounding of the box's coordinates do not count; images of obstacles do."""
         size = (scene.width, scene.height)
         depth = scene.among.depths(position, radius)
         number = int((depth > 8 * np.finfo(np.float64).eps * max(size)).sum())
@@ -225,22 +225,21 @@ class Obstacles(Feature):
         return Deepest(number, worst, f"obstacles[{owner_of(nearest, self.of(scene))}]", float(depth[worst]))
 
     def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
-        """Capsules, and the grid of which ones are near a place."""
+        """Capsules, and the grid that lists those near each cell."""
         return {
             f"capsules.{name}": (real if values.dtype.kind == "f" else values.dtype, values.shape)
             for name, values in self.arrays(scene).items()
         }
 
     def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
-        """Write them."""
+        """Write capsules and grid."""
         for name, values in self.arrays(scene).items():
             arrays[f"capsules.{name}"][...] = values
 
     def arrays(self, scene: SceneLike) -> dict[str, NDArray[Any]]:
-        """Capsules, images beyond periodic borders included, and the grid of which ones are near a place; {} if none.
+        """Capsules, with images beyond periodic borders, and their grid (see `cell_lists`); {} without capsules.
 
-        The same grid whatever the method and the number of discs. A cell lists every capsule that a disc with its
-        centre in the cell can touch.
+        The grid depends neither on the method nor on the number of discs.
         """
         made_of = (id(scene.capsules), scene.width, scene.height, scene.periodic, scene.largest_radius)
         if scene not in self._made or self._made[scene][0] != made_of:
@@ -252,7 +251,7 @@ class Obstacles(Feature):
         return f"{len(self.of(scene))}"
 
     def record(self, scene: SceneLike) -> int:
-        """Their number, as there may be very many."""
+        """Their number only, as there may be very many."""
         return len(self.of(scene))
 
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""How many discs a box can hold at most: published bounds, with walls and without, and among capsules."""
+"""Upper bounds on the number of discs in a box, as published: with walls, without, and among capsules."""
 
 import functools
 import math
@@ -9,24 +9,24 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 ROUND = 33
-"""Corners of the polygon in half a circle."""
+"""Corners of the polygon that is inscribed in half a circle."""
 
 SHRUNK = 1e-6
-"""Fraction of a radius by which capsules are grown less: a channel just as wide as a disc must stay one."""
+"""Fraction of a radius by which capsules are enlarged less: a channel just as wide as a disc must stay open."""
 
 TOUCH = 1e-9
-"""Fraction of the coordinates below which a polygon is taken to touch a side, or another one."""
+"""Distance, as a fraction of the coordinates, below which polygons count as touching a side or each other."""
 
 HOLES = 100
-"""Capsules at most, the largest, that count in that: each pair of them is looked at."""
+"""Number of capsules, the largest ones, that the bound takes into account: each pair of them is tested."""
 
 
 def densest_packing(smallest: float, largest: float) -> float:
     """Packing fraction above which no discs with radii from `smallest` to `largest` can be arranged in the plane.
 
-    Florian's bound (Rend. Circ. Mat. Palermo 9, 300, 1960): three discs in touch, two of them the largest and one the
-    smallest, are nowhere denser. For equal discs it is the hexagonal lattice (Thue 1910). Copies of a box side by side
-    fill the plane, so it holds in any box, with walls and without.
+    Florian's bound (Rend. Circ. Mat. Palermo 9, 300, 1960): no arrangement is denser than three touching discs, two of
+    the largest radius and one of the smallest. For equal discs it is the hexagonal lattice (Thue 1910). Copies of a box
+    side by side fill the plane, so it holds in any box, with walls and without.
 
     >>> round(densest_packing(1, 1), 4), round(densest_packing(0.5, 1), 4)
     (0.9069, 0.9158)
@@ -37,14 +37,14 @@ def densest_packing(smallest: float, largest: float) -> float:
 
 
 def shortest_box(radius: Floats, number: Floats, across: float, walls: bool) -> float:
-    """Length below which no box between two walls, `across` wide, holds so many discs of each radius [length].
+    """Length below which no box between two walls, `across` wide, holds the given discs [length].
 
-    For equal discs between four walls it is Oler's inequality, which counts the room that is lost at walls (Acta Math.
+    For equal discs between four walls from Oler's inequality, which includes the room that is lost at walls (Acta Math.
     105, 19, 1961): n points a diameter d apart lie in a convex region of area A and perimeter P only if
-    n <= 2 A / (sqrt(3) d^2) + P / (2 d) + 1. Else that of the packing fraction.
+    n <= 2 A / (sqrt(3) d^2) + P / (2 d) + 1. Else from the packing fraction.
 
     Args:
-        radius, number: shape (K,) [length].
+        radius, number: radii, and the number of discs of each, shape (K,) [length].
         across: width of the box [length].
         walls: whether there are walls across as well, not a periodic border.
 
@@ -65,18 +65,18 @@ def shortest_box(radius: Floats, number: Floats, across: float, walls: bool) -> 
 
 
 def most_equal(radius: float, low: tuple[float, float], high: tuple[float, float], capsules: Floats) -> float:
-    """Number of equal discs above which no arrangement of them between four walls and among capsules exists.
+    """Upper bound on the number of equal discs between four walls and among capsules.
 
-    Folkman and Graham (Canad. Math. Bull. 12, 745, 1969; of regions with holes Graham, Witsenhausen and Zassenhaus,
+    Folkman and Graham (Canad. Math. Bull. 12, 745, 1969; for regions with holes Graham, Witsenhausen and Zassenhaus,
     Discrete Math. 2, 1972): n points a diameter d apart lie in a region of area A, perimeter P and Euler characteristic
     chi only if n <= 2 A / (sqrt(3) d^2) + P / (2 d) + chi. Centres lie in the box less one radius, outside capsules
-    grown by one. Any larger region bounds them too: so each grown capsule is a polygon inside it, and those that
-    overlap one that counts more, that would not lower the bound, or that are not among the largest, are left out.
+    enlarged by one. Any larger region is a bound too. So each enlarged capsule is replaced by an inscribed polygon, and
+    those are left out that overlap one of more weight, would not lower the bound, or are not among the largest.
 
     Args:
         radius: of all discs [length].
         low, high: corners (x, y) of the box [length].
-        capsules: what stands in it, shape (K, 5): ax, ay, bx, by, radius [length].
+        capsules: shape (K, 5): ax, ay, bx, by, radius [length].
 
     >>> peg = np.array([[2, 3, 2, 3, 1.9]])
     >>> round(most_equal(0.5, (0, 0), (6, 6), peg[:0]), 2), round(most_equal(0.5, (0, 0), (6, 6), peg), 2)
@@ -93,7 +93,7 @@ def largest_of(capsules: Floats) -> Floats:
 
 @functools.lru_cache(maxsize=64)
 def _most_equal(radius: float, low: tuple[float, float], high: tuple[float, float], capsules: bytes) -> float:
-    """`most_equal` among few capsules, which emitters and additions ask for again and again."""
+    """`most_equal` for few capsules, cached: emitters and insertions ask for it repeatedly."""
     diameter, sides = 2 * radius, np.subtract(high, low) - 2 * radius
     if (sides < 0).any():
         return 0.0
@@ -117,7 +117,7 @@ def _most_equal(radius: float, low: tuple[float, float], high: tuple[float, floa
 
 
 def grown(capsule: Floats, radius: float) -> Floats:
-    """Corners of a polygon in a segment with a radius, (ax, ay, bx, by, radius), grown by another one, shape (K, 2)."""
+    """Corners of a polygon inscribed in a capsule (ax, ay, bx, by, radius) enlarged by a radius, shape (K, 2)."""
     (ax, ay, bx, by, own), half = capsule.tolist(), math.pi / 2
     turn = math.atan2(by - ay, bx - ax) + np.linspace(-half, half, ROUND)
     arc = (own + radius) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
@@ -125,7 +125,7 @@ def grown(capsule: Floats, radius: float) -> Floats:
 
 
 def clipped(polygon: Floats, low: Floats, high: Floats) -> Floats:
-    """What of a convex polygon, shape (K, 2), anticlockwise, lies in a rectangle: corners cut off lie on its sides."""
+    """A convex polygon, shape (K, 2), anticlockwise, clipped to a rectangle: new corners lie exactly on its sides."""
     for axis, limit, sign in ((0, low[0], 1), (0, high[0], -1), (1, low[1], 1), (1, high[1], -1)):
         beyond = sign * (polygon[:, axis] - limit) < 0
         if not beyond.any():
@@ -143,7 +143,7 @@ def clipped(polygon: Floats, low: Floats, high: Floats) -> Floats:
 
 
 def apart(one: Floats, other: Floats) -> bool:
-    """Whether a side of one of two convex polygons, shapes (K, 2), anticlockwise, has the other one behind it."""
+    """Whether a side of one of two convex polygons, shapes (K, 2), anticlockwise, separates them."""
     for polygon, beyond in ((one, other), (other, one)):
         along = np.roll(polygon, -1, axis=0) - polygon
         outward = np.stack([along[:, 1], -along[:, 0]], axis=1)
@@ -154,7 +154,7 @@ def apart(one: Floats, other: Floats) -> bool:
 
 
 def _loss(hole: Floats, low: Floats, high: Floats, diameter: float) -> float:
-    """How many discs fewer the bound has for a convex hole, shape (K, 2), in the rectangle from low to high.
+    """By how many discs a convex hole, shape (K, 2), in the rectangle from low to high lowers the bound.
 
     The hole changes the Euler characteristic by the number of pieces in which it touches the rectangle, less one.
     """

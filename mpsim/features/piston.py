@@ -26,10 +26,9 @@ class Piston:
     Args:
         wall: "left", "right", "bottom" or "top".
         speed: along x or y [length/time]; a right wall with a negative speed compresses.
-        stop: coordinate at which it comes to rest [length], in the box, on the way. There must be room for all discs
-            then.
-        start: coordinate at which it begins [length], between its wall and stop, which may be both: a piston that has
-            arrived. None: at its wall.
+        stop: coordinate at which it comes to rest [length], in the box, in the direction of motion. There must be room
+            for all discs then.
+        start: coordinate at which it begins [length], from its wall to stop; at stop it is at rest. None: at its wall.
 
     Raises:
         InputError: naming the argument, its rule and the value received.
@@ -71,7 +70,7 @@ class Piston:
 def check_piston(
     piston: Any, boundary: tuple[str, str], width: float, height: float, absorbing: tuple[str, ...]
 ) -> Piston | None:
-    """The piston, if it is one, moves a wall, and stops in the box."""
+    """The piston, checked: it moves a wall, and stops in the box."""
     if piston is None:
         return None
     if not isinstance(piston, Piston):
@@ -113,7 +112,7 @@ class PistonFeature(Feature):
     )
 
     def check(self, scene: SceneLike) -> None:
-        """Refuse one that leaves no room for the largest disc, or for all."""
+        """Refuse one that leaves too little room for the largest disc, or for all discs."""
         piston: Piston | None = self.of(scene)
         if piston is None:
             return
@@ -132,7 +131,7 @@ class PistonFeature(Feature):
         _check_end(scene, "stop of the piston", np.concatenate([scene.radii, radii]), number)
 
     def check_room(self, scene: SceneLike, new: NewDiscs) -> None:
-        """Refuse more discs than the box can hold in the end."""
+        """Refuse more discs than the box can hold where the piston stops."""
         together = np.append(new.present, new.radius)
         _check_end(scene, new.name, together, np.ones(len(together)))
 
@@ -146,7 +145,7 @@ class PistonFeature(Feature):
         return MovingWall("piston", edge, start, piston.stop, piston.speed)
 
     def continued(self, scene: SceneLike, box: tuple[float, float, float, float]) -> Piston | None:
-        """It starts where it is."""
+        """A piston that starts where it is."""
         piston: Piston | None = self.of(scene)
         if piston is None:
             return None
@@ -154,11 +153,11 @@ class PistonFeature(Feature):
         return check_piston(moved, scene.boundary, scene.width, scene.height, scene.absorbing)
 
     def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
-        """Where it is and how fast."""
+        """Its position and speed."""
         return {} if self.of(scene) is None else {"piston": (real, (kernel.SIZE,))}
 
     def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
-        """Write it as the limit of centres that it moves."""
+        """Write it as a moving limit of centres."""
         wall = self.moving_wall(scene)
         if wall is not None:
             inward = margin if wall.speed > 0 else -margin
@@ -168,7 +167,7 @@ class PistonFeature(Feature):
             arrays["piston"][kernel.STOP] = wall.stop + inward
 
     def wall_now(self, scene: SceneLike, arrays: dict[str, Any]) -> float | None:
-        """The kernels' own limit is where it will be one step later."""
+        """Computed from the number of steps: the kernels' own limit is that of the next step."""
         wall = self.moving_wall(scene)
         if wall is None:
             return None
@@ -177,7 +176,7 @@ class PistonFeature(Feature):
         return max(place, wall.stop) if step < 0 else min(place, wall.stop)
 
     def description(self, scene: SceneLike) -> str:
-        """From where to where, and how fast."""
+        """Wall, speed, and where it starts and stops."""
         piston: Piston = self.of(scene)
         start = "" if piston.start is None else f"from {piston.start:g} "
         return f"the {piston.wall} wall, speed {piston.speed:g}, {start}to {piston.stop:g}"
@@ -191,17 +190,17 @@ PISTON = PistonFeature()
 
 
 def _check_end(scene: SceneLike, name: str, radius: Floats, number: Floats) -> None:
-    """Refuse more discs than the box can hold where the piston stops.
+    """`PistonFeature.check_room` for given numbers of discs.
 
     Args:
-        scene: whose box it is.
+        scene: the scene with the piston.
         name: of the argument, for the text of the error.
-        radius, number: so many discs of each radius, shape (K,) [length].
+        radius, number: radii, and the number of discs of each, shape (K,) [length].
 
     Raises:
         InputError: with the shortest box that could hold them.
     """
-    if scene.absorbing:  # through which there may be few enough in the end
+    if scene.absorbing:  # few enough discs may be left in the end
         return
     wall = PISTON.moving_wall(scene)
     if wall is None:

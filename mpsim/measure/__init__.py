@@ -1,14 +1,18 @@
-"""Measuring how right a run is: functions of states, statistics, closed forms and published values.
+"""Observables of states, statistics, closed forms and published values.
 
-`reference` and `reference_motion` hold the values; `benchmark` (how fast a run is) is not imported here.
+`reference` and `reference_motion` hold the values.
 """
 
+import warnings
+from typing import Any
+
+from mpsim.core.errors import level_of_caller
 from mpsim.measure import reference, reference_motion
 from mpsim.measure.correlation import PairCorrelation, pair_correlation
 from mpsim.measure.observables import (
     Overlap,
     SpeedDistribution,
-    TrajectoryError,
+    TrajectoryDeviation,
     kinetic_energy,
     mean_squared_displacement,
     momentum,
@@ -35,7 +39,7 @@ __all__ = [
     "PairCorrelation",
     "Predictability",
     "SpeedDistribution",
-    "TrajectoryError",
+    "TrajectoryDeviation",
     "block_average",
     "block_errors",
     "comparable_until",
@@ -57,3 +61,15 @@ __all__ = [
     "temperature",
     "trajectory_error",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """The old name of `TrajectoryDeviation`: `mpsim.TrajectoryError` is an exception."""
+    if name == "TrajectoryError":
+        warnings.warn(
+            "mpsim.measure.TrajectoryError is now called mpsim.measure.TrajectoryDeviation; the old name ends in 0.3.",
+            DeprecationWarning,
+            stacklevel=level_of_caller(),
+        )
+        return TrajectoryDeviation
+    raise AttributeError(f"module 'mpsim.measure' has no attribute {name!r}")

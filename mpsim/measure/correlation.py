@@ -20,7 +20,7 @@ CONTACT_RANGE = 0.4
 adds noise; a longer one adds bias (0.8 % from 0.3 to 0.5 at packing 0.6, nothing to be seen at packing 0.5)."""
 
 NEWTON_STEPS = 50
-"""Steps of the fit of the contact value, which converges in some five; one that does not gives NaN."""
+"""Largest number of steps of the fit of the contact value: it converges in about five, or gives NaN."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +29,11 @@ class PairCorrelation:
 
     Attributes:
         r: shape (bins,), middle of each shell, from one diameter to r_max [length].
-        g: shape (bins,), density at that distance from a disc, over the density [1].
+        g: shape (bins,), density at that distance from a disc, over the mean density [1].
         error: shape (bins,), its standard error from the number of pairs counted, a fraction 1/sqrt(pairs) [1].
-        contact: g at one diameter, extrapolated; its error is that of the counts [1].
-        density: number density where the reference discs are [1/length^2].
-        references: reference discs counted, over all states.
+        contact: g at one diameter, extrapolated; its error comes from the counts [1].
+        density: number density of the region of the reference discs [1/length^2].
+        references: number of reference discs, over all states.
     """
 
     r: NDArray[np.float64]
@@ -45,27 +45,27 @@ class PairCorrelation:
 
 
 def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r_max: float) -> PairCorrelation:
-    """Pair-correlation function g(r) from contact to r_max, of one state or of several of the same scene together.
+    """Pair-correlation function g(r) from contact to r_max, of one state or averaged over several of the same scene.
 
-    A periodic axis needs no margin: nearest images count. Walls: a disc counts as a reference only if its centre is at
-    least radius + r_max from every wall, so that every shell around it lies where centres may be. No shell needs
-    correcting, the layers of discs at the walls bias nothing but the shells that reach them, and the density is that of
-    the same inner region: g = pairs / (states x inner area x density^2 x shell area). The price: only the inner discs
-    are references. In dense gases choose r_max of some 4 diameters or more: nearer to the walls their layers still
-    show in the density.
+    A periodic axis needs no margin: nearest images count. Between walls a disc is a reference only if its centre is at
+    least radius + r_max from every wall, so that centres may lie anywhere in the shells around it. Then no shell needs
+    a correction, the layers of discs at the walls bias only the shells that reach them, and the density is that of the
+    same inner region: g = pairs / (states x inner area x density^2 x shell area). The price: only the inner discs are
+    references. In dense gases choose r_max of about 4 diameters or more: closer to the walls their layers still affect
+    the density.
 
-    The contact value is exp(quadratic in r) fitted to the counts, as Poisson numbers, up to CONTACT_RANGE diameters
-    beyond contact, taken at one diameter. Pairs closer than a diameter are not counted: see `overlap`.
+    The contact value comes from exp(quadratic in r), fitted to the counts as Poisson numbers up to CONTACT_RANGE
+    diameters beyond contact. Pairs closer than a diameter are not counted: see `overlap`.
 
-    The density must be uniform, or g would show where the discs are rather than how they arrange themselves: scenes
-    with gravity, acceleration, emitters or capsules are refused, states from which discs have left, and states whose
-    wall still moves. Behind one that has arrived, the box is where it left the walls (`State.box`).
+    The density must be uniform, or g would reflect its variation in space. So scenes with gravity, acceleration,
+    emitters or obstacles are refused, and states with absorbed discs or a moving wall. After a wall has come to rest,
+    the box is that of the state (`State.box`).
 
     Args:
         states: of equal discs in the scene's box; independent ones lower the noise.
         scene: gives box and radius, the same for all discs.
-        bins: shells of equal width, >= 1; at least 4 must lie within CONTACT_RANGE for a contact value, else NaN.
-        r_max: [length], > one diameter, at most half of a periodic axis, and so small that some inner region remains.
+        bins: number of shells of equal width, >= 1; for a contact value at least 4 within CONTACT_RANGE, else NaN.
+        r_max: [length], > one diameter, at most half of a periodic axis, and so small that an inner region remains.
 
     Raises:
         InputError: naming the argument and its rule; if no disc is a reference; if density is not uniform.
@@ -100,7 +100,7 @@ def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r
         inside = np.all((position >= low) & (position <= low + inner), axis=1, keepdims=True)[:, 0]
         references += int(inside.sum())
         for i, j, distance in close_pairs(position, r_max, lengths_of(scene)):
-            seen = inside[i].astype(float) + inside[j]  # by how many reference discs
+            seen = inside[i].astype(float) + inside[j]  # number of reference discs in each pair
             counts += np.histogram(distance, edges, weights=seen)[0]
             variances += np.histogram(distance, edges, weights=seen**2)[0]
     if references == 0:
@@ -117,7 +117,7 @@ def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r
 
 
 def _one_radius(scene: Scene) -> float:
-    """The radius of all discs, where they have one and nothing else stands in the box."""
+    """The common radius of all discs, in a box without obstacles."""
     if not isinstance(scene.radius, float):
         raise InputError(
             f"pair_correlation needs discs of one radius; got radii from {scene.smallest_radius:g} to "
@@ -133,7 +133,7 @@ def _one_radius(scene: Scene) -> float:
 
 
 def _demand_uniform(states: Sequence[State], scene: Scene) -> None:
-    """Refuse, by name, what makes the density differ from place to place or from state to state."""
+    """Refuse, by name, what makes the density vary in space or time."""
     reasons = {
         "gravity": scene.gravity is not None and bool(scene.gravity.any()),
         "acceleration": scene.acceleration is not None and bool(scene.acceleration.any()),
@@ -155,7 +155,7 @@ def _demand_uniform(states: Sequence[State], scene: Scene) -> None:
 
 
 def _box_of(states: Sequence[State], scene: Scene) -> Box:
-    """Where the walls stand in all states: those of the scene, but for one that has moved and arrived."""
+    """The walls in all states: those of the scene, except for one that has moved and come to rest."""
     wall = scene.moving_wall
     if wall is None:
         return scene.box
@@ -173,10 +173,10 @@ def _box_of(states: Sequence[State], scene: Scene) -> Box:
 def _contact(
     gap: NDArray[np.float64], counts: NDArray[np.float64], expected: NDArray[np.float64], doubled: float
 ) -> Measure:
-    """g at gap 0 [diameters] from counts near contact: Poisson regression on (1, gap, gap^2), Newton's method.
+    """g at gap 0 [diameters] from counts near contact: Poisson regression on (1, gap, gap^2) by Newton's method.
 
-    Unlike a line through log(counts) it stays unbiased where counts are few. `doubled`: variance of a count over the
-    count, above 1 because a pair of two inner discs is counted from both ends.
+    Unlike a linear fit of log(counts) it is unbiased for low counts. `doubled`: variance of a count over the count,
+    above 1 because a pair of two reference discs counts twice.
     """
     near = gap < CONTACT_RANGE
     gap, counts, expected = gap[near], counts[near], expected[near]

@@ -1,7 +1,7 @@
-"""Measures that the kernels count: impulses on walls and between discs, collisions, pairs met; from sums of each frame.
+"""Measures from sums that the kernels keep for each frame: impulses on walls and between discs, collisions, overlaps.
 
-A pressure has two parts, what discs carry and what they hand to each other. The first needs velocities along the run,
-which are sampled; the second is counted.
+A pressure has a kinetic and a collisional part. The first needs velocities, which are sampled along the run; the second
+is counted.
 """
 
 import math
@@ -19,18 +19,18 @@ from mpsim.scene.scene import Scene
 
 @dataclass(frozen=True)
 class Run:
-    """What a measure may know besides the counts.
+    """What a measure may use besides the counts.
 
     Attributes:
         scene: the scene.
-        count: discs in it now.
+        count: number of discs now.
         dt: time of a frame [time].
-        kinetic_energy: at the end, without that of a drift along periodic axes, where a measure needs it
+        kinetic_energy: at the end, without that of a drift along periodic axes, if a measure needs it
             [mass length^2/time^2].
-        speed: root mean square of the velocities along one axis, where a measure needs it [length/time].
-        flow: sums of m v_x v_x, m v_y v_y and m v_x v_y, without those of a drift along periodic axes, each shape
-            (samples,), where a measure needs them [mass length^2/time^2].
-        every: frames between two of these samples, the first of which ends the first of such frames.
+        speed: root mean square of one velocity component, if a measure needs it [length/time].
+        flow: sums of m v_x v_x, m v_y v_y and m v_x v_y, without those of a drift along periodic axes, shape
+            (samples, 3), if a measure needs them [mass length^2/time^2].
+        every: number of frames between two of these samples; the first is taken after as many.
     """
 
     scene: Scene
@@ -60,10 +60,10 @@ Counts = NDArray[np.float64]
 
 
 def pressure(counts: Counts, run: Run) -> Measure:
-    """Impulse on all walls / (time x their length) [mass/time^2]: what a gauge in the wall shows.
+    """Pressure on the walls: their total impulse / (time x their length) [mass/time^2].
 
-    Walls are the edges that are neither periodic nor absorbing. Where one axis is periodic, it is the pressure on the
-    other's walls alone: P_yy in a box periodic in x. Where both are, it is `pressure_virial`.
+    Walls are the edges that are neither periodic nor absorbing. If one axis is periodic, only the other one has walls:
+    P_yy in a box periodic in x. If both are, it is `pressure_virial`.
     """
     if all(run.scene.periodic):
         return pressure_virial(counts, run)
@@ -76,9 +76,9 @@ def pressure(counts: Counts, run: Run) -> Measure:
 
 
 def _alternation(pressure: float, mass: float, run: Run) -> float:
-    """Frames after which momentum that a wall has turned round comes to another, through the box; 0: unknown.
+    """Number of frames in which momentum from one wall reaches the opposite one; 0: unknown.
 
-    Discs carry it at their speed v and pass it on over the distance at which they touch, together at v P V / (N k T).
+    Discs carry it at their speed v, and collisions transfer it over a diameter, together at v P V / (N k T).
     """
     scene = run.scene
     if scene.gravity is not None or scene.acceleration is not None or not (pressure > 0 and run.speed > 0):
@@ -88,9 +88,9 @@ def _alternation(pressure: float, mass: float, run: Run) -> float:
 
 
 def pressure_virial(counts: Counts, run: Run) -> Measure:
-    """Pressure from the collisions of the discs [mass/time^2], mean over both directions.
+    """Pressure from the virial of the collisions [mass/time^2], mean over both directions.
 
-    The virial of a box with hard walls, exact for any number of discs of one size (Clausius 1870):
+    In a box with hard walls, exact for any number of discs of one size (Clausius 1870):
     (W - s) F_x + (H - s) F_y = 2 E + sum r.dp / time, with s the diameter, r.dp = s |dp| of each collision, and F the
     mean force on one wall; here F_x = P H and F_y = P W. Along a periodic axis s is left out and F is the force through
     a section of the box, so that with two of them P = (E + sum r.dp / (2 time)) / area, for discs of any sizes. E is
@@ -99,20 +99,20 @@ def pressure_virial(counts: Counts, run: Run) -> Measure:
     Where one axis is periodic, the two directions differ (`pressure_xx`, `pressure_yy`), and `pressure` is one of them:
     this is their mean, weighted with (W - s) H and (H - s) W. Without gravity only.
 
-    E keeps, so that the error is that of the collisions, and follows the rule of few events where there were few.
+    E is constant, so the error is that of the collisions, with the bound for few events where there were few.
     """
     free_x, free_y = _free(run.scene)
     area = free_x * run.scene.height + free_y * run.scene.width
-    carried, scale = 2 * run.kinetic_energy / area, _diameter(run) / (run.dt * area)
-    if run.count < 2:  # nobody to collide with
-        return block_average(np.full(len(counts), carried), constant=True)
+    kinetic, scale = 2 * run.kinetic_energy / area, _diameter(run) / (run.dt * area)
+    if run.count < 2:  # no collisions
+        return block_average(np.full(len(counts), kinetic), constant=True)
     event = _impulse(run) * scale
-    handed = block_average(counts[:, layout.VIRIAL] * scale, event=event or None, constant=True)
-    return replace(handed, value=carried + handed.value)
+    collisional = block_average(counts[:, layout.VIRIAL] * scale, event=event or None, constant=True)
+    return replace(collisional, value=kinetic + collisional.value)
 
 
 def _impulse(run: Run) -> float:
-    """Root mean square of the |dp| of collisions in a gas of this energy [mass length/time]: 2 m sqrt(kT / m)."""
+    """Root mean square of |dp| over the collisions of a gas of this energy [mass length/time]: 2 m sqrt(kT / m)."""
     return 2 * math.sqrt(float(run.scene.masses.mean()) * max(run.kinetic_energy, 0.0) / run.count)
 
 
@@ -120,35 +120,35 @@ def pressure_xx(counts: Counts, run: Run) -> Measure:
     """Pressure along x, on a wall or through a section at right angles to x [mass/time^2].
 
     The virial of one direction, exact for any number of discs of one size: (W - s) H P_xx = sum m v_x v_x +
-    sum x dp_x / time, where x dp_x = s |dp| n_x^2 of each collision; s is left out where x is periodic, and the part of
-    a drift along x. Where x has walls it is the pressure on them. Where only y has, P_xx is less than P_yy, which is
-    physics: no centre comes nearer to a wall than a radius, so that less momentum goes along it. Of 100 discs at
-    packing 0.3 between two walls P_xx is 0.803(2) and P_yy 0.839(2) kT / diameter^2; in a larger box they differ less.
-    Without gravity only.
+    sum x dp_x / time, where x dp_x = s |dp| n_x^2 for each collision. If x is periodic, s and the drift along x are
+    left out. If x has walls it is the pressure on them. If only y has walls, P_xx is less than P_yy, which is physical:
+    no centre comes closer to a wall than a radius, so that less momentum flows along it. For 100 discs at packing 0.3
+    between two walls P_xx is 0.803(2) and P_yy 0.839(2) kT / diameter^2; in a larger box they differ less. Without
+    gravity only.
     """
     return _component(counts, counts[:, layout.VIRIAL_XX], 0, _free(run.scene)[0] * run.scene.height, run)
 
 
 def pressure_yy(counts: Counts, run: Run) -> Measure:
-    """Pressure along y, likewise [mass/time^2]: what walls at the bottom and the top of the box show."""
+    """Pressure along y, likewise [mass/time^2]: that on walls at the bottom and the top of the box."""
     virial = counts[:, layout.VIRIAL] - counts[:, layout.VIRIAL_XX]
     return _component(counts, virial, 1, _free(run.scene)[1] * run.scene.width, run)
 
 
 def pressure_xy(counts: Counts, run: Run) -> Measure:
-    """Momentum along x that goes through a section at right angles to y [mass/time^2], in a box with no walls.
+    """Shear component of the pressure: flow of x momentum along y [mass/time^2], in a box without walls.
 
     (sum m v_x v_y + sum x dp_y / time) / area, of mean 0 without shear (Irving and Kirkwood, J. Chem. Phys. 18, 817,
-    1950). Smooth walls take up none of it.
+    1950). Smooth walls would not take up any of it.
     """
     return _component(counts, counts[:, layout.VIRIAL_XY], 2, run.scene.width * run.scene.height, run)
 
 
 def _component(counts: Counts, virial: NDArray[np.float64], component: int, area: float, run: Run) -> Measure:
-    """A component of the pressure: the flow as it was sampled, and the impulses of all frames.
+    """A component of the pressure: its kinetic part from the samples, its collisional part from all frames.
 
-    The error is that of their sum, and known where both are: the impulses of enough collisions, and a flow that has
-    forgotten its start. Where these did not change it, or nobody can collide, it is one that keeps.
+    The error is that of their sum. It is settled if there were enough collisions, and the flow has lost the memory of
+    its start; or if no disc can collide.
     """
     flow = np.zeros(0) if run.flow is None else run.flow[:, component]
     if not len(flow):
@@ -164,7 +164,7 @@ def _component(counts: Counts, virial: NDArray[np.float64], component: int, area
 
 
 def _free(scene: Scene) -> tuple[float, float]:
-    """Lengths that centres have to themselves along x and y."""
+    """Lengths that are accessible to centres along x and y."""
     lengths = zip((scene.width, scene.height), scene.periodic, strict=True)
     free_x, free_y = (length if wraps else length - 2 * scene.largest_radius for length, wraps in lengths)
     return free_x, free_y
@@ -175,27 +175,27 @@ def _diameter(run: Run) -> float:
 
 
 def collision_rate(counts: Counts, run: Run) -> Measure:
-    """Collisions per disc and time [1/time], a pair counting for both."""
+    """Collisions per disc and time [1/time]; each counts for both discs."""
     unit = 2 / (run.dt * max(run.count, 1))
     return block_average(counts[:, layout.COLLISION] * unit, event=unit, constant=True)
 
 
 def contact_rate(counts: Counts, run: Run) -> Measure:
-    """Contacts in which velocities changed, per disc and time [1/time], a pair counting for both.
+    """Contacts in which velocities changed, per disc and time [1/time]; each counts for both discs.
 
-    Where no discs rest on each other it is `collision_rate`. Discs that do are in contact all the time, and a stepped
-    method resolves that again in each step: in a heap this is a number of contacts per step, and grows as 1 / dt.
+    Equal to `collision_rate` unless discs rest on each other. Such a contact is permanent, and a stepped method
+    resolves it again in each step: in a heap this is a number of contacts per step, which grows as 1 / dt.
     """
     return collision_rate(counts, run)
 
 
 def overlap(counts: Counts, run: Run) -> Measure:
-    """Mean depth at which overlapping pairs are met [length]; 0 with an unknown error where none was met."""
+    """Mean depth of overlapping pairs when they are detected [length]; 0 with an unknown error if there were none."""
     return ratio_average(counts[:, layout.DEPTH], counts[:, layout.MET])
 
 
 def largest_overlap(counts: Counts, run: Run) -> Measure:
-    """Largest depth at which a pair was met in the whole run [length]; an extreme, so without an error."""
+    """Largest depth of an overlap detected in the whole run [length]; an extreme value, so without an error."""
     return Measure(float(counts[:, layout.DEEPEST].max(initial=0.0)), float("nan"), len(counts), settled=False)
 
 
@@ -212,4 +212,4 @@ COUNTED: dict[str, Callable[[Counts, Run], Measure]] = {
 }
 
 COMPONENTS: tuple[str, ...] = ("pressure_xx", "pressure_yy", "pressure_xy")
-"""Those that need the flow of momentum along the run."""
+"""Measures that need the flow of momentum along the run."""

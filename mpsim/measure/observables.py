@@ -1,10 +1,9 @@
-"""What one state shows: energies, momentum, overlaps, speeds; and how far apart two states are.
+"""Observables of one state: energies, momentum, overlaps, speeds; and the deviation between two states.
 
-All is computed in float64, whatever the precision of the state. Masses are those of the scene, 1 where it has none.
-Only the discs that are present count: one that an absorbing edge has absorbed has no place, speed or energy any more.
-Positions are those in the box; a distance along a periodic axis is that of the nearest images, a displacement that of
-the motion itself. A state may hold more discs than its scene, if some were added since: then it must be clear what they
-are, so all must be alike.
+All is computed in float64, whatever the precision of the state. Masses are those of the scene, 1 if it has none. Only
+the discs that are present count, not absorbed ones. Along a periodic axis distances are those of the nearest images,
+displacements those of the motion itself. If discs were added since the start, a state holds more than its scene; then
+all discs must be equal.
 """
 
 import math
@@ -20,8 +19,8 @@ from mpsim.measure.pairs import close_pairs, lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene
 
 ROUNDINGS = 8
-"""Discs closer than a diameter by up to this many units in the last place of the box's size count as touching: that
-much two coordinates lose by rounding. Less would report discs pushed exactly apart, more would hide real overlaps."""
+"""Overlaps of up to this many units in the last place of the box's size count as touching: the rounding error of two
+coordinates. Less would report discs that were pushed exactly apart, more would hide real overlaps."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class Overlap:
 
 @dataclass(frozen=True)
 class SpeedDistribution:
-    """Distribution of speeds, with the Maxwell distribution of the same mean square beside it.
+    """Distribution of speeds, and the Maxwell distribution of the same mean square.
 
     Attributes:
         edges: shape (bins + 1,), of the bins [length/time].
@@ -52,7 +51,7 @@ class SpeedDistribution:
         distance: largest difference of the two cumulative distributions (Kolmogorov-Smirnov), from 0 to 1, taken from
             the speeds themselves, not from the bins. For N >= 50 speeds in equilibrium 1.08/sqrt(N) is exceeded by
             chance once in 20 times, 1.28/sqrt(N) once in 100 (the test of Lilliefors, J. Am. Stat. Assoc. 64, 387,
-            1969; both numbers simulated anew, to 0.01).
+            1969; both numbers from our own simulation, to 0.01).
     """
 
     edges: NDArray[np.float64]
@@ -62,13 +61,13 @@ class SpeedDistribution:
 
 
 @dataclass(frozen=True)
-class TrajectoryError:
-    """Distance of each disc from where it should be.
+class TrajectoryDeviation:
+    """Distances of the discs from their positions in a reference state.
 
     Attributes:
-        rms: root of the mean square [length].
-        largest: [length].
-        disc: the disc that is farthest off.
+        rms: root mean square [length].
+        largest: largest distance [length].
+        disc: the disc of the largest distance.
     """
 
     rms: float
@@ -101,14 +100,14 @@ def potential_energy(state: State, scene: Scene) -> float:
     Raises:
         InputError: if the state is not finite, or holds more or fewer discs than the scene's acceleration has rows, or
             than it has masses: those of a disc added later are not in the scene. If a field points along a periodic
-            axis, round which discs fall without end.
+            axis, where there is no potential.
 
     >>> scene = Scene(width=4, height=3, position=[[1, 2]], velocity=[[0, 0]], radius=0.5, gravity=(0, -10))
     >>> potential_energy(State(scene.position, scene.velocity), scene)
     20.0
     """
     position, energy = _position(state), 0.0
-    if falls_round(scene):
+    if has_periodic_field(scene):
         raise InputError(
             "potential_energy needs fields that point along axes with walls; got one along a periodic axis, round "
             "which discs fall without end. Give that axis walls, or compare kinetic energies."
@@ -122,7 +121,7 @@ def potential_energy(state: State, scene: Scene) -> float:
     return energy
 
 
-def falls_round(scene: Scene) -> bool:
+def has_periodic_field(scene: Scene) -> bool:
     """Whether gravity or an acceleration points along a periodic axis."""
     fields = [field for field in (scene.gravity, scene.acceleration) if field is not None]
     return any(
@@ -149,9 +148,9 @@ def temperature(state: State, scene: Scene, *, remove_drift: bool = False) -> fl
 
     Args:
         state, scene: the state and its scene.
-        remove_drift: measure velocities from that of the centre of mass and divide by N - 1 instead of N. Right where
-            the total momentum is conserved (periodic boxes, kT = E/(N - 1) at rest), or where the gas flows; wrong in
-            a box with walls, whose kT is E/N.
+        remove_drift: subtract the velocity of the centre of mass, and divide by N - 1 instead of N. Right if the total
+            momentum is conserved (periodic boxes, kT = E/(N - 1) at rest), or if the gas flows; wrong in a box with
+            walls, where kT is E/N.
 
     Raises:
         InputError: if there is no disc (two are needed with `remove_drift`), or the state is not finite, or holds more
@@ -174,8 +173,8 @@ def temperature(state: State, scene: Scene, *, remove_drift: bool = False) -> fl
 def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None) -> Overlap:
     """Number of overlapping pairs, their largest and mean depth. O(N) by cells of the largest diameter.
 
-    Pairs closer than rounding of the state's own precision (ROUNDINGS) count as touching, not as overlapping. Along a
-    periodic axis the nearest images count. What stands in the box is left out.
+    Overlaps within the rounding of the state's precision (ROUNDINGS) count as touching. Along a periodic axis the
+    nearest images count. Overlaps with obstacles are not included.
 
     Args:
         state, scene: the state and its scene.
@@ -195,7 +194,7 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
     pairs, total, largest, worst = 0, 0.0, 0.0, None
     for i, j, distance in close_pairs(position, diameter - rounding, lengths_of(scene)):
         depth = radii[i] + radii[j] - distance
-        deep = (depth > rounding) | (radii[i] + radii[j] == diameter)  # of which close_pairs has looked at the depth
+        deep = (depth > rounding) | (radii[i] + radii[j] == diameter)  # pairs of the largest discs: by close_pairs
         i, j, depth = i[deep], j[deep], depth[deep]  # noqa: PLW2901
         if len(depth):
             deepest = int(depth.argmax())
@@ -211,9 +210,9 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
 def speed_kurtosis(state: State) -> float:
     """Fourth moment of the speeds over the square of the second, <v^4>/<v^2>^2 [1], >= 1.
 
-    1 for equal speeds, 2 for a Maxwell distribution in two dimensions; `reference.speed_kurtosis` gives the value of a
-    box of N discs, and kurtosis/2 - 1 is the excess a_2 that relaxes to (almost) 0. That is so for equal masses; a
-    mixture is far above 2 in equilibrium, as its light discs are faster: look at each kind by itself.
+    1 for equal speeds, 2 for a Maxwell distribution in two dimensions; `reference.speed_kurtosis` is the value for N
+    discs, and kurtosis/2 - 1 is the excess a_2, which relaxes to (almost) 0. This holds for equal masses; a mixture is
+    far above 2 in equilibrium, as its light discs are faster: evaluate each species by itself.
 
     Raises:
         InputError: if no disc moves, or the state is not finite.
@@ -226,20 +225,20 @@ def speed_kurtosis(state: State) -> float:
 
 
 def speed_distribution(state: State, bins: int | ArrayLike = 50) -> SpeedDistribution:
-    """Speeds against the Maxwell distribution of the same mean square: density (v/kT) exp(-v^2/(2 kT)) in 2-D.
+    """Distribution of speeds beside Maxwell's of the same mean square, of density (v/kT) exp(-v^2/(2 kT)) in 2-D.
 
-    For discs of equal mass: in a mixture each kind has a distribution of its own, so give it the state of one kind,
-    State(position[kind], velocity[kind]).
+    For discs of equal mass: in a mixture each species has its own distribution, so give the state of one species,
+    State(position[species], velocity[species]).
 
     Args:
-        state: the state; its drift, if any, is part of the speeds.
+        state: the state; speeds include its drift, if any.
         bins: number of bins of equal width from 0 to the largest speed, or their edges, shape (bins + 1,), rising,
             >= 0 [length/time].
 
     Raises:
         InputError: if no disc moves, the state is not finite or the edges do not rise.
 
-    Source: Maxwell's distribution, whose squares of speeds in 2-D are exponential: P(< v) = 1 - exp(-v^2/(2 kT)).
+    Source: for Maxwell's distribution in 2-D, squared speeds are exponential: P(< v) = 1 - exp(-v^2/(2 kT)).
 
     >>> state = State(np.zeros((2, 2)), np.array([[1.0, 0.0], [0.0, 3.0]]))
     >>> found = speed_distribution(state, bins=3)
@@ -263,18 +262,18 @@ def speed_distribution(state: State, bins: int | ArrayLike = 50) -> SpeedDistrib
 def mean_squared_displacement(before: State, after: State, scene: Scene | None = None) -> float:
     """Mean over the discs of |r(after) - r(before)|^2 [length^2], >= 0, for the same discs in the same order.
 
-    Displacements are those of the motion, through however many periodic borders: states of a simulation count them
-    (`State.image`). Discs that are absent in one of the states are left out.
+    Displacements are unwrapped: states of a simulation count crossings of periodic borders (`State.image`). Discs that
+    are absent in one of the states are left out.
 
     Args:
         before, after: the states, both with counts of periods or both without.
-        scene: theirs. It is needed along periodic axes for states without counts, made by hand or read from an old
-            file: then the shorter way round counts, which is where a disc went as long as none has moved by half of
-            that axis. Without a scene and counts, positions are taken as they are.
+        scene: that of the states. Needed along periodic axes for states without counts, made by hand or read from an
+            old file: the nearest image is taken, which is right if no disc has moved by half of that axis. Without a
+            scene and counts, positions are taken as they are.
 
     Raises:
-        InputError: if the states have no disc in common or different numbers of them, or are not finite; if one has
-            counts of periods and the other has not, as then nobody knows how far the discs have gone.
+        InputError: if the states have no disc in common or different numbers of them, or are not finite; if only one
+            has counts of periods, as then displacements are unknown.
 
     Source: Einstein (1905): 4 D t after long times in two dimensions, D the diffusion coefficient.
 
@@ -302,26 +301,26 @@ def mean_squared_displacement(before: State, after: State, scene: Scene | None =
     return float((moved**2).sum(axis=1).mean())
 
 
-def trajectory_error(state: State, reference: State, scene: Scene | None = None) -> TrajectoryError:
-    """Distance of each disc from its place in a reference state of the same time, say the exact solver's.
+def trajectory_error(state: State, reference: State, scene: Scene | None = None) -> TrajectoryDeviation:
+    """Deviation of the discs from their positions in a reference state of the same time, such as the exact solver's.
 
-    It means something only while the motion is predictable: see `predictability.require_predictable`. Discs that are
-    absent in both states are left out; one that is absent in one of them is where it left the box.
+    Meaningful only while the motion is predictable: see `predictability.require_predictable`. Discs that are absent in
+    both states are left out; one that is absent in one of them counts where it left the box.
 
     Args:
         state, reference: the states.
-        scene: theirs. Along its periodic axes the nearest images count; without a scene, positions as they are.
+        scene: that of the states. Along its periodic axes the nearest images count; None: positions as they are.
 
     Raises:
         InputError: if the states hold no disc or different numbers of them, or are not finite.
 
     >>> trajectory_error(State(np.array([[3.0, 4.0], [0, 0]]), np.zeros((2, 2))), State(*np.zeros((2, 2, 2))))
-    TrajectoryError(rms=3.5355339059327378, largest=5.0, disc=0)
+    TrajectoryDeviation(rms=3.5355339059327378, largest=5.0, disc=0)
     """
     common = _common(state, reference, "trajectory_error")
     distance = np.hypot(*_difference(state, reference, common, scene).T)
     worst = int(distance.argmax())
-    return TrajectoryError(math.sqrt(float((distance**2).mean())), float(distance[worst]), int(common[worst]))
+    return TrajectoryDeviation(math.sqrt(float((distance**2).mean())), float(distance[worst]), int(common[worst]))
 
 
 def _edges(bins: int | ArrayLike, largest: float) -> NDArray[np.float64]:
@@ -335,12 +334,12 @@ def _edges(bins: int | ArrayLike, largest: float) -> NDArray[np.float64]:
 
 
 def _position(state: State) -> NDArray[np.float64]:
-    """Places of the discs that are present."""
+    """Positions of the discs that are present."""
     return _places(state.position)[state.present]
 
 
 def _places(position: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Places of all discs, if they are finite."""
+    """Positions of all discs, checked to be finite."""
     return checks.finite_array("state.position", position, (None, 2), "(N, 2)")
 
 
@@ -350,9 +349,9 @@ def _velocity(state: State) -> NDArray[np.float64]:
 
 
 def _moving_squares(name: str, state: State) -> tuple[NDArray[np.float64], float]:
-    """Squares of the speeds in units of the largest velocity component squared, and that component.
+    """Squared speeds in units of the largest velocity component squared, and that component.
 
-    In these units neither the squares nor their squares leave the range of float64, however fast or slow the discs.
+    In these units fourth powers neither overflow nor vanish, however fast or slow the discs are.
     """
     velocity = _velocity(state)
     unit = float(np.abs(velocity).max(initial=0.0))
@@ -364,7 +363,7 @@ def _moving_squares(name: str, state: State) -> tuple[NDArray[np.float64], float
 
 
 def _common(state: State, reference: State, name: str) -> NDArray[np.int64]:
-    """Numbers of the discs of two states of the same discs, less those that are absent in both."""
+    """Indices of discs in two states of the same discs, without those absent in both."""
     if len(state.present) != len(reference.present):
         raise InputError(
             f"{name} needs two states of the same discs; got {len(state.present)} and {len(reference.present)} discs. "
@@ -376,13 +375,13 @@ def _common(state: State, reference: State, name: str) -> NDArray[np.int64]:
 
 
 def _difference(state: State, reference: State, discs: NDArray[np.int64], scene: Scene | None) -> NDArray[np.float64]:
-    """From the places of some discs in one state to those in another, by the shorter way round periodic axes."""
+    """Differences of the positions of some discs in two states, to the nearest images along periodic axes."""
     a, b = _places(state.position)[discs], _places(reference.position)[discs]
     return a - b if scene is None else to_nearest_image(a - b, lengths_of(scene))
 
 
 def _masses(name: str, scene: Scene, state: State) -> NDArray[np.float64]:
-    """Masses of the discs present as a column: of each, shape (N, 1), or the one that all have, shape (1, 1)."""
+    """Masses of the discs present as a column, shape (N, 1), or (1, 1) if all are 1."""
     if scene.mass is None and all(emitter.mass in (None, 1.0) for emitter in scene.emitters):
         return np.ones((1, 1))
     return _each(name, "mass", scene.masses, state)[:, None]
@@ -396,7 +395,7 @@ def _radii(name: str, scene: Scene, state: State) -> NDArray[np.float64]:
 
 
 def _each(name: str, what: str, values: NDArray[np.float64], state: State) -> NDArray[np.float64]:
-    """What the scene has one of for each disc, of those that are present."""
+    """Values that the scene has for each disc, for those that are present."""
     if len(values) != len(state.present):
         raise InputError(
             f"{name} needs one {what} of the scene per disc; got {len(values)} and {len(state.present)} discs. "

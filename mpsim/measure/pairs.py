@@ -8,17 +8,17 @@ from numpy.typing import NDArray
 from mpsim.scene.scene import Scene
 
 CANDIDATES = 2**21
-"""Pairs looked at together: bounds the memory of a pair search, some 100 MB, whatever the number of discs."""
+"""Pairs tested together: limits the memory of a pair search to about 100 MB, whatever the number of discs."""
 
 Pairs = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
 """Indices i, indices j, and distances [length], each of shape (pairs,)."""
 
 Lengths = tuple[float | None, float | None]
-"""Length of x and of y where it is periodic, else None [length]."""
+"""Lengths of x and y, None for an axis that is not periodic [length]."""
 
 
 def lengths_of(scene: Scene) -> Lengths:
-    """The periodic axes of a scene."""
+    """Lengths of the periodic axes of a scene."""
     width, height = (
         length if wraps else None for length, wraps in zip((scene.width, scene.height), scene.periodic, strict=True)
     )
@@ -26,7 +26,7 @@ def lengths_of(scene: Scene) -> Lengths:
 
 
 def to_nearest_image(difference: NDArray[np.float64], lengths: Lengths) -> NDArray[np.float64]:
-    """Differences of positions, shape (..., 2), by the shorter way round each periodic axis.
+    """Differences of positions, shape (..., 2), to the nearest image along each periodic axis.
 
     >>> to_nearest_image(np.array([[0.9, 0.9], [-0.6, 0.2]]), (1.0, None)).round(12).tolist()
     [[-0.1, 0.9], [0.4, 0.2]]
@@ -51,7 +51,7 @@ def close_pairs(position: NDArray[np.float64], reach: float, lengths: Lengths = 
     if lengths == (None, None):
         yield from _open_pairs(position, reach)
         return
-    # Images beyond the upper end of each periodic axis; what both of a pair are images along was seen without them.
+    # Images beyond the upper end of each periodic axis. A pair of two images along one axis was found without them.
     places, owner, image = position, np.arange(len(position)), np.zeros((len(position), 2), np.bool_)
     for axis, length in enumerate(lengths):
         if length is not None:
@@ -67,17 +67,17 @@ def close_pairs(position: NDArray[np.float64], reach: float, lengths: Lengths = 
 
 
 def _open_pairs(position: NDArray[np.float64], reach: float) -> Iterator[Pairs]:
-    """The pairs of `close_pairs` without periodic axes.
+    """`close_pairs` without periodic axes.
 
-    Discs are sorted by cell of side `reach`, cells numbered along y, then x, with an empty cell above each column. The
-    partners of a disc are then two runs of the sorted discs: the rest of its own cell with the cell above, and three
-    cells of the next column.
+    Discs are sorted by cells of side `reach`, numbered along y, then x, with an empty cell above each column. The
+    candidates of a disc are then two ranges of the sorted discs: the rest of its own cell with the cell above, and
+    three cells of the next column.
     """
     count = len(position)
     if count < 2 or reach <= 0:
         return
     low = position.min(axis=0)
-    # Cells wider than needed where their numbers would not fit otherwise.
+    # Cells are wider than needed where their numbers would overflow.
     side = max(reach * (1 + 1e-9), float((position.max(axis=0) - low).max()) / 2**30)
     cell = ((position - low) / side).astype(np.int64)
     rows = int(cell[:, 1].max()) + 2
@@ -94,9 +94,9 @@ def _open_pairs(position: NDArray[np.float64], reach: float) -> Iterator[Pairs]:
     while start < len(ends):
         done = int(ends[start] - lengths[start])
         stop = max(int(np.searchsorted(ends, done + CANDIDATES, "right")), start + 1)
-        part = lengths[start:stop]
-        i = np.repeat(np.arange(start, stop) // 2, part)
-        j = np.arange(len(i)) + np.repeat(first[start:stop] - (ends[start:stop] - part - done), part)
+        chunk = lengths[start:stop]
+        i = np.repeat(np.arange(start, stop) // 2, chunk)
+        j = np.arange(len(i)) + np.repeat(first[start:stop] - (ends[start:stop] - chunk - done), chunk)
         distance = np.hypot(x[i] - x[j], y[i] - y[j])
         near = distance < reach
         yield order[i[near]], order[j[near]], distance[near]

@@ -1,7 +1,7 @@
-"""How long two correct runs of one scene stay together, and the refusal to compare them beyond that.
+"""How long two correct runs of one scene agree, and the refusal to compare them for longer.
 
-Hard discs are chaotic: a difference between two runs, be it one rounding, grows on average as exp(lambda t), lambda
-being the largest Lyapunov exponent. Beyond a horizon a distance between two trajectories says nothing about either.
+Hard discs are chaotic: a difference between two runs, even a single rounding, grows on average as exp(lambda t), where
+lambda is the largest Lyapunov exponent. Beyond a horizon the distance between two trajectories is meaningless.
 """
 
 from dataclasses import dataclass
@@ -14,22 +14,22 @@ from mpsim.core.errors import InputError
 from mpsim.measure.statistics import Measure, block_average
 
 AGREEMENT = 20.0
-"""Two correct float64 solvers stay together for about this many Lyapunov times 1/lambda [1]: at packing 0.3, where
-lambda = 2.9, for 7 time units. More would demand digits that roundings have taken, less would waste good ones."""
+"""Two correct float64 solvers agree for about this many Lyapunov times 1/lambda [1]: at packing 0.3, where lambda =
+2.9, for 7 time units. More would need digits that rounding has destroyed, less would waste valid ones."""
 
 ASSERTED = 0.5
-"""Part of that time up to which a comparison may be demanded [1]; the rest is margin for growth above the average."""
+"""Fraction of that time up to which a comparison is allowed [1]; the rest is margin for growth above the average."""
 
 
 @dataclass(frozen=True)
 class Predictability:
-    """How fast two trajectories part.
+    """Divergence of two trajectories.
 
     Attributes:
         rate: largest Lyapunov exponent lambda, with its standard error [1/time].
-        lyapunov_time: 1/lambda, in which a difference grows by e [time].
-        horizon: AGREEMENT/lambda, about as long as two correct float64 solvers stay together [time].
-        comparable_until: ASSERTED x horizon, up to which a comparison may be demanded [time].
+        lyapunov_time: 1/lambda, in which a difference grows by a factor of e [time].
+        horizon: AGREEMENT/lambda, for about which two correct float64 solvers agree [time].
+        comparable_until: ASSERTED x horizon, up to which a comparison is allowed [time].
     """
 
     rate: Measure
@@ -46,17 +46,16 @@ def predictability(time: ArrayLike, distance: ArrayLike, *, lowest: float = 0.0,
     the best estimate; the error is the block average over the steps, NaN for fewer than 16 of them. Growth over a
     finite window depends on where the difference starts: average several starts for the exponent itself.
 
-    Take both runs from an exact solver. `contact="push"` moves touching discs to one distance and so erases, at each
-    contact, the difference along the line of centres: its runs part at 1.8 per time, at any dt, where exact ones part
-    at 2.9 (256 discs, packing 0.3, kT = 1), and its horizon would come out too long.
+    Use the exact solver for both runs. `contact="push"` moves touching discs to a fixed distance, which erases the
+    difference along the line of centres at each contact: its runs diverge at 1.8 per time, at any dt, exact ones at 2.9
+    (256 discs, packing 0.3, kT = 1), so that its horizon would be too long.
 
     Args:
         time: shape (n,), n >= 3, rising in equal steps [time].
-        distance: shape (n,), between the two runs at these times, >= 0, say `trajectory_error(...).rms` [length].
-        lowest: growth below this distance is left out, such as the transient while the difference turns into the
-            direction that grows fastest, or roundings; >= 0 [length].
-        highest: distance at which growth is no longer that of a small difference, some 1/1000 diameter; > lowest
-            [length].
+        distance: shape (n,), between the two runs at these times, >= 0, such as `trajectory_error(...).rms` [length].
+        lowest: growth below this distance is ignored: roundings, or the transient in which the difference turns into
+            the direction of fastest growth; >= 0 [length].
+        highest: distance above which growth is no longer linear, about 1/1000 diameter; > lowest [length].
 
     Raises:
         InputError: naming the argument and its rule; if fewer than two steps lie in between, or nothing grew.
@@ -111,9 +110,9 @@ def comparable_until(rate: float) -> float:
 
 
 def require_predictable(time: float, rate: float) -> None:
-    """Refuse to compare trajectories at a time beyond which two correct float64 solvers differ anyway.
+    """Refuse to compare trajectories at times at which even two correct float64 solvers differ.
 
-    A float32 run, or a stepped one, leaves the exact trajectory earlier by its own error; this is the bound for any.
+    A float32 or stepped run leaves the exact trajectory earlier, by its own error; this is the bound for any run.
 
     Args:
         time: since both runs had the same state [time], >= 0.
@@ -153,7 +152,7 @@ def _window(distances: NDArray[np.float64], lowest: float, highest: float) -> ND
     """The distances from the first at or above `lowest` (and above 0) to the last before one passes `highest`."""
     beyond = np.flatnonzero(distances > highest)
     stop = int(beyond[0]) if len(beyond) else len(distances)
-    # A distance of 0 has no logarithm: where the runs met again, start after that.
+    # A distance of 0 has no logarithm: if the runs coincided again, start after that.
     low = np.flatnonzero(distances[:stop] == 0)
     start = int(low[-1]) + 1 if len(low) else 0
     above = np.flatnonzero(distances[start:stop] >= lowest)

@@ -1,9 +1,9 @@
-"""What is known of equilibrium without simulating: closed forms and published values, each with its source.
+"""Equilibrium without simulation: closed forms and published values, each with its source.
 
-Discs have mass 1 and, where nothing else is said, restitution 1. kT is the mean square of one velocity component
-[length^2/time^2], the packing the fraction of the area that discs cover, sigma = 2 radius their diameter. Rates of
-pair collisions are per disc and time where called `rate` of a gas (a collision counts for both), and per pair where
-there are just two discs. What is known of motions and of gases out of equilibrium is in `reference_motion`.
+Discs have mass 1 and, unless stated otherwise, restitution 1. kT is the mean square of one velocity component
+[length^2/time^2], packing the fraction of the area covered by discs, sigma = 2 radius their diameter. The collision
+rate of a gas is per disc and time (a collision counts for both discs), that of just two discs per pair. Motions, and
+gases out of equilibrium, are in `reference_motion`.
 """
 
 import math
@@ -31,7 +31,8 @@ VIRIAL = (
 3.4e-6, 3.5e-6 and 8.0e-6 (Clisby & McCoy, J. Stat. Phys. 122, 15, 2006, Table 1)."""
 
 LARGEST_PACKING = 0.62
-"""The Pade approximant is not used above: the virial series does not know of the freezing that begins at 0.70."""
+"""The Pade approximant is not used above this packing: the virial series does not show the freezing that begins at
+0.70."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,8 @@ class Published:
 
     Attributes:
         value: [1].
-        error: one standard error; None where the source gives none.
-        source: where to read it.
+        error: one standard error; None if the source gives none.
+        source: the publication.
 
     >>> str(Published(6.90107, 7e-5, "a paper"))
     '6.90107(7)'
@@ -70,7 +71,7 @@ COEXISTENCE = Published(
 
 
 def compressibility(packing: float) -> float:
-    """Compressibility factor Z = P A / (N kT) of the bulk fluid [1], good to the table's five digits.
+    """Compressibility factor Z = P A / (N kT) of the bulk fluid [1], accurate to five digits.
 
     Args:
         packing: 0 <= packing <= LARGEST_PACKING [1].
@@ -153,7 +154,7 @@ def compressibility_from_rate(rate: float, radius: float, temperature: float, de
     Args:
         rate: collisions per disc and time, >= 0 [1/time].
         radius: > 0 [length].
-        temperature: kT > 0, with the degrees of freedom that there are: energy = degrees/2 x kT [length^2/time^2].
+        temperature: kT > 0, from energy = degrees/2 x kT [length^2/time^2].
         degrees: of freedom of the velocities: 2 N between walls, 2 (N - 1) periodic at rest; None: infinitely many.
 
     Raises:
@@ -198,7 +199,7 @@ class ClosedBox:
     """A gas between hard walls.
 
     Attributes:
-        pressure: mean force on a wall over the wall's full length, so on the full area [1/time^2].
+        pressure: mean force on a wall per full length of the wall [1/time^2].
         compressibility: pressure x side^2 / (N kT) [1].
         bulk_density: number density in the middle [1/length^2].
 
@@ -211,7 +212,7 @@ class ClosedBox:
 
 
 def closed_box(count: int, side: float, radius: float, temperature: float = 1.0) -> ClosedBox:
-    """Pressure on the walls of a square box, to some 0.1 to 0.4 % at 100 discs; exact as the box grows.
+    """Pressure on the walls of a square box, to 0.1 to 0.4 % for 100 discs; exact in the limit of a large box.
 
     n_b solves N = n_b L^2 - 4 L R n_b (1 - eta_b)/(1 + eta_b), eta_b = pi R^2 n_b, and
     P = n_b kT Z(eta_b) - 2 n_b kT R / ((1 - eta_b) L).
@@ -258,7 +259,7 @@ class TwoDiscs:
     """Two discs in a box with hard walls.
 
     Attributes:
-        phase_area: Omega, area of the allowed places of both [length^4].
+        phase_area: Omega, configuration integral of both discs [length^4].
         force_x, force_y: mean force on one wall across x, and on one across y [length/time^2].
         wall_rate: hits of either disc on any wall, per time [1/time].
         pair_rate: collisions of the pair, per time [1/time].
@@ -274,12 +275,12 @@ class TwoDiscs:
 
 
 def two_discs(width: float, height: float, radius: float, energy: float) -> TwoDiscs:
-    """Exact averages of two discs in a closed box, kT = energy/2, by the area of their allowed places.
+    """Exact averages of two discs in a closed box, kT = energy/2, from their configuration integral.
 
     Omega = a^2 b^2 - pi sigma^2 a b + 4/3 (a + b) sigma^3 - sigma^4/2 for a = width - sigma, b = height - sigma.
 
     Args:
-        width, height: of the box, >= 2 sigma, so that each disc can go round the other [length].
+        width, height: of the box, >= 2 sigma, so that the discs can pass each other [length].
         radius: > 0 [length].
         energy: kinetic, of both, >= 0 [length^2/time^2].
 
@@ -287,8 +288,8 @@ def two_discs(width: float, height: float, radius: float, energy: float) -> TwoD
         InputError: naming the argument and its rule.
 
     Source: force = kT dlnOmega/da; rates from the densities at the walls and at contact, with the mean of |u| of one
-    component at fixed energy, 4/(3 pi) sqrt(2 energy) [D]; averages over time equal those over places, since two discs
-    in a box are ergodic (Simanyi, Ergod. Theory Dyn. Syst. 19, 741, 1999).
+    component at fixed energy, 4/(3 pi) sqrt(2 energy) [D]; averages over time equal those over configurations, since
+    two discs in a box are ergodic (Simanyi, Ergod. Theory Dyn. Syst. 19, 741, 1999).
 
     >>> found = two_discs(1, 1, 0.2, energy=2)
     >>> round(found.force_x, 6), round(found.wall_rate, 6), round(found.pair_rate, 6)
@@ -357,8 +358,8 @@ def speed_kurtosis(count: int, *, at_rest: bool = False) -> float:
 def potential_energy_per_disc(energy: float, count: int) -> float:
     """Mean potential energy m g y of a disc under gravity at fixed total energy, energy/(2 N) [length^2/time^2].
 
-    y counts from the lowest place a centre may take. Exact at any N for discs that do not collide, or so small that
-    their area does not matter, in a box that none of them reaches the ceiling of: half of the energy is potential.
+    y is measured from the lowest position of a centre. Exact at any N for discs that do not collide or are very small,
+    and never reach the ceiling of the box: half of the energy is potential.
 
     Args:
         energy: kinetic and potential of all discs, >= 0 [length^2/time^2].

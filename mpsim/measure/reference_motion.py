@@ -1,7 +1,7 @@
-"""What is known of motions without simulating: single discs, discs in line, gases that cool or relax, stepped errors.
+"""Motion without simulation: single discs, discs in line, gases that cool or relax, errors of stepped methods.
 
 Each with its source. Discs are equal, of mass 1; kT is the mean square of one velocity component [length^2/time^2].
-What is known of equilibrium is in `reference`.
+Equilibrium is in `reference`.
 """
 
 import math
@@ -22,7 +22,7 @@ average 8/15 over collisions, and there is half a collision per disc and unit (B
 
 
 EQUAL_SPEEDS_AFTER_ONE = -0.368
-"""a_2 from equal speeds after one collision per disc, dilute [1], by simulation, good to 0.001."""
+"""a_2 from equal speeds after one collision per disc, dilute [1], by simulation, to 0.001."""
 
 PI_DIGITS = 314159265358979323846264338327950288
 """pi times 10^35, rounded down."""
@@ -31,10 +31,10 @@ PI_DIGITS = 314159265358979323846264338327950288
 def line_gas(
     position: ArrayLike, velocity: ArrayLike, time: float, length: float, radius: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Places and velocities, at any later time, of discs that move along one line between two walls.
+    """Positions and velocities, at any later time, of discs that move along one line between two walls.
 
-    Equal discs exchange velocities, so that the gaps move as free points in a line of length - N sigma: the k-th disc
-    from the left is where the k-th of these points is, plus sigma (k - 1/2), for ever.
+    Equal discs exchange velocities, so without their diameters they move like free points on a line of length
+    length - N sigma: the k-th disc from the left is always at the k-th of these points, plus sigma (k - 1/2).
 
     Args:
         position: shape (N,), N >= 1, at the start, in any order, without overlap [length].
@@ -116,8 +116,8 @@ def line_gas_force(energy: float, count: int, length: float, radius: float) -> f
 def galperin_collisions(power: int) -> int:
     """Collisions of a heavy disc of mass 100^power, a light one of mass 1 at rest, and a wall: digits of pi.
 
-    The heavy disc comes from far, pushes the light one against the wall, and leaves; collisions of the two and hits
-    of the wall by the light one are counted together. floor(pi 10^power).
+    The heavy disc comes from afar, drives the light one against the wall, and leaves. Collisions of the two discs and
+    of the light one with the wall are counted together: floor(pi 10^power).
 
     Args:
         power: 0 to 35.
@@ -169,7 +169,7 @@ def haff_by_collisions(collisions: float, restitution: float) -> float:
         InputError: naming the argument and its rule.
 
     Source: a collision takes (1 - e^2) (v_12.n)^2 / 4 from the energy N kT, and (v_12.n)^2 averages 4 kT over the
-    collisions of a Maxwell gas; Haff, J. Fluid Mech. 134, 401 (1983). Good to 2 % for e >= 0.9 and tau <= 16, while
+    collisions of a Maxwell gas; Haff, J. Fluid Mech. 134, 401 (1983). Within 2 % for e >= 0.9 and tau <= 16, while
     the gas stays uniform and nearly Maxwellian.
 
     >>> round(haff_by_collisions(16, 0.9), 6)
@@ -190,7 +190,7 @@ def haff_in_time(time: float, restitution: float, rate: float) -> float:
     Raises:
         InputError: naming the argument and its rule.
 
-    Source: `haff_by_collisions` with a rate that falls like the root of the temperature; Haff 1983.
+    Source: `haff_by_collisions` with a rate proportional to the root of the temperature; Haff 1983.
 
     >>> haff_in_time(time=16.0, restitution=0.5, rate=1.0)
     0.0625
@@ -224,17 +224,17 @@ def excess_from_equal_speeds(collisions: float) -> float:
 
 
 def mean_push_overlap(dt: float, temperature: float = 1.0) -> float:
-    """Mean depth of the overlaps that `contact="push"` meets at the end of a frame, sqrt(pi)/2 sqrt(kT) dt [length].
+    """Mean depth of the overlaps that `contact="push"` finds at the end of a frame, sqrt(pi)/2 sqrt(kT) dt [length].
 
     Args:
-        dt: of a frame, >= 0, so short that the depth is a small part of a diameter [time].
+        dt: of a frame, >= 0, so short that the depth is a small fraction of a diameter [time].
         temperature: kT >= 0 [length^2/time^2].
 
     Raises:
         InputError: naming the argument and its rule.
 
-    Source: the contact began at any time of the frame, on average dt/2 ago, and colliding pairs of a Maxwell gas
-    approach at sqrt(pi kT) on average [D]. To first order in dt; 0.886 dt at kT = 1.
+    Source: contacts begin at any time of the frame, on average dt/2 before its end, and colliding pairs of a Maxwell
+    gas approach at sqrt(pi kT) on average [D]. To first order in dt; 0.886 dt at kT = 1.
 
     >>> round(mean_push_overlap(0.01), 6)
     0.008862
@@ -244,7 +244,7 @@ def mean_push_overlap(dt: float, temperature: float = 1.0) -> float:
 
 
 def largest_speed(count: int, frames: int, temperature: float = 1.0) -> float:
-    """Speed that one disc in one frame of a whole run is expected to pass, sqrt(2 kT ln(N frames)) [length/time].
+    """Expected largest speed of any disc in any frame of a run, sqrt(2 kT ln(N frames)) [length/time].
 
     Args:
         count: N >= 1.
@@ -267,10 +267,9 @@ def largest_speed(count: int, frames: int, temperature: float = 1.0) -> float:
 
 
 def tunnelling_dt(radius: float, speed: float) -> float:
-    """Longest frame in which the centres of two discs cannot cross unseen, radius / speed [time].
+    """Longest frame in which two discs cannot pass through each other undetected, radius / speed [time].
 
-    Two discs of this speed approach by 2 speed dt = one diameter in it; in a longer one they may pass through each
-    other between two frames.
+    Two discs of this speed approach by 2 speed dt = one diameter in it.
 
     Args:
         radius: > 0 [length].

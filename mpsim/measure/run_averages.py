@@ -1,9 +1,9 @@
-"""Measures gathered along a run: what each needs, and how its value and error come from the frames.
+"""Averages along a run: what each measure needs, and how its value and error follow from the frames.
 
-Three kinds. *Counted* measures are sums that the kernels keep for each frame when asked to (impulses on walls and
-between discs, pairs met). *Sampled* measures are functions of a state, taken at fixed frames, so that neither the
-number of workers nor the length of a slice can change them. *Balances* compare the state at the end with that at the
-start, and what the kernels have counted in between.
+There are three kinds. *Counted* measures are sums that the kernels keep for each frame on request (impulses on walls
+and between discs, overlaps). *Sampled* measures are functions of a state, taken at fixed frames, so that neither the
+number of workers nor the length of a slice can change them. *Balances* compare the final state with the initial one
+and with the counts in between.
 """
 
 from collections.abc import Callable, Iterable
@@ -24,19 +24,19 @@ from mpsim.measure.statistics import Measure, block_average
 from mpsim.scene.scene import Scene
 
 SAMPLES = 200
-"""States sampled in a run, about: each costs a copy of all positions and velocities."""
+"""Approximate number of states sampled in a run: each costs a copy of all positions and velocities."""
 
 FLOW_SAMPLES = 1000
-"""Likewise of the flow of momentum, of which a pressure is made: it fluctuates more than what is left of the error."""
+"""The same for the flow of momentum, the kinetic part of a pressure, which fluctuates more."""
 
 
 def _of_those_present(mean: Callable[[State, Scene], float]) -> Callable[[State, Scene], float]:
-    """A mean over discs that is NaN once all have left: a run goes on, and says that it was not defined all along."""
+    """A mean over discs that is NaN once all have left: the run continues, and its average is undefined."""
     return lambda state, scene: mean(state, scene) if state.present.any() else float("nan")
 
 
 def _of_those_moving(mean: Callable[[State, Scene], float]) -> Callable[[State, Scene], float]:
-    """Likewise NaN once all that are present have come to rest."""
+    """The same for a mean that is NaN once all discs present have come to rest."""
     return lambda state, scene: mean(state, scene) if state.velocity[state.present].any() else float("nan")
 
 
@@ -48,7 +48,7 @@ SAMPLED: dict[str, Callable[[State, Scene], float]] = {
 
 
 def energy_drift(counts: Counts, run: Run, before: State, after: State) -> float:
-    """Change of kinetic plus potential energy per time, over the larger kinetic energy of both ends [1/time]."""
+    """Change of kinetic plus potential energy per time, over the larger of both kinetic energies [1/time]."""
     kinetic = [observables.kinetic_energy(state, run.scene) for state in (before, after)]
     potential = [observables.potential_energy(state, run.scene) for state in (before, after)]
     change = kinetic[1] - kinetic[0] + potential[1] - potential[0]
@@ -56,9 +56,9 @@ def energy_drift(counts: Counts, run: Run, before: State, after: State) -> float
 
 
 def momentum_drift(counts: Counts, run: Run, before: State, after: State) -> float:
-    """Change of momentum that neither walls nor gravity have given, per time, over the sum of m |v| [1/time], >= 0.
+    """Change of momentum that is not due to walls or gravity, per time, over the sum of m |v| [1/time], >= 0.
 
-    Newton's third law keeps it at rounding; `reflect` does not know that law. Over the larger sum of both ends.
+    Newton's third law keeps it at rounding; `reflect` violates that law. The larger sum of both states is taken.
     """
     left, right, bottom, top = counts[:, layout.WALLS].sum(axis=0)
     time, given = run.dt * len(counts), np.array([left - right, bottom - top])
@@ -85,7 +85,7 @@ def _has_losses(scene: Scene) -> bool:
 
 
 def _fills(scene: Scene, axis: int) -> bool:
-    """Whether the largest disc stands between both walls of an axis."""
+    """Whether the largest disc fills the box along an axis with walls."""
     return not scene.periodic[axis] and (scene.width, scene.height)[axis] <= 2 * scene.largest_radius
 
 
@@ -96,7 +96,7 @@ _VIRIALS = ("pressure_virial", *COMPONENTS)
 
 
 def _names_of(measures: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of measures, in which "virial" stands for all that come from it."""
+    """Names of measures, with "virial" expanded to all that are derived from it."""
     return tuple(chain.from_iterable(_VIRIALS if name == "virial" else (name,) for name in measures))
 
 
@@ -157,7 +157,7 @@ _RULES: tuple[_Rule, ...] = (
     ),
     (
         ("energy_drift",),
-        observables.falls_round,
+        observables.has_periodic_field,
         "fields along periodic axes, round which discs fall without end",
         "Give such an axis walls.",
     ),
@@ -176,7 +176,7 @@ def refusal(name: str, scene: Scene, count: int | None = None) -> str | None:
     Args:
         name: of the measure, or of an error of a trade (`replicas.MEASURES`).
         scene: the scene.
-        count: discs in it now; None: those of the scene.
+        count: number of discs now; None: that of the scene.
 
     >>> refusal("pressure", Scene.random(count=3, packing=0.1, radius=0.5)) is None
     True
@@ -188,9 +188,9 @@ def refusal(name: str, scene: Scene, count: int | None = None) -> str | None:
             return f"measures may hold {name!r} only without {what}; this scene has them. {hint}"
     grown = count not in (None, scene.count) or bool(scene.emitters)
     weighed = name in ("kinetic_energy", "temperature", *_VIRIALS, *_BALANCED) or virial
-    pulled = name in _BALANCED and scene.acceleration is not None
-    if grown and (pulled or (weighed and (scene.mass is not None or any(e.mass for e in scene.emitters)))):
-        what = "acceleration" if pulled else "mass"
+    accelerated = name in _BALANCED and scene.acceleration is not None
+    if grown and (accelerated or (weighed and (scene.mass is not None or any(e.mass for e in scene.emitters)))):
+        what = "acceleration" if accelerated else "mass"
         return (
             f"measures may hold {name!r} only where the scene holds the {what} of every disc; it has {scene.count} "
             f"discs, and others are added. Make a scene of all discs, and measure there."
@@ -199,15 +199,15 @@ def refusal(name: str, scene: Scene, count: int | None = None) -> str | None:
 
 
 def checked(names: Iterable[str] | None, scene: Scene | None = None, count: int | None = None) -> tuple[str, ...]:
-    """The names of measures, each checked.
+    """Names of measures, checked.
 
     Args:
         names: one, several, or None for none.
-        scene: refuse what would be wrong in it.
-        count: discs in it now; None: those of the scene.
+        scene: refuse measures that would be wrong in it.
+        count: number of discs now; None: that of the scene.
 
     Raises:
-        InputError: for a name that is none, or a measure that the scene cannot have, with the reason.
+        InputError: for an unknown name, or a measure that the scene cannot have, with the reason.
     """
     if names is None:
         return ()
@@ -219,10 +219,10 @@ def checked(names: Iterable[str] | None, scene: Scene | None = None, count: int 
 
 
 class Measures(dict[str, Measure]):
-    """Measures of one run by name. One that was not asked for says how to ask for it."""
+    """Measures of one run by name. The error for one that was not recorded says how to ask for it."""
 
     def __missing__(self, name: str) -> Measure:
-        """Explain instead of a bare KeyError."""
+        """Raise an error that explains, instead of a KeyError."""
         checks.choice("the name of a measure", name, NAMES)
         raise NotRecordedError(
             f"{name} was not recorded in this run (recorded: {', '.join(self) or 'nothing'}). Measures are gathered "
@@ -231,14 +231,14 @@ class Measures(dict[str, Measure]):
 
 
 class Gathering:
-    """Collects what the asked-for measures need, slice by slice.
+    """Collects the data of the requested measures, slice by slice.
 
     Args:
         names: of measures, checked.
         frames: of the run; states are sampled about every frames / SAMPLES frames.
-        state: copies the present state.
-        whole: whether the run begins with a whole frame. After Ctrl-C inside a frame it does not; the counts are then
-            those of all of that frame, which are right per time, but balance no two states.
+        state: returns a copy of the current state.
+        whole: whether the run begins with a whole frame. After Ctrl-C inside a frame it does not; the counts then
+            include all of that frame: rates are right, but balances between two states are not.
     """
 
     def __init__(self, names: tuple[str, ...], frames: int, state: Callable[[], State], whole: bool = True):
@@ -258,11 +258,11 @@ class Gathering:
         return any(name in COUNTED or name in BALANCES for name in self._names)
 
     def frames_to_sample(self, done: int) -> int:
-        """Frames until a state is wanted; a very large number where none is."""
+        """Number of frames until the next sample; very large if none is needed."""
         return self._every - done % self._every if self._samples else 2**62
 
     def take(self, counts: Counts | None, done: int, scene: Scene) -> None:
-        """Take in a slice, and a state if it is time for one."""
+        """Add the counts of a slice, and sample the state if it is due."""
         if counts is not None:
             self._counts.append(counts)
         if self._samples and done % self._every == 0:
@@ -271,25 +271,25 @@ class Gathering:
                 values.append(self._sampled[name](now, scene))
 
     def mark(self) -> tuple[int, dict[str, int]]:
-        """How much was gathered so far, for `rewind`."""
+        """The amount of data collected so far, for `rewind`."""
         return len(self._counts), {name: len(values) for name, values in self._samples.items()}
 
     def rewind(self, mark: tuple[int, dict[str, int]]) -> None:
-        """Forget what was gathered after a mark."""
+        """Discard the data collected after a mark."""
         counts, samples = mark
         del self._counts[counts:]
         for name, length in samples.items():
             del self._samples[name][length:]
 
     def measures(self, run: Run) -> Measures:
-        """The measures, when the run is over."""
+        """The measures at the end of the run."""
         counts = np.concatenate(self._counts) if self._counts else np.zeros((0, layout.TALLIES))
         run = self._with_what_is_needed(run)
         results = Measures()
         unknown = {name for name, values in self._samples.items() if not values or np.isnan(values).any()}
         unknown |= set() if len(counts) else set(COUNTED)
         for name in self._names:
-            if name in unknown:  # after no frames, or of means over nobody
+            if name in unknown:  # without frames, or a mean over no discs
                 results[name] = Measure(float("nan"), float("nan"), 0, settled=False)
             elif name in COUNTED:
                 results[name] = COUNTED[name](counts, run)
@@ -303,7 +303,7 @@ class Gathering:
         return results
 
     def _with_what_is_needed(self, run: Run) -> Run:
-        """The run with what the measures asked for take from states."""
+        """The run with the quantities that the requested measures take from states."""
         walls = "pressure" in self._names and not all(run.scene.periodic)
         if walls or "pressure_virial" in self._names or "pressure" in self._names:
             state = self._state()
@@ -317,23 +317,23 @@ class Gathering:
 
 
 def _cannot_change(name: str, run: Run) -> bool:
-    """Whether a mean over discs keeps whatever happens; if not, one that has not changed may only not have done so yet.
+    """Whether a mean over discs is constant by physics; if not, one that has not changed may still do so.
 
-    Collisions change a kurtosis, and leave the energy where nothing takes or gives any.
+    Collisions change a kurtosis; they conserve the energy if nothing else changes it.
     """
     scene = run.scene
     forced = any(field is not None and field.any() for field in (scene.gravity, scene.acceleration))
-    open_to = forced or _has_losses(scene) or scene.moving_wall is not None or scene.absorbing or scene.emitters
-    return not open_to and (name != "speed_kurtosis" or run.count == 1)
+    driven = forced or _has_losses(scene) or scene.moving_wall is not None or scene.absorbing or scene.emitters
+    return not driven and (name != "speed_kurtosis" or run.count == 1)
 
 
 def _speed(state: State) -> float:
-    """Root mean square of the velocities along one axis."""
+    """Root mean square of one velocity component."""
     return float(np.sqrt((state.velocity.astype(np.float64) ** 2).mean())) if len(state.velocity) else 0.0
 
 
 def _flow(state: State, scene: Scene) -> tuple[float, float, float]:
-    """Sums of m v_x v_x, m v_y v_y, m v_x v_y, less those of the mean flow along periodic axes."""
+    """Sums of m v_x v_x, m v_y v_y, m v_x v_y, without the mean flow along periodic axes."""
     velocity = state.velocity.astype(np.float64)
     masses = np.ones(len(velocity)) if scene.mass is None else scene.mass
     drift = masses @ velocity * scene.periodic / max(float(masses.sum()), 1e-300)
@@ -342,7 +342,7 @@ def _flow(state: State, scene: Scene) -> tuple[float, float, float]:
 
 
 def _energy_without_drift(state: State, scene: Scene) -> float:
-    """Kinetic energy less that of the mean flow along periodic axes, which no collision changes."""
+    """Kinetic energy without that of the mean flow along periodic axes, which no collision changes."""
     energy = observables.kinetic_energy(state, scene)
     mass = float(scene.masses.sum()) if scene.mass is not None else len(state.position)
     flow = observables.momentum(state, scene)[list(scene.periodic)]

@@ -1,9 +1,9 @@
 """Error of the mean of a correlated series, from its spectrum at low frequencies.
 
 The mean of n samples has the variance S(0) / n, where S is the spectral density, S(0) the sum of all autocovariances.
-Whether these are positive (a slow quantity) or negative (impulses on a wall: a disc that has just hit one comes back
-only after it has crossed the box) makes no difference here, as it does for blocks: S is even in the frequency, and
-differs from S(0) only by its square, where averages over blocks of length B differ by 1/B.
+These may be positive (a slow quantity) or negative (impulses on a wall: a disc that has just hit one returns only after
+it has crossed the box). S is even in the frequency, so that near 0 it deviates from S(0) only quadratically; averages
+over blocks of length B have an error of order 1/B.
 """
 
 import functools
@@ -15,33 +15,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 LEAST = 16
-"""Ordinates of the periodogram to which a curve is fitted, at least: S(0) is then known to 38 %, its root to 19 %."""
+"""Smallest number of ordinates of the periodogram in a fit: S(0) is then known to 38 %, its root to 19 %."""
 
 MOST = 128
-"""And at most: then it is known to 13 %, its root to 7 %."""
+"""Largest number: S(0) is then known to 13 %, its root to 7 %."""
 
 BENT = 6.0
-"""Deviance by which a curve with one parameter more must fit better to count: by chance it does in one case of 70."""
+"""Deviance by which a curve with one more parameter must fit better: by chance it does in one case of 70."""
 
 AGREED = 3.0
-"""Standard errors within which fits to fewer ordinates must agree with the one that is taken."""
+"""Standard errors within which fits to fewer ordinates must agree with the chosen one."""
 
 
 _SLOPES: NDArray[np.float64] = np.concatenate([[0.0], np.geomspace(0.05, 5000.0, 27)])
 _COARSE: NDArray[np.float64] = np.concatenate([[0.0], np.geomspace(0.1, 5000.0, 15)])
-"""Slopes that are tried, of one curve and of quotients of two."""
+"""Slopes to try, for one curve and for quotients of two."""
 
 
 @dataclass(frozen=True)
 class AtZero:
-    """S(0), and from what.
+    """S(0), and the fit that it comes from.
 
     Attributes:
         density: S(0) [of the series, squared].
         slope: r of the curve S(0) / (1 + r u^2), or -r of S(0) exp(r u^2), with u = k / ordinates.
-        ordinates: how many were used.
-        slower: correlation time of a component that only shows beneath others, as a fraction of the length of the
-            series; 0 where none does.
+        ordinates: number of ordinates used.
+        slower: correlation time of a slow component below faster ones, as a fraction of the length of the series; 0
+            if there is none.
     """
 
     density: float
@@ -51,7 +51,7 @@ class AtZero:
 
     @property
     def memory(self) -> float:
-        """Longest correlation time that shows, as a fraction of the length of the series; 0 where S rises."""
+        """Longest correlation time found, as a fraction of the length of the series; 0 if S rises."""
         return max(_memory(self.slope, self.ordinates), self.slower)
 
 
@@ -63,12 +63,12 @@ def _memory(slope: float, ordinates: int) -> float:
 def at_zero(series: NDArray[np.float64]) -> AtZero:
     """Spectral density of a series at frequency 0.
 
-    Ordinates I_k of the periodogram are independent and exponentially distributed about S(k / n). To the first K of
-    them a curve is fitted by its likelihood: S(0) / (1 + r k^2), that of an exponential correlation, or S(0) exp(r k^2)
-    where S rises. K is the largest of 16, 32, 64, 128 to which it fits: a quotient (1 + r k^2) / (1 + s k^2) does not
-    fit better by more than BENT, and fits to fewer ordinates, with standard errors of 1.5 / sqrt(K) in log S(0), agree
-    with it within AGREED. A quotient that does fit better, at any K, and falls (s > r) is a component on top of faster
-    ones, such as a slow one under white noise: its correlation time counts as well.
+    Ordinates I_k of the periodogram are independent and exponentially distributed with mean S(k / n). A curve is fitted
+    to the first K of them by maximum likelihood: S(0) / (1 + r k^2), for an exponential correlation, or S(0) exp(r k^2)
+    if S rises. K is the largest of 16, 32, 64, 128 at which the fit is good: a quotient (1 + r k^2) / (1 + s k^2) does
+    not fit better by more than BENT, and fits to fewer ordinates, with standard errors of 1.5 / sqrt(K) in log S(0),
+    agree with it within AGREED. If a quotient fits better at any K, and falls (s > r), there is a slow component
+    besides faster ones, such as white noise: its correlation time counts as well.
 
     Args:
         series: shape (n,), n >= 3 [any]. Fewer than 2 LEAST + 1 samples have fewer than LEAST ordinates.
@@ -97,12 +97,12 @@ def at_zero(series: NDArray[np.float64]) -> AtZero:
 
 
 def _agrees(fit: AtZero) -> Callable[[AtZero], bool]:
-    """Whether another fit, to fewer ordinates, gives the same density within its own error."""
+    """A test whether another fit, to fewer ordinates, gives the same density within its error."""
     return lambda other: abs(math.log(fit.density / other.density)) <= AGREED * 1.5 / math.sqrt(other.ordinates)
 
 
 def _fit(ordinates: NDArray[np.float64]) -> tuple[AtZero, float, float]:
-    """The curve, by which deviance a quotient fits better, and the correlation time of that one where it falls."""
+    """The curve, the deviance by which a quotient fits better, and the correlation time of a falling quotient."""
     slopes, one, two = _curves(len(ordinates))
     densities, deviances = _likelihood(ordinates, one)
     best = int(deviances.argmin())
@@ -124,6 +124,6 @@ def _curves(ordinates: int) -> tuple[NDArray[np.float64], NDArray[np.float64], N
 
 
 def _likelihood(ordinates: NDArray[np.float64], logs: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
-    """For each curve the density at 0 that makes the ordinates most likely, and then -2 log likelihood."""
+    """For each curve the density at 0 of maximum likelihood, and -2 log likelihood there."""
     densities = (ordinates * np.exp(-logs)).mean(axis=1)
     return densities, 2 * (len(ordinates) * (np.log(densities) + 1) + logs.sum(axis=1))

@@ -11,24 +11,23 @@ from mpsim.core.errors import InputError
 from mpsim.measure import spectrum
 
 FEWEST_BLOCKS = 16
-"""No error comes from fewer samples or blocks: with 16 it is itself known to 1/sqrt(30) = 18 %, with fewer it is a
-guess."""
+"""Smallest number of samples or blocks for an error: with 16 it is itself known to 1/sqrt(30) = 18 %."""
 
 MOST_BLOCKS = 1024
-"""Longer series are averaged in pairs until they are shorter than this: what the error is found from varies slowly."""
+"""Longer series are averaged in pairs until they are shorter than this: only low frequencies matter for the error."""
 
 MEMORIES = 30.0
-"""Correlation times that a series must be long for its error to be known; so must one be that alternates."""
+"""Length of a series, in correlation times, from which on its error is known; also in periods of alternation."""
 
 RISING = 4.0
-"""Rise of log S over the least number of ordinates beyond which S(0) is too small a part of it to be seen."""
+"""Rise of log S over the least number of ordinates above which S(0) is too small a fraction of S to be resolved."""
 
 FEWEST_EVENTS = 16
-"""Events, samples that are not zero, from which on a scatter between them says more than their number; and changes of
-a series, from which on it may have shown how much it varies."""
+"""Number of events (samples that are not zero) from which on their scatter says more than their number; and number of
+changes of a series from which on it may have shown its variation."""
 
 ROUNDING = 1e-12
-"""Fluctuations over less than this fraction of a value are those of rounding."""
+"""Relative fluctuations below this are rounding."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -37,12 +36,12 @@ class Measure:
 
     Attributes:
         value: the mean [of the quantity].
-        error: one standard error [of the quantity], >= 0; NaN where there were too few samples to know it.
-        samples: how many samples the value is the mean of.
-        settled: False where the series was too short to know the error: it is then a lower bound, and prints as
-            2.24(>16), or NaN, and prints as 2.24(?).
-        upper: True where an error that is not settled is an upper bound, as that of a count of nothing or of a few. It
-            prints as 0(<0.018).
+        error: one standard error [of the quantity], >= 0; NaN if there were too few samples to know it.
+        samples: number of samples of the mean.
+        settled: False if the series was too short to know the error, which is then a lower bound, printed as 2.24(>16),
+            or NaN, printed as 2.24(?).
+        upper: True if an error that is not settled is an upper bound, as for a count of few events or none. It is
+            printed as 0(<0.018).
 
     >>> Measure(2.23991, 0.00163, 24)
     2.2399(16)
@@ -59,7 +58,7 @@ class Measure:
     upper: bool = False
 
     def deviation(self, expected: float) -> float:
-        """(value - expected) / error: how many standard errors the value lies above what was expected."""
+        """(value - expected) / error: number of standard errors by which the value exceeds the expected one."""
         difference = self.value - expected
         if self.error == 0:
             return 0.0 if difference == 0 else math.copysign(math.inf, difference)
@@ -81,7 +80,7 @@ class Measure:
 
 
 def _parenthesis(value: float, error: float, mark: str) -> str:
-    """value(error), the error with two digits in units of the value's last one; from 1 on, with its own point."""
+    """value(error), the error as two digits in units of the value's last place; an error >= 1 with its own point."""
     decimals = max(1 - int(f"{error:.1e}".split("e")[1]), 0)
     rounded = f"{error:.{decimals}f}"
     digits = rounded if float(rounded) >= 1 else rounded.replace("0.", "", 1).lstrip("0")
@@ -93,35 +92,34 @@ def block_average(
 ) -> Measure:
     """Mean of a correlated series and its standard error, from the spectrum of averages over blocks.
 
-    The series is cut into blocks (up to MOST_BLOCKS, or its samples), and the spectral density S of their averages is
-    followed to frequency 0, where S(0) / number is the variance of the mean. So both correlations that keep (blocks of
-    any length make errors too small) and those that alternate (blocks of any length make them too large: impulses on
-    the walls of a dilute gas by a factor of 4 to 10) are counted. The error is known to 7 to 19 %.
+    The series is cut into at most MOST_BLOCKS blocks, and the spectral density S of their averages is extrapolated to
+    frequency 0, where S(0) / number is the variance of the mean. This includes positive correlations, for which block
+    averages give too small errors, and negative ones, for which they give too large errors (impulses on the walls of a
+    dilute gas: by a factor of 4 to 10). The error is known to 7 to 19 %.
 
     Not `settled` are series
 
-    - of fewer than 33 samples, or shorter than MEMORIES correlation times, which the fall of S shows. The error is the
-      largest of `block_errors`, a lower bound. A slow component shows where it is large enough: one of 0.3 of the
-      amplitude of white noise, and a correlation time of a fifth of 2000 samples, in 94 % of the series; one of 0.1,
-      and a tenth, only in 31 %, and the errors of the others are too small by a factor of 1.9.
-    - whose S rises steeply, or which are shorter than MEMORIES times `alternation`: too short to see what is left over.
-      The error is the last of `block_errors`, an upper bound.
+    - of fewer than 33 samples, or shorter than MEMORIES correlation times, as seen from the fall of S. The error is the
+      largest of `block_errors`, a lower bound. A slow component is seen only if it is large enough: with 0.3 of the
+      amplitude of white noise, and a correlation time of a fifth of 2000 samples, in 94 % of the series; with 0.1, and
+      a tenth, only in 31 %, and the errors of the others are too small by a factor of 1.9.
+    - whose S rises steeply, or which are shorter than MEMORIES times `alternation`: too short to resolve S(0). The
+      error is the last of `block_errors`, an upper bound.
     - with fewer than FEWEST_EVENTS samples that are not zero, such as counts of rare events: the error is that of a
-      number of events k, (sqrt(k + 3/4) + 1) times one event, an upper bound; NaN where k = 0 and `event` is not known.
+      number of events k, (sqrt(k + 3/4) + 1) times one event, an upper bound; NaN if k = 0 and `event` is not known.
     - that change fewer than FEWEST_EVENTS times, such as a mean over discs that hardly collided: the error is the
-      largest of `block_errors`, a lower bound; NaN where they never change, but for rounding.
+      largest of `block_errors`, a lower bound; NaN if they never change, apart from rounding.
 
-    With `constant`, a series that never changes is settled instead: its error is the range of the roundings, 0 where
-    there are none.
+    With `constant`, a series that never changes is settled instead: its error is the range of the rounding errors.
 
     Args:
-        series: shape (n,), n >= 1, samples at equal distances in time, after the start has been forgotten [any].
+        series: shape (n,), n >= 1, samples at equal intervals in time, without the initial transient [any].
             Fewer than FEWEST_BLOCKS give an error of NaN.
-        event: what one event adds to one sample, > 0 [of the series]; None: 1 for whole numbers and truth values.
-            The root mean square of the samples that are not zero counts where it is larger.
-        alternation: number of samples after which what was missed, or came early, is known to come back, >= 0.
-        constant: whether one value, not zero, all along is the mean: of what cannot change, such as the energy of an
-            elastic gas, or where each sample has counted events of its own.
+        event: contribution of one event to a sample, > 0 [of the series]; None: 1 for whole numbers and truth values.
+            If the root mean square of the samples that are not zero is larger, it is used.
+        alternation: number of samples after which an excess or deficit is known to be compensated, >= 0.
+        constant: whether a series of one value, not zero, is settled: for a quantity that cannot change, such as the
+            energy of an elastic gas, or if each sample counts events of its own.
 
     Raises:
         InputError: if the series is empty, not finite or not one-dimensional, `event` is not above 0, or `alternation`
@@ -167,31 +165,31 @@ def block_average(
 
 
 def _of_few_events(value: float, events: NDArray[np.float64], n: int, event: float | None) -> Measure:
-    """A mean of n samples of which only the given few, or none, are not zero."""
+    """The mean of n samples of which only few, the given events, or none are not zero."""
     if not len(events) and event is None:
         return Measure(value, math.nan, n, settled=False)
     seen = math.sqrt(float((events**2).mean())) if len(events) else 0.0
-    size = max(seen, event or 0.0)  # a bound: the few that came may have been small
+    size = max(seen, event or 0.0)  # a bound: the few events may have been small ones
     return Measure(value, (math.sqrt(len(events) + 0.75) + 1) * size / n, n, settled=False, upper=True)
 
 
 def _pairs(blocks: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Averages of neighbours, one of an odd number left out."""
+    """Averages of neighbours; of an odd number the last one is dropped."""
     even = len(blocks) // 2 * 2
     return (blocks[0:even:2] + blocks[1:even:2]) / 2
 
 
 def ratio_average(numerator: ArrayLike, denominator: ArrayLike) -> Measure:
-    """Ratio of two sums and its standard error, such as the mean of something over a number of events that varies.
+    """Ratio of two sums and its standard error, such as a mean over a varying number of events.
 
     The residues a_k - R b_k of the ratio R are a series of mean 0, whose error over the mean of b is that of R.
 
     Args:
-        numerator: a, shape (n,), samples at equal distances in time [any].
-        denominator: b, shape (n,), >= 0: how many events [1]. Without any the ratio is 0, and its error NaN.
+        numerator: a, shape (n,), samples at equal intervals in time [any].
+        denominator: b, shape (n,), >= 0: numbers of events [1]. Without events the ratio is 0, and its error NaN.
 
     Returns:
-        The ratio, with the number of events as `samples`. Not `settled` with fewer than FEWEST_EVENTS events.
+        The ratio, with the number of events as `samples`. Not `settled` for fewer than FEWEST_EVENTS events.
 
     Raises:
         InputError: if the series are not finite, of two lengths or not one-dimensional.
@@ -232,7 +230,7 @@ def block_errors(series: ArrayLike) -> NDArray[np.float64]:
     [0.09, 0.0]
     """
     blocks = checks.finite_array("series", series, (None,), "(n,)")
-    blocks = blocks - _mean(blocks) if len(blocks) else blocks  # small deviations keep their digits
+    blocks = blocks - _mean(blocks) if len(blocks) else blocks  # so that small deviations keep their digits
     errors: list[float] = []
     while len(blocks) >= FEWEST_BLOCKS:
         errors.append(float(blocks.std(ddof=1)) / math.sqrt(len(blocks)))
@@ -268,9 +266,9 @@ def fit_order(h: ArrayLike, bias: ArrayLike, errors: ArrayLike | None = None) ->
             all logarithms weigh the same, and at least three points are needed.
 
     Returns:
-        The order, its standard error and k. The error is that of the weights, times the root of chi^2 per degree of
-        freedom where that is above 1 (Birge, Phys. Rev. 40, 207, 1932): points off the line, such as those of a step
-        too long for the leading order, count as noise. Without `errors`, it is that of the scatter alone.
+        The order, its standard error and k. The error follows from the weights, times the root of chi^2 per degree of
+        freedom if that is above 1 (Birge, Phys. Rev. 40, 207, 1932): points off the line, as from steps too long for
+        the leading order, count as noise. Without `errors`, it follows from the scatter alone.
 
     Raises:
         InputError: naming the argument and its rule.
@@ -305,7 +303,7 @@ def fit_order(h: ArrayLike, bias: ArrayLike, errors: ArrayLike | None = None) ->
 
 
 def _mean(samples: NDArray[np.float64]) -> float:
-    """Mean, to the last digits also where all samples are nearly equal."""
+    """Mean, accurate to the last digits even if all samples are nearly equal."""
     first = samples[0]
     return float(first + (samples - first).mean())
 

@@ -1,1 +1,1 @@
-"""What people look at: figures and animations. Matplotlib throughout, with one style file."""
+"""Figures, animations, tables and trajectory files. Figures use Matplotlib, with one style file."""

@@ -203,7 +203,7 @@ class _Speed:
 
 
 class _Worker:
-    """Colour by the worker that owns the column of a disc."""
+    """Colour by the worker that owns a disc's column."""
 
     label = "worker"
 

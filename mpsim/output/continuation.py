@@ -1,4 +1,4 @@
-"""Whether a simulation is the one that a file of frames is of: what must agree before it is continued."""
+"""Whether a file of frames belongs to a simulation: what must agree before the file is continued."""
 
 import math
 
@@ -12,20 +12,19 @@ from mpsim.output.frames import Frame, among, differs, frame_of
 from mpsim.scene.scene import Scene
 
 NEEDED = {"time": "times", "velocity": "velocities", "radius": "radii", "mass": "masses", "ids": "numbers of discs"}
-"""What frames must hold to be continued, besides positions, and words for it: all frames of a file then hold the same.
-"""
+"""What frames must hold to be continued, besides positions, in words: all frames of a file hold the same."""
 
 ROUNDING = 16
 """Multiples of the precision by which computed places may differ: those of a moving wall, and of discs at the start."""
 
 
 def lacking(frame: Frame) -> list[str]:
-    """What mpsim writes and a frame has not, in words: that of another program or an earlier version."""
+    """What a frame of another program, or an earlier version, lacks of what mpsim writes, in words."""
     return [words for name, words in NEEDED.items() if name not in frame.known]
 
 
 def discrepancy(sim: Simulation, first: Frame, last: Frame) -> str | None:
-    """What shows that frames of a file are not of a simulation, in words that follow the file's name; None if nothing.
+    """Why frames of a file cannot be those of a simulation, in words that follow the file's name; None if they can.
 
     Box, boundaries, precision and dt must agree, radii and masses of the discs that both have, and which discs those
     can be: discs that are added are new ones, absorbed ones do not return. Where both have the same moment, that of the
@@ -65,7 +64,7 @@ def _setting(sim: Simulation, now: Frame, last: Frame) -> str | None:
 
 
 def _discs(sim: Simulation, now: Frame, last: Frame) -> str | None:
-    """What differs of the discs: who is there, radii and masses."""
+    """What differs of the discs: which are present, radii and masses."""
     behind = last.frame <= now.frame
     highest = int(last.ids.max(initial=-1))
     if behind and highest >= sim.count:

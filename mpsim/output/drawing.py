@@ -117,7 +117,7 @@ def _size(scene: Scene) -> tuple[float, float]:
 
 
 def closed_off(scene: Scene, time: float) -> Rectangle | None:
-    """What a moving wall has closed off of the box by a time, as a shape to be drawn; None where all are at rest.
+    """The region of the box behind a moving wall at a time, as a shape to be drawn; None if all walls are at rest.
 
     >>> half = {"width": 4, "height": 2, "position": [[1, 1]], "velocity": [[0, 0]], "radius": 0.5}
     >>> closed_off(Scene(**half), time=9.0) is None

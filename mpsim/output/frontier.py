@@ -1,4 +1,4 @@
-"""Pictures of a trade: cost against error, with the settings that nothing beats."""
+"""Pictures of a trade: cost against error, and the Pareto front."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -37,10 +37,10 @@ OTHER = ("#56B4E9", "P")
 GREY = "#B0B0B0"
 
 ZERO = 0.03
-"""Where errors of exactly 0 stand, as a part of the width: a logarithmic axis has no place for them."""
+"""Position of errors of exactly 0, as a fraction of the width: a logarithmic axis has none for them."""
 
 BAND = 0.06
-"""Part of the width, at the left, that is kept for them."""
+"""Fraction of the width, at the left, that is kept for them."""
 
 FINE, MIDDLE = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0), (1.0, 2.0, 5.0)
 """Numbers written within a decade on an axis that covers less than NARROW, or less than WIDE, decades."""
@@ -336,7 +336,7 @@ class Point(NamedTuple):
 
 
 def _label(axes: Axes, text: str, point: Point, colour: str, taken: Sequence[Bbox], line: NDArray[np.float64]) -> Bbox:
-    """Write one name at the place around its point that is least in the way; returns the box that it fills."""
+    """Write one name where it overlaps least, around its point; returns the box that it fills."""
     name = axes.annotate(
         text,
         point[:2],
@@ -349,7 +349,7 @@ def _label(axes: Axes, text: str, point: Point, colour: str, taken: Sequence[Bbo
         zorder=4,
         in_layout=False,
     )
-    best = min(_OFFSETS, key=lambda offset: _in_the_way(axes, name, offset, taken, line))
+    best = min(_OFFSETS, key=lambda offset: _penalty(axes, name, offset, taken, line))
     _put(name, best)
     return _box(axes, name)
 
@@ -375,10 +375,10 @@ def _box(axes: Axes, name: Annotation) -> Bbox:
     return Text.get_window_extent(name, renderer)  # that of an Annotation would count the line to its point
 
 
-def _in_the_way(
+def _penalty(
     axes: Axes, name: Annotation, offset: tuple[float, float], taken: Sequence[Bbox], line: NDArray[np.float64]
 ) -> float:
-    """How bad a place for a name is: what it would hide, and how far it is from its point."""
+    """Penalty for a place of a name: what it would hide, and its distance from its point."""
     _put(name, offset)
     box = _box(axes, name)
     hidden = sum(box.overlaps(other) for other in taken)

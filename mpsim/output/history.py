@@ -1,4 +1,4 @@
-"""What a run recorded, as pictures: energy, overlap, collision rate along the way, and the state at the end."""
+"""The record of a run as pictures: energy, overlap, collision rate along the run, and the final state."""
 
 import math
 import os

@@ -1,4 +1,4 @@
-"""An observer that writes belongs to one simulation, and a file to one writer: frames of two would mean nothing."""
+"""An observer that writes belongs to one simulation, and a file to one writer: mixed frames would be meaningless."""
 
 import fcntl
 import os
@@ -11,7 +11,7 @@ from mpsim.engine.simulation import Simulation
 
 
 class Ownership:
-    """Holds an observer that writes to the first simulation that it observes.
+    """Binds an observer that writes to the first simulation that it observes.
 
     Args:
         what: what is written, for the error: "trajectory".
@@ -85,7 +85,7 @@ class Claim:
             self.release()
 
     def release(self) -> None:
-        """Let others have it. May be called again."""
+        """Release the file. May be called again."""
         if self._unlock is not None:
             self._unlock()
 

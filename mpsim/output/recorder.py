@@ -1,4 +1,4 @@
-"""What a run writes down along the way: a table of energy, overlap and collisions."""
+"""The table of a run: energy, overlap and collisions."""
 
 import csv
 import io
@@ -29,8 +29,8 @@ COLUMNS: tuple[str, ...] = (
     "collision_rate",
 )
 """Time [time], energy [mass length^2/time^2], depth of the overlaps at that moment [length], collisions per disc and
-time since the row before, or since the run was gone on with [1/time], a pair counting for both. Discs that have left
-are not counted."""
+time since the row before, or since the run was continued [1/time], each counting for both discs. Absorbed discs are not
+counted."""
 
 
 class Recorder:
@@ -39,7 +39,7 @@ class Recorder:
     It belongs to its simulation: another one is refused by an OutputError.
 
     Args:
-        path: of the CSV file; what is there of the same run is gone on with.
+        path: of the CSV file; a table of the same run is continued.
         every: frames between two rows, >= 1.
         sim: the simulation to observe; counts of collisions begin at its frame.
     """
@@ -130,6 +130,6 @@ def _rows(path: Path) -> list[list[str]]:
         if len(row) != len(COLUMNS) or not row[0].isdecimal():
             raise InputError(
                 f"line {number} of {str(path)!r} must be a row of {len(COLUMNS)} numbers that a run has written; got "
-                f"{','.join(row)[:80]!r}. Remove the file: the run goes on without what it held."
+                f"{','.join(row)[:80]!r}. Remove the file: the run continues without what it held."
             )
     return rows[1:]

@@ -1,4 +1,4 @@
-"""Heat maps of the stability map: where correct, where degraded and by how much, where refused."""
+"""The stability map as heat maps: where correct, where degraded and by how much, where refused."""
 
 import math
 from collections.abc import Sequence
@@ -11,14 +11,14 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch, Rectangle
 
 from mpsim.output.drawing import STYLE, new_figure, save_figure
-from mpsim.studies.extremes import AXES, PACKINGS, PARTS
+from mpsim.studies.extremes import AXES, PACKINGS, STEP_FRACTIONS
 from mpsim.studies.stability import FORBIDDEN, MAP, MAP_ROWS, TOLERANCE, Outcome
 
 LEVELS = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0, math.inf)
 """Borders between colours: an error as a multiple of its tolerance. Up to 1 is correct."""
 
 COLOURS = ("#08306B", "#2171B5", "#6BAED6", "#FEE391", "#FE9929", "#CC4C02")
-"""Blues for correct, yellow to brown for degraded: told apart by any eye, and in grey by lightness."""
+"""Blues for correct, yellow to brown for degraded: safe for colour-blind readers, and in grey by lightness."""
 
 WORDS = ("below 0.1", "to 0.5", "to 1", "degraded: to 2", "to 5", "above 5")
 
@@ -38,7 +38,7 @@ def save(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
 
 
 def _draw_axis(name: str, outcomes: Sequence[Outcome], path: Path) -> None:
-    """Rows: ways to simulate. Columns: values along the axis."""
+    """Rows of settings against values along the axis."""
     values = list(dict.fromkeys(_text(outcome.value) for outcome in outcomes))
     rows = list(dict.fromkeys(outcome.row for outcome in outcomes))
     by_place = {(outcome.row, _text(outcome.value)): outcome for outcome in outcomes}
@@ -53,16 +53,18 @@ def _draw_axis(name: str, outcomes: Sequence[Outcome], path: Path) -> None:
 
 
 def _draw_pairs(outcomes: Sequence[Outcome], path: Path) -> None:
-    """A panel for each way to simulate: packing against the way in a step."""
+    """A panel for each row of settings: packing against the displacement in a step."""
     figure = new_figure(11, 8)
     by_place = {(outcome.row, *map(float, outcome.value)): outcome for outcome in outcomes}
     for panel, row in zip(figure.subplots(2, 2).flat, MAP_ROWS, strict=True):
-        table = [[by_place.get((row.label, part, packing)) for part in PARTS] for packing in reversed(PACKINGS)]
+        table = [
+            [by_place.get((row.label, part, packing)) for part in STEP_FRACTIONS] for packing in reversed(PACKINGS)
+        ]
         _cells(panel, table)
-        panel.set_xticks(range(len(PARTS)), map(_text, PARTS))
+        panel.set_xticks(range(len(STEP_FRACTIONS)), map(_text, STEP_FRACTIONS))
         panel.set_yticks(range(len(PACKINGS)), map(_text, reversed(PACKINGS)))
         panel.set(xlabel=AXES["step"].title, ylabel="packing fraction", title=row.label)
-    figure.suptitle("Largest error, as a multiple of what counts as correct; !: a warning told it")
+    figure.suptitle("Largest error, as a multiple of what counts as correct; !: with a warning")
     _legend(figure)
     save_figure(figure, path)
 
@@ -83,7 +85,7 @@ def _cells(axes: Any, table: Sequence[Sequence[Outcome | None]]) -> None:
 
 
 def _mark(outcome: Outcome | None) -> tuple[str, str, str | None]:
-    """Text of a cell, its colour, and a colour of the cell that is no error's."""
+    """Text of a cell, its colour, and a background colour if that does not show an error."""
     if outcome is None:
         return "", "black", NOTHING
     if outcome.kind == "refused":

@@ -1,4 +1,4 @@
-"""A report as a picture: the time of each frame, and what each worker did with it."""
+"""A report as a picture: the time of each frame, and of its phases for each worker."""
 
 import matplotlib
 import numpy as np
@@ -10,7 +10,7 @@ from mpsim.kernels.layout import PHASES
 from mpsim.output.drawing import STYLE, marker_of, new_figure
 
 PHASE_COLOURS: dict[str, str] = dict(zip(PHASES, ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#CCCCCC"), strict=True))
-"""Waiting is grey: it is nobody's work."""
+"""Waiting is grey."""
 
 PHASE_WORDS: dict[str, dict[str, str]] = {"naive": {"even columns": "pairs"}, "event": {"move": "events"}}
 """What a method does in a phase, where that is not what the phase is called after."""

@@ -104,9 +104,9 @@ class Trajectory:
         Args:
             path: ends in .xyz, .extxyz (extended XYZ) or .gsd (needs the package gsd).
             every: frames of the simulation from one frame of the file to the next, >= 1.
-            mode: "x" for a new file only, "w" to replace a file that is there, "a" to go on with one, as after
+            mode: "x" for a new file only, "w" to replace an existing file, "a" to continue one, as after
                 `Simulation.resume`: frames after that of the simulation, written after its checkpoint, are dropped
-                and come again with the same bits.
+                and written again with the same bits.
 
         Raises:
             InputError: naming the argument, its rule and the value received.
@@ -142,7 +142,7 @@ class TrajectoryWriter:
         if mode == "x" and self.path.exists():
             raise OutputError(
                 f"the trajectory {str(self.path)!r} is there already, and is not overwritten. Choose another name, or "
-                "use mode='w' to replace it, mode='a' to go on with it."
+                "use mode='w' to replace it, mode='a' to continue it."
             )
         if self.path.exists() and not self.path.is_file():
             raise OutputError(f"a trajectory must be a file; {str(self.path)!r} is none. Choose another name.")
@@ -162,7 +162,7 @@ class TrajectoryWriter:
             raise self._unwritable(error) from error
         try:
             self._claim = Claim(self.path)
-        except OutputError:  # somebody was faster
+        except OutputError:  # another writer was faster
             self._writer.close()
             raise
 
@@ -171,7 +171,7 @@ class TrajectoryWriter:
         started = time.perf_counter()
         self._ownership.check(sim)
         if self._unchecked:
-            self._go_on(sim)
+            self._continue(sim)
             self._unchecked = False
         if sim.frame > self._last:
             try:
@@ -182,8 +182,8 @@ class TrajectoryWriter:
             self.frames += 1
         self.seconds += time.perf_counter() - started
 
-    def _go_on(self, sim: Simulation) -> None:
-        """Make the file end where the simulation is, after making sure that it is of this simulation."""
+    def _continue(self, sim: Simulation) -> None:
+        """Cut the file back to the frame of the simulation, after checking that it belongs to it."""
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             reader: Reader = ENDINGS[self.path.suffix.lower()][0](self.path)
@@ -204,7 +204,7 @@ class TrajectoryWriter:
             last = ends[1]
             if last.frame < sim.frame - self.every:
                 warnings.warn(
-                    f"the trajectory {str(self.path)!r} goes on at frame {sim.frame}, and its last frame was "
+                    f"the trajectory {str(self.path)!r} continues at frame {sim.frame}, and its last frame was "
                     f"{last.frame}: those between are missing.",
                     TrajectoryWarning,
                     stacklevel=level_of_caller(),

@@ -1,1 +1,1 @@
-"""What is simulated, and how: the scene, its start, its settings, its files."""
+"""What is simulated, and how: the scene, its initial state, its settings, its files."""

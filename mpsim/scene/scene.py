@@ -17,7 +17,7 @@ from mpsim.core.state import Box, State
 from mpsim.core.views import view
 from mpsim.features import FEATURES
 from mpsim.features.absorption import check_edges
-from mpsim.features.capsules import Among
+from mpsim.features.capsules import CapsuleIndex
 from mpsim.features.edges import MovingWall, check_boundary
 from mpsim.features.emitters import Emitter, check_emitters
 from mpsim.features.feature import Deepest
@@ -30,26 +30,26 @@ LARGEST_COUNT = 100_000_000
 
 
 class Scene:
-    """Discs in a box. Checked when made; its arrays are read-only copies. What is left out costs nothing.
+    """Discs in a box. Checked when made; its arrays are read-only copies. Features that are not used cost nothing.
 
     Args:
         width, height: inner size of the box, x in [0, width], y in [0, height] [length], > 0.
-        position: centres, shape (N, 2) [length], each one radius from the walls or more (along a periodic axis: in
-            the box); N may be 0. Discs may overlap: the first frames push them apart.
+        position: centres, shape (N, 2) [length], at least one radius from the walls (along a periodic axis: in the
+            box); N may be 0. Discs may overlap: the first frames push them apart.
         velocity: shape (N, 2) [length/time].
         radius: of every disc, or one each, shape (N,) [length], > 0, at most half of the box.
         mass: one each, shape (N,) [mass], > 0; None: 1 each.
         gravity: (gx, gy), one acceleration for all discs [length/time^2].
         acceleration: one per disc, shape (N, 2) [length/time^2].
-        restitution: of two discs, from 0 (they part at rest against each other) to 1 (no loss) [dimensionless].
+        restitution: of two discs, from 0 (no normal velocity is left) to 1 (elastic) [dimensionless].
         wall_restitution: of a disc and a wall or an obstacle, likewise.
         boundary: "walls" or "periodic", or one for x and one for y. A periodic axis is at least two diameters long.
         obstacles: FixedDisc and Polyline objects, in the box.
         emitters: Emitter objects, which add discs while the scene runs.
         absorbing: edges, of "left", "right", "bottom", "top", at which discs leave for good.
         piston: one wall that moves.
-        duration: how long it should run to show what it is about [time], > 0: a recommendation, on which no bit of a
-            run depends.
+        duration: recommended length of a run, in which there is something to see [time], > 0. No bit of a run depends
+            on it.
 
     Raises:
         InputError: naming the argument, its rule and the value received.
@@ -60,8 +60,8 @@ class Scene:
     """
 
     _others: Callable[[int], "Scene"] | None = None
-    _capsules: tuple[tuple[Obstacle, ...], NDArray[np.float64]] | None = None  # and what they were made of
-    _among: Among | None = None
+    _capsules: tuple[tuple[Obstacle, ...], NDArray[np.float64]] | None = None  # with what they were made from
+    _among: CapsuleIndex | None = None
 
     def __init__(
         self,
@@ -112,7 +112,7 @@ class Scene:
             feature.check(self)
 
     def deepest(self, position: NDArray[np.float64], radius: NDArray[np.float64]) -> Deepest | None:
-        """The disc that is deepest in what stands in the box; None if no disc overlaps anything there.
+        """The disc that overlaps an obstacle most; None if no disc does.
 
         Args:
             position: centres, in the box, shape (N, 2) [length].
@@ -122,14 +122,14 @@ class Scene:
 
     @property
     def moving_wall(self) -> MovingWall | None:
-        """The wall that a feature of the scene moves; None where all are at rest."""
+        """The wall that a feature of the scene moves; None if all are at rest."""
         return next(filter(None, (feature.moving_wall(self) for feature in FEATURES)), None)
 
     def walls_at(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Corners (x, y) of the box at a time, the least and the largest: a wall may have moved [length].
+        """Lower left and upper right corner (x, y) of the box at a time: a wall may have moved [length].
 
         Raises:
-            InputError: for a time that is no number >= 0; it may be infinite.
+            InputError: for a time that is not a number >= 0; it may be infinite.
 
         >>> Scene.load("piston").walls_at(math.inf)[1].tolist()
         [20.0, 20.0]
@@ -142,7 +142,7 @@ class Scene:
     def limits(
         self, radius: float | NDArray[np.float64], time: float = 0.0
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Least and largest centre of discs of a radius at a time, shapes (2,) or (N, 2) [length]."""
+        """Smallest and largest centre coordinates of discs of a radius at a time, shapes (2,) or (N, 2) [length]."""
         low, high = self.walls_at(time)
         walls = np.array([word == "walls" for word in self.boundary])
         margin = np.multiply.outer(np.asarray(radius), walls)
@@ -157,7 +157,7 @@ class Scene:
             name: of the argument, for the text of the error.
             position: centres, shape (N, 2) [length].
             radius: of every disc, or one each, shape (N,) [length].
-            time: at which they are to be there: a wall may have moved [time].
+            time: at which to check: a wall may have moved [time].
 
         Raises:
             InputError: naming the first centre that is less than one radius from a wall.
@@ -183,8 +183,8 @@ class Scene:
         """A scene that comes with mpsim, or one from a scene file.
 
         Args:
-            source: a name, such as "gas", or a path that ends in .toml. The file may lead to arrays in its own folder
-                or below; nothing in it is executed. mpsim.scene.scenefile.load also tells its settings and texts.
+            source: a name, such as "gas", or a path that ends in .toml. The file may refer to arrays in its own folder
+                or below; nothing in it is executed. mpsim.scene.scenefile.load also returns its settings and texts.
 
         Raises:
             InputError: if there is no such scene; SceneFileError, one of these, names all that is wrong in a file.
@@ -195,7 +195,7 @@ class Scene:
         return view("scene_from_file", source).scene
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a scene file, from which `load` makes the same scene, bit for bit.
+        """Write a scene file, from which `load` restores the same scene, bit for bit.
 
         Args:
             path: ends in .toml; an existing file is replaced. Arrays of more than 64 rows go to .npy files beside it.
@@ -207,7 +207,7 @@ class Scene:
         view("scene_to_file", self, path)
 
     def digest(self) -> str:
-        """Hex digest of all that a run depends on, so not of its duration; equal digests mean equal bits.
+        """Hex digest of all that a run depends on, so not of the duration; equal digests mean equal bits.
 
         >>> Scene.load("gas").digest() == Scene.random(count=100, packing=0.4, radius=0.5, seed=1).digest()
         True
@@ -224,7 +224,7 @@ class Scene:
         return digest.hexdigest()
 
     def __getstate__(self) -> dict[str, Any]:
-        """All that the scene holds; how it was made stays behind."""
+        """All that the scene holds, without how it was made."""
         return {name: value for name, value in vars(self).items() if name not in ("_others", "_capsules", "_among")}
 
     @property
@@ -233,18 +233,19 @@ class Scene:
         return self._others is not None
 
     def drawn_by(self, make: Callable[[int], "Scene"]) -> "Scene":
-        """This scene, which from now on calls `make`, with a seed, for `another`."""
+        """This scene; from now on `another` calls `make` with a seed."""
         self._others = make
         return self
 
     def another(self, seed: int) -> "Scene":
-        """Another start of the same kind: drawn at random as this one was, with other random numbers.
+        """Another start of the same kind: drawn at random like this one, with other random numbers.
 
         Args:
             seed: which one, >= 0; the same seed gives the same start.
 
         Raises:
-            InputError: if it was not drawn at random, by `Scene.random` or a file with random places or velocities.
+            InputError: if this scene was not drawn at random, by `Scene.random` or a file with random places or
+                velocities.
 
         >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
         >>> bool((scene.another(3).position == scene.position).any()), scene.another(3).packing == scene.packing
@@ -295,7 +296,7 @@ class Scene:
 
     @property
     def capsules(self) -> NDArray[np.float64]:
-        """Obstacles as segments with a radius, read-only, shape (K, 5): ax, ay, bx, by, radius [length]."""
+        """Obstacles as capsules (segments with a radius), read-only, shape (K, 5): ax, ay, bx, by, radius [length]."""
         if self._capsules is None or self._capsules[0] is not self.obstacles:
             found = capsules_of(self.obstacles)
             found.flags.writeable = False
@@ -303,15 +304,15 @@ class Scene:
         return self._capsules[1]
 
     @property
-    def among(self) -> Among:
-        """The obstacles in their box, for those who ask again and again how deep discs are in them."""
+    def among(self) -> CapsuleIndex:
+        """The obstacles, indexed for repeated queries of overlap."""
         found, size = self._among, (self.width, self.height)
         if (
             found is None
             or found.capsules is not self.capsules
             or (found.size, found.periodic) != (size, self.periodic)
         ):
-            found = self._among = Among(self.capsules, size, self.periodic)
+            found = self._among = CapsuleIndex(self.capsules, size, self.periodic)
         return found
 
     @property
@@ -327,14 +328,14 @@ class Scene:
         return math.pi * float((self.radii / width * (self.radii / height)).sum())
 
     def starting_from(self, state: State) -> "Scene":
-        """The same scene with the places and velocities of a state, to go on from there.
+        """The same scene with the positions and velocities of a state, to continue from there.
 
-        Discs that an absorbing edge has absorbed are left out, with their radii, masses and accelerations. The piston
-        starts where the state has it. Counts of periods start at 0.
+        Absorbed discs are left out, with their radii, masses and accelerations. The piston starts where the state has
+        it. Counts of periods start at 0.
 
         Args:
             state: of as many discs as the scene has, absorbed ones included. Coordinates may be beyond a wall by the
-                rounding of their precision, which is float32 if each is such a number; they are put at the wall.
+                rounding of their precision (float32 if each is a float32 number); they are moved to the wall.
 
         Raises:
             InputError: if the number of discs differs, or the state does not fit the box.
@@ -367,7 +368,7 @@ class Scene:
         return other
 
     def _keep(self, kept: NDArray[np.bool_]) -> None:
-        """Keep the radii, masses and accelerations of some discs, shape (count,), and forget those of the others."""
+        """Keep the radii, masses and accelerations of the discs of a mask, shape (count,), and drop the others."""
         if kept.all():
             return
         count = int(kept.sum())
@@ -379,7 +380,7 @@ class Scene:
             self.acceleration = checks.finite_array("acceleration", self.acceleration[kept], (count, 2), "(N, 2)")
 
     def overlaps_at_start(self) -> str:
-        """What overlaps in words, for a warning: discs with each other, through periodic borders too, and obstacles.
+        """Overlaps in words, for a warning: between discs, through periodic borders too, and with obstacles.
 
         >>> places, rest = [[2, 2], [2.75, 2]], np.zeros((2, 2))
         >>> Scene(width=9, height=9, position=places, velocity=rest, radius=0.5).overlaps_at_start()
@@ -400,7 +401,7 @@ class Scene:
         return "; ".join(words)
 
     def _repr_png_(self) -> bytes:
-        """A small still, for notebooks."""
+        """A small picture for notebooks."""
         return view("scene_png", self)
 
     def __repr__(self) -> str:
@@ -445,16 +446,16 @@ class Scene:
             radius: of every disc, or one each, shape (count,) [length], > 0.
             mass: likewise [mass], > 0; None: 1 each.
             temperature: kT: the mean of m v_x^2 and m v_y^2 over the discs [mass length^2/time^2], >= 0. Velocities are
-                normally distributed, without momentum in all from 2 discs on, and scaled so that this mean is exact.
+                normally distributed, of zero total momentum from 2 discs on, and scaled so that this mean is exact.
             seed: of the random numbers, >= 0; the same seed gives the same scene.
-            packing: packing fraction of a square box made to fit, 0 < packing <= 0.8.
+            packing: packing fraction, from which the side of a square box follows, 0 < packing <= 0.8.
             width, height: the box, instead of packing.
-            boundary, obstacles: as of Scene. Discs stay clear of obstacles; packing leaves them out of account.
+            boundary, obstacles: as for Scene. Discs do not overlap obstacles, whose area packing ignores.
             others: further arguments of Scene, such as gravity or duration.
 
-        Places are drawn by random sequential addition up to packing 0.4. Denser scenes start from a hexagonal lattice,
-        or, with discs of several sizes, periodic axes or obstacles, from discs that are parted until none overlap;
-        then they take Monte Carlo steps (Metropolis et al. 1953), so they are near equilibrium.
+        Positions come from random sequential addition up to packing 0.4. Denser scenes start from a hexagonal lattice
+        or, with discs of several sizes, periodic axes or obstacles, from overlap removal. Monte Carlo steps (Metropolis
+        et al. 1953) then bring them near equilibrium.
 
         Raises:
             InputError: naming the argument, its rule and the value received; if no arrangement is found.
@@ -479,7 +480,7 @@ class Scene:
             position = placement.random_places(count, width, height, radius, rng)
         else:
             periodic, radii = (edges[0] == "periodic", edges[1] == "periodic"), np.broadcast_to(radius, count)
-            position = placement.random_crowd(radii, width, height, rng, periodic, capsules_of(walls))
+            position = placement.random_polydisperse(radii, width, height, rng, periodic, capsules_of(walls))
         velocity = starts.thermal_velocities(count, temperature, masses, rng)
         box: dict[str, Any] = {"width": width, "height": height, "boundary": edges, "obstacles": walls, **others}
         made = cls(position=position, velocity=velocity, radius=radius, mass=masses, **box)
@@ -488,6 +489,6 @@ class Scene:
 
 
 def _drawn_again(arguments: dict[str, Any], first: int, seed: int) -> Scene:
-    """A scene as `Scene.random` has drawn it with the seed `first`, drawn with another one."""
+    """The scene that `Scene.random` has drawn with the seed `first`, drawn with another seed."""
     other = hashlib.blake2b(f"{first} {seed}".encode(), digest_size=7).digest()
     return Scene.random(**arguments, seed=int.from_bytes(other, "big"))

@@ -22,32 +22,32 @@ class Settings:
 
     Args:
         dt: time of one frame [time], > 0. A disc should move less than its radius in one step.
-        method: "naive" tests all pairs; "grid" uses cells, one process; "parallel" uses cells and several processes;
-            "auto" takes the fastest of these for the scene and this machine. "event" is the exact solver, from
-            collision to collision: contact, passes and substeps mean nothing to it.
-        workers: processes that compute, the coordinator being one of them, 1 to 1024; None: as many as this process may
-            really use (affinity and container quota). Never changes the result.
-        law: "elastic" exchanges the normal velocities of discs that approach, keeping momentum and energy;
+        method: "naive" tests all pairs; "grid" uses cells and one process; "parallel" uses cells and several processes;
+            "auto" takes the fastest of these for the scene and this machine. "event" is the exact, event-driven solver,
+            which ignores contact, passes and substeps.
+        workers: number of processes that compute, the coordinator included, 1 to 1024; None: one per core that this
+            process may use (affinity and container quota). Never changes the result.
+        law: "elastic" exchanges the normal velocities of approaching discs, conserving momentum and energy;
             "reflect", the term-project report's, mirrors each velocity about the contact line.
         contact: "impact" takes overlapping discs back to the instant at which they touched, applies the law there, and
-            lets them go on: second order in dt. "push", the report's, separates them, half the overlap each, and
-            applies the law where the frame ended: first order, and 10 % cheaper.
-        passes: times that contacts are looked for in one step, >= 1. A second one catches the collisions that follow
-            from those of the first.
+            moves them on for the rest of the step: second order in dt. "push", the report's, moves each by half the
+            overlap, and applies the law where the frame ended: first order, and 10 % cheaper.
+        passes: number of searches for contacts in one step, >= 1. A second one catches collisions that follow from
+            those of the first.
         substeps: steps of dt / substeps in each frame, >= 1.
         precision: "float32" (the report's) or "float64".
         start_method: how worker processes start: "forkserver" (the default where it exists: safe with threads, and each
             start after the first is quick), "fork" (quickest, unsafe in a program with threads) or "spawn".
         unguarded: True resolves neighbouring columns at the same time, which is a race and *wrong*: each run of
-            `parallel` then differs. For showing what the odd/even passes are for; never for results.
-        on_worker_death: "raise" WorkerDied, or "restart": go back to the last snapshot in memory and on from there with
-            new workers, to the same bits. Snapshots take 1 % of the time or less.
+            `parallel` then differs. To demonstrate the purpose of the odd/even passes; never for results.
+        on_worker_death: "raise" WorkerDied, or "restart": continue from the last snapshot in memory with new workers,
+            to the same bits. Snapshots take 1 % of the time or less.
         on_fast: what to do when a disc moves farther in a step than its own radius, so that discs may pass through each
-            other, or meets more than one other in a step on average: "warn" (FastWarning, once), "error"
-            (TooFastError), or "substep": divide frames into as many more steps as keep every disc below half its
-            radius, chosen every 16 frames, and after any frame in which one was fast, from the state alone. The frame
-            in which a disc becomes fast is finished first. Discs that a scene presses into each other for want of room
-            are warned of likewise; sub-steps do not help there. See docs/stability.md.
+            other, or collides more than once in a step on average: "warn" (FastWarning, once), "error" (TooFastError),
+            or "substep": divide frames into so many steps that every disc moves less than half its radius in each. The
+            number is chosen every 16 frames, and after any frame in which a disc was fast, from the state alone. The
+            frame in which a disc becomes fast is finished first. Discs that are pressed into each other for want of
+            room are reported likewise; sub-steps do not help there. See docs/stability.md.
 
     Raises:
         InputError: naming the setting, its rule and the value received.

@@ -1,4 +1,4 @@
-"""Starts by rule: lattices, random places among what is there already, thermal velocities."""
+"""Initial states by rule: lattices, random places among discs and obstacles, thermal velocities."""
 
 import math
 from dataclasses import dataclass, field
@@ -16,19 +16,18 @@ LARGEST_LATTICE = 10_000_000
 """More sites than this are taken for a mistake in the spacing."""
 
 LARGEST_RADIUS = 1e140
-"""Radii of random places are at most this, and at least its inverse, so that their areas and sums of them fit float64
-[length]."""
+"""Largest radius for random places; its inverse is the smallest. Areas and their sums then fit float64 [length]."""
 
 Region = tuple[float, float, float, float]
-"""x_low, y_low, x_high, y_high of the part of the box in which centres lie [length]."""
+"""x_low, y_low, x_high, y_high of the region in which centres lie [length]."""
 
 
 @dataclass
 class Taken:
-    """What stands in the box already.
+    """Discs and obstacles that are in the box already.
 
     Attributes:
-        capsules: those in the box, and discs as capsules of no length: segments with a radius, shape (K, 5) [length].
+        capsules: obstacles, and discs as capsules of length 0, shape (K, 5) [length].
         count: number of discs among them.
     """
 
@@ -37,12 +36,12 @@ class Taken:
     _new: list[NDArray[np.float64]] = field(default_factory=lambda: [])
 
     def add(self, position: NDArray[np.float64], radius: NDArray[np.float64]) -> None:
-        """Note more discs."""
+        """Add more discs."""
         self._new.append(np.column_stack([position, position, radius]))
         self.count += len(position)
 
     def near(self, room: Region) -> NDArray[np.float64]:
-        """Capsules, and discs as capsules of no length, that reach into a part of the box, shape (K, 5) [length]."""
+        """Those of `capsules` that reach into a region, shape (K, 5) [length]."""
         self.capsules = np.concatenate([self.capsules, *self._new])
         self._new = []
         (ax, ay, bx, by, radius), (x_low, y_low, x_high, y_high) = self.capsules.T, room
@@ -52,9 +51,9 @@ class Taken:
 
 
 def side_for(packing: float, area: float, largest: float, boundary: tuple[str, str]) -> float:
-    """Side of the square box in which discs have a packing fraction [length].
+    """Side of the square box in which discs have a given packing fraction [length].
 
-    It has room for the largest of them, and in a periodic box for twice as many, so that no disc meets its own image.
+    At least one diameter of the largest disc, two in a periodic box, so that no disc touches its own image.
 
     Args:
         packing: area of the discs over that of the box, > 0.
@@ -78,7 +77,7 @@ def lattice_sites(
 
     Args:
         kind: "square" or "hexagonal": rows sqrt(3)/2 of the spacing apart, every other one shifted by half of it.
-        region: in which the sites lie.
+        region: that contains the sites.
         spacing: between neighbours [length], > 0; None: the widest at which `count` sites fit.
         count: number of sites; None: as many as fit.
 
@@ -110,7 +109,7 @@ def lattice_sites(
     column = np.arange(found) - np.repeat(np.cumsum(counts) - counts, counts)
     rise, shift = (math.sqrt(3) / 2, 0.5) if kind == "hexagonal" else (1.0, 0.0)
     sites = np.column_stack([column + shift * (row % 2), row * rise]) * spacing + np.array(region[:2])
-    return np.minimum(sites, region[2:])[:count]  # which the slack of _rows may have left by rounding
+    return np.minimum(sites, region[2:])[:count]  # the slack of _rows may put them outside by a rounding
 
 
 def random_places(
@@ -122,18 +121,18 @@ def random_places(
     rng: np.random.Generator,
     periodic: tuple[bool, bool] = (False, False),
 ) -> NDArray[np.float64]:
-    """Centres of discs at random, free of each other and of what is there, shape (count, 2) [length].
+    """Random centres of discs without overlap with each other or with what is there, shape (count, 2) [length].
 
-    In a box without other discs these are the places of Scene.random.
+    In an empty box these are the positions of Scene.random.
 
     Args:
         radius: of all, or of each, shape (count,) [length], > 0.
         count: number of discs, >= 0.
         box: width and height [length].
-        region: in which the centres lie; None: the box.
+        region: that contains the centres; None: the box.
         taken: what is there already.
-        rng: source of the numbers.
-        periodic: along x and along y; of a region neither is.
+        rng: source of random numbers.
+        periodic: along x and along y; ignored for a region.
 
     Raises:
         InputError: if they do not fit.
@@ -162,21 +161,21 @@ def random_places(
     if isinstance(radius, float) and not len(near) and not any(periodic):
         return placement.random_places(count, width, height, radius, rng) + corner
     near[:, :4] -= np.tile(corner, 2)
-    return placement.random_crowd(radii.astype(np.float64), width, height, rng, periodic, near) + corner
+    return placement.random_polydisperse(radii.astype(np.float64), width, height, rng, periodic, near) + corner
 
 
 def thermal_velocities(
     count: int, temperature: float, mass: float | NDArray[np.float64] | None, rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Normally distributed velocities, shape (count, 2) [length/time]; those of Scene.random where all masses are 1.
+    """Normally distributed velocities, shape (count, 2) [length/time].
 
-    From 2 discs on without drift (no momentum in all), and scaled so that the mean of m v_x^2 and m v_y^2 is exact.
+    From 2 discs on of zero total momentum, and scaled so that the mean of m v_x^2 and m v_y^2 is exact.
 
     Args:
         count: number of discs.
         temperature: kT [mass length^2/time^2], >= 0.
         mass: of all or of each, shape (count,) [mass]; None: 1.
-        rng: source of the numbers.
+        rng: source of random numbers.
     """
     velocity = rng.normal(size=(count, 2))
     if mass is None:
@@ -198,8 +197,8 @@ def thermal_velocities(
 
 
 def _rows(kind: str, width: float, height: float, spacing: float) -> tuple[int, int, int]:
-    """Number of rows of a lattice, and of sites in the first row, the third, ... and in the second, the fourth, ..."""
-    slack = 1e-9  # sites on the far edge of the region are in it, whatever rounding says
+    """Number of rows of a lattice, of sites in odd rows (first, third, ...), and of sites in even rows."""
+    slack = 1e-9  # sites on the far edge of the region belong to it in spite of rounding
     rise, shift = (math.sqrt(3) / 2, 0.5) if kind == "hexagonal" else (1.0, 0.0)
     up, across = (min(length / spacing + slack, 1e12) for length in (height / rise, width))
     return int(up) + 1, int(across) + 1, int(across - shift + 1)
@@ -210,7 +209,7 @@ def _number(rows: int, even: int, odd: int) -> int:
 
 
 def _widest(kind: str, width: float, height: float, count: int) -> float:
-    """The widest spacing at which a region holds so many sites; their number never rises with the spacing."""
+    """The widest spacing at which a region holds `count` sites, by bisection: fewer fit at a wider spacing."""
 
     def enough(spacing: float) -> bool:
         return _number(*_rows(kind, width, height, spacing)) >= count
@@ -232,7 +231,7 @@ def _words(region: Region) -> str:
 
 
 def demand_area(name: str, radius: float | NDArray[np.float64]) -> None:
-    """Refuse radii whose areas are beyond float64, alone or in sums, or lost in it."""
+    """Refuse radii whose areas, or sums of them, overflow or vanish in float64."""
     radii = np.atleast_1d(radius)
     bad = radii[(radii > LARGEST_RADIUS) | (radii < 1 / LARGEST_RADIUS)]
     if len(bad):
@@ -243,7 +242,7 @@ def demand_area(name: str, radius: float | NDArray[np.float64]) -> None:
 
 
 def demand_room(largest: float, width: float, height: float, boundary: tuple[str, str]) -> None:
-    """The box must hold its largest disc; along a periodic axis, two of them."""
+    """Refuse a box that does not hold its largest disc, along a periodic axis two of them."""
     for length, word in zip((width, height), boundary, strict=True):
         diameters = 2 if word == "periodic" else 1
         if 2 * largest * diameters > length:

@@ -1,1 +1,1 @@
-"""Many runs: what settings cost and how wrong they are, benchmarks, the map of stability."""
+"""Studies of many runs: cost and errors of settings, benchmarks, the stability map."""

@@ -1,7 +1,7 @@
-"""The term-project report's experiments, done by this engine: fixed, growth, repeat, final states; and scaling.
+"""The term-project report's experiments with this engine: fixed, growth, repeat, final states; and scaling.
 
-Every experiment checks its own answers in the same run and fails rather than report the speed of a wrong result.
-Frame times come from inside the compiled loop; compilation and a warm-up run come before the first measured frame.
+Every experiment checks its results in the same run and fails rather than report the speed of a wrong one. Frame times
+are taken inside the compiled loop, after compilation and a warm-up run.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,21 +24,21 @@ REPORT_FIXED_MS = {"naive": 1.651, "grid": 0.133, "parallel": 3.898}
 """Mean frame times of the term-project report, 100 discs, 500 frames [ms]; its parallel version used threads."""
 
 REPORT_GROWTH_MS = {"naive": 32.82, "grid": 1.204, "parallel": 4.469}
-"""The same while one disc was added after every frame, for 1,000 frames [ms]."""
+"""The same with one disc added after every frame, for 1,000 frames [ms]."""
 
 NAIVE_UP_TO = 3_000
-"""Discs up to which measuring all pairs is sane in a default run (a frame grows with the square)."""
+"""Number of discs up to which a default run tests all pairs: the time of a frame grows with the square."""
 
 DT = 0.01
 PACKING = 0.4
 RADIUS = 0.5
 
 Tick = Callable[[str], None]
-"""Called with a word on what has just been done, for progress."""
+"""Called with the name of what was just done, for progress."""
 
 
 class WrongAnswerError(MpsimError, AssertionError):
-    """A benchmark's result is not what it must be, so its times mean nothing."""
+    """A benchmark's result is wrong, so its times mean nothing."""
 
 
 @dataclass
@@ -76,7 +76,7 @@ class Timing:
 
 @dataclass
 class Fixed:
-    """Fixed number of discs: timings and final states by method, and how far those are apart."""
+    """Fixed number of discs: timings and final states by method, and the distances between these."""
 
     scene: Scene
     timings: dict[str, Timing]
@@ -128,7 +128,7 @@ def fixed(settings: Settings, frames: int, tick: Tick, count: int = 100) -> Fixe
 
 
 def growth(settings: Settings, frames: int, tick: Tick) -> dict[str, Timing]:
-    """One disc is added after every frame, in a box that the last one fills to packing 0.4. Timings by method."""
+    """Timings by method while one disc is added after every frame, in a box of packing 0.4 at the end."""
     full = gas(frames + 1)
     timings = {}
     for method in METHODS:
@@ -174,7 +174,7 @@ def repeat(settings: Settings, frames: int, tick: Tick, count: int = 1000, runs:
 
 
 def scaling(settings: Settings, sizes: Sequence[int], seconds: float, tick: Tick) -> list[Timing]:
-    """Each method that is sane at a size, packing 0.4, about `seconds` of frames each. `auto` too."""
+    """Timings of each method that is feasible at a size, and of `auto`: packing 0.4, about `seconds` of frames each."""
     timings = []
     for count in sizes:
         scene = gas(count)
@@ -184,10 +184,10 @@ def scaling(settings: Settings, sizes: Sequence[int], seconds: float, tick: Tick
                 continue
             with Simulation(scene, _with(settings, method)) as sim:
                 sim.run(frames=3)
-                pace = float(np.median(sim.run(frames=5).frame_seconds))
-                warm_up = min(max(int(0.1 * seconds / pace), 2), 2000)
+                frame_time = float(np.median(sim.run(frames=5).frame_seconds))
+                warm_up = min(max(int(0.1 * seconds / frame_time), 2), 2000)
                 sim.run(frames=warm_up)
-                report = sim.run(frames=min(max(int(seconds / pace), 5), 20_000))
+                report = sim.run(frames=min(max(int(seconds / frame_time), 5), 20_000))
                 timing = _timing(report, count, sim.digest())
                 timing.bytes_per_disc = report.block_bytes / count
                 _check_state(sim, scene, settings)
@@ -222,7 +222,7 @@ def _timing(report: Report, discs: int, digest: str) -> Timing:
 
 
 def _check_state(sim: Simulation, scene: Scene, settings: Settings) -> None:
-    """All discs finite and in the box, and the energy kept: both laws keep it."""
+    """Demand that all discs are finite and in the box, and that the energy is conserved, as by both laws."""
     state = sim.state
     low, high = scene.limits(scene.radius)
     rounding = np.finfo(settings.precision).eps * max(scene.width, scene.height)

@@ -1,4 +1,4 @@
-"""Runs of one scene side by side: how fast they part, and how far off a setting is before chaos takes over."""
+"""Runs of one scene side by side: how fast they diverge, and how wrong a setting is before chaos dominates."""
 
 import math
 from collections.abc import Callable
@@ -10,23 +10,23 @@ from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
-from mpsim.measure.observables import TrajectoryError, trajectory_error
+from mpsim.measure.observables import TrajectoryDeviation, trajectory_error
 from mpsim.measure.predictability import Predictability, predictability, require_predictable
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
 KICK = 1e-10
-"""Part of a typical speed by which the velocities of two runs differ at first: far above rounding."""
+"""Initial difference of the velocities of two runs, as a fraction of a typical speed: far above rounding."""
 
 HIGHEST = 1e-3
 """Distance, in diameters of the smallest disc, up to which two runs count as close together."""
 
 STRAIGHT = 10.0
-"""A difference that has grown less than so many times what it would without any collision shows no exponent: it is
-that of straight flight, or of one collision."""
+"""Growth of a difference, over that in straight flight, below which it shows no exponent: there was one collision at
+most."""
 
 SAMPLES = 400
-"""Times at most at which two runs are compared."""
+"""Largest number of times at which two runs are compared."""
 
 
 @dataclass(frozen=True)
@@ -35,50 +35,50 @@ class ShortRun:
 
     Attributes:
         time: at which both were compared [time].
-        error: of the places of the discs.
-        collisions: contacts resolved, in the run and in the exact one; of discs that rest on each other, a stepped run
-            resolves them anew in each step.
+        error: deviation of the positions.
+        collisions: contacts resolved, in the run and in the exact one; a stepped run resolves contacts at rest again in
+            each step.
     """
 
     time: float
-    error: TrajectoryError
+    error: TrajectoryDeviation
     collisions: tuple[int, int]
 
 
 def typical_speed(scene: Scene) -> float:
-    """Root mean square of the speeds, and of what gravity adds to them over the largest diameter [length/time]."""
+    """Root mean square speed, that of a fall through the largest diameter included [length/time]."""
     kinetic = float((scene.velocity**2).sum(axis=1).mean()) if scene.count else 0.0
-    pull = 0.0 if scene.gravity is None else float(np.hypot(*scene.gravity))
+    acceleration = 0.0 if scene.gravity is None else float(np.hypot(*scene.gravity))
     if scene.acceleration is not None and scene.count:
-        pull += float(np.hypot(*scene.acceleration.T).max())
-    return math.sqrt(kinetic + 2 * pull * 2 * scene.largest_radius)
+        acceleration += float(np.hypot(*scene.acceleration.T).max())
+    return math.sqrt(kinetic + 2 * acceleration * 2 * scene.largest_radius)
 
 
-def parting(scene: Scene, seed: int = 0, progress: Callable[[int, int], None] | None = None) -> Predictability:
-    """How fast two exact runs of the scene part whose velocities differ by a ten-billionth.
+def divergence(scene: Scene, seed: int = 0, progress: Callable[[int, int], None] | None = None) -> Predictability:
+    """Divergence of two exact runs of the scene whose initial velocities differ by a ten-billionth.
 
     Args:
-        scene: that `method="event"` can run, with discs that move.
+        scene: that `method="event"` can run, with moving discs.
         seed: of the small difference.
         progress: as for `Simulation.run`.
 
     Returns:
-        The Lyapunov exponent with its error, and up to which time trajectories can be compared. The exponent is that
-        of this start; of a gas, average over several starts.
+        The Lyapunov exponent with its error, and the time up to which trajectories can be compared. The exponent is
+        that of this start; for that of a gas, average over several starts.
 
     Raises:
-        InputError: if the scene cannot be run exactly, or the runs do not part, as in a scene without collisions.
+        InputError: if the scene cannot be run exactly, or the runs do not diverge, as in a scene without collisions.
 
     Source: see `predictability`.
 
-    >>> found = parting(Scene.random(count=64, packing=0.3, radius=0.5, seed=1))
+    >>> found = divergence(Scene.random(count=64, packing=0.3, radius=0.5, seed=1))
     >>> 1.5 < found.rate.value < 4.5, found.comparable_until < found.horizon
     (True, True)
     """
     speed, diameter = typical_speed(scene), 2 * scene.smallest_radius
     kick = np.random.default_rng(seed).normal(size=(scene.count, 2)) * KICK * speed
     other = scene.starting_from(State(scene.position, scene.velocity + kick))
-    # Some twenty looks while a lone disc would move ten diameters: e-folding takes about as long as a free path.
+    # A sample for each twentieth of a diameter of flight: a Lyapunov time is about as long as a free path.
     settings = Settings(method="event", dt=0.05 * diameter / speed if speed else 1.0)
     times, distances = [], []
     with Simulation(scene, settings) as one, Simulation(other, settings) as two:
@@ -92,7 +92,7 @@ def parting(scene: Scene, seed: int = 0, progress: Callable[[int, int], None] | 
     straight = KICK * speed * times[-1]
     if distances[-1] <= STRAIGHT * straight:
         raise InputError(
-            f"the runs of a scene must part for a growth rate; a distance of {distances[-1]:.3g} in a time of "
+            f"the runs of a scene must diverge for a growth rate; a distance of {distances[-1]:.3g} in a time of "
             f"{times[-1]:.3g} is that of straight flight, {straight:.3g}. Take a scene in which discs collide."
         )
     return predictability(times, distances, highest=HIGHEST * diameter)
@@ -107,19 +107,18 @@ def short_run(
     reference: Settings | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> ShortRun:
-    """Run a scene as settings say and exactly, and compare where the discs are.
+    """Run a scene with the given settings and exactly, and compare the positions of the discs.
 
     Args:
         scene: that `method="event"` can run.
         settings: of the run.
         until: time to compare at, rounded to whole frames, one at least [time], > 0.
-        rate: Lyapunov exponent of the scene, if known [1/time]; else it is estimated by `parting`.
-        reference: what to compare with, where `event` cannot do the scene; its dt is rounded to fit the time.
-        progress: as for `Simulation.run`, which both runs call.
+        rate: Lyapunov exponent of the scene, if known [1/time]; else it is estimated by `divergence`.
+        reference: settings to compare with if `event` cannot run the scene; its dt is rounded to fit the time.
+        progress: as for `Simulation.run`, for both runs.
 
     Raises:
-        InputError: if the time lies beyond that up to which two correct solvers agree, or the scene cannot be run
-            exactly.
+        InputError: if two correct solvers do not agree for that long, or the scene cannot be run exactly.
 
     >>> scene = Scene.random(count=64, packing=0.3, radius=0.5, seed=1)
     >>> coarse, fine = (short_run(scene, Settings(dt=dt, method="grid"), until=0.5, rate=3.0) for dt in (0.05, 0.005))
@@ -133,7 +132,7 @@ of 1/3); got 5.0. Beyond that two correct solvers differ: compare averages such 
     """
     frames = max(round(checks.positive("until", until, "[time]") / settings.dt), 1)
     time = frames * settings.dt
-    require_predictable(time, parting(scene).rate.value if rate is None else rate)
+    require_predictable(time, divergence(scene).rate.value if rate is None else rate)
     with Simulation(scene, settings) as run:
         collisions = run.run(frames=frames, progress=progress).collisions
         state = run.state

@@ -1,4 +1,4 @@
-"""What a candidate costs: time per disc and unit of the scene's time, and memory, measured alone on the machine."""
+"""Cost of a candidate: wall time per disc and unit of the scene's time, and memory, measured alone on the machine."""
 
 import resource
 import time
@@ -14,24 +14,24 @@ from mpsim.scene.settings import Settings
 from mpsim.studies.replicas import failure, quietly
 
 WARM_UP = 0.05
-"""Seconds of running before the clock counts: caches fill, workers wake, `auto` makes its first choice."""
+"""Seconds of running before timing starts: caches fill, workers wake, `auto` makes its first choice."""
 
 RESTARTS = 3
-"""Runs at most in warming up: where the whole run is shorter than WARM_UP, starting workers anew for each would take
+"""Largest number of warm-up runs: if the whole run is shorter than WARM_UP, starting workers for each would take
 minutes."""
 
 CHUNKS = 21
-"""Timed pieces; their median is the cost and their quartiles the spread."""
+"""Number of timed pieces; their median is the cost and their quartiles the spread."""
 
 CHUNK_SECONDS = 0.002
-"""Length of a timed piece, about: most are shorter than a turn of the scheduler, so that on a busy machine enough of
-them are not interrupted."""
+"""Approximate length of a timed piece: mostly shorter than a time slice of the scheduler, so that on a busy machine
+enough pieces are not interrupted."""
 
 WHOLE = 16
-"""Pieces of a run that is timed whole, after which its discs are counted."""
+"""Pieces of a run that is timed as a whole; its discs are counted after each."""
 
-PATIENCE = 1.0
-"""Seconds after which pieces count although they were interrupted, if fewer than half of CHUNKS were not."""
+UNINTERRUPTED_SECONDS = 1.0
+"""Seconds to wait for uninterrupted pieces. If there are fewer than half of CHUNKS then, all pieces count."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class Cost:
     """Wall time of a run.
 
     Attributes:
-        median, low, high: median and quartiles over pieces that were not interrupted [ns per disc and time].
+        median, low, high: median and quartiles over uninterrupted pieces [ns per disc and time].
         memory: size of the shared block [bytes per disc].
-        method, workers: what ran ("auto" is resolved).
+        method, workers: those used ("auto" is resolved).
     """
 
     median: float
@@ -53,15 +53,15 @@ class Cost:
 
 
 def measure(scene: Scene, settings: Settings, until: float, whole: bool = False) -> dict[str, Any]:
-    """Cost of a run of the scene, as the fields of `Cost`; {"failure": reason} if it cannot go on.
+    """Cost of a run of the scene, as the fields of `Cost`; {"failure": reason} if it cannot be continued.
 
     Nothing else should run on the machine meanwhile.
 
     Args:
-        scene: what is run, from its start.
-        settings: how. The frames of `event` are chosen here, as its dt costs nothing but looks at the clock.
-        until: longest time of the scene to look at [time]; where that is over, it starts again.
-        whole: time whole runs to `until`, of a scene whose cost changes along them.
+        scene: the scene, run from its start.
+        settings: of the run. The frames of `event` are chosen here, as its dt does not matter for the cost.
+        until: longest time of the scene to run to [time]; then it starts again.
+        whole: time whole runs to `until`, for a scene whose cost changes along the run.
     """
     if settings.method == "event":
         settings = replace(settings, dt=until / 1000)
@@ -75,14 +75,14 @@ def measure(scene: Scene, settings: Settings, until: float, whole: bool = False)
 
 
 def _measured(scene: Scene, settings: Settings, most_frames: int) -> dict[str, Any]:
-    calm: list[float] = []
+    uninterrupted: list[float] = []
     costs: list[float] = []
     per_frame, warm, starts, what_ran = 0.0, 0.0, 0, {}
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + UNINTERRUPTED_SECONDS
 
     def wanting() -> bool:
         patient = starts <= RESTARTS and time.monotonic() < end
-        return len(costs) < CHUNKS or (len(calm) < CHUNKS and patient)
+        return len(costs) < CHUNKS or (len(uninterrupted) < CHUNKS and patient)
 
     while wanting():
         starts += 1
@@ -95,22 +95,23 @@ def _measured(scene: Scene, settings: Settings, most_frames: int) -> dict[str, A
                 per_frame = max(seconds / report.frames, 1e-9)
                 if warm >= WARM_UP or starts > RESTARTS:
                     costs.append(seconds / (report.frames * settings.dt * max(scene.count, 1)) * 1e9)
-                    calm += costs[-1:] if _interruptions() == before else []
+                    uninterrupted += costs[-1:] if _interruptions() == before else []
                 warm += seconds
                 what_ran = {
                     "memory": report.block_bytes / max(scene.count, 1),
                     "method": report.method,
                     "workers": report.workers,
                 }
-    low, median, high = np.percentile(calm if len(calm) > CHUNKS // 2 else costs, [25, 50, 75]).tolist()
+    counted = uninterrupted if len(uninterrupted) > CHUNKS // 2 else costs
+    low, median, high = np.percentile(counted, [25, 50, 75]).tolist()
     return {"median": median, "low": low, "high": high, **what_ran}
 
 
 def _whole(scene: Scene, settings: Settings, until: float) -> dict[str, Any]:
-    """Cost of whole runs, by the discs that were there on average."""
+    """Cost of whole runs, per disc of the average number."""
     costs: list[float] = []
     what_ran: dict[str, Any] = {}
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + UNINTERRUPTED_SECONDS
     while not costs or (len(costs) < RESTARTS and time.monotonic() < end):
         with Simulation(scene, settings) as sim:
             seconds, discs = 0.0, 0.0
@@ -127,5 +128,5 @@ def _whole(scene: Scene, settings: Settings, until: float) -> dict[str, Any]:
 
 
 def _interruptions() -> int:
-    """Times that this thread has lost its core to another."""
+    """Number of involuntary context switches of this thread."""
     return resource.getrusage(getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF)).ru_nivcsw

@@ -1,4 +1,4 @@
-"""The settings that a trade compares when nobody says which."""
+"""The settings that a trade compares by default."""
 
 from dataclasses import replace
 
@@ -6,22 +6,22 @@ from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
 STEPS = (0.2, 0.1, 0.05, 0.02, 0.01)
-"""Steps of the default ladder, in units of the time in which a disc at typical speed moves one diameter."""
+"""Steps of the default candidates, in units of the time in which a disc at typical speed moves one diameter."""
 
 
 def step(scene: Scene, speed: float, h: float) -> float:
-    """dt for h = dt x speed / smallest diameter, with two digits so that people can read and repeat it [time]."""
+    """dt for h = dt x speed / smallest diameter, rounded to two digits for people [time]."""
     return float(f"{h * 2 * scene.smallest_radius / speed:.2g}")
 
 
 def families(dt: float = 0.01) -> list[Settings]:
-    """The ways of stepping that are worth a look at any step: one of each contact, and a second pass."""
+    """Families of stepped settings that are useful at any step: one of each contact, and a second pass."""
     fine = Settings(dt=dt)
     return [fine, replace(fine, passes=2), replace(fine, contact="push")]
 
 
-def ladder(scene: Scene, speed: float) -> list[Settings]:
-    """The exact solver, each family over STEPS, and one row each for law, precision, substeps and method.
+def default_candidates(scene: Scene, speed: float) -> list[Settings]:
+    """The exact solver, each family over STEPS, and rows for law, precision, substeps and method.
 
     Args:
         scene: to be run.
@@ -44,4 +44,4 @@ def ladder(scene: Scene, speed: float) -> list[Settings]:
 
 
 NAIVE_UP_TO = 3000
-"""Discs beyond which testing all pairs is left out: it would take longer than all other rows together."""
+"""Number of discs above which testing all pairs is left out: it would take longer than all other rows together."""

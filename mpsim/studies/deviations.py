@@ -1,4 +1,4 @@
-"""From runs to errors: how far a candidate's averages lie from the reference's, with standard errors."""
+"""Errors from runs: deviations of a candidate's averages from those of the reference, with standard errors."""
 
 import math
 from collections.abc import Sequence
@@ -13,27 +13,27 @@ from mpsim.studies import windows
 from mpsim.studies.windows import Spans
 
 RESOLVED = 3.0
-"""Standard errors by which a difference must exceed zero to count as seen: a table holds hundreds of them, of which
-two would let one in twenty through by chance."""
+"""Standard errors by which a difference must exceed zero to be resolved: a table has hundreds of differences, and one
+in twenty exceeds two standard errors by chance."""
 
 CERTAIN = 2.0
-"""Standard errors that are added to an error when it is held against a budget."""
+"""Standard errors that are added to an error when it is compared with a budget."""
 
 FEW = 8
-"""Runs below which it is worth saying how few they are: their standard errors count far more than a normal one's."""
+"""Number of runs below which texts mention it: the quantiles are then far above those of a normal distribution."""
 
-CROSSED = math.sqrt(1 + 2 / math.pi)
-"""What is added to the error of two halves that choose for each other: where one mode is all the noise, of amplitudes a
-and b in the halves, sign(a) b and sign(b) a go together, E(|a| |b|) = 2/pi of a variance."""
+CROSS_VALIDATION = math.sqrt(1 + 2 / math.pi)
+"""Factor on the error of a cross-validated choice: if a single mode makes all the noise, of amplitudes a and b in the
+two halves, sign(a) b and sign(b) a are correlated, with E(|a| |b|) = 2/pi of a variance."""
 
 ROUNDING = 1e-9
-"""Distance below which trajectories are the same [diameters]."""
+"""Distance below which trajectories count as equal [diameters]."""
 
 RELATIVE = ("pressure", "collision_rate")
 """Measures whose error is a fraction of the reference's value."""
 
 ABSOLUTE = ("overlap", "largest_overlap", "momentum_drift")
-"""Measures that are plain values, 0 in an exact run by definition; the others are differences from the reference."""
+"""Measures that are 0 in an exact run by definition; the others are differences from the reference."""
 
 
 @dataclass(frozen=True)
@@ -41,17 +41,17 @@ class Deviation:
     """An error with its own standard error, both in the unit of the measure (see `tradeoff`).
 
     Attributes:
-        value: the error; of a scene that changes with time the mean over windows along its duration; NaN where it is
-            not measurable.
+        value: the error; for a scene that changes with time the mean over windows along its duration; NaN if it is not
+            measurable.
         error: its standard error.
-        freedom: degrees of freedom of the standard error, which few runs know badly: so many standard errors of a
-            t-distribution count as RESOLVED, or CERTAIN, of a normal one.
-        systematic: how far the reference itself may be off, where that is not the exact solver.
-        span: from where to where it was taken, as fractions of the duration.
-        steady: from where on nothing changes with time, likewise; None: nowhere, or it was not looked for.
-        largest: the largest error of a window, of a scene that changes with time; None where it is stationary, and
-            for a measure of all of a run.
-        reason: why it is not measurable, and what is; "" where it is.
+        freedom: degrees of freedom of the standard error: quantiles of a t-distribution replace RESOLVED and CERTAIN,
+            which are those of a normal one.
+        systematic: bound on the error of the reference itself, if that is not the exact solver.
+        span: start and end of the time over which it was taken, as fractions of the duration.
+        steady: start of the stationary state, likewise; None: there is none, or it was not determined.
+        largest: the largest error of a window, for a scene that changes with time; None if it is stationary, and for a
+            measure of a whole run.
+        reason: why it is not measurable, and what is; "" if it is.
 
     >>> Deviation(-0.0192, 0.0006), Deviation(0.0004, 0.0006)
     (-0.01920(60), not resolved: 0.00040(60))
@@ -87,32 +87,32 @@ class Deviation:
 
     @property
     def resolved(self) -> bool:
-        """Whether the difference is seen at all above the noise of both runs."""
+        """Whether the difference exceeds the noise of both runs."""
         return abs(self.value) > windows.quantile(RESOLVED, self.freedom) * self.error + self.systematic
 
     @property
     def noise(self) -> float:
-        """What the runs leave open: CERTAIN standard errors, more where few runs know them badly, and `systematic`."""
+        """Uncertainty of the error: CERTAIN standard errors, more for few runs, and `systematic`."""
         return windows.quantile(CERTAIN, self.freedom) * self.error + self.systematic
 
     @property
     def bound(self) -> float:
-        """Size that the error has at most, noise included: what a budget is compared with. NaN if not measurable."""
+        """Upper bound on the size of the error, noise included, to compare with a budget. NaN if not measurable."""
         return abs(self.value) + self.noise
 
     def inside(self, budget: float) -> bool:
-        """Whether the error stays inside a budget, noise included, and no window is seen to be outside."""
+        """Whether the error stays inside a budget, noise included, and no window is significantly outside."""
         windows_too = self.largest is None or abs(self.largest.value) - self.largest.noise <= budget
         return self.measurable and self.bound <= budget and windows_too
 
     @property
     def shown(self) -> float:
-        """Size that is claimed for the error: its own where it is resolved, else its bound."""
+        """Size to report for the error: its own if it is resolved, else its bound."""
         return abs(self.value) if self.resolved else self.bound
 
     @property
     def least(self) -> float:
-        """Size that an error has to come below to be seen as smaller: its own, or the noise that hides it."""
+        """Size below which another error counts as smaller: its own if it is resolved, else the noise."""
         return abs(self.value) if self.resolved else self.noise
 
     def __repr__(self) -> str:
@@ -139,10 +139,10 @@ def deviations(
     """Errors of long runs for the named measures of replicas.LONG.
 
     Args:
-        found, reference: what `replicas.long_run` gave, two of each at least; those of the same index have the same
+        found, reference: results of `replicas.long_run`, at least two of each; those of the same index have the same
             start.
         measures: names.
-        least: first piece that may belong to a stationary part: before, runs from one start are still alike.
+        least: first piece that may be stationary: before it, runs from one start are still correlated.
     """
     results: dict[str, Deviation] = {}
     shift = _shift(found, reference)
@@ -161,11 +161,11 @@ def deviations(
             results[name] = _relative(name, ours, theirs, shift, least)
         else:
             results[name] = _difference(ours.mean(axis=1), theirs.mean(axis=1))
-    return {name: _meaningful(name, each) for name, each in results.items()}
+    return {name: _if_meaningful(name, each) for name, each in results.items()}
 
 
-def _meaningful(name: str, found: Deviation) -> Deviation:
-    """The error, unless it has no spread beyond rounding, or is no number."""
+def _if_meaningful(name: str, found: Deviation) -> Deviation:
+    """The error, if it is a number and its spread exceeds rounding; else one that is not measurable."""
     if not found.measurable or found.error > windows.SAME * abs(found.value):
         return found
     return Deviation.unknown(
@@ -175,7 +175,7 @@ def _meaningful(name: str, found: Deviation) -> Deviation:
 
 
 def unmeasurable(name: str, reference: NDArray[np.float64]) -> str:
-    """Why an error of one of RELATIVE would mean nothing, and what to ask for instead; "" if it means something.
+    """Why an error of one of RELATIVE would be meaningless, and what to ask for instead; "" if it is not.
 
     Args:
         name: of the measure.
@@ -203,16 +203,16 @@ def unmeasurable(name: str, reference: NDArray[np.float64]) -> str:
 
 
 def _shift(found: Sequence[dict[str, Any]], reference: Sequence[dict[str, Any]]) -> NDArray[np.float64] | None:
-    """How much later the pieces of ours are, in pieces: each ends with a whole frame, so up to one frame late.
+    """Delay of the pieces of a candidate, in pieces: each ends with a whole frame, so up to one frame late.
 
-    None for steps so long that there are fewer pieces.
+    None if the steps are so long that there are fewer pieces.
     """
     ours, theirs = (np.array(runs[0]["centre"]) for runs in (found, reference))
     return (ours - theirs) * len(theirs) if len(ours) == len(theirs) else None
 
 
 def _at_ends(shift: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How much later the pieces end, where `shift` says that of their middles."""
+    """Delay of the ends of pieces, where `shift` is that of their centres."""
     sign = (-1.0) ** np.arange(len(shift))
     return 2 * sign * np.cumsum(sign * shift)
 
@@ -222,8 +222,7 @@ def _windowed(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], Spans]:
     """Means over spans of the duration, shape (runs, spans, levels), from shape (runs, pieces, levels), and the spans.
 
-    shift: see `_shift`. Where the reference changes with time it is taken at our times, along a line from piece to
-    piece.
+    shift: see `_shift`. A reference that changes with time is interpolated linearly to the times of the candidate.
     """
     if shift is None:
         ours, theirs, least = ours.mean(axis=1, keepdims=True), theirs.mean(axis=1, keepdims=True), 0
@@ -236,7 +235,7 @@ def _windowed(
 def _relative(
     name: str, ours: NDArray[np.float64], theirs: NDArray[np.float64], shift: NDArray[np.float64] | None, least: int
 ) -> Deviation:
-    """Error as a fraction of the reference: of the stationary part, or the mean over windows and the largest."""
+    """Error as a fraction of the reference: in the stationary state, or the mean over windows and the largest."""
     reason = unmeasurable(name, theirs)
     if reason:
         return Deviation.unknown(reason)
@@ -246,25 +245,26 @@ def _relative(
     mine, reference = ours / unit, theirs / unit
     found = _difference(
         mine.mean(axis=(1, 2)), (reference * ratio).mean(axis=(1, 2))
-    )  # which scatter as the ratio does
+    )  # whose scatter is that of the ratio
     return _with_largest(replace(found, value=float(ratio.mean()) - 1), mine, reference, spans, signed=True)
 
 
 def _distance(
     ours: NDArray[np.float64], theirs: NDArray[np.float64], shift: NDArray[np.float64] | None, least: int
 ) -> Deviation:
-    """Largest difference of two distributions, of which axis 2 holds the levels: of their means over windows."""
+    """Largest difference of two distributions, with levels along axis 2, from their means over windows."""
     ours, theirs, spans = _windowed(ours, theirs, shift, least)
-    found, _ = _crossed(ours.mean(axis=1), theirs.mean(axis=1))
+    found, _ = _cross_validated(ours.mean(axis=1), theirs.mean(axis=1))
     return _with_largest(found, ours, theirs, spans, signed=False)
 
 
 def _depth(depths: NDArray[np.float64], met: NDArray[np.float64], least: int | None) -> Deviation:
-    """Mean depth of the pairs that were met: of the stationary part, or the mean over windows and the largest.
+    """Mean depth of overlapping pairs: in the stationary state, or the mean over windows and the largest.
 
-    In a window pieces count by their pairs. The reference says nothing of how depths change: its own are 0.
+    In a window pieces are weighted by their pairs. The reference has depths of 0, so the candidate's own tell whether
+    they are stationary.
 
-    least: first piece of a stationary part; None for steps so long that there are few pieces, which are one window.
+    least: first piece that may be stationary; None for steps so long that the few pieces are one window.
     """
     if not met.any():
         return Deviation.unknown("no pair was met in any run. Ask for longer runs (until=...), or another measure.")
@@ -275,21 +275,21 @@ def _depth(depths: NDArray[np.float64], met: NDArray[np.float64], least: int | N
     unit = number.mean(axis=0)
     sums = spans.mean(depths * met)
     value = sums.mean(axis=0) / unit
-    mine = (value + (sums - value * number) / unit)[:, :, None]  # which scatter as the quotient of the sums does
+    mine = (value + (sums - value * number) / unit)[:, :, None]  # whose scatter is that of the quotient of the sums
     return _with_largest(_mean(mine[:, :, 0]), mine, np.zeros_like(mine), spans, signed=True)
 
 
 def _with_largest(
     found: Deviation, mine: NDArray[np.float64], reference: NDArray[np.float64], spans: Spans, *, signed: bool
 ) -> Deviation:
-    """With where it was taken and, in a scene that changes with time, the largest error of a window.
+    """Add the time span and, in a scene that changes with time, the largest error of a window.
 
-    mine, reference: shape (runs, windows, levels). Of fewer than four runs nothing is said of a single window.
+    mine, reference: shape (runs, windows, levels). Fewer than four runs say nothing about a single window.
     """
     found = replace(found, span=spans.ends, steady=None if spans.steady is None else spans.steady / spans.number)
     if spans.stationary or len(mine) < 4:
         return found
-    largest, chosen = _crossed(*(values.reshape(len(values), -1) for values in (mine, reference)))
+    largest, chosen = _cross_validated(*(values.reshape(len(values), -1) for values in (mine, reference)))
     first, end = spans.pieces[chosen // mine.shape[2]]
     value = largest.value
     if signed:
@@ -297,11 +297,11 @@ def _with_largest(
     return replace(found, largest=replace(largest, value=value, span=(first / spans.number, end / spans.number)))
 
 
-def _crossed(mine: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple[Deviation, int]:
-    """The largest of several differences, shape (runs, differences), and which is it for the first half of the runs.
+def _cross_validated(mine: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple[Deviation, int]:
+    """The largest of several differences, shape (runs, differences), and its index for the first half of the runs.
 
-    Half of the runs choose difference and sign for the other half, and the other way round: the largest of many noisy
-    differences is never 0, and twice its standard error in one of four tables without any difference.
+    Each half of the runs chooses difference and sign for the other half: the largest of many noisy differences is never
+    0, and exceeds twice its standard error in one of four tables without any difference.
     """
     halves = [mine[side::2].mean(axis=0) - reference[side::2].mean(axis=0) for side in (0, 1)]
     chosen = [int(np.abs(half).argmax()) for half in halves]
@@ -310,7 +310,7 @@ def _crossed(mine: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple
         for half, other, k in zip(halves, halves[::-1], chosen, strict=True)
     )
     spreads = [_spread(mine[:, k], reference[:, k]) for k in chosen]
-    error = CROSSED * math.sqrt(sum(each**2 for each, _ in spreads) / 2)
+    error = CROSS_VALIDATION * math.sqrt(sum(each**2 for each, _ in spreads) / 2)
     return Deviation(value / 2, error, min(freedom for _, freedom in spreads)), chosen[0]
 
 
@@ -329,7 +329,7 @@ def short_deviations(found: Sequence[dict[str, Any]], measures: Sequence[str]) -
     if "missed_collisions" in measures:
         missed = (exact - met) * len(found) / total if total else np.zeros(len(found))
         results["missed_collisions"] = _mean(missed[:, None])
-    return {name: _meaningful(name, each) for name, each in results.items()}
+    return {name: _if_meaningful(name, each) for name, each in results.items()}
 
 
 def _mean(values: NDArray[np.float64]) -> Deviation:
@@ -340,9 +340,9 @@ def _mean(values: NDArray[np.float64]) -> Deviation:
 def _error(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Standard error of the mean over replicas (axis 0) and pieces (axis 1), from the means of the replicas.
 
-    Replicas are independent; pieces of one run are not. Taken as samples they gave 0.6 of the right error for the
+    Replicas are independent; pieces of one run are not. Taken as independent they gave 0.6 of the right error for the
     collision rate of a dense gas, whose structure changes slowly, and 2.9 times the right one for the pressure of a
-    dilute gas, in which what hits a wall early does not hit it late.
+    dilute gas, where hits on a wall are anticorrelated.
     """
     means = values.mean(axis=1)
     return means.std(axis=0, ddof=1) / np.sqrt(len(means))
@@ -360,8 +360,8 @@ def _difference(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> Devia
 def _spread(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> tuple[float, float]:
     """Standard error of a difference of the means of runs, and its degrees of freedom.
 
-    With n runs of ours and m >= n of theirs it is the mean of x - (n/m) y over the n pairs, less (m - n)/m times the
-    mean of the y that are left: two independent parts. What a start gives to both runs of a pair cancels.
+    With n runs x and m >= n runs y it is the mean of x - (n/m) y over the n pairs, less (m - n)/m times the mean of the
+    remaining y: two independent terms. What both runs of a pair owe to their common start cancels.
     """
     count, more = len(ours), len(theirs)
     if count > more:
@@ -376,7 +376,7 @@ def _spread(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> tuple[flo
 
 
 def _freedom(parts: NDArray[np.float64], sizes: Sequence[int]) -> float:
-    """Degrees of freedom of a sum of independent parts with these standard errors (Welch, Biometrika 34, 28, 1947)."""
+    """Degrees of freedom of a sum of independent terms with these standard errors (Welch, Biometrika 34, 28, 1947)."""
     if not parts.any():
         return math.inf
     shares = (parts / parts.max()) ** 2

@@ -1,4 +1,4 @@
-"""Scenes at the extremes: what the stability map puts every method, contact, law and precision through."""
+"""Extreme scenes, on which the stability map tries every method, contact, law and precision."""
 
 import math
 from collections.abc import Callable
@@ -19,12 +19,12 @@ class Case:
     """One scene to run, and what is known about it.
 
     Attributes:
-        scene: may only be made when asked for, as making it may be what is refused.
+        scene: makes the scene when called, as that may be what is refused.
         dt: of a frame [time].
-        frames: how many.
-        conserves: whether `elastic` keeps the energy; otherwise it may only fall.
-        compares: whether collisions and places are compared with the exact solver's: in scenes without features of
-            their own, whose counting would be compiled for each of them.
+        frames: number of frames.
+        conserves: whether `elastic` conserves the energy; otherwise it may only fall.
+        compares: whether collisions and positions are compared with the exact solver's: only in scenes without special
+            features, for each of which counting kernels would have to be compiled.
     """
 
     scene: Callable[[], Scene]
@@ -41,8 +41,8 @@ class Axis:
     Attributes:
         name: for files and options.
         title: what is varied, with its unit.
-        values: along it; `full` ones are large and tried only when asked for.
-        case: makes the scene of a value.
+        values: along it; those of `full` take long and are tried only on request.
+        case: makes the case of a value.
     """
 
     name: str
@@ -59,9 +59,9 @@ def gas(count: int = 100, packing: float = 0.3, speed: float = 1.0, scale: float
     )
 
 
-def step_of(part: float, speed: float = 1.0, radius: float = RADIUS) -> float:
-    """dt in which a disc of the mean speed moves such a part of its radius."""
-    return part * radius / speed
+def step_for(fraction: float, speed: float = 1.0, radius: float = RADIUS) -> float:
+    """dt in which a disc of the mean speed moves a fraction of its radius [time]."""
+    return fraction * radius / speed
 
 
 def crystal(packing: float) -> Scene:
@@ -75,8 +75,8 @@ def crystal(packing: float) -> Scene:
     return Scene(position=position, velocity=_thermal(len(row)), radius=RADIUS, boundary="periodic", **size)
 
 
-def crowd(packing: float) -> Scene:
-    """150 discs thrown anywhere, whatever they overlap."""
+def random_overlapping(packing: float) -> Scene:
+    """150 discs at random positions, overlapping ones included."""
     count = 150
     side = math.sqrt(count * math.pi * RADIUS**2 / packing)
     places = RADIUS + np.random.default_rng(SEED).random((count, 2)) * (side - 2 * RADIUS)
@@ -89,44 +89,44 @@ def _thermal(count: int) -> Any:
 
 
 def _frames(time: float, dt: float, most: int = 2000) -> int:
-    """So many frames as a time has, at least 10."""
+    """Number of frames in a time, from 10 to `most`."""
     return int(min(max(time / dt, 10), most))
 
 
-def _step(part: float) -> Case:
-    dt = step_of(part)
+def _step(fraction: float) -> Case:
+    dt = step_for(fraction)
     return Case(gas, dt, _frames(20.0, dt, 400))
 
 
 def _packing(packing: float) -> Case:
     if packing > HEXAGONAL:
-        return Case(partial(crowd, packing), step_of(0.05), 200, compares=False)
+        return Case(partial(random_overlapping, packing), step_for(0.05), 200, compares=False)
     scene = partial(crystal, packing) if packing > 0.7 else partial(gas, packing=packing, boundary="periodic")
-    return Case(scene, step_of(0.02), 400 if packing > 0.7 else 2000)
+    return Case(scene, step_for(0.02), 400 if packing > 0.7 else 2000)
 
 
 HEXAGONAL = math.pi / (2 * math.sqrt(3))
 
 
-def step_and_packing(part: float, packing: float) -> Case:
-    """Both at once, for the map of the two."""
+def step_and_packing(fraction: float, packing: float) -> Case:
+    """The case of a step, as a fraction of a radius, and a packing."""
     case = _packing(packing)
-    dt = step_of(part)
+    dt = step_for(fraction)
     return Case(case.scene, dt, _frames(4.0 if packing > 0.7 else 20.0, dt, 1000))
 
 
 def _count(count: int) -> Case:
     if count > 5000:
-        return Case(partial(gas, count), step_of(0.1), 10, compares=False)
-    return Case(partial(gas, count), step_of(0.05), 200)
+        return Case(partial(gas, count), step_for(0.1), 10, compares=False)
+    return Case(partial(gas, count), step_for(0.05), 200)
 
 
 def _unit_of_length(scale: float) -> Case:
-    return Case(partial(gas, scale=scale, speed=scale), step_of(0.05), 400)
+    return Case(partial(gas, scale=scale, speed=scale), step_for(0.05), 400)
 
 
 def _far(ratio: float) -> Case:
-    """A small gas in the far corner of a box that is `ratio` radii wide, where coordinates are coarsest."""
+    """A small gas in the far corner of a box `ratio` radii wide, where coordinates have the lowest resolution."""
 
     def scene() -> Scene:
         near = gas(30)
@@ -139,7 +139,7 @@ def _far(ratio: float) -> Case:
             radius=RADIUS,
         )
 
-    return Case(scene, step_of(0.05), 60)
+    return Case(scene, step_for(0.05), 60)
 
 
 def _aspect(aspect: float) -> Case:
@@ -149,7 +149,7 @@ def _aspect(aspect: float) -> Case:
         count = int(min(aspect * height * height * 0.3 / (math.pi * RADIUS**2), 300))
         return gas_in(count, height * aspect, height)
 
-    return Case(scene, step_of(0.05), 400)
+    return Case(scene, step_for(0.05), 400)
 
 
 def gas_in(count: int, width: float, height: float) -> Scene:
@@ -158,7 +158,7 @@ def gas_in(count: int, width: float, height: float) -> Scene:
 
 
 def _unit_of_time(speed: float) -> Case:
-    return Case(partial(gas, speed=speed), step_of(0.05, speed), 400)
+    return Case(partial(gas, speed=speed), step_for(0.05, speed), 400)
 
 
 def _radii(ratio: float) -> Case:
@@ -169,7 +169,7 @@ def _radii(ratio: float) -> Case:
         box: Any = {"width": side, "height": side, "boundary": "periodic", "temperature": 0.5, "seed": SEED}
         return Scene.random(count=60, radius=radius, **box)
 
-    return Case(scene, step_of(0.05, 1.0, RADIUS / ratio), 400, compares=False)
+    return Case(scene, step_for(0.05, 1.0, RADIUS / ratio), 400, compares=False)
 
 
 def _masses(ratio: float) -> Case:
@@ -179,25 +179,25 @@ def _masses(ratio: float) -> Case:
         box: Any = {"width": even.width, "height": even.height, "radius": RADIUS, "boundary": "periodic"}
         return Scene(position=even.position, velocity=even.velocity, mass=mass, **box)
 
-    return Case(scene, step_of(0.02), 1000, compares=False)
+    return Case(scene, step_for(0.02), 1000, compares=False)
 
 
 def _restitution(e: float) -> Case:
-    return Case(partial(gas, restitution=e, wall_restitution=e), step_of(0.05), 400, conserves=e == 1)
+    return Case(partial(gas, restitution=e, wall_restitution=e), step_for(0.05), 400, conserves=e == 1)
 
 
-def _corner(pull: float) -> Case:
-    """Gravity that throws all discs into one corner."""
-    scene = partial(gas, gravity=(pull, -pull), restitution=0.9, wall_restitution=0.9)
-    return Case(scene, step_of(0.05, math.sqrt(1 + 10 * pull)), 2000, conserves=False, compares=False)
+def _corner(acceleration: float) -> Case:
+    """Gravity towards one corner."""
+    scene = partial(gas, gravity=(acceleration, -acceleration), restitution=0.9, wall_restitution=0.9)
+    return Case(scene, step_for(0.05, math.sqrt(1 + 10 * acceleration)), 2000, conserves=False, compares=False)
 
 
 def _places(kind: str) -> Case:
-    return Case(partial(crowded_places, kind), step_of(0.05), 400, compares=False)
+    return Case(partial(degenerate_start, kind), step_for(0.05), 400, compares=False)
 
 
-def crowded_places(kind: str) -> Scene:
-    """Starts in which nothing is in general position."""
+def degenerate_start(kind: str) -> Scene:
+    """Degenerate starts: coinciding, aligned or touching discs, or discs on the edges of cells and walls."""
     count, side = 36, 12.0
     site = np.stack(np.divmod(np.arange(count), 6), axis=1).astype(float)
     places = {
@@ -228,11 +228,11 @@ PLACES = (
 
 
 def _drift(frames: float) -> Case:
-    return Case(partial(gas, 10), step_of(0.1), int(frames), compares=False)
+    return Case(partial(gas, 10), step_for(0.1), int(frames), compares=False)
 
 
 def _numbers(text: str) -> Case:
-    """One number of a small scene at the end of what a float can be."""
+    """A small scene with one number at the limit of floating point."""
     name, value = text.split("=")
     number = float(value)
     near: Any = {
@@ -252,7 +252,7 @@ def _numbers(text: str) -> Case:
         "dt": {},
     }[name]
     dt = number if name == "dt" else 0.01
-    # Where nothing but a unit has changed, the step follows.
+    # Where only a unit has changed, the step scales with it.
     if name == "velocity" and number < 1:
         dt = 0.01 / max(number, 1e-300)
     return Case(
@@ -294,7 +294,10 @@ AXES = {
     axis.name: axis
     for axis in (
         Axis(
-            "step", "mean way in a step, in radii", (1e-6, 1e-4, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 1, 3, 10, 100), _step
+            "step",
+            "mean displacement in a step, in radii",
+            (1e-6, 1e-4, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 1, 3, 10, 100),
+            _step,
         ),
         Axis(
             "packing",
@@ -317,6 +320,6 @@ AXES = {
     )
 }
 
-PARTS = (0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 1.0, 3.0, 10.0, 100.0)
+STEP_FRACTIONS = (0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 1.0, 3.0, 10.0, 100.0)
 PACKINGS = (0.01, 0.1, 0.3, 0.5, 0.7, 0.8, 0.85, 0.88, 0.9)
 """The two axes of the map of steps and packings."""

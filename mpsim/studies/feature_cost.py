@@ -1,4 +1,4 @@
-"""What each feature of a scene costs per disc and frame, and what the bare scene costs beside another version."""
+"""Cost of each feature of a scene per disc and frame, and of the bare scene compared with another version."""
 
 import os
 import subprocess
@@ -19,18 +19,18 @@ from mpsim.scene.settings import Settings
 from mpsim.studies.benchmark import DT, WrongAnswerError
 
 SIDE = 100
-"""Discs along each side of the square lattice from which the scenes start."""
+"""Number of discs along each side of the square lattice from which the scenes start."""
 
 PITCH = 1.4
 """Its spacing [diameters]: packing 0.40."""
 
 ROUNDS = 5
-"""Each scene is timed so often, taking turns; the least median counts, as other load only adds."""
+"""Number of times that each scene is timed, in turns; the least median counts, as other load only adds to it."""
 
 FRAMES = 150
 
 SPREADS = (1, 2, 4, 8, 16)
-"""Ratios of the largest radius to the smallest: cells follow the largest disc, so small ones crowd in them."""
+"""Ratios of the largest radius to the smallest: cells follow the largest disc, so that they hold many small ones."""
 
 WARM_UP = 100
 """Frames before the first timing: the lattice melts."""
@@ -43,7 +43,7 @@ class FeatureCost:
     Attributes:
         name: of the feature.
         nanoseconds: per disc and frame.
-        arrays: names of the arrays in the shared block that the bare scene has not.
+        arrays: names of the arrays in the shared block that the bare scene lacks.
         bytes_per_disc: of the block.
     """
 
@@ -69,7 +69,7 @@ def scene(name: str, **features: Any) -> Scene:
 
 
 def scenes() -> dict[str, Scene]:
-    """The bare scene, each feature alone, and all that go together."""
+    """The bare scene, each feature alone, and all that can be combined."""
     rng = np.random.default_rng(2)
     count, size = SIDE**2, SIDE * PITCH
     alone: dict[str, dict[str, Any]] = {
@@ -98,16 +98,16 @@ def scenes() -> dict[str, Scene]:
 
 
 def polydisperse(spread: int) -> Scene:
-    """As many discs at packing 0.5, their radii spread evenly in the logarithm from 0.5 / spread to 0.5."""
+    """As many discs at packing 0.5, with radii from 0.5 / spread to 0.5, uniform in the logarithm."""
     radius = 0.5 * np.exp(-np.random.default_rng(3).random(SIDE**2) * np.log(spread))
     return Scene.random(count=SIDE**2, packing=0.5, radius=radius if spread > 1 else 0.5, seed=3)
 
 
 def feature_costs(settings: Settings, tick: Callable[[str], None]) -> list[FeatureCost]:
-    """Time every scene by `grid`, in turns, and check that no disc was lost.
+    """Time every scene by `grid`, in turns, and check the final states.
 
     Raises:
-        WrongAnswerError: if a state is not whole at the end.
+        WrongAnswerError: if a disc was lost, left the box, or is not finite.
     """
     simulations: dict[str, Simulation] = {}
     try:
@@ -141,7 +141,7 @@ def feature_costs(settings: Settings, tick: Callable[[str], None]) -> list[Featu
 
 
 def families(arrays: Iterable[str]) -> tuple[str, ...]:
-    """What arrays hold: both buffers of a quantity are one, and all arrays of a feature are one.
+    """Names of quantities: both buffers of one count once, and so do all arrays of a feature.
 
     >>> families(["a.radius", "b.radius", "pegs.near", "pegs.index"])
     ('radius', 'pegs')
@@ -177,9 +177,9 @@ def bare_beside(folder: Path, settings: Settings, turns: int, tick: Callable[[st
     """Cost of the bare scene here over that of another checkout, once per turn, and whether the digests are equal.
 
     Args:
-        folder: of the other checkout's top level.
-        settings: whose precision is used.
-        turns: how often; each is a new process of either version, one right after the other.
+        folder: top level of the other checkout.
+        settings: of which the precision is used.
+        turns: number of turns, each a new process of either version, one right after the other.
     """
     here = Path(__file__).parents[2]
     script = TIMER.format(

@@ -1,4 +1,4 @@
-"""The ensemble of a scene: independent starts over which a trade averages."""
+"""Independent starts of a scene, over which a trade averages."""
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
@@ -18,13 +18,13 @@ from mpsim.scene import placement
 from mpsim.scene.scene import Scene
 
 VARIATION = 1e-3
-"""Displacement of a disc, in diameters of the smallest, and relative change of its velocity, between two starts that
-count as the same: too small to matter, large enough for collisions to make independent samples of them soon."""
+"""Displacement of a disc, in diameters of the smallest, and relative change of its velocity, between two variations of
+one start: too small to matter, large enough for collisions to decorrelate them soon."""
 
 KINDS = ("kind", "same")
 
 StartsGiven = str | Callable[[int], Scene] | Sequence[Scene] | None
-"""What may be given as `starts`: see `Starts`."""
+"""The argument `starts`: see `Starts`."""
 
 
 class Starts:
@@ -32,15 +32,15 @@ class Starts:
 
     Args:
         scene: the scene.
-        given: "kind": other starts of the same kind (`Scene.another`); "same": this start, but for VARIATION;
-            a function from a number to a Scene, or a list of Scenes; None: "kind" where the scene knows how it was
-            made, else "same".
+        given: "kind": other starts of the same kind (`Scene.another`); "same": this start with small variations
+            (VARIATION); a function from a number to a Scene, or a list of Scenes; None: "kind" if the scene knows how
+            it was made, else "same".
 
     Attributes:
-        name: which starts these are, in words.
-        key: a text that is the same for the same starts only; functions are told apart by the two first that they make.
-        same: whether they are one start but for VARIATION, so that their runs are alike at first.
-        number: how many there are; None where there are as many as are wanted.
+        name: the starts in words.
+        key: a text that identifies the starts; functions are distinguished by the first two starts that they make.
+        same: whether they are variations of one start, so that their runs are correlated at first.
+        number: of starts; None if there is no limit.
 
     Raises:
         InputError: if the scene has no other starts, or `given` is none of these.
@@ -57,7 +57,7 @@ class Starts:
             self._make: Callable[[int], Scene] = _of_one_number(kind)
             self.name: str = "starts that were given by a function"
         elif isinstance(kind, str) and kind == "kind":
-            self._made = {0: scene, 1: scene.another(1)}  # which refuses a scene that has only one
+            self._made = {0: scene, 1: scene.another(1)}  # which raises if there is no other
             self._make = scene.another
             self.name = "other starts of the same kind"
         elif isinstance(kind, str):
@@ -87,9 +87,9 @@ class Starts:
 
 
 def varied(scene: Scene, seed: int) -> Scene:
-    """The scene with discs displaced by up to VARIATION, and velocities changed by as much, of the same kinetic energy.
+    """The scene with positions and velocities varied by VARIATION, at the same kinetic energy.
 
-    A displacement that would lead to an overlap, or out of the box, is left out. What emitters add is varied likewise.
+    Displacements that would lead to an overlap, or out of the box, are rejected. Emitters are varied likewise.
     """
     rng = np.random.default_rng(seed)
     moves = rng.uniform(-1, 1, (scene.count, 2)) * (VARIATION * 2 * scene.smallest_radius)
@@ -109,7 +109,7 @@ def varied(scene: Scene, seed: int) -> Scene:
 
 
 def _wall_as_capsule(scene: Scene) -> list[list[float]]:
-    """A line along a moving wall where it starts, from which discs keep away as they do from capsules."""
+    """A capsule along the start of a moving wall, which discs must not overlap."""
     wall = scene.moving_wall
     if wall is None:
         return []
@@ -124,7 +124,7 @@ def _wall_as_capsule(scene: Scene) -> list[list[float]]:
 
 
 def _varied_emitter(scene: Scene, emitter: Emitter, common: float, rng: np.random.Generator) -> Emitter:
-    """The emitter with its place and the velocity of its discs varied; it stays where a capsule is too near."""
+    """The emitter with varied position and velocity; it stays where it is if the new disc would overlap an obstacle."""
     radius = common if emitter.radius is None else emitter.radius
     before, speed = np.array(emitter.position), np.array(emitter.velocity)
     place = np.clip(before + rng.uniform(-1, 1, 2) * VARIATION * 2 * radius, *scene.limits(radius))

@@ -1,8 +1,8 @@
 """One accuracy run of one candidate: a pure function of scene, settings and plan, so that any executor can run it.
 
-The physics of a scene is an average over starts (`starts.Starts`). Where they are one start but for a tiny variation,
-collisions soon make independent samples of them. What a gas does before that is one sample however many runs there are,
-whose chance no scatter shows: it does not count as part of a stationary state (`Plan.memory`).
+The physics of a scene is an average over starts (`independent_starts.Starts`). If they are variations of one start,
+collisions soon decorrelate them. Before that all runs are a single sample, whose noise their scatter does not show:
+that time does not count as stationary (`Plan.memory`).
 """
 
 import dataclasses
@@ -39,7 +39,7 @@ from mpsim.scene.settings import Settings
 from mpsim.studies.comparison import short_run
 
 PIECES = 16
-"""Parts of a long run over which averages are taken one by one, and after which the speeds are looked at."""
+"""Number of pieces of a long run: averages are taken over each, and speeds sampled after each."""
 
 SPEED_LEVELS = np.linspace(0.2, 2.6, 13)
 """Speeds, in units of the reference's root mean square, at which distributions are compared."""
@@ -57,12 +57,12 @@ SHORT = ("trajectory", "missed_collisions")
 MEASURES = (*LONG, *SHORT)
 
 ALONG = "states along one run of the scene"
-"""Starts of the short runs, in words: trajectories are compared from what the scene looks like on its way."""
+"""Starts of the short runs, in words."""
 
 
 def available(scene: Scene) -> tuple[str, ...]:
-    """Those of MEASURES that mean something in a scene: no pressure where there are neither walls nor a virial, say."""
-    if not isinstance(scene, Scene):  # which the campaign checks
+    """Those of MEASURES that are defined in a scene: no pressure without walls and virial, for example."""
+    if not isinstance(scene, Scene):  # which the ensemble checks
         return MEASURES
     return tuple(name for name in MEASURES if refusal(name, scene) is None)
 
@@ -78,7 +78,7 @@ def refusal(name: str, scene: Scene) -> str | None:
 
 
 def starts_of(names: Collection[str], starts: str) -> str:
-    """Of what starts errors are, in words: `starts` those of long runs, ALONG those of short ones.
+    """Starts of the runs for given errors, in words: `starts` for long runs, ALONG for short ones.
 
     >>> starts_of(["pressure", "trajectory"], "other starts of the same kind")
     'other starts of the same kind (trajectory: over states along one run of the scene)'
@@ -93,21 +93,21 @@ def starts_of(names: Collection[str], starts: str) -> str:
 
 def demand_available(names: Iterable[str], scene: Scene) -> None:
     """Raise InputError for one of MEASURES that the scene cannot have, with the reason."""
-    if isinstance(scene, Scene):  # which the campaign checks
+    if isinstance(scene, Scene):  # which the ensemble checks
         for reason in filter(None, (refusal(name, scene) for name in names)):
             raise InputError(reason)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What every candidate is put through.
+    """The runs that every candidate has to do.
 
     Attributes:
         until: length of a long run [time].
         speed: unit of SPEED_LEVELS, a typical speed of the reference [length/time].
-        short: length of a short run [time]; 0 where trajectories cannot be compared.
+        short: length of a short run [time]; 0 if trajectories cannot be compared.
         rate: Lyapunov exponent of the scene [1/time].
-        memory: time from which on runs of one start are independent [time]: a stationary part begins no earlier.
+        memory: time from which on runs of one start are independent, and may be stationary [time].
     """
 
     until: float
@@ -118,7 +118,7 @@ class Plan:
 
 
 def physics_of(settings: Settings, count: int) -> Settings:
-    """The settings with all that changes speed only made standard: candidates that share it share their errors."""
+    """The settings with standard values for all that changes only the speed: candidates that share it share errors."""
     method = methods.choose(count, settings).method
     if method == "event":
         return Settings(method="event")
@@ -127,19 +127,19 @@ def physics_of(settings: Settings, count: int) -> Settings:
 
 
 def key_of(settings: Settings) -> str:
-    """A text that is the same for equal settings, and tells which they are."""
+    """Settings as a text that serves as a key."""
     values = dataclasses.asdict(settings)
-    if settings.on_fast == "warn":  # which changes nothing, and younger than the keys of kept runs
+    if settings.on_fast == "warn":  # which changes nothing, and is newer than the keys in saved files
         del values["on_fast"]
     return json.dumps(values, sort_keys=True)
 
 
 class Stopped(Exception):  # noqa: N818 - not an error
-    """Nobody waits for this run any more."""
+    """The run is no longer needed."""
 
 
 class RunTooLong(Exception):  # noqa: N818 - an outcome, not an error
-    """A run takes far more time than was forecast."""
+    """A run takes far more time than forecast."""
 
 
 Progress = Callable[[int, int], None] | None
@@ -150,26 +150,26 @@ def long_run(
 ) -> dict[str, Any]:
     """Averages over PIECES of one run to plan.until: a list for each measure of LONG, of lists for the speeds.
 
-    With "centre", the middle of each piece as a fraction of plan.until, "met", the pairs met, and "seconds" of running.
-    A run that cannot be continued, or takes more than `seconds` of its thread, gives {"failure": reason}; one whose
-    `stop` is set, an exception.
+    Also "centre", the middle of each piece as a fraction of plan.until, "met", the number of overlapping pairs, and
+    "seconds" of running. A run that cannot be continued, or takes more than `seconds` of its thread, returns
+    {"failure": reason}; one whose `stop` is set raises Stopped.
     """
     try:
         with quietly():
-            return _averages(start, settings, plan, _until_stopped(stop, seconds))
+            return _averages(start, settings, plan, _stopping_progress(stop, seconds))
     except (MpsimError, ArithmeticError, MemoryError, RunTooLong) as error:
         return failure(error)
 
 
 def failure(error: Exception) -> dict[str, Any]:
-    """The result of a run that failed; "machine" where not the candidate but the machine is to blame."""
+    """The result of a run that failed; with "machine" if that is due to the machine, not the candidate."""
     machine = isinstance(error, MemoryError | ResourceError | WorkerDied | WorkerStalled | RunTooLong)
     return {"failure": f"{type(error).__name__}: {error}"} | ({"machine": True} if machine else {})
 
 
 @contextmanager
 def quietly() -> Iterator[None]:
-    """No warnings about the scene, which hundreds of runs would repeat. In the main thread only: filters are global."""
+    """Suppress warnings about the scene, which hundreds of runs would repeat. Main thread only: filters are global."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -179,21 +179,21 @@ def quietly() -> Iterator[None]:
         yield
 
 
-def _until_stopped(stop: threading.Event | None, seconds: float = math.inf) -> Progress:
-    """What ends a run from within, soon after `stop` is set or so many seconds of this thread are over."""
+def _stopping_progress(stop: threading.Event | None, seconds: float = math.inf) -> Progress:
+    """A progress function that ends a run soon after `stop` is set, or after so many seconds of this thread's time."""
     end = time.thread_time() + seconds
 
-    def look(done: int, frames: int) -> None:
+    def progress(done: int, frames: int) -> None:
         if stop is not None and stop.is_set():
             raise Stopped
         if time.thread_time() > end:
             raise RunTooLong(f"a run took more than {seconds:.0f} s, far more than was forecast: its start is unusual")
 
-    return look
+    return progress
 
 
 def _averages(scene: Scene, settings: Settings, plan: Plan, progress: Progress) -> dict[str, Any]:
-    if settings.method == "event":  # whose frames are what this run is cut into, nothing else
+    if settings.method == "event":  # whose frames only cut the run into pieces
         settings = dataclasses.replace(settings, dt=plan.until / PIECES)
     counted = [name for name in available(scene) if name in LONG and name != "speed_distribution"]
     pieces = min(PIECES, max(int(plan.until / settings.dt), 1))
@@ -224,7 +224,7 @@ def short_runs(
     scene: Scene, settings: Settings, plan: Plan, start: State, reference: Settings, stop: threading.Event | None = None
 ) -> dict[str, Any]:
     """A run of length plan.short beside the reference, both from `start`: a number for each measure of SHORT."""
-    how: dict[str, Any] = {"rate": plan.rate, "reference": reference, "progress": _until_stopped(stop)}
+    how: dict[str, Any] = {"rate": plan.rate, "reference": reference, "progress": _stopping_progress(stop)}
     try:
         with quietly():
             found = short_run(scene.starting_from(start), settings, plan.short, **how)

@@ -1,4 +1,4 @@
-"""What a trade has found so far: results by key, in memory and in a file."""
+"""Saved results of a trade: by key, in memory and in a file."""
 
 import json
 import time
@@ -9,18 +9,17 @@ from mpsim.core import atomic, untrusted
 from mpsim.core.errors import InputError
 
 FORMAT = 3
-"""Of the file that keeps what is finished: runs that are cut or counted in another way are not to be mixed."""
+"""Of the file: results of runs that were divided or counted differently must not be mixed."""
 
 SAVE_EVERY = 1.0
-"""Seconds between two writes of the file that keeps what is finished."""
-
+"""Seconds between two writes of the file."""
 
 MOST_BYTES = 2**23
-"""Bytes of that file at most: thousands of runs with all their errors."""
+"""Largest size of the file: thousands of runs with all their errors."""
 
 
-class Kept:
-    """Results by key, in memory and, if there is a path, in a JSON file that is never half written."""
+class SavedResults:
+    """Results by key, in memory and, if there is a path, in a JSON file that is always whole."""
 
     def __init__(self, path: str | Path | None, scene: str):
         self._path = None if path is None else _checked(path)
@@ -34,7 +33,7 @@ class Kept:
             self._plan, self.reference, self._results = _loaded(self._path, self._title)
 
     def open(self, plan: str, reference: str) -> None:
-        """Begin to keep results of a plan and a reference, which must be those of the file, if there is one."""
+        """Start to save results of a plan and a reference, which must be those of an existing file."""
         if self._plan not in (None, plan):
             raise _other(self._path)
         self._plan, self.reference, self._open = plan, reference, True
@@ -46,13 +45,13 @@ class Kept:
         return self._results[key]
 
     def put(self, key: str, value: Any) -> None:
-        """Keep a result; the file follows within SAVE_EVERY seconds, or at the end."""
+        """Add a result; it is written to the file within SAVE_EVERY seconds, or at the end."""
         self._results[key] = value
         if time.monotonic() - self._saved > SAVE_EVERY:
             self.save()
 
     def save(self) -> None:
-        """Write the file; a kill leaves the old one or the new one."""
+        """Write the file; a kill leaves the old or the new one."""
         self._saved = time.monotonic()
         if self._path is not None and self._open:
             results = {key: value for key, value in self._results.items() if "machine" not in value}
@@ -61,7 +60,7 @@ class Kept:
 
 
 def _checked(path: str | Path) -> Path:
-    """A path that can be written, as is seen before hours are spent, not after."""
+    """A path that can be written, checked before the long work."""
     try:
         atomic.check_target(Path(path))
     except (OSError, TypeError, ValueError) as error:  # the last two: no path at all

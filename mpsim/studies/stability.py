@@ -1,8 +1,8 @@
-"""What becomes of every method, contact, law and precision at the extremes: correct, degraded, refused, or forbidden.
+"""Outcomes of every method, contact, law and precision on extreme scenes: correct, degraded, refused, or forbidden.
 
-correct   all errors are within TOLERANCE, whether or not a warning was told
-degraded  an error is larger, and a warning told the user before or during the run
-refused   an error of mpsim said no, with the bound and the remedy
+correct   all errors are within TOLERANCE, with or without a warning
+degraded  an error is larger, and a warning was raised before or during the run
+refused   an exception of mpsim names the bound and the remedy
 Forbidden: not finite, a disc lost or outside the box, a hang, a crash, and degraded without a warning ("silent").
 """
 
@@ -28,7 +28,7 @@ from mpsim.measure.observables import overlap
 from mpsim.measure.pairs import lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-from mpsim.studies.extremes import AXES, PACKINGS, PARTS, Case, step_and_packing
+from mpsim.studies.extremes import AXES, PACKINGS, STEP_FRACTIONS, Case, step_and_packing
 
 KINDS = ("correct", "degraded", "refused")
 FORBIDDEN = ("not finite", "lost", "hang", "crash", "silent")
@@ -43,17 +43,17 @@ TOLERANCE = {
     "trajectory": 0.2,
     "overlap": 0.2,
 }
-"""Largest errors of a correct run: of energy and momentum relative; energy gained where it may only fall, relative to
-the largest; collisions relative to the exact solver's, noise on top; places against the exact solver's and the deepest
-overlap at the end in diameters."""
+"""Largest errors of a correct run: energy and momentum relative; energy gained, where it may only fall, relative to the
+largest; collisions relative to the exact solver's, in addition to noise; distance from the exact solver's positions,
+and deepest overlap at the end, in diameters."""
 
 FEW = 0.25
-"""Collisions, as a part of the number of discs, up to which the median distance from the exact solver's places is
-looked at: most discs have met nobody then, and the median one must be where the exact solver has it. From there on
-their number is, as a long free path multiplies by what a collision has turned its discs too far."""
+"""Collisions per disc up to which positions are compared with the exact solver's: most discs have not collided then,
+and the median disc must be where the exact solver has it. With more collisions their number is compared, as a long free
+path amplifies errors of direction."""
 
-PATIENCE = 180.0
-"""Seconds after which a trial counts as hung: far above what the slowest takes, compilation included."""
+HANG_SECONDS = 180.0
+"""Seconds after which a trial counts as a hang: far more than the slowest takes, compilation included."""
 
 MAP = "map"
 """Name of the axis pair of steps and packings."""
@@ -61,7 +61,7 @@ MAP = "map"
 
 @dataclass(frozen=True)
 class Row:
-    """One way to simulate."""
+    """A combination of method, contact, law, precision and on_fast."""
 
     method: str
     contact: str = "impact"
@@ -71,14 +71,14 @@ class Row:
 
     @property
     def label(self) -> str:
-        """In words."""
+        """The row in words."""
         if self.method == "event":
             return "event"
         words = [self.method, self.contact, self.law, self.precision]
         return " ".join(words + (["substep"] if self.on_fast == "substep" else []))
 
     def settings(self, dt: float) -> Settings:
-        """Settings for steps of a length."""
+        """Settings for a step."""
         return Settings(dt=dt, workers=2 if self.method == "parallel" else None, **asdict(self))
 
 
@@ -96,33 +96,33 @@ ROWS = (
 )
 
 MAP_ROWS = (Row("grid"), Row("grid", "push"), Row("grid", on_fast="substep"), Row("event"))
-"""What the map of steps and packings shows."""
+"""Rows of the map of steps and packings."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One run: where on which axis, and how. For MAP the value is (way in a step, packing)."""
+    """One run: axis, value and row. For MAP the value is (displacement in a step, packing)."""
 
     axis: str
     value: Any
     row: Row
 
     def case(self) -> Case:
-        """What to run."""
+        """The case to run."""
         return step_and_packing(*self.value) if self.axis == MAP else AXES[self.axis].case(self.value)
 
 
 @dataclass
 class Outcome:
-    """What became of a trial.
+    """The outcome of a trial.
 
     Attributes:
-        axis, value, row: which it was.
+        axis, value, row: of the trial.
         kind: one of KINDS or of FORBIDDEN.
-        errors: those that could be told, by name.
-        worst: name of the error that is largest for its tolerance, "" without any.
-        told: names of the warnings.
-        text: of the refusal, or of what went wrong.
+        errors: those that could be determined, by name.
+        worst: name of the error that is largest relative to its tolerance; "" without errors.
+        told: names of the warnings raised.
+        text: of the refusal or failure.
     """
 
     axis: str
@@ -136,7 +136,7 @@ class Outcome:
 
 
 def trials(axes: Iterable[str] | None = None, full: bool = False) -> list[Trial]:
-    """All that is tried along some axes (None: all, and the map of steps and packings)."""
+    """All trials along some axes (None: all axes, and the map of steps and packings)."""
     names = [*AXES, MAP] if axes is None else list(axes)
     unknown = [name for name in names if name not in (*AXES, MAP)]
     if unknown:
@@ -144,7 +144,7 @@ def trials(axes: Iterable[str] | None = None, full: bool = False) -> list[Trial]
     found = []
     for name in names:
         if name == MAP:
-            found += [Trial(MAP, pair, row) for row in MAP_ROWS for pair in product(PARTS, PACKINGS)]
+            found += [Trial(MAP, pair, row) for row in MAP_ROWS for pair in product(STEP_FRACTIONS, PACKINGS)]
             continue
         axis = AXES[name]
         values = sorted(axis.values + axis.full) if full and axis.full else axis.values
@@ -153,14 +153,14 @@ def trials(axes: Iterable[str] | None = None, full: bool = False) -> list[Trial]
 
 
 def _sensible(axis: str, value: Any, row: Row) -> bool:
-    """Whether a trial ends this year: not all pairs of a million discs."""
+    """Whether a trial is feasible: not all pairs of a million discs."""
     return not (axis == "count" and value > 5000 and row.method == "naive")
 
 
 def attempt(trial: Trial) -> Outcome:
     """Run one trial and judge it."""
     outcome = Outcome(trial.axis, trial.value, trial.row.label)
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
             case = trial.case()
@@ -173,8 +173,8 @@ def attempt(trial: Trial) -> Outcome:
         except Exception as error:
             outcome.kind, outcome.text = "crash", f"{type(error).__name__}: {error}"
             return outcome
-    outcome.told = tuple(sorted({each.category.__name__ for each in told}))
-    wrong = _unsound(scene, end, trial.row.precision)
+    outcome.told = tuple(sorted({each.category.__name__ for each in caught}))
+    wrong = _violation(scene, end, trial.row.precision)
     if wrong:
         outcome.kind, outcome.text = wrong
         return outcome
@@ -184,7 +184,7 @@ def attempt(trial: Trial) -> Outcome:
 
 
 def _run(scene: Scene, settings: Settings, frames: int, counted: bool = True) -> tuple[State, State, int]:
-    """States before and after, and, if they are counted, collisions in which velocities changed."""
+    """States before and after, and, if counted, the number of collisions in which velocities changed."""
     with Simulation(scene, settings) as sim:
         start = sim.state
         if not counted:
@@ -194,8 +194,8 @@ def _run(scene: Scene, settings: Settings, frames: int, counted: bool = True) ->
         return start, sim.state, round(rate * frames * settings.dt * scene.count / 2) if math.isfinite(rate) else 0
 
 
-def _unsound(scene: Scene, state: State, precision: str) -> tuple[str, str] | None:
-    """What must never be: (kind, text), or None."""
+def _violation(scene: Scene, state: State, precision: str) -> tuple[str, str] | None:
+    """A forbidden state, as (kind, text), or None."""
     for name, values in (("position", state.position), ("velocity", state.velocity)):
         if len(values) != scene.count:
             return "lost", f"{len(values)} of {scene.count} discs are left"
@@ -236,7 +236,7 @@ def _errors(trial: Trial, case: Case, scene: Scene, start: State, end: State, co
 
 
 def _conserved(case: Case, scene: Scene, start: State, end: State, masses: Any, row: Row) -> dict[str, float]:
-    """Relative changes of energy and momentum, where they should not change."""
+    """Relative changes of energy and momentum that should be conserved."""
     errors = {}
     unit = float(np.abs(start.velocity.astype(float)).max()) or 1.0  # squares must neither vanish nor overflow
     before, after = (_energy(state, scene, masses, unit) for state in (start, end))
@@ -253,13 +253,13 @@ def _conserved(case: Case, scene: Scene, start: State, end: State, masses: Any, 
 
 
 def _median_distance(one: State, other: State, scene: Scene) -> float:
-    """Between the places of a disc in two states, the nearest images along periodic axes [length]."""
+    """Median distance of the discs between two states, to nearest images along periodic axes [length]."""
     apart = to_nearest_image(np.subtract(one.position, other.position, dtype=np.float64), lengths_of(scene))
     return float(np.median(np.hypot(*apart.T)))
 
 
 def _energy(state: State, scene: Scene, masses: Any, unit: float) -> float:
-    """Kinetic energy, and potential energy above the corner that gravity leads to, in some unit."""
+    """Kinetic energy and potential energy, which is 0 in the corner to which gravity points; velocities in `unit`."""
     velocity = state.velocity.astype(float) / unit
     energy = 0.5 * float((masses * (velocity**2).sum(axis=1)).sum())
     if scene.gravity is not None:
@@ -271,7 +271,7 @@ def _energy(state: State, scene: Scene, masses: Any, unit: float) -> float:
 
 @lru_cache(maxsize=4)
 def _exact(axis: str, value: Any) -> tuple[State, int] | None:
-    """State and collisions of the exact solver at the end of a case; None where it refuses the scene."""
+    """Final state and collisions of the exact solver; None if it refuses the scene."""
     case = Trial(axis, value, Row("event")).case()
     try:
         with warnings.catch_warnings():
@@ -291,7 +291,7 @@ def _judge(outcome: Outcome) -> None:
             outcome.kind = "degraded" if outcome.told else "silent"
 
 
-# --- many trials, in processes of their own: what hangs or crashes must not take the others along
+# --- many trials, in processes of their own: a hang or crash must not affect the others
 
 Progress = Callable[[int, int, str], None] | None
 
@@ -306,47 +306,47 @@ def run_trials(chosen: Sequence[Trial], workers: int = 2, progress: Progress = N
     """
     context = multiprocessing.get_context("spawn")
     waiting, found = list(enumerate(chosen))[::-1], {}
-    attendants: list[_Attendant] = []
+    processes: list[_TrialProcess] = []
     try:
-        while waiting or any(each.busy for each in attendants):
-            while len(attendants) < workers:
-                attendants.append(_Attendant(context))
-            for each in attendants:
+        while waiting or any(each.busy for each in processes):
+            while len(processes) < workers:
+                processes.append(_TrialProcess(context))
+            for each in processes:
                 if not each.busy and waiting:
                     each.give(*waiting.pop())
-            wait([each.pipe for each in attendants if each.busy], timeout=1.0)
-            for each in list(attendants):
+            wait([each.pipe for each in processes if each.busy], timeout=1.0)
+            for each in list(processes):
                 if each.busy and (outcome := each.result()) is not None:
                     found[each.number] = outcome
                     each.busy = False
                     if outcome.kind in ("hang", "crash"):
                         each.end()
-                        attendants.remove(each)
+                        processes.remove(each)
                     if progress is not None:
                         progress(len(found), len(chosen), f"{outcome.axis} {outcome.value}")
     finally:
-        for each in attendants:
+        for each in processes:
             each.end()
     return [found[number] for number in range(len(chosen))]
 
 
-class _Attendant:
-    """A process that tries one thing after the other."""
+class _TrialProcess:
+    """A process that runs one trial after the other."""
 
     def __init__(self, context: Any):
         self.pipe, theirs = context.Pipe()
-        self.process = context.Process(target=_attend, args=(theirs,))
+        self.process = context.Process(target=_attempt_each, args=(theirs,))
         self.process.start()
         theirs.close()
         self.busy, self.number = False, -1
 
     def give(self, number: int, trial: Trial) -> None:
         self.number, self.trial, self.busy = number, trial, True
-        self._end = time.monotonic() + PATIENCE
+        self._end = time.monotonic() + HANG_SECONDS
         self.pipe.send(trial)
 
     def result(self) -> Outcome | None:
-        """The outcome, if it is there, or if there will be none."""
+        """The outcome, if the trial has ended, crashed or hung; else None."""
         failed = Outcome(self.trial.axis, self.trial.value, self.trial.row.label)
         try:
             if self.pipe.poll():
@@ -368,8 +368,8 @@ class _Attendant:
         self.process.join()
 
 
-def _attend(pipe: Any) -> None:
-    """What such a process runs."""
+def _attempt_each(pipe: Any) -> None:
+    """The main function of such a process."""
     try:
         while True:
             pipe.send(attempt(pipe.recv()))
@@ -378,7 +378,7 @@ def _attend(pipe: Any) -> None:
 
 
 def counts(outcomes: Iterable[Outcome]) -> dict[str, int]:
-    """How many of each kind, forbidden ones included."""
+    """Number of outcomes of each kind, forbidden ones included."""
     found = Counter(outcome.kind for outcome in outcomes)
     return {kind: found[kind] for kind in (*KINDS, *FORBIDDEN)}
 
@@ -390,7 +390,7 @@ def to_json(outcomes: Iterable[Outcome], **more: Any) -> str:
 
 
 def counts_table(outcomes: Sequence[Outcome]) -> str:
-    """Outcomes by axis, in Markdown."""
+    """Counts of outcomes by axis, in Markdown."""
     lines = [
         "| axis | trials | " + " | ".join((*KINDS, *FORBIDDEN)) + " |",
         "|---" * (2 + len(KINDS) + len(FORBIDDEN)) + "|",
@@ -405,16 +405,16 @@ def counts_table(outcomes: Sequence[Outcome]) -> str:
 
 
 def findings_table(outcomes: Sequence[Outcome]) -> str:
-    """What is not correct, one line for each value of an axis and kind, in Markdown."""
+    """Outcomes that are not correct, one line for each value of an axis and kind, in Markdown."""
     groups: dict[tuple[str, str, str], list[Outcome]] = {}
     for outcome in outcomes:
         if outcome.kind != "correct" and outcome.axis != MAP:
             groups.setdefault((outcome.axis, str(outcome.value), outcome.kind), []).append(outcome)
     lines = ["| axis | value | outcome | rows | largest error, or what is said |", "|---|---|---|---|---|"]
     for (axis, value, kind), group in groups.items():
-        told = ", ".join(sorted({name for outcome in group for name in outcome.told}))
+        warned = ", ".join(sorted({name for outcome in group for name in outcome.told}))
         worst = max(group, key=lambda outcome: outcome.errors.get(outcome.worst, 0.0))
-        text = f"{worst.worst} {worst.errors.get(worst.worst, 0.0):.2g} ({worst.row}); told: {told}"
+        text = f"{worst.worst} {worst.errors.get(worst.worst, 0.0):.2g} ({worst.row}); warned: {warned}"
         if worst.text:
             text = worst.text if len(worst.text) < 160 else f"{worst.text[:157]}..."
         lines.append(f"| {axis} | {value} | {kind} | {len(group)} | {text} |")

@@ -1,4 +1,4 @@
-"""The trade: what each of many settings costs on a scene, and how wrong it is, as a table."""
+"""The trade between speed and accuracy: cost and errors of many settings on a scene, as a table."""
 
 import csv
 import dataclasses
@@ -20,9 +20,9 @@ from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies import ensemble
 from mpsim.studies.cost import Cost
-from mpsim.studies.default_candidates import ladder
+from mpsim.studies.default_candidates import default_candidates
 from mpsim.studies.deviations import Deviation
-from mpsim.studies.ensemble import Campaign
+from mpsim.studies.ensemble import Ensemble
 from mpsim.studies.independent_starts import StartsGiven
 from mpsim.studies.replicas import MEASURES, available, demand_available, quietly, starts_of
 
@@ -35,8 +35,8 @@ class Row:
     """One candidate.
 
     Attributes:
-        settings: the candidate.
-        cost: what it costs; None if it failed.
+        settings: of the candidate.
+        cost: its cost; None if it failed.
         errors: measure -> its error against the reference.
         failure: why it could not be run to the end; None if it could.
     """
@@ -48,7 +48,7 @@ class Row:
 
     @property
     def label(self) -> str:
-        """The settings in a few words, such as "grid impact x2 dt=0.05"."""
+        """Short name of the settings, such as "grid impact x2 dt=0.05"."""
         return label(self.settings)
 
     def record(self) -> dict[str, Any]:
@@ -71,13 +71,13 @@ class Tradeoff:
     """Costs and errors of candidates on one scene.
 
     Attributes:
-        scene: which, in words.
-        reference: what the errors are measured against, in words.
+        scene: in words.
+        reference: of the errors, in words.
         until: length of a long run [time].
         short: length of a short run [time].
         measures: names of the errors.
-        rows: one per candidate, in the order in which they were given.
-        starts: of what starts the errors are, in words.
+        rows: one per candidate, in the order given.
+        starts: of the runs, in words.
     """
 
     scene: str
@@ -96,10 +96,10 @@ class Tradeoff:
         return (*SETTINGS, "cost", "cost_low", "cost_high", "memory", "ran", *errors, "failure")
 
     def frontier(self, measure: str) -> list[Row]:
-        """The Pareto front: rows than which no other is both cheaper and less wrong, cheapest first.
+        """The Pareto front: rows for which no other is both cheaper and more accurate, cheapest first.
 
-        An error that is not resolved counts as its bound; it improves on another that is not resolved only where the
-        noise is smaller too, as otherwise chance would choose.
+        An error that is not resolved counts as its bound. It improves on another that is not resolved only if its noise
+        is smaller too, as otherwise chance would decide.
 
         Raises:
             InputError: if the table has no such measure.
@@ -125,7 +125,7 @@ class Tradeoff:
     def to_json(self, path: str | Path | None = None) -> str:
         """The table as JSON: scene, reference, until, short, and rows of plain values; also written to `path`.
 
-        What is not finite is null: JSON has no word for it.
+        Numbers that are not finite become null.
         """
         values = {name: getattr(self, name) for name in ("scene", "reference", "starts", "until", "short", "measures")}
         values["rows"] = [row.record() for row in self.rows]
@@ -139,7 +139,7 @@ class Tradeoff:
 
 
 def label(settings: Settings) -> str:
-    """Settings in a few words; what is left out is the default, and dt means nothing to `event`."""
+    """Short name of settings, without default values, and for `event` without dt, which it ignores."""
     if settings.method == "event":
         return "event"
     words = [settings.method, settings.contact]
@@ -166,13 +166,13 @@ def tradeoff(
 ) -> Tradeoff:
     """Cost and errors of each candidate on a scene.
 
-    Errors are those of the physics: averages over `replicas` runs of length `until` from independent starts, against
-    twice as many of the exact solver. Where that cannot do the scene, is too slow, or may never end (discs that lose
-    energy and rest in a field), they are of the finest affordable stepped run, and the table says so. A difference
-    below three standard errors (more, where few replicas know them badly) is "not resolved". On a scene that changes
-    with time the errors of pressure, collision_rate, overlap and speed_distribution are means over windows along its
-    duration, with the largest of a window beside them; energy_drift, momentum_drift and largest_overlap are of whole
-    runs, trajectory and missed_collisions of short ones. What means nothing on the scene is "not measurable", with the
+    Errors are those of averages over `replicas` runs of length `until` from independent starts, compared with twice as
+    many runs of the exact solver. If that cannot run the scene, is too slow, or may never end (discs that lose energy
+    and rest in a field), the finest affordable stepped run is the reference, and the table says so. A difference below
+    three standard errors (more for few replicas) is "not resolved". On a scene that changes with time the errors of
+    pressure, collision_rate, overlap and speed_distribution are means over windows along its duration, given with the
+    largest error of a window; energy_drift, momentum_drift and largest_overlap are those of whole runs, trajectory and
+    missed_collisions those of short ones. An error that is meaningless on the scene is "not measurable", with the
     reason.
 
     pressure, collision_rate
@@ -180,39 +180,38 @@ def tradeoff(
     energy_drift
         difference of the relative change of energy per time [1/time]
     momentum_drift
-        momentum that came from nowhere, per time, over the sum of all |v| [1/time]
+        momentum not due to walls or gravity, per time, over the sum of all |v| [1/time]
     overlap, largest_overlap
-        mean and largest depth at which pairs are met [diameters]
+        mean and largest depth of overlaps [diameters]
     speed_distribution
         largest difference of the cumulative distributions of speeds [1]
     trajectory
-        distance of the discs from where the exact solver has them after a short time, rms [diameters]; from states
-        along one run of the scene, whatever `starts` is
+        distance of the discs from the exact solver's positions after a short time, rms [diameters]; from states along
+        one run of the scene, whatever `starts` is
     missed_collisions
         fraction of the exact solver's collisions that did not happen in that time; < 0: too many [1]; from the same
         states
 
-    Cost is measured when all accuracy runs are over, one candidate at a time.
+    Cost is measured after all accuracy runs, one candidate at a time.
 
     Args:
-        scene: what is simulated.
-        candidates: settings to compare; None: a ladder of contacts, steps, passes, laws, precisions, methods.
-        until: length of one run [time], > 0; None: the scene's duration; where it has none, so that collisions fix the
+        scene: the scene.
+        candidates: settings to compare; None: a selection of contacts, steps, passes, laws, precisions and methods.
+        until: length of one run [time], > 0; None: the scene's duration; without one, long enough to determine the
             pressure to about a thousandth.
         measures: names of errors; None: all that the scene can have.
         starts: "kind": other starts of the same kind (see `Scene.another`), so that errors hold for the kind; "same":
             this start, each disc displaced by up to a thousandth of a diameter; a function from a number to a Scene, or
             a list of Scenes; None: "kind" where the scene was drawn at random, else "same".
-        executor: any concurrent.futures.Executor for the accuracy runs, which are independent; None: threads, as many
-            as there are cores. The costs are always measured here.
+        executor: any concurrent.futures.Executor for the accuracy runs, which are independent; None: threads, one per
+            core. The costs are always measured in this process.
         replicas: runs per candidate, >= 2.
-        seconds: that runs of the reference may take, about, where it is a stepped one: it is as fine as there is time
-            for [s].
-        path: file that keeps what is finished; an interrupted call goes on from it.
+        seconds: that runs of a stepped reference may take, about, which determines its step [s].
+        path: file in which finished runs are saved; an interrupted call continues from it.
         progress: called as progress(done, of, what).
 
     Raises:
-        InputError: naming the argument and its rule; or the candidate that this scene cannot be run with.
+        InputError: naming the argument and its rule; or the candidate that cannot run this scene.
 
     >>> scene = Scene.random(count=30, packing=0.2, radius=0.5, seed=1)
     >>> pair = [Settings(dt=dt, method="naive") for dt in (0.2, 0.02)]
@@ -226,18 +225,21 @@ def tradeoff(
     how: dict[str, Any] = {"executor": executor, "path": path, "progress": progress, "starts": starts}
     seconds = checks.positive("seconds", seconds, "[s]")
     with terminated_by_exit():
-        run = Campaign(scene, until, names, replicas=replicas, seconds=seconds, **how)
-        settings = ladder(scene, run.pilot.speed) if candidates is None else _checked(scene, candidates)
+        run = Ensemble(scene, until, names, replicas=replicas, seconds=seconds, **how)
+        if candidates is None:
+            settings = default_candidates(scene, run.preliminary.speed)
+        else:
+            settings = _checked(scene, candidates)
         with run:
             run.assess(settings)
             run.time(settings)
     rows = tuple(row_of(run, each) for each in settings)
-    lengths = run.plan.until, run.plan.short
-    return Tradeoff(repr(scene), run.pilot.reference_name, *lengths, names, rows, starts_of(names, run.starts.name))
+    reference, lengths = run.preliminary.reference_name, (run.plan.until, run.plan.short)
+    return Tradeoff(repr(scene), reference, *lengths, names, rows, starts_of(names, run.starts.name))
 
 
-def row_of(run: Campaign, settings: Settings) -> Row:
-    """What a campaign has found out about one candidate."""
+def row_of(run: Ensemble, settings: Settings) -> Row:
+    """The row of one candidate of an ensemble."""
     try:
         errors = run.errors(settings)
         cost = run.cost(settings)
@@ -258,10 +260,10 @@ def _measures(measures: Iterable[str] | None, scene: Scene) -> tuple[str, ...]:
 
 
 def _checked(scene: Scene, candidates: Iterable[Settings]) -> Sequence[Settings]:
-    """The candidates, if each is one and can run the scene."""
+    """The candidates, checked: each can run the scene."""
     settings = listed("candidates", [candidates] if isinstance(candidates, Settings) else candidates, "mpsim.Settings")
     if not settings:
-        raise InputError("candidates must hold at least one Settings; got none. Leave it out for a default ladder.")
+        raise InputError("candidates must hold at least one Settings; got none. Leave it out for the default ones.")
     for index, candidate in enumerate(settings):
         if not isinstance(candidate, Settings):
             raise InputError(f"candidates[{index}] must be an mpsim.Settings; got {type(candidate).__name__}.")

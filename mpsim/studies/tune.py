@@ -1,4 +1,4 @@
-"""The chooser: the cheapest settings whose errors stay inside given budgets, found by search and verified anew."""
+"""Search for the cheapest settings whose errors stay inside given budgets, with verification by independent runs."""
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
@@ -20,42 +20,43 @@ from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.default_candidates import families, step
 from mpsim.studies.deviations import Deviation
-from mpsim.studies.ensemble import REFERENCE, Campaign, CandidateFailed
+from mpsim.studies.ensemble import REFERENCE, CandidateFailed, Ensemble
 from mpsim.studies.independent_starts import StartsGiven
 from mpsim.studies.replicas import MEASURES, PIECES, demand_available, starts_of
 from mpsim.studies.tradeoff import Row, label, listed, row_of
 from mpsim.studies.tuned import Trial, Tuned
 
 FIRST = 0.1
-"""Step at which each family is first looked at, in units of diameter / speed."""
+"""First step to try for each family, in units of diameter / speed."""
 
 LONGEST, SHORTEST = 0.5, 0.0005
-"""Steps between which the search stays, likewise: beyond, discs may pass each other unseen; below, `event` is cheap."""
+"""Range of the search, likewise: with longer steps discs may pass through each other; for shorter ones `event` is
+cheaper."""
 
 CLOSE = 1.15
-"""Ratio of two steps, one inside the budgets and one not, at which the search is over."""
+"""Ratio of two steps, one inside the budgets and one not, at which the search ends."""
 
-LOOKS = 8
-"""Steps of one family that are looked at, at most."""
+MOST_STEPS = 8
+"""Largest number of steps to try for one family."""
 
 MOST_REPLICAS = 64
-"""Replicas at most, where the noise leaves it open whether a budget is met."""
+"""Largest number of replicas, if noise leaves it undecided whether a budget is met."""
 
 FEWEST_REPLICAS = 6
-"""... and at least, where runs are long: with fewer their standard error is known too badly to decide anything."""
+"""Smallest number, if runs are long: the standard error of fewer is too uncertain."""
 
 SEARCH, LEAST_SEARCH = 0.6, 0.25
-"""Fraction of the time there is in which candidates are looked at, the rest being for verification and timing; and the
-fraction that is left for them where the reference has taken longer than was forecast."""
+"""Fraction of the available time for trials, the rest being for verification and timing; and the smallest fraction, if
+the reference has taken longer than forecast."""
 
 AIM = 0.9
-"""Fraction of the budget at which the next step is aimed."""
+"""Fraction of the budget that the next step aims at."""
 
 LEAST_RATIO = 4.0
-"""Steps of candidates, at least, over that of a stepped reference."""
+"""Smallest step of candidates, in steps of a stepped reference."""
 
 TRIALS, TYPICAL, TIMING = 12, 0.03, 1.5
-"""Candidates that a search looks at, their typical step (diameter / speed), seconds to time one: for a forecast."""
+"""For a forecast: candidates of a search, their typical step (diameter / speed), seconds to time one."""
 
 VERIFICATIONS = 4
 """Settings that may fail their verification before the search gives up."""
@@ -76,27 +77,26 @@ def tune(
 ) -> Tuned:
     """The cheapest settings whose errors on a scene stay inside every budget.
 
-    For each family of settings the longest step inside the budgets is searched along the order that was measured so
-    far; the cheapest family wins, and runs of its own, from starts of their own, verify it. An error counts with two of
-    its standard errors. On a scene that changes with time the errors of pressure, collision_rate, overlap and
-    speed_distribution are means over windows along its duration, and no single window may be seen to be outside;
-    energy_drift, momentum_drift and largest_overlap are of whole runs, trajectory and missed_collisions of short ones.
+    For each family of settings the longest step inside the budgets is searched, guided by the order of the errors found
+    so far; the cheapest family wins, and is verified by new runs from new starts. Two standard errors are added to each
+    error. Which runs an error comes from is said at `tradeoff`; on a scene that changes with time, no single window may
+    be significantly outside a budget.
 
     Args:
-        scene: what is simulated.
+        scene: the scene.
         max_error: measure -> largest |error|, > 0, in the unit of the measure (see `tradeoff`): {"pressure": 0.01} is
             one per cent, {"overlap": 0.05} a twentieth of a diameter.
-        until: length of one run [time]; None: the scene's duration; where it has none, so that collisions fix the
-            pressure to about a thousandth, if the scene does not change with time.
+        until: length of one run [time]; None: the scene's duration; without one, and if the scene is stationary, long
+            enough to determine the pressure to about a thousandth.
         candidates: families to choose from, whose dt is searched; None: impact with one and two passes, push, and the
             exact solver.
-        starts, executor, replicas, path, progress: as for `tradeoff`; replicas are doubled where noise leaves an answer
-            open, and fewer where runs are long. `progress` is called first with how long it will take.
-        seconds: that it may take, about [s]: a longer search reaches smaller errors where runs are long.
+        starts, executor, replicas, path, progress: as for `tradeoff`; replicas are doubled if noise leaves an answer
+            undecided, and reduced if runs are long. `progress` is called first with a forecast of the time.
+        seconds: that it may take, about [s]: if runs are long, a longer search reaches smaller errors.
 
     Raises:
-        BudgetError: if no candidate meets all budgets, with the least error that was reached.
-        NotMeasurableError: if the scene shows no such error: nothing happens, or all runs are one run.
+        BudgetError: if no candidate meets all budgets, with the smallest error reached.
+        NotMeasurableError: if the scene shows no such error: nothing happens, or all runs are equal.
         InputError: naming the argument and its rule.
 
     >>> scene = Scene.random(count=30, packing=0.2, radius=0.5, seed=1)
@@ -111,9 +111,9 @@ def tune(
     seconds = checks.positive("seconds", seconds, "[s]")
     how: dict[str, Any] = {"executor": executor, "path": path, "progress": progress, "starts": starts}
     how |= {"replicas": replicas, "seconds": seconds}
-    with terminated_by_exit(), Campaign(scene, until, tuple(budgets), **how) as run:
+    with terminated_by_exit(), Ensemble(scene, until, tuple(budgets), **how) as run:
         search = Search(run, scene, budgets, seconds)
-        search.look_at_the_reference()
+        search.run_reference()
         for family in choices:
             search.longest_step(family)
         return search.answer()
@@ -122,7 +122,7 @@ def tune(
 class Search:
     """The trials of one call of `tune`."""
 
-    def __init__(self, run: Campaign, scene: Scene, budgets: dict[str, float], seconds: float):
+    def __init__(self, run: Ensemble, scene: Scene, budgets: dict[str, float], seconds: float):
         self._run = run
         self._scene = scene
         self._budgets = budgets
@@ -135,15 +135,15 @@ class Search:
         self._orders: dict[str, float] = {}
         self._numbers: dict[Settings, int] = {}
 
-    def look_at_the_reference(self) -> None:
-        """Choose how many runs there is time for, say how long it will take, and refuse what they cannot measure.
+    def run_reference(self) -> None:
+        """Run the reference, announce how long the search will take, and refuse what cannot be measured.
 
         Raises:
-            NotMeasurableError: for a measure whose error would mean nothing.
+            NotMeasurableError: for a measure whose error would be meaningless.
         """
-        run, fine = self._run, self._run.pilot.reference
-        self._choose_numbers()
-        typical = Settings(dt=TYPICAL * 2 * self._scene.smallest_radius / run.pilot.speed)
+        run, fine = self._run, self._run.preliminary.reference
+        self._choose_replicas()
+        typical = Settings(dt=TYPICAL * 2 * self._scene.smallest_radius / run.preliminary.speed)
         looks = TRIALS * (run.seconds_for(typical, run.replicas) + TIMING)
         verification = run.seconds_for(typical, self._verifying, verify=True)
         references = run.seconds_for(fine, run.replicas, verify=True) - run.seconds_for(fine, run.replicas)
@@ -156,35 +156,35 @@ class Search:
             raise NotMeasurableError(
                 f"nothing is measurable here: {failed}. Ask for shorter runs (until=...)."
             ) from None
-        self._choose_numbers()  # as it is known by now how long runs really take
+        self._choose_replicas()  # now that the true time of runs is known
         self._end = max(self._end, time.monotonic() + LEAST_SEARCH * self._seconds)
 
-    def _choose_numbers(self) -> None:
-        """Choose how many runs of a candidate there is time for, in the search and in a verification."""
+    def _choose_replicas(self) -> None:
+        """Choose the number of runs per candidate that time allows, in the search and in a verification."""
         run = self._run
-        one = run.seconds_for(run.pilot.reference, 1, verify=True)
+        one = run.seconds_for(run.preliminary.reference, 1, verify=True)
         affordable = int(SEARCH / 2 * self._seconds / one) if one else self._most
         run.replicas = max(min(run.replicas, affordable), min(run.replicas, FEWEST_REPLICAS))
         self._verifying = max(min(self._verifying, affordable), run.replicas)
 
     def longest_step(self, family: Settings) -> None:
-        """Look for the longest step of a family inside all budgets."""
-        if family.method == "event" and not self._run.pilot.exact:  # which is why it is not the reference
-            reason = f"not tried: errors are against {self._run.pilot.reference_name}"
+        """Search the longest step of a family inside all budgets."""
+        if family.method == "event" and not self._run.preliminary.exact:  # the scene is not for the exact solver
+            reason = f"not tried: errors are against {self._run.preliminary.reference_name}"
             self._trials[family] = Trial(Row(family, failure=reason), reason, False)
             return
         if family.method == "event":
             self._try(family)
             return
-        speed = self._run.pilot.speed
+        speed = self._run.preliminary.speed
         dt, shortest, longest = (step(self._scene, speed, h) for h in (FIRST, SHORTEST, LONGEST))
         longest = min(longest, self._run.plan.until / PIECES)
         dt, shortest = min(dt, longest), min(shortest, longest)
-        if not self._run.pilot.exact:  # which resolves no error that is not far above its own
-            shortest = max(shortest, LEAST_RATIO * self._run.pilot.reference.dt)
+        if not self._run.preliminary.exact:  # it resolves only errors far above its own
+            shortest = max(shortest, LEAST_RATIO * self._run.preliminary.reference.dt)
         inside, outside = 0.0, math.inf
-        found: list[tuple[float, float]] = []  # step and largest error over budget
-        for _ in range(LOOKS):
+        found: list[tuple[float, float]] = []  # step, and largest ratio of error to budget
+        for _ in range(MOST_STEPS):
             settings = dataclasses.replace(family, dt=dt)
             if not self._is_time_for(settings):
                 break
@@ -223,11 +223,11 @@ class Search:
             broken = [name for name, budget in self._budgets.items() if not errors[name].inside(budget)]
             if not broken:
                 return self._tuned(best, errors)
-            self._set_back(best, errors, broken)
+            self._reject(best, errors, broken)
         raise self._refusal()
 
     def _best(self, attempt: int) -> Trial | None:
-        """The cheapest inside all budgets; the exact solver where there is no time for one more verification."""
+        """The cheapest trial inside all budgets; the exact solver if there is no time for one more verification."""
         inside = [trial for trial in self._trials.values() if trial.inside]
         best = min(inside, key=_cost, default=None)
         if best is None or not attempt or self._is_exact(best.row.settings):
@@ -237,33 +237,33 @@ class Search:
         return next((trial for trial in inside if self._is_exact(trial.row.settings)), None)
 
     def _verified(self, settings: Settings, first: int) -> dict[str, Deviation]:
-        """Errors of runs from starts, numbered from `first` on, that had no part in anything before."""
-        self._choose_numbers()
+        """Errors of runs from new starts, numbered from `first` on."""
+        self._choose_replicas()
         number = max(self._numbers[settings], self._verifying)
         self._run.assess([settings], number, first=first)
         return self._run.errors(settings, number, first=first)
 
-    def _set_back(self, best: Trial, errors: dict[str, Deviation], broken: list[str]) -> None:
-        """Note that settings have failed their verification, and try a shorter step if there is time."""
+    def _reject(self, best: Trial, errors: dict[str, Deviation], broken: list[str]) -> None:
+        """Record that settings have failed their verification, and try a shorter step if there is time."""
         settings = best.row.settings
         verdict = f"inside at first, but {broken[0]} {errors[broken[0]]!r} when verified"
         self._trials[settings] = Trial(dataclasses.replace(best.row, errors=errors), verdict, False)
         if self._is_time_for(settings, last=True):
-            self._step_back(settings, max(_ratio(errors[name], self._budgets[name]) for name in broken))
+            self._shorten_step(settings, max(_ratio(errors[name], self._budgets[name]) for name in broken))
 
-    def _step_back(self, settings: Settings, ratio: float) -> None:
-        """Try the step that the order found suggests for one that came out so many times too wrong when verified."""
+    def _shorten_step(self, settings: Settings, ratio: float) -> None:
+        """Try a shorter step, from the order found and the ratio of error to budget in the verification."""
         order = self._orders.get(label(dataclasses.replace(settings, dt=1.0)), 1.0)
         dt = float(f"{settings.dt / max((ratio / AIM) ** (1 / order), CLOSE):.2g}")
         for other, trial in list(self._trials.items()):
             if trial.inside and other == dataclasses.replace(settings, dt=other.dt) and other.dt > dt:
                 verdict = "inside at first, but not likely to be when verified, as the next longer step was not"
                 self._trials[other] = Trial(trial.row, verdict, False)
-        if dt >= step(self._scene, self._run.pilot.speed, SHORTEST):
+        if dt >= step(self._scene, self._run.preliminary.speed, SHORTEST):
             self._try(dataclasses.replace(settings, dt=dt))
 
     def _try(self, settings: Settings) -> Trial:
-        """Errors and cost of a candidate; with more replicas while noise leaves the answer open."""
+        """Errors and cost of a candidate; replicas are doubled while noise leaves the answer undecided."""
         if settings in self._trials:
             return self._trials[settings]
         number = self._run.replicas
@@ -274,7 +274,7 @@ class Search:
             except CandidateFailed as failed:
                 self._trials[settings] = Trial(Row(settings, failure=str(failed)), str(failed), False)
                 return self._trials[settings]
-            if number * 2 > self._most or self._is_exact(settings) or not self._open(errors):
+            if number * 2 > self._most or self._is_exact(settings) or not self._is_undecided(errors):
                 break
             if not self._is_time_for(settings, 2 * number):
                 break
@@ -288,28 +288,28 @@ class Search:
         return self._trials[settings]
 
     def _is_time_for(self, settings: Settings, replicas: int = 0, last: bool = False) -> bool:
-        """Whether there is time for the runs of another candidate, or for its verification as the last one."""
+        """Whether there is time for the runs of another candidate, or, as the last one, for its verification."""
         needed = self._run.seconds_for(settings, replicas or self._run.replicas, verify=last or bool(replicas))
         return time.monotonic() + needed < self._end + (1 - SEARCH) * self._seconds * last
 
     def _is_exact(self, settings: Settings) -> bool:
         """Whether this is the reference itself."""
-        return settings.method == self._run.pilot.reference.method == "event"
+        return settings.method == self._run.preliminary.reference.method == "event"
 
-    def _open(self, errors: dict[str, Deviation]) -> bool:
-        """Whether more replicas could bring inside what is outside now."""
+    def _is_undecided(self, errors: dict[str, Deviation]) -> bool:
+        """Whether more replicas could bring all errors inside the budgets."""
         outside = [(errors[name], budget) for name, budget in self._budgets.items() if not errors[name].inside(budget)]
         return bool(outside) and all(abs(each.value) - each.noise < budget for each, budget in outside)
 
     def _is_too_costly(self, trial: Trial) -> bool:
-        """Whether something inside the budgets is already cheaper than this one, which is not."""
+        """Whether a trial inside the budgets is cheaper than this one, which is outside."""
         inside = [_cost(each) for each in self._trials.values() if each.inside]
         return bool(inside) and _cost(trial) > min(inside)
 
     def _next(
         self, dt: float, found: list[tuple[float, float]], inside: float, outside: float, limits: tuple[float, float]
     ) -> float:
-        """The step at which the error is likely to meet its budget, between those that are known."""
+        """The step at which the error is likely to meet its budget, between the known bounds."""
         last, ratio = found[-1] if found else (dt, 4.0)
         aim = last * float(np.clip((AIM / ratio) ** (1 / _order(found)), 0.2, 4.0))
         if inside and math.isfinite(outside) and not inside * 1.02 < aim < outside / 1.02:
@@ -333,11 +333,11 @@ class Search:
             "until": run.plan.until,
             "warning": run.warning_of(settings),
         }
-        reference = run.pilot.reference_name
+        reference = run.preliminary.reference_name
         return Tuned(settings, best.row.cost, errors, self._budgets, reference, tried, tighter, **said)
 
     def _refusal(self) -> BudgetError | NotMeasurableError:
-        """Why nothing meets the budgets, with the least error that was reached."""
+        """Why no candidate meets the budgets, with the smallest error reached."""
         wanted = ", ".join(f"{name} {budget:g}" for name, budget in self._budgets.items())
         rows = [
             trial.row for trial in self._trials.values() if trial.row.errors and not self._is_exact(trial.row.settings)
@@ -355,7 +355,7 @@ class Search:
             )
         best = min(rows, key=lambda row: _worst(row, self._budgets))
         reached = ", ".join(f"{name} {best.errors[name].bound:.3g}" for name in self._budgets)
-        event = "; or let candidates hold Settings(method='event')" if self._run.pilot.exact else ""
+        event = "; or let candidates hold Settings(method='event')" if self._run.preliminary.exact else ""
         return BudgetError(
             f"max_error must be within reach: no candidate stays inside {wanted}. The best of {len(rows)} tried, "
             f"{best.label}, reaches {reached} (two standard errors included). Allow these errors; where the noise is "
@@ -363,15 +363,15 @@ class Search:
         )
 
 
-def _blocks(run: Campaign) -> tuple[int, int, int]:
-    """Replicas at most, starts of the search and of each verification, and verifications at most.
+def _blocks(run: Ensemble) -> tuple[int, int, int]:
+    """Largest number of replicas, number of starts in the search and in each verification, and most verifications.
 
-    Each has starts of its own, which is what makes the verification one. Of a list there are only so many.
+    Search and verifications use different starts; a list provides only a limited number.
 
     Raises:
         InputError: if a list of starts is too short.
     """
-    references = REFERENCE if run.pilot.exact else 1
+    references = REFERENCE if run.preliminary.exact else 1
     if run.starts.number is None:
         return MOST_REPLICAS, references * MOST_REPLICAS, VERIFICATIONS
     least = 2 * references * FEWEST_REPLICAS
@@ -414,7 +414,7 @@ def _cost(trial: Trial) -> float:
 
 
 def _ratio(error: Deviation, budget: float) -> float:
-    """Size of an error over its budget; infinite where it is not measurable."""
+    """Size of an error over its budget; infinite if it is not measurable."""
     if not error.measurable:
         return math.inf
     largest = 0.0 if error.largest is None else abs(error.largest.value) - error.largest.noise
@@ -422,7 +422,7 @@ def _ratio(error: Deviation, budget: float) -> float:
 
 
 def _is_measurable(trial: Trial) -> bool:
-    """Whether the candidate could run and each of its errors means something."""
+    """Whether each error of the candidate is measurable."""
     return all(error.measurable for error in trial.row.errors.values())
 
 
@@ -432,7 +432,7 @@ def _worst(row: Row, budgets: dict[str, float]) -> float:
 
 
 def _order(found: list[tuple[float, float]]) -> float:
-    """Order of the error in the step, a line through the logarithms of what was seen; 1.5 before anything is known."""
+    """Order of the error in the step, from a linear fit of the logarithms; 1.5 before there are two points."""
     if len({dt for dt, _ in found}) < 2:
         return 1.5
     logarithms = np.log(np.array(found, dtype=np.float64))

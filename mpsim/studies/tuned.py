@@ -1,4 +1,4 @@
-"""What a search for settings gives: each candidate with its verdict, and the answer."""
+"""The result of a search for settings: each candidate with its verdict, and the answer."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ class Trial:
 
     Attributes:
         row: its settings, cost and errors.
-        verdict: "inside all budgets", or which budget it broke and by how much.
+        verdict: "inside all budgets", or the budget that it exceeds and by how much.
         inside: whether all budgets are met, standard errors included.
     """
 
@@ -31,15 +31,15 @@ class Tuned:
 
     Attributes:
         settings: the cheapest settings found inside all budgets.
-        cost: what they cost.
-        errors: their errors, from runs that had no part in choosing them.
-        budgets: as they were asked for.
-        reference: what the errors are measured against, in words.
-        starts: of what starts the errors are, in words.
+        cost: their cost.
+        errors: their errors, from runs that were not used in the search.
+        budgets: as given.
+        reference: of the errors, in words.
+        starts: of the runs, in words.
         until: length of the runs [time].
-        warning: what mpsim warns of when these settings are used on the scene, or "".
+        warning: of mpsim when these settings are used on the scene, or "".
         tried: every candidate of the search with its verdict, cheapest first.
-        tighter: cost of half of every budget, estimated from the fitted order, over the cost of this one [1].
+        tighter: estimated cost for half of every budget, from the fitted order, over the cost of these settings [1].
     """
 
     settings: Settings
@@ -60,7 +60,7 @@ class Tuned:
 
     @property
     def verified(self) -> bool:
-        """Whether runs that had no part in choosing, and could have shown otherwise, found each error in its budget."""
+        """Whether independent runs, which could have shown otherwise, found each error inside its budget."""
         return not self.exact and all(error.inside(self.budgets[name]) for name, error in self.errors.items())
 
     def _repr_html_(self) -> str:
@@ -88,7 +88,7 @@ class Tuned:
 
 
 def _where(error: Deviation, until: float) -> str:
-    """Where along the duration an error was taken, in words."""
+    """The time span of an error, in words."""
     if error.exact:
         return ""
     if error.largest is None and error.span == (0.0, 1.0):

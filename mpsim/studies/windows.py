@@ -1,4 +1,4 @@
-"""Errors of scenes that change with time: windows along the duration, and the stationary part, where there is one."""
+"""Scenes that change with time: windows along the duration, and the stationary state, if there is one."""
 
 import itertools
 import math
@@ -11,35 +11,35 @@ Runs = NDArray[np.float64]
 """A measure in each piece of each run, shape (runs, pieces)."""
 
 WINDOWS = 8
-"""Windows along the duration in which a changing scene is compared."""
+"""Number of windows along the duration in which a changing scene is compared."""
 
 TREND = 3.0
-"""Standard errors that a trend, or the first piece, may show by chance in a series that is called stationary. Each is
-looked for in some ten series of a scene, so that two would be too few."""
+"""Largest trend of a stationary series, in standard errors. About ten series of a scene are tested, so that two would
+be too few."""
 
 LATEST = 0.5
-"""Fraction of the duration after which a stationary part is no longer what the scene is about."""
+"""Latest start of a stationary state, as a fraction of the duration: a later one does not represent the scene."""
 
 FEWEST = 4
-"""Pieces of a stationary part, at least: fewer cannot show a trend."""
+"""Smallest number of pieces of a stationary state: fewer cannot show a trend."""
 
 SEEN = 4.0
-"""Standard errors by which something must exceed zero for an error to be a fraction of it: of what a few of many runs
-have, the fraction would be that of these few."""
+"""Standard errors by which a mean must exceed zero to be the unit of a relative error: else a few of the runs would
+dominate it."""
 
 SAME = 1e-9
-"""Relative scatter of runs below which they are one run: what is smaller is rounding, which has had time to grow."""
+"""Relative scatter below which runs count as equal: smaller differences are rounding errors that have grown."""
 
 
 def steady_from(series: Runs, least: int = 0) -> int | None:
-    """First piece of the longest stationary end of a series that is not 0, or None if none begins before LATEST.
+    """First piece from which on a series is stationary and not 0, or None if there is none before LATEST.
 
-    Stationary: over the runs, which are independent, neither the slope, nor the first piece against the others, nor the
-    first half against the second differs from nothing by more than TREND of its standard errors (few runs: more).
+    Stationary: over the independent runs neither the slope, nor the first piece against the others, nor the first half
+    against the second differs from 0 by more than TREND standard errors (more for few runs).
 
     Args:
         series: shape (runs, pieces).
-        least: first piece that may be taken.
+        least: first piece to consider.
 
     >>> noise = np.random.default_rng(1).normal(size=(16, 16))
     >>> steady_from(10 + noise), steady_from(10 + noise + np.arange(16)), steady_from(noise + 50 * (np.arange(16) < 3))
@@ -54,7 +54,7 @@ def steady_from(series: Runs, least: int = 0) -> int | None:
 
 
 def _contrasts(series: Runs) -> list[float]:
-    """Slope, first piece, and first half of a series against nothing, in standard errors (of a normal one)."""
+    """Slope, first piece minus the others, and first half minus second half of a series, in standard errors."""
     pieces = series.shape[1]
     slope = np.arange(pieces) - (pieces - 1) / 2
     first = np.where(np.arange(pieces) == 0, 1.0, -1 / (pieces - 1))
@@ -71,13 +71,13 @@ def _contrasts(series: Runs) -> list[float]:
 
 @dataclass(frozen=True)
 class Spans:
-    """Where along the duration errors are taken.
+    """Time spans in which errors are taken.
 
     Attributes:
         pieces: (first, end) of each span, in pieces.
         number: of pieces of the duration.
-        stationary: whether it is one span in which nothing changes with time.
-        steady: from which piece on nothing changes with time; None: from none on, or too late.
+        stationary: whether it is a single span in which nothing changes with time.
+        steady: piece from which on nothing changes with time; None if there is none, or too late.
     """
 
     pieces: tuple[tuple[int, int], ...]
@@ -91,20 +91,20 @@ class Spans:
 
     @property
     def ends(self) -> tuple[float, float]:
-        """From where to where, as fractions of the duration."""
+        """Start and end of all spans together, as fractions of the duration."""
         return self.pieces[0][0] / self.number, self.pieces[-1][1] / self.number
 
 
 def spans_of(series: Runs, least: int = 0, there: Runs | None = None) -> Spans:
-    """One span where a series is stationary from `least` on, or else windows along its duration.
+    """One span if a series is stationary from `least` on, or else windows along its duration.
 
-    A transient counts: what settles is wrong while it does, and how long that takes is a matter of noise. Windows are
-    those in which there is something; where there is too little in every one for it to be seen, all of the duration.
+    A later stationary state does not make it one span: errors of the transient count, and its length depends on noise.
+    Windows without a significant signal are left out; if none has one, the whole duration is taken.
 
     Args:
         series: shape (runs, pieces).
-        least: first piece of a stationary end.
-        there: what is not 0 in a window in which there is something, shape (runs, pieces); None: the series.
+        least: first piece that may be stationary.
+        there: the signal that a window must have, shape (runs, pieces); None: the series.
     """
     pieces = series.shape[1]
     steady = steady_from(series, least)
@@ -118,18 +118,18 @@ def spans_of(series: Runs, least: int = 0, there: Runs | None = None) -> Spans:
 
 
 def is_seen(means: Runs) -> NDArray[np.bool_]:
-    """Whether the means of runs, shape (runs, ...), together are far enough from zero to be a unit."""
+    """Whether the mean over runs, shape (runs, ...), is far enough from zero to be a unit."""
     return np.abs(means.mean(axis=0)) > SEEN * means.std(axis=0, ddof=1) / math.sqrt(len(means))
 
 
 def alike(series: Runs) -> bool:
-    """Whether all runs are one run, to rounding."""
+    """Whether all runs are equal, to rounding."""
     means = series.mean(axis=1)
     return bool(np.ptp(means) <= SAME * float(np.abs(means).max(initial=0.0)))
 
 
 def quantile(normal: float, freedom: float) -> float:
-    """Quantile of a t-distribution where that of a normal one is `normal` (Wallace 1959; too large, if anything)."""
+    """Quantile of a t-distribution at the level of `normal` in a normal one (Wallace 1959; if anything too large)."""
     if math.isinf(freedom):
         return normal
     normal *= (8 * freedom + 3) / (8 * freedom + 1)

@@ -24,7 +24,7 @@ MADE_BY = {
     "PairCorrelation": measure.pair_correlation,
     "Predictability": measure.predictability,
     "SpeedDistribution": measure.speed_distribution,
-    "TrajectoryError": measure.trajectory_error,
+    "TrajectoryDeviation": measure.trajectory_error,
     "ClosedBox": reference.closed_box,
     "TwoDiscs": reference.two_discs,
 }

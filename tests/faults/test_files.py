@@ -19,7 +19,7 @@ from mpsim.cli.runfolder import RunFolder
 from mpsim.core import atomic
 from mpsim.output.drawing import save_figure
 from mpsim.output.recorder import Recorder
-from mpsim.studies.saved_results import Kept
+from mpsim.studies.saved_results import SavedResults
 from mpsim.studies.tradeoff import _written
 
 STATE = mpsim.State(np.zeros((3, 2)), np.ones((3, 2)))
@@ -44,7 +44,7 @@ def table_of_measures(path):
 
 
 def kept_results(path):
-    kept = Kept(path, "gas")
+    kept = SavedResults(path, "gas")
     kept.open("plan", "reference")
     kept.put("a", {"b": 1})
     kept.save()

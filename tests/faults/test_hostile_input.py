@@ -28,7 +28,7 @@ from mpsim.output.recorder import COLUMNS, read_table
 from mpsim.scene import scenefile
 from mpsim.scene.scenefile.limits import MOST_BYTES, MOST_PROBLEMS, MOST_TABLES
 from mpsim.studies import saved_results
-from mpsim.studies.saved_results import Kept
+from mpsim.studies.saved_results import SavedResults
 
 LONGEST = 2.0
 """Seconds of processor time to refuse anything."""
@@ -228,7 +228,7 @@ DOORS = {
     "run.xyz": (mpsim.Trajectory, mpsim.TrajectoryError),
     "run.gsd": (mpsim.Trajectory, mpsim.TrajectoryError),
     "run.mpsim": (mpsim.Simulation.resume, mpsim.CheckpointError),
-    "kept.json": (lambda path: Kept(path, "scene"), mpsim.InputError),
+    "kept.json": (lambda path: SavedResults(path, "scene"), mpsim.InputError),
     "run.json": (lambda path: RunFolder.open(path.parent), mpsim.InputError),
     "measures.csv": (read_table, mpsim.InputError),
 }
@@ -389,7 +389,7 @@ def test_a_damaged_gsd_is_refused(tmp_path):
 def test_records_that_are_none_are_refused(text, tmp_path):
     (tmp_path / "run.json").write_text(text, "latin-1")
     refused(RunFolder.open, tmp_path, match="the folder of a run must hold run.json")
-    refused(Kept, tmp_path / "run.json", "scene", match="path must be a file of an earlier trade")
+    refused(SavedResults, tmp_path / "run.json", "scene", match="path must be a file of an earlier trade")
 
 
 def test_records_of_very_many_empty_lists_are_refused(tmp_path):
@@ -397,7 +397,7 @@ def test_records_of_very_many_empty_lists_are_refused(tmp_path):
     assert saved_results.MOST_BYTES == runfolder.MOST_BYTES == 2**23
     for count, match in ((2**23 // 3, "8,388,61[0-9] bytes, and at most 8,388,608 are read"), (2_750_000, "must")):
         (tmp_path / "run.json").write_text("[" + "[]," * count + "[]]")
-        refused(Kept, tmp_path / "run.json", "scene", match=match)
+        refused(SavedResults, tmp_path / "run.json", "scene", match=match)
         refused(RunFolder.open, tmp_path, match=match)
 
 

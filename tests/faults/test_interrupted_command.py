@@ -37,7 +37,7 @@ def test_ctrl_c_stops_all_workers_and_leaves_a_run_that_goes_on(tmp_path):
     assert outcome.code == 130, outcome.err
     frame = json.loads((out / "run.json").read_text())["frame"]
     assert outcome.out == ""
-    assert outcome.err == f"Interrupted at frame {frame} of 400. Go on with: mpsim resume {out}\n"
+    assert outcome.err == f"Interrupted at frame {frame} of 400. Continue with: mpsim resume {out}\n"
     assert 50 <= frame < 400
     for words in ((*settings, "grid", "--out", str(whole)), ("resume", str(out), "--workers", "1", "--quiet")):
         done = CliRunner().invoke(main, words)

@@ -1,4 +1,4 @@
-"""Arrays of a scene file: numbers in the file itself, or a .npy or .csv file beside it. Nothing is ever executed."""
+"""Arrays of a scene file: numbers in the file itself, or a .npy or .csv file beside it."""
 
 import csv
 import io
@@ -19,7 +19,7 @@ from mpsim.scene.scenefile.limits import MOST_ARRAY_BYTES, MOST_CSV
 logger: logging.Logger = logging.getLogger("mpsim")
 
 INLINE = 64
-"""Rows up to which an array is saved in the scene file itself, where a person can read it."""
+"""Number of rows up to which an array is saved in the scene file itself, where a person can read it."""
 
 
 @dataclass
@@ -29,8 +29,8 @@ class Source:
     Attributes:
         folder: that of the scene file; arrays lie in it or below.
         read: array files read so far.
-        length: of all of them [bytes].
-        emitters: number of those in the tables checked so far.
+        length: size of all of them [bytes].
+        emitters: number of emitters in the tables checked so far.
     """
 
     folder: Path
@@ -39,7 +39,7 @@ class Source:
     emitters: int = 0
 
     def note(self, name: str, path: Path, length: int) -> None:
-        """One more array file, if all of them together are not too long."""
+        """Add an array file, if all of them together are not too large."""
         self.read.append(path)
         self.length += length
         if self.length > MOST_ARRAY_BYTES:
@@ -52,7 +52,7 @@ class Source:
 def array(
     name: str, value: Any, shapes: tuple[tuple[int | None, ...], ...], meaning: str, source: Source
 ) -> NDArray[np.float64]:
-    """Numbers, or those of the file that a text names, as a float64 array with one of the shapes (None: any length).
+    """Numbers, or those of a file given by name, as a float64 array of one of the shapes (None: any length).
 
     Raises:
         InputError: naming the rule and the value received.
@@ -63,7 +63,7 @@ def array(
         demand_numbers(name, value)
         numbers = _array_of(name, value, meaning)
     fitting = [shape for shape in shapes if len(shape) == numbers.ndim]
-    # An empty list, which has lost its axes, fits the largest shape.
+    # An empty list has lost its axes: the shape of most axes is taken.
     return checks.finite_array(name, numbers, fitting[0] if fitting and numbers.size else shapes[-1], meaning)
 
 
@@ -71,7 +71,7 @@ def from_file(name: str, path: str, source: Source) -> NDArray[Any]:
     """The array in a .npy or .csv file in the scene file's folder or below.
 
     Raises:
-        InputError: if there is none, or none that can be read without running code.
+        InputError: if there is none, or if it cannot be read without executing code.
     """
     full, shown = source.folder / path, checks.brief(path)
     suffix = full.suffix.lower()
@@ -79,7 +79,7 @@ def from_file(name: str, path: str, source: Source) -> NDArray[Any]:
         raise InputError(f"{name} must be numbers or the name of a .npy or .csv file; got {shown}.")
     try:
         inside = full.resolve().is_relative_to(source.folder.resolve())
-    except (OSError, ValueError, RuntimeError):  # a name too long, a null byte, a ring of links
+    except (OSError, ValueError, RuntimeError):  # too long a name, a null byte, a loop of links
         inside = False
     if not inside or Path(path).is_absolute():
         raise InputError(
@@ -104,7 +104,7 @@ def from_file(name: str, path: str, source: Source) -> NDArray[Any]:
 
 def _from_npy(name: str, label: str, file: BinaryIO, length: int) -> NDArray[Any]:
     try:
-        return read_array(file, length, label, REAL)  # a pickle, which could run code, is none
+        return read_array(file, length, label, REAL)  # which refuses pickles, as they could execute code
     except ValueError as error:
         raise InputError(
             f"{name} must be an array of real numbers as numpy.save writes it; {label} is not ({error!s:.200}). "
@@ -113,7 +113,7 @@ def _from_npy(name: str, label: str, file: BinaryIO, length: int) -> NDArray[Any
 
 
 def _from_csv(name: str, path: Path) -> NDArray[np.float64]:
-    """One row per line, one line of headings at the top if there is any."""
+    """One row per line, after an optional line of headings."""
     try:
         text = io.StringIO(untrusted.content(path, MOST_CSV).decode("utf-8-sig"), newline="")
         lines = [(number, row) for number, row in enumerate(csv.reader(text), 1) if any(map(str.strip, row))]
@@ -145,7 +145,7 @@ def _is_number(cell: str) -> bool:
 
 
 def demand_numbers(name: str, value: Any) -> None:
-    """Refuse texts, truth values and dates in place of numbers: numpy would turn some of them into numbers."""
+    """Refuse texts, truth values and dates in place of numbers: numpy would convert some of them."""
     if isinstance(value, list):
         for index, part in enumerate(value):
             demand_numbers(f"{name}[{index}]", part)
@@ -169,7 +169,7 @@ def _array_of(name: str, value: Any, meaning: str) -> NDArray[np.float64]:
 
 
 def positive(name: str, numbers: NDArray[np.float64], unit: str) -> NDArray[np.float64]:
-    """The array, if each of its numbers is above 0."""
+    """The array, checked to be > 0 everywhere."""
     bad = np.flatnonzero(numbers <= 0)
     if len(bad):
         at = f"[{bad[0]}]" if numbers.ndim else ""
@@ -178,7 +178,7 @@ def positive(name: str, numbers: NDArray[np.float64], unit: str) -> NDArray[np.f
 
 
 def text_of(numbers: NDArray[np.float64]) -> str:
-    """An array as TOML; reading it gives the same bits."""
+    """An array as TOML, from which the same bits are read."""
     if numbers.ndim == 0:
         return repr(float(numbers))
     if numbers.ndim == 1:

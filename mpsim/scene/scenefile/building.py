@@ -1,4 +1,4 @@
-"""From the tables of a checked scene file to the Scene."""
+"""Makes the Scene from the tables of a checked scene file."""
 
 import functools
 import math
@@ -22,7 +22,7 @@ Arguments = dict[str, Any]
 
 
 class ProblemsError(Exception):
-    """What is wrong with a scene whose tables are right one by one."""
+    """Problems of a scene whose tables are valid one by one."""
 
     def __init__(self, problems: list[Problem]):
         super().__init__()
@@ -34,10 +34,10 @@ def build(table: SceneTable, variation: int | None = None) -> Scene:
 
     Args:
         table: of the file.
-        variation: None: as the seeds of the file say; a number: drawn with other random numbers.
+        variation: None: drawn with the seeds of the file; a number: with other random numbers.
 
     Raises:
-        ProblemsError: with all that is wrong.
+        ProblemsError: with all problems.
     """
     problems: list[Problem] = []
     sides = _box(table, problems)
@@ -48,7 +48,7 @@ def build(table: SceneTable, variation: int | None = None) -> Scene:
     width, height = sides or (1.0, 1.0)
     for index, discs in enumerate(table.discs):
         if sides is None and discs.places is not None:
-            continue  # nobody knows yet where
+            continue  # without a box there are no places
         if taken.count + (discs.count or 0) > LARGEST_COUNT:
             problems.append((f"discs[{index}]", f"all discs must be at most {LARGEST_COUNT:,}; got more. Use fewer."))
             break
@@ -77,7 +77,7 @@ def build(table: SceneTable, variation: int | None = None) -> Scene:
 
 
 def _box(table: SceneTable, problems: list[Problem]) -> tuple[float, float] | None:
-    """Width and height, which `packing` leaves to the discs; None if they cannot be told."""
+    """Width and height, with `packing` computed from the discs; None if they cannot be computed."""
     if table.width is not None and table.height is not None:
         return table.width, table.height
     area, largest = 0.0, 0.0
@@ -112,7 +112,7 @@ def _box(table: SceneTable, problems: list[Problem]) -> tuple[float, float] | No
 def _group(
     discs: Discs, box: tuple[float, float], taken: Taken, periodic: tuple[bool, bool], variation: int | None
 ) -> Arguments:
-    """One group of discs as arguments of Scene; it is noted in `taken`."""
+    """One group of discs as arguments of Scene, which is also added to `taken`."""
     rng = np.random.default_rng(discs.seed if variation is None else [discs.seed, variation])
     if discs.places == "random":
         assert discs.count is not None
@@ -146,7 +146,7 @@ def _demand_one_each(discs: Discs, count: int) -> None:
 
 
 def _places(discs: Discs, box: tuple[float, float]) -> NDArray[np.float64]:
-    """Centres that are given, or on a lattice."""
+    """Given centres, or those on a lattice."""
     if discs.position is not None:
         return discs.position
     assert discs.places is not None
@@ -177,7 +177,7 @@ def _joined(groups: list[Arguments]) -> Arguments:
     for name in ("radius", "mass"):
         values = [1.0 if group[name] is None else group[name] for group in groups]
         if not any(map(np.ndim, values)) and len(set(values)) == 1:
-            joined[name] = values[0]  # one number for all, on which emitters may then rely
+            joined[name] = values[0]  # one number for all, which emitters may then use
         else:
             each = [np.broadcast_to(value, count) for value, count in zip(values, counts, strict=True)]
             joined[name] = np.concatenate(each)
@@ -190,13 +190,13 @@ def _joined(groups: list[Arguments]) -> Arguments:
 def _all_problems(
     box: Arguments, groups: list[Arguments], parts: Arguments, tables: dict[str, list[int]]
 ) -> Iterator[Problem]:
-    """What is wrong with a scene that was refused: each part is tried in the box by itself.
+    """All problems of a scene that was refused: each part is tried in the box by itself.
 
-    tables: numbers of the tables that the values of each feature come from.
+    tables: for each feature, the numbers of the tables that its values come from.
     """
     bare: Arguments = {**box, **_joined([])}
     every = _joined(groups)
-    # An emitter may rely on the radius and the mass of the discs.
+    # An emitter may take radius and mass from the discs.
     few = {name: value for name, value in every.items() if name in ("radius", "mass") and not np.ndim(value)}
     trials: list[tuple[str, list[int], list[Any], Callable[[list[Any]], Arguments]]] = [
         ("discs", [*range(len(groups))], groups, lambda some: {**box, **_joined(some)}),
@@ -223,7 +223,7 @@ def _all_problems(
 def _refused(
     members: list[Any], arguments: Callable[[list[Any]], Arguments], first: int = 0
 ) -> Iterator[tuple[int, InputError]]:
-    """Members that Scene refuses, by their index, with what it says. Many without any of them take one trial."""
+    """Members that Scene refuses, by index, with the error, found by bisection."""
     if not members:
         return
     try:

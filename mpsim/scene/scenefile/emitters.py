@@ -22,7 +22,7 @@ _EMITTERS = tuple(
 
 
 class EmitterTable(Table):
-    """An Emitter, or several, of which each value may be an array, one row per row of position."""
+    """An Emitter, or several: then each value may be an array, one row per row of position."""
 
     position: Annotated[
         Any,
@@ -86,7 +86,7 @@ class EmittersPart(Part):
     advice = "emitters those with the same keys"
 
     def lines(self, scene: SceneLike, target: Path, files: Files) -> list[str]:
-        """A table for each emitter; one for many that follow each other and have values for the same keys."""
+        """A table for each emitter; a single one for many consecutive ones with values for the same keys."""
         lines: list[str] = []
         for names, group in groupby(
             getattr(scene, self.argument),

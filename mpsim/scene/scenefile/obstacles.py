@@ -172,11 +172,11 @@ class ObstaclesPart(Part):
         return made, owners
 
     def capsules(self, values: list[Any]) -> NDArray[np.float64]:
-        """Theirs."""
+        """The capsules of all obstacles."""
         return capsules_of(tuple(values))
 
     def lines(self, scene: SceneLike, target: Path, files: Files) -> list[str]:
-        """A table for each obstacle; one for many discs, or many Polylines, that follow each other."""
+        """A table for each obstacle; a single one for many consecutive discs, or many consecutive Polylines."""
         lines: list[str] = []
         for kind, group in groupby(OBSTACLES.of(scene), type):
             alike = list(group)

@@ -1,4 +1,4 @@
-"""What scene files hold of a feature: its tables, what is made of them, and how they are written."""
+"""A feature in scene files: its tables, the values made from them, and how they are written."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,19 +13,19 @@ from mpsim.scene.scenefile.rules import Table, as_in
 from mpsim.scene.scenefile.toml import Files, pairs
 
 Problem = tuple[str, str]
-"""Key path and what is wrong there."""
+"""Key path, and the problem there."""
 
 
 class Part:
-    """Of one feature.
+    """The tables of one feature.
 
     Attributes:
         argument: of Scene; the key of the tables.
         several: whether there may be many tables, [[argument]].
-        tables: of each kind its name in the annotation ("" where there is one), its title in the docs, its class.
+        tables: for each kind its name in the annotation ("" if there is only one), its title in the docs, its class.
         annotation, default, description: of the key.
-        relies_on_discs: whether it takes what it lacks from the discs of the scene.
-        advice: what keeps a file of very many of them short, after "Let ".
+        relies_on_discs: whether missing values come from the discs of the scene.
+        advice: what keeps a file with very many of them short, to follow "Let ".
     """
 
     argument: str
@@ -38,22 +38,22 @@ class Part:
     advice: str = ""
 
     def made(self, tables: list[Any], problems: list[Problem]) -> tuple[list[Any], list[int]]:
-        """The values of all tables, and the number of the table of each; what is wrong is added to the problems."""
+        """The values of all tables, and the table number of each; problems are appended."""
         values = [each.made() for each in tables]
         owners = [index for index, some in enumerate(values) for _ in some]
         return [value for some in values for value in some], owners
 
     def capsules(self, values: list[Any]) -> NDArray[np.float64]:
-        """Where discs cannot be, shape (K, 5)."""
+        """Capsules that discs must not overlap, shape (K, 5)."""
         return np.empty((0, 5))
 
     def lines(self, scene: SceneLike, target: Path, files: Files) -> list[str]:
-        """Its tables as lines of a file, and the files of its arrays."""
+        """Its tables as lines of a file; files of its arrays are appended."""
         raise NotImplementedError
 
 
 class SinglePart(Part):
-    """Of a feature that a scene has once: its table has the fields of its class."""
+    """The table of a feature that a scene has once: its keys are the fields of the feature's class."""
 
     several = False
     default = None

@@ -1,4 +1,4 @@
-"""What scene files hold of each feature."""
+"""The list of all features in scene files."""
 
 from mpsim.features import FEATURES
 from mpsim.scene.scenefile.emitters import EmittersPart

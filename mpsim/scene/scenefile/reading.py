@@ -1,4 +1,4 @@
-"""From a name or a path to a scene: find the file, check all of it, say all that is wrong at once."""
+"""Reads a scene file by name or path, checks all of it, and reports all problems at once."""
 
 import errno
 import logging
@@ -38,8 +38,8 @@ _TEXTS = re.compile(
     r"'[^'\n]*+'?|#[^\n]++",
     re.DOTALL,
 )
-"""What no key is in: texts and comments. Texts without an end count too: their end is looked for once, not again from
-each quotation mark in them."""
+"""Texts and comments, which contain no keys. An unterminated text counts too: its end is searched for only once, not
+from each quotation mark in it."""
 
 _MANY_PARTS = re.compile(rf"(?:\.[^.=,\n\[\]{{}}]*+){{{MOST_PARTS},}}")
 
@@ -55,9 +55,9 @@ class SceneFile:
 
     Attributes:
         name: of the file, without .toml.
-        scene: what it describes.
-        settings: those that it recommends; None if it has none.
-        title, text, look_for: for people; "" if it has none.
+        scene: the scene.
+        settings: recommended ones; None without any.
+        title, text, look_for: for people; "" without any.
         read: files that were read, the scene file first.
     """
 
@@ -76,7 +76,7 @@ def names() -> tuple[str, ...]:
 
 
 def titles() -> dict[str, str]:
-    """Titles of the scenes that come with mpsim, by name; quick, as no scene is made."""
+    """Titles of the scenes that come with mpsim, by name; no scene is made."""
     return {name: tomllib.loads((PACKAGED / f"{name}.toml").read_text())["about"]["title"] for name in names()}
 
 
@@ -88,7 +88,7 @@ def load(source: str | os.PathLike[str]) -> SceneFile:
 
     Raises:
         InputError: if there is no such scene or file.
-        SceneFileError: with all that is wrong in it; an InputError too.
+        SceneFileError: with all problems of the file; a subclass of InputError.
 
     >>> load("gas").scene.count
     100
@@ -113,7 +113,7 @@ def load(source: str | os.PathLike[str]) -> SceneFile:
 
 
 def _find(source: Any) -> Path:
-    """The file of a name or a path."""
+    """The path of a scene given by name or path."""
     if not isinstance(source, str | os.PathLike) or not isinstance(os.fspath(source), str):
         raise InputError(f"scene must be a name or a path to a .toml file; got {type(source).__name__}.")
     text = os.fspath(source)
@@ -166,7 +166,7 @@ def _parsed(path: Path, label: str) -> dict[str, Any]:
 
 
 def _sentences(error: pydantic.ValidationError) -> list[str]:
-    """What is wrong, a sentence each; of very many problems, of the first."""
+    """One sentence per problem, for the first MOST_PROBLEMS."""
     sentences: list[str] = []
     found = error.errors(include_url=False)
     for each in found[:MOST_PROBLEMS]:
@@ -176,7 +176,7 @@ def _sentences(error: pydantic.ValidationError) -> list[str]:
 
 
 def _some(sentences: list[str], number: int = 0) -> list[str]:
-    """The first sentences, and how many there are besides, if they are very many."""
+    """The first MOST_PROBLEMS sentences, and how many more there are."""
     more = max(number, len(sentences)) - MOST_PROBLEMS
     return [*sentences[:MOST_PROBLEMS], f"and at least {more:,} more."] if more > 0 else sentences
 
@@ -222,7 +222,7 @@ def _path(location: Iterable[int | str]) -> str:
 
 
 def _at(key: str, text: str) -> str:
-    """A sentence that begins with the key path, instead of the bare key if it begins with that."""
+    """A sentence that begins with the key path, which replaces a bare key at its beginning."""
     if not key:
         return text
     text = _OF_WHAT.sub("", text, count=1)  # the key path says of what

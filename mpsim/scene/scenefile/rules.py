@@ -1,4 +1,4 @@
-"""The rules of the keys of a scene file: those that mpsim has for arguments in Python, and arrays from files."""
+"""Rules for the keys of a scene file: those for the Python arguments, and arrays from files."""
 
 from collections.abc import Callable
 from typing import Annotated, Any, ClassVar
@@ -17,7 +17,7 @@ Check = Callable[[str, Any, ValidationInfo], Any]
 
 
 def checked(check: Check) -> PlainValidator:
-    """The key goes through one of mpsim's own checks, which raise InputError with a text."""
+    """A validator that calls one of mpsim's own checks, which raise InputError."""
 
     def validate(value: Any, info: ValidationInfo) -> Any:
         return check(str(info.field_name), value, info)
@@ -26,22 +26,22 @@ def checked(check: Check) -> PlainValidator:
 
 
 def plain(check: Callable[..., Any], *rule: Any) -> PlainValidator:
-    """The key goes through a check that needs nothing but its name, its value and the rest of the rule."""
+    """A validator that calls a check with name, value and the given further arguments."""
     return checked(lambda name, value, _: check(name, value, *rule))
 
 
 def as_in(*examples: Any, words: bool = False, numbers: bool = True) -> PlainValidator:
-    """The rule that a class of mpsim has for this argument: see `_rule_of`."""
+    """A validator with the rule of a class of mpsim for this argument: see `_rule_of`."""
     return checked(_rule_of(*examples, words=words, numbers=numbers and not words))
 
 
 def _rule_of(*examples: Any, words: bool = False, numbers: bool = True) -> Check:
-    """The rule that a class of mpsim has for this argument.
+    """The rule of a class of mpsim for this argument.
 
-    It is asked by making the class with this one argument exchanged in arguments that are right. Where an argument is
-    right only beside some values of another there are several examples, and one that accepts it will do.
-    words: whether it is a word or a list of words.
-    numbers: whether a list is to hold numbers; else the class says what is wrong with one.
+    It is applied by making an instance with this argument replaced in otherwise valid ones. Where validity depends on
+    another argument there are several examples, of which one must accept the value.
+    words: whether the value is a word or a list of words.
+    numbers: whether a list must hold numbers; else the class checks it.
     """
 
     def check(name: str, value: Any, _: ValidationInfo) -> Any:
@@ -62,7 +62,7 @@ def _rule_of(*examples: Any, words: bool = False, numbers: bool = True) -> Check
 
 
 def one_or_many(*examples: Any, row: tuple[int, ...] = ()) -> Any:
-    """The rule of a class for this argument; or an array of such arguments, one each, of numbers or in a file."""
+    """The rule of a class for this argument; or an array with a value each, as numbers or in a file."""
     one = _rule_of(*examples)
 
     def check(name: str, value: Any, info: ValidationInfo) -> Any:
@@ -76,7 +76,7 @@ def one_or_many(*examples: Any, row: tuple[int, ...] = ()) -> Any:
 
 
 def array(*shapes: tuple[int | None, ...], meaning: str, unit: str | None = None) -> PlainValidator:
-    """Numbers, or a file of them; > 0 in a unit, if one is given."""
+    """Numbers, or a file of them; > 0 if a unit is given."""
 
     def check(name: str, value: Any, info: ValidationInfo) -> Any:
         if unit is not None and isinstance(value, int | float):
@@ -90,7 +90,7 @@ def array(*shapes: tuple[int | None, ...], meaning: str, unit: str | None = None
 
 
 def source_of(info: ValidationInfo) -> arrays.Source:
-    """Where arrays may come from: what the file is validated with."""
+    """Where arrays may come from: the context of the validation."""
     assert isinstance(info.context, arrays.Source)
     return info.context
 

@@ -1,4 +1,4 @@
-"""What a scene file may hold: a table of keys per level. Every rule is that of the Python class it stands for."""
+"""What a scene file may hold: a table of keys per level. Every rule is that of the corresponding Python class."""
 
 import dataclasses
 from typing import TYPE_CHECKING, Annotated, Any
@@ -34,7 +34,7 @@ def _text(name: str, value: Any) -> str:
 
 
 def version_problem(value: Any) -> str:
-    """What is wrong with a version that is not SCHEMA."""
+    """The error text for a version that is not SCHEMA."""
     return (
         f"schema must be {SCHEMA}, the version of scene files that this mpsim reads; got {checks.brief(value)}. "
         "A newer mpsim may read it."
@@ -53,7 +53,7 @@ Seed = Annotated[int, plain(checks.whole, 0, 2**63 - 1, "Any whole number will d
 
 
 class About(Table):
-    """What a scene is, for people."""
+    """Title and texts for people."""
 
     title: Annotated[Text, Field(description="a line")]
     text: Annotated[Text, Field(description="what it is")] = ""
@@ -67,14 +67,14 @@ _SETTINGS: dict[str, Any] = {
 if TYPE_CHECKING:
 
     class SettingsTable(Table):
-        """Recommended settings, by the names that Settings has for them: made below, where its keys are known."""
+        """Recommended settings, by the names of Settings: made below, where its keys are known."""
 else:
     SettingsTable = pydantic.create_model("SettingsTable", __base__=Table, **_SETTINGS)
-    SettingsTable.__doc__ = "Recommended settings, by the names that Settings has for them."
+    SettingsTable.__doc__ = "Recommended settings, by the names of Settings."
 
 
 class Discs(Table):
-    """A group of discs: where they start, how fast, how large."""
+    """A group of discs: initial positions and velocities, radii, masses."""
 
     position: Annotated[
         Numbers | None, array((None, 2), meaning="(N, 2)"), Field(description="centres [[x, y], ...], or a file")
@@ -206,7 +206,7 @@ LEVELS: dict[str, list[type[Table]]] = {
     "discs": [Discs],
     **{part.argument: [table for _, _, table in part.tables] for part in PARTS},
 }
-"""Tables by the key that holds them."""
+"""Tables by their key."""
 
 
 def keys_of(table: type[Table]) -> list[str]:

@@ -11,11 +11,11 @@ import numpy as np
 from mpsim.scene.scenefile.arrays import is_small, text_of
 
 Files = list[tuple[Path, Callable[[BinaryIO], object]]]
-"""Files to write, each with what writes it."""
+"""Files to write, each with the function that writes it."""
 
 
 def array_lines(arrays: dict[str, Any], target: Path, prefix: str, files: Files) -> list[str]:
-    """Arrays by name as lines of a table. Large ones become files beside the target, named by their prefix and name."""
+    """Arrays by name as lines of a table. Large ones become files beside the target, named by prefix and name."""
     lines: list[str] = []
     for name, value in arrays.items():
         numbers = np.asarray(value, dtype=np.float64)
@@ -36,7 +36,7 @@ def pairs(values: dict[str, Any]) -> list[str]:
 def text(value: Any) -> str:
     """A value as TOML."""
     if isinstance(value, str):
-        # JSON's escapes are TOML's, but for one character that TOML wants escaped too.
+        # JSON's escapes are valid in TOML, which requires one more.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, bool):
         return "true" if value else "false"

@@ -1,4 +1,4 @@
-"""From a scene to a scene file: small arrays in the file, large ones beside it, every bit kept."""
+"""Writes a scene file: small arrays in the file, large ones beside it, without losing a bit."""
 
 import dataclasses
 import os
@@ -24,12 +24,12 @@ def save(
     text: str = "",
     look_for: str = "",
 ) -> None:
-    """Write a scene file; `load` gives the same scene, bit for bit.
+    """Write a scene file; `load` restores the same scene, bit for bit.
 
     Args:
-        scene: what is written. How it was made (random places, lattices) is not: its arrays are.
+        scene: its arrays are written, not the rules by which it was made (random places, lattices).
         path: ends in .toml; an existing file is replaced, a symbolic link refused. Arrays of more than 64 rows go to
-            files beside it, named like it: gas.position.npy of gas.toml.
+            files beside it, named after it: gas.position.npy for gas.toml.
         settings: to recommend.
         title, text, look_for: for people.
 
@@ -100,7 +100,7 @@ def _demand_readable(target: Path, lines: list[str]) -> None:
 
 
 def _write(files: list[tuple[Path, Callable[[BinaryIO], object]]]) -> None:
-    """All or nothing: every file is complete on the disk before one takes its name, the last one first."""
+    """Every file is complete on the disk before the first is renamed; they are renamed last to first."""
     if files:
         (path, write), *others = files
         with atomic.atomic_write(path) as file:

@@ -93,7 +93,7 @@ def test_a_run_that_is_there_is_not_overwritten_unasked(tmp_path):
     assert refused.exit_code == 2
     assert refused.stderr == (
         f"Error: --out holds a run already: '{out}' is not overwritten. Give another name, --force to replace it, or "
-        f"go on with it: mpsim resume {out}\n"
+        f"continue it: mpsim resume {out}\n"
     )
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
     assert mpsim_command("run", "gas", *SHORT, "--dt", "0.02", "--out", out, "--force").exit_code == 0
@@ -112,7 +112,7 @@ def test_ctrl_c_is_one_line_and_the_run_goes_on_to_the_same_bits(tmp_path, ctrl_
     frame = json.loads((out / "run.json").read_text())["frame"]
     assert 3 <= frame < 30
     assert (stopped.exit_code, stopped.stdout) == (130, "")
-    assert stopped.stderr == f"Interrupted at frame {frame} of 30. Go on with: mpsim resume {out}\n"
+    assert stopped.stderr == f"Interrupted at frame {frame} of 30. Continue with: mpsim resume {out}\n"
     assert json.loads((out / "run.json").read_text())["status"] == "interrupted"
     assert not (out / "final.npz").exists()
     plotted = mpsim_command("plot", out)  # what there is so far
@@ -140,7 +140,8 @@ def test_a_run_that_has_ended_goes_on_where_it_is_told_to(tmp_path):
     refused = mpsim_command("resume", tmp_path / "run")
     assert refused.exit_code == 2
     assert (
-        "is at frame 30, time 0.3; it was to go to frame 30. Say how far it is to go on: --frames or" in refused.stderr
+        "is at frame 30, time 0.3; it was to go to frame 30. Say how far it is to continue: --frames or"
+        in refused.stderr
     )
     assert mpsim_command("resume", tmp_path / "run", "--frames", 10, "--quiet").exit_code == 0
     last = mpsim_command("resume", tmp_path / "run", "--until", 0.5, "--quiet")
@@ -162,7 +163,7 @@ def test_a_part_of_the_way_leaves_the_end_that_was_asked_for(tmp_path, ctrl_c, m
     record = json.loads((out / "run.json").read_text())
     assert (record["status"], record["frame"]) == ("done", 30)
     refused = mpsim_command("resume", out, "--until", 0.1)
-    assert "is at frame 30, time 0.3; --until 0.1 is frame 10. Say how far it is to go on" in refused.stderr
+    assert "is at frame 30, time 0.3; --until 0.1 is frame 10. Say how far it is to continue" in refused.stderr
 
 
 def test_frames_that_a_kill_makes_the_run_compute_again_are_told(tmp_path):
@@ -174,7 +175,7 @@ def test_frames_that_a_kill_makes_the_run_compute_again_are_told(tmp_path):
         sim.save(out / "checkpoint.mpsim")
     resumed = mpsim_command("resume", out, "--frames", 30)
     assert resumed.exit_code == 0
-    assert "Going on from the checkpoint of frame 0: " in resumed.stderr
+    assert "Continuing from the checkpoint of frame 0: " in resumed.stderr
     assert "Its 7 recorded frames after that, up to 28, are computed again, to the same bits.\n" in resumed.stderr
     assert (out / "trajectory.xyz").read_bytes() == trajectory
 

@@ -148,7 +148,7 @@ def test_few_discs_are_as_deep_in_obstacles_that_are_asked_again_and_again(bound
     walls = np.column_stack([rng.uniform(0, 30, (300, 4)), 10 ** rng.uniform(-3, 0, 300)])
     walls[::2, 2:4] = walls[::2, :2]
     box = walls, (30.0, 30.0), (boundary == "periodic",) * 2
-    among, found = capsules.Among(*box), []
+    among, found = capsules.CapsuleIndex(*box), []
     for power in rng.integers(-6, 2, 100):
         position, radius = rng.uniform(0, 30, (3, 2)), 2.0**power * rng.uniform(0.5, 1, 3)
         found.append(among.depths(position, radius))

@@ -296,7 +296,7 @@ def test_missing_frames_are_told(path):
     with simulate(scene, **SETTINGS) as sim:
         sim.run(frames=10)
         out = mpsim.Trajectory.write(path, every=2, mode="a")
-        missing = r"goes on at frame 10, and its last frame was 4: those"
+        missing = r"continues at frame 10, and its last frame was 4: those"
         with out, pytest.warns(mpsim.TrajectoryWarning, match=missing) as given:
             sim.run(frames=2, observe=out)
         assert [each.filename for each in given] == [__file__]

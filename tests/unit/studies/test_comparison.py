@@ -9,7 +9,7 @@ from support.scenes import gas, simulate
 
 import mpsim
 from mpsim import Scene, Settings
-from mpsim.studies.comparison import parting, short_run, typical_speed
+from mpsim.studies.comparison import divergence, short_run, typical_speed
 
 pytestmark = pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # errors of long steps are what is measured
 BALANCES = ["energy_drift", "momentum_drift"]
@@ -32,15 +32,15 @@ def drifts(scene, frames, **settings):
 
 def test_the_exponent_of_a_gas_is_that_of_the_literature():
     """Dellago, Posch & Hoover (1996) and the docstring of `predictability`: 2.9 at packing 0.3, over several starts."""
-    rates = [parting(gas(256, 0.3, seed)).rate.value for seed in range(4)]
+    rates = [divergence(gas(256, 0.3, seed)).rate.value for seed in range(4)]
     assert np.mean(rates) == pytest.approx(2.9, rel=0.15)
-    assert parting(gas(256, 0.1)).rate.value < 0.6 * np.mean(rates), "a thinner gas should part more slowly"
+    assert divergence(gas(256, 0.1)).rate.value < 0.6 * np.mean(rates), "a thinner gas should part more slowly"
 
 
 def test_the_same_seed_gives_the_same_exponent_and_another_seed_another():
     scene = gas(64, 0.3)
-    assert parting(scene, seed=3) == parting(scene, seed=3)
-    assert parting(scene, seed=3).rate.value != parting(scene, seed=4).rate.value
+    assert divergence(scene, seed=3) == divergence(scene, seed=3)
+    assert divergence(scene, seed=3).rate.value != divergence(scene, seed=4).rate.value
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_the_same_seed_gives_the_same_exponent_and_another_seed_another():
 )
 def test_runs_that_do_not_part_or_cannot_be_exact_are_refused_by_name(scene, words):
     with pytest.raises(mpsim.InputError, match=words):
-        parting(scene)
+        divergence(scene)
 
 
 def test_the_typical_speed_counts_what_gravity_adds_over_a_diameter():

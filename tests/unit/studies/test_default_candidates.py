@@ -4,11 +4,11 @@ import pytest
 from support.scenes import gas
 
 from mpsim import tradeoff
-from mpsim.studies.default_candidates import ladder
+from mpsim.studies.default_candidates import default_candidates
 
 
 def test_the_default_ladder_has_all_contacts_and_leaves_out_all_pairs_for_many_discs():
-    few, many = ladder(gas(40, 0.3), 1.0), ladder(gas(3500, 0.1), 1.0)
+    few, many = default_candidates(gas(40, 0.3), 1.0), default_candidates(gas(3500, 0.1), 1.0)
     assert {"event", "naive", "grid", "parallel", "auto"} == {each.method for each in few}
     assert "naive" not in {each.method for each in many}
     assert len(set(few)) == len(few)

@@ -11,7 +11,7 @@ import mpsim
 from mpsim import Settings
 from mpsim.studies.cost import CHUNKS, RESTARTS, measure
 from mpsim.studies.deviations import Deviation, deviations, short_deviations
-from mpsim.studies.ensemble import Campaign
+from mpsim.studies.ensemble import Ensemble
 from mpsim.studies.replicas import LONG, long_run, quietly
 
 PAIRED = ["pressure", "collision_rate", "speed_distribution"]
@@ -171,11 +171,12 @@ def test_a_real_difference_of_distributions_has_its_size_and_is_resolved():
 
 def coverage(scene, until, tables):
     """value / noise of each measure, of many tables of the exact solver against itself, at other starts."""
-    run = Campaign(scene, until, tuple(LONG), replicas=8)
+    run = Ensemble(scene, until, tuple(LONG), replicas=8)
     with quietly(), ThreadPoolExecutor(2) as threads:
         made = list(
             threads.map(
-                lambda number: long_run(run.starts[number], run.pilot.reference, run.plan), range(1, 24 * tables + 1)
+                lambda number: long_run(run.starts[number], run.preliminary.reference, run.plan),
+                range(1, 24 * tables + 1),
             )
         )
     found = {name: [] for name in PAIRED}

@@ -6,7 +6,7 @@ import pytest
 from support.scenes import gas
 
 import mpsim
-from mpsim.studies import preliminary as pilot
+from mpsim.studies import preliminary
 
 
 class Clock:
@@ -32,19 +32,19 @@ class Clock:
 
 
 def reference(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> str:
-    monkeypatch.setattr(pilot, "time", SimpleNamespace(thread_time=clock.thread_time))
-    monkeypatch.setattr(pilot, "Simulation", clock.simulation)
-    return pilot.pilot(gas(20, 0.2, seed=1)).reference_name
+    monkeypatch.setattr(preliminary, "time", SimpleNamespace(thread_time=clock.thread_time))
+    monkeypatch.setattr(preliminary, "Simulation", clock.simulation)
+    return preliminary.preliminary_run(gas(20, 0.2, seed=1)).reference_name
 
 
 def test_a_start_that_compiles_for_minutes_does_not_make_the_exact_solver_too_slow(monkeypatch):
-    assert reference(Clock(starting=10 * pilot.PATIENCE), monkeypatch) == pilot.EXACT
+    assert reference(Clock(starting=10 * preliminary.EXACT_SECONDS), monkeypatch) == preliminary.EXACT
 
 
 def test_an_exact_solver_that_runs_for_minutes_is_too_slow(monkeypatch):
     """Negative control. Of a stepped look that takes as long, the error says so."""
     with pytest.raises(mpsim.InputError, match="a trade needs a scene whose preliminary run takes less than 20 s"):
-        reference(Clock(running=10 * pilot.PATIENCE), monkeypatch)
+        reference(Clock(running=10 * preliminary.EXACT_SECONDS), monkeypatch)
 
 
 def test_a_step_is_timed_along_the_run_where_emitters_let_a_scene_grow():
@@ -52,5 +52,7 @@ def test_a_step_is_timed_along_the_run_where_emitters_let_a_scene_grow():
     emitters = [mpsim.Emitter((2 + 3 * k, 2.0), (1.0, 20.0), interval=0.4) for k in range(10)]
     box = {"width": 33, "height": 30, "position": [[1, 29]], "velocity": [[1, 0]], "radius": 0.5}
     scene = mpsim.Scene(**box, emitters=emitters)
-    first, along = (min(pilot._step_seconds(scene, 0.002, until, 10.0) for _ in range(3)) for until in (None, 10.0))
+    first, along = (
+        min(preliminary._step_seconds(scene, 0.002, until, 10.0) for _ in range(3)) for until in (None, 10.0)
+    )
     assert along > 5 * first

@@ -65,7 +65,7 @@ def test_an_exception_of_another_kind_is_a_crash(monkeypatch):
 
 @pytest.mark.parametrize(("blow", "kind"), [(signal.SIGKILL, "crash"), (signal.SIGSTOP, "hang")])
 def test_a_process_that_dies_or_hangs_is_an_outcome(blow, kind):
-    attendant = stability._Attendant(multiprocessing.get_context("spawn"))
+    attendant = stability._TrialProcess(multiprocessing.get_context("spawn"))
     try:
         os.kill(attendant.process.pid, signal.SIGSTOP)  # so that it cannot be quicker than the blow
         attendant.give(0, Trial("count", 10, GRID))

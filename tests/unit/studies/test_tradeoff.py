@@ -14,8 +14,7 @@ from support.scenes import gas
 
 import mpsim
 from mpsim import Scene, Settings, tradeoff
-from mpsim.studies import cost, ensemble
-from mpsim.studies import preliminary as pilot
+from mpsim.studies import cost, ensemble, preliminary
 from mpsim.studies.replicas import MEASURES
 
 COARSE, FINE = Settings(dt=0.1, method="grid"), Settings(dt=0.02, method="grid")
@@ -229,19 +228,19 @@ def test_a_scene_in_which_nothing_moves_is_refused(scene):
 
 
 def test_a_scene_that_the_exact_solver_is_too_slow_for_is_compared_with_the_finest_run(quick, monkeypatch):
-    look = pilot._look
+    look = preliminary._observe
 
     def slow(scene, settings, *rest):
         if settings.method == "event":
-            pilot._impatient(-1.0)(0, 1)
+            preliminary._time_limit(-1.0)(0, 1)
         return look(scene, settings, *rest)
 
-    monkeypatch.setattr(pilot, "_look", slow)
+    monkeypatch.setattr(preliminary, "_observe", slow)
     found = tradeoff(gas(20, 0.3), [COARSE], until=2, replicas=2)
     assert re.match(
         "two passes at dt=.*, the finest affordable run, as the exact solver cannot: make its", found.reference
     )
-    monkeypatch.setattr(pilot, "LONGEST_LOOK", -1.0)
+    monkeypatch.setattr(preliminary, "STEPPED_SECONDS", -1.0)
     with pytest.raises(mpsim.InputError, match=r"preliminary run takes less than -1 s.*Take a smaller scene"):
         tradeoff(gas(20, 0.3), [COARSE], until=2)
 

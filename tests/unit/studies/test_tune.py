@@ -40,7 +40,7 @@ class Fake:
 
     def __init__(self, scene, until, measures, *, replicas, seconds, **_):
         reference = EVENT if self.event else Settings(dt=1e-4)
-        self.pilot = SimpleNamespace(speed=1.0, reference=reference, reference_name="a law", exact=self.event)
+        self.preliminary = SimpleNamespace(speed=1.0, reference=reference, reference_name="a law", exact=self.event)
         self.starts = SimpleNamespace(name="starts of a law", number=self.number)
         self.plan = SimpleNamespace(until=10.0)
         self.replicas, self.measures, self.assessed, self.timed = replicas, measures, [], []
@@ -102,7 +102,7 @@ def faked(max_error, **laws):
     clock = SimpleNamespace(monotonic=lambda: Fake.now)
     Fake.now, Fake.firsts = 0.0, []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(chooser, "Campaign", type("Faked", (Fake,), laws))
+        patch.setattr(chooser, "Ensemble", type("Faked", (Fake,), laws))
         patch.setattr(chooser, "time", clock)
         return tune(SCENE, max_error, candidates=candidates)
 
@@ -283,16 +283,16 @@ class Slow(ThreadPoolExecutor):
 
 @pytest.mark.parametrize(("seconds", "replicas"), [(0.0, 16), (0.8, chooser.FEWEST_REPLICAS)])
 def test_where_runs_side_by_side_take_longer_than_forecast_there_are_fewer(seconds, replicas, monkeypatch):
-    monkeypatch.setattr(ensemble, "TELLING", 0.0)
+    monkeypatch.setattr(ensemble, "RELIABLE_SECONDS", 0.0)
     monkeypatch.setattr(ensemble, "usable_cores", lambda: 2)
     with Slow(2) as executor:
         executor.seconds = seconds
         how = {"replicas": 16, "seconds": 10.0, "executor": executor}
-        with ensemble.Campaign(gas(30, 0.2), 10.0, ("pressure",), **how) as run:
+        with ensemble.Ensemble(gas(30, 0.2), 10.0, ("pressure",), **how) as run:
             search = chooser.Search(run, gas(30, 0.2), {"pressure": 0.1}, 10.0)
-            search.look_at_the_reference()
+            search.run_reference()
             assert run.replicas == replicas
-            assert (run.seconds_for(run.pilot.reference, 16) > 3) == (seconds > 0)
+            assert (run.seconds_for(run.preliminary.reference, 16) > 3) == (seconds > 0)
 
 
 def test_a_measure_that_means_nothing_in_any_run_is_not_a_budget_out_of_reach():

@@ -10,7 +10,7 @@ from mpsim import Emitter, Scene, Settings, tune
 from mpsim.core.errors import NotMeasurableError
 from mpsim.scene import scenefile
 from mpsim.studies import ensemble
-from mpsim.studies.preliminary import pilot
+from mpsim.studies.preliminary import preliminary_run
 from mpsim.studies.replicas import MEASURES, available
 
 GRAINS = {"radius": 0.5, "restitution": 0.5, "wall_restitution": 0.5, "gravity": (0, -1)}
@@ -59,7 +59,7 @@ def test_a_run_of_the_reference_that_takes_far_too_long_is_given_up_with_a_reaso
     """Of an unusual start the exact solver may never come to an end."""
     scene = Scene.random(count=20, packing=0.3, radius=0.5, duration=7.0)
     settings = [Settings(method="grid")]
-    for name in ("PATIENCE", "LEAST_PATIENCE"):
+    for name in ("TIME_LIMIT_FACTOR", "LEAST_TIME_LIMIT"):
         monkeypatch.setattr(ensemble, name, 0.0)
     with pytest.raises(NotMeasurableError, match=r"reference failed, RunTooLong: .*its start is unusual.*shorter runs"):
         tune(scene, {"overlap": 0.1}, candidates=settings, replicas=4)
@@ -164,7 +164,7 @@ def test_no_step_is_longer_than_a_piece_of_a_run():
 def test_the_reference_of_grains_at_rest_resolves_a_fall():
     """As before: its step was 1.8, by the speeds of a settled heap."""
     heap = Scene(width=3, height=9, position=[[0.5, 0.5], [1.5, 0.5], [2.5, 0.5]], velocity=[[0, 0]] * 3, **GRAINS)
-    assert pilot(heap, 3.0).reference.dt <= 0.02
+    assert preliminary_run(heap, 3.0).reference.dt <= 0.02
 
 
 def test_more_time_can_be_given_for_a_table_too():
