@@ -48,7 +48,7 @@ def giant_radius(radii: NDArray[np.float64]) -> float | None:
     return float(ordered[ordered <= GIANT * largest_of_the_grid][-1])
 
 
-def feature_specs(scene: Scene, capacity: int, workers: int, precision: str) -> dict[str, ArraySpec]:
+def feature_specs(scene: Scene, capacity: int, precision: str) -> dict[str, ArraySpec]:
     """dtype and shape of every array that only this scene's features need."""
     real = np.dtype(precision)
     shapes: dict[str, tuple[int, ...]] = {}

@@ -1,7 +1,7 @@
 """What a feature of a scene is: all that other modules need to know of it, in one class.
 
-Each feature has a module of its own with a subclass, of which `mpsim.features.FEATURES` holds an instance. All other
-modules loop over that list. The methods here are those of a feature that changes nothing.
+Each feature has a module of its own with a subclass, of which `mpsim.features.FEATURES` holds an instance. What every
+feature has to answer is asked of all in that list. The methods here are those of a feature that changes nothing.
 """
 
 import dataclasses

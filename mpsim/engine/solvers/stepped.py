@@ -266,7 +266,7 @@ class SteppedSolver(Solver):
     def _next_block(self, capacity: int, radii: NDArray[np.float64]) -> SharedBlock:
         """A block for so many discs, which is still to be filled."""
         precision = self._settings.precision
-        features = feature_specs(self._scene, capacity, self._most_workers, precision)
+        features = feature_specs(self._scene, capacity, precision)
         grid = self._grid_for(capacity, radii)
         self._capacity = capacity
         return SharedBlock(block_arrays(capacity, grid, self._most_workers, precision, features, self.tallied))
