@@ -132,8 +132,9 @@ class PistonFeature(Feature):
 
     def check_room(self, scene: SceneLike, new: NewDiscs) -> None:
         """Refuse more discs than the box can hold where the piston stops."""
-        together = np.append(new.present, new.radius)
-        _check_end(scene, new.name, together, np.ones(len(together)))
+        if self.of(scene) is not None:
+            together = np.append(new.present, new.radius)
+            _check_end(scene, new.name, together, np.ones(len(together)))
 
     def moving_wall(self, scene: SceneLike) -> MovingWall | None:
         """The piston."""
