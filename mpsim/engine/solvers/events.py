@@ -8,6 +8,7 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
+from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import DivergedError, InputError, StalledError
 from mpsim.core.state import State
 from mpsim.engine.feature_arrays import has_masses, has_radii
@@ -77,7 +78,8 @@ class EventSolver(Solver):
         discs = scene.position, scene.velocity, self._radii, self._masses
         self._store = self._placed(self._block, self._box, *discs, 0.0)
         # Compiles or loads the kernel, so that no frame time contains it, and no wait for Ctrl-C.
-        self._play(np.zeros(0, np.int64), np.zeros((0, events.COUNTED)), math.inf)
+        with interrupts_held_back():  # as in `load_kernels`
+            self._play(np.zeros(0, np.int64), np.zeros((0, events.COUNTED)), math.inf)
 
     # --- frames
 
