@@ -20,6 +20,7 @@ from support.scenes import gas, lattice, simulate
 from support.selection import long_but
 
 import mpsim
+from mpsim.engine.coordinator import Coordinator
 from mpsim.engine.workers import shared
 
 METHODS = ["naive", "grid", "parallel", "event"]
@@ -28,6 +29,10 @@ SAMPLES = {"naive": 40, "grid": 120, "event": 60, "parallel": 12}
 
 MOST = {"naive": 8000, "grid": 8000, "event": 8000, "parallel": 400}
 """Moments that --long tries, spread evenly, too: of parallel, whose workers take a while to start, as time allows."""
+
+
+WHOLE_AT_RETURN = (Coordinator.start.__code__, mpsim.Simulation.__init__.__code__)
+"""What has returned when a simulation is whole."""
 
 
 class Alarm(Exception):  # noqa: N818
@@ -96,7 +101,7 @@ class Press:
         sys.setprofile(None)
 
     def _in_python(self, frame, event, argument):
-        if event == "return" and frame.f_code is mpsim.Simulation.__init__.__code__ and self.count + 1 <= self._number:
+        if event == "return" and frame.f_code in WHOLE_AT_RETURN and self.count + 1 <= self._number:
             self.made = True
         # A door ends by stores. Python looks for signals after calls only.
         if event != "line" or not (frame.f_code.co_name == "door" or leaves_a_with(frame)):

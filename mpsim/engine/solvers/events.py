@@ -78,7 +78,7 @@ class EventSolver(Solver):
         discs = scene.position, scene.velocity, self._radii, self._masses
         self._store = self._placed(self._block, self._box, *discs, 0.0)
         # Compiles or loads the kernel, so that no frame time contains it, and no wait for Ctrl-C.
-        with interrupts_held_back():  # as in `load_kernels`
+        with interrupts_held_back():  # as the stepped solvers do
             self._play(np.zeros(0, np.int64), np.zeros((0, events.COUNTED)), math.inf)
 
     # --- frames

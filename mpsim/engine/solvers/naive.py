@@ -2,7 +2,6 @@
 
 from typing import Any, NamedTuple
 
-from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.engine.solvers.stepped import SteppedSolver
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.worker import kernel_arguments
@@ -35,8 +34,7 @@ class NaiveSolver(SteppedSolver):
         arguments = naive_arguments(self._block)
         control = arguments.control.copy()
         control[layout.FRAMES] = 0
-        with interrupts_held_back():  # as in `load_kernels`
-            run_naive(*arguments._replace(control=control))
+        run_naive(*arguments._replace(control=control))
 
     def _run_command(self, workers: int) -> int:
         return run_naive(*naive_arguments(self._block))

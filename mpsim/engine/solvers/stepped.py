@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import DivergedError
 from mpsim.core.state import State
 from mpsim.engine.feature_arrays import feature_specs, fill_features, has_radii
@@ -279,8 +280,16 @@ class SteppedSolver(Solver):
 
     def _prepare(self) -> None:
         """Compile or load the kernels, then start the workers: they find the machine code and no frame waits for it."""
-        self._load_kernels()
+        self._load_undisturbed()
         self._start_workers()
+
+    def _load_undisturbed(self) -> None:
+        """`_load_kernels`, while Ctrl-C waits: Numba looks up the types of arguments inside exceptions of its own.
+
+        It comes in this frame, which holds no view of the block.
+        """
+        with interrupts_held_back():
+            self._load_kernels()
 
     def _move(self, capacity: int, choice: Choice, radii: NDArray[np.float64]) -> None:
         """Move everything to a new block, larger or for other workers, and the workers with it."""
@@ -310,7 +319,7 @@ class SteppedSolver(Solver):
                 self._prepare()
             else:
                 if not loaded:
-                    self._load_kernels()
+                    self._load_undisturbed()
                 self._move_workers()
         finally:
             old.close()

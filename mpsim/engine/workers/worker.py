@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import ResourceError
 from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.engine.workers.shared import SharedBlock
@@ -88,17 +87,13 @@ def buffers_of(block: SharedBlock) -> tuple[layout.Discs, layout.Discs]:
 
 
 def load_kernels(block: SharedBlock) -> None:
-    """Compile or load everything that coordinator and workers call, by running no frame on private control words.
-
-    Ctrl-C waits: Numba looks up the types of arguments while it handles exceptions of its own.
-    """
+    """Compile or load everything that coordinator and workers call, by running no frame on private control words."""
     arguments = kernel_arguments(block, 0)
     control = arguments.control.copy()
     control[layout.FRAMES], control[layout.WORKERS] = 0, 1
-    with interrupts_held_back():
-        run_grid(*arguments._replace(control=control, team=np.zeros_like(arguments.team)))
-        store_word(control, layout.MAIL, 1)
-        add_to_word(control, layout.ANNOUNCED, load_word(control, layout.MAIL))
+    run_grid(*arguments._replace(control=control, team=np.zeros_like(arguments.team)))
+    store_word(control, layout.MAIL, 1)
+    add_to_word(control, layout.ANNOUNCED, load_word(control, layout.MAIL))
 
 
 def worker_main(worker: int, connection: Connection, name: str, specs: dict[str, ArraySpec], coordinator: int) -> None:
