@@ -57,7 +57,7 @@ class SceneLike(Protocol):
 
     @property
     def capsules(self) -> Floats:
-        """Obstacles as segments with a radius, shape (K, 5) [length]."""
+        """What stands in the box as segments with a radius, shape (K, 5) [length]."""
         ...
 
     @property
@@ -66,7 +66,7 @@ class SceneLike(Protocol):
         ...
 
     def deepest(self, position: Floats, radius: Floats) -> Deepest | None:
-        """The disc that overlaps an obstacle most."""
+        """The disc that is deepest in a capsule."""
         ...
 
     def walls_at(self, time: float) -> tuple[Floats, Floats]:

@@ -58,7 +58,7 @@ def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r
     diameters beyond contact. Pairs closer than a diameter are not counted: see `overlap`.
 
     The density must be uniform, or g would reflect its variation in space. So scenes with gravity, acceleration,
-    emitters or obstacles are refused, and states with absorbed discs or a moving wall. After a wall has come to rest,
+    emitters or capsules are refused, and states with absorbed discs or a moving wall. After a wall has come to rest,
     the box is that of the state (`State.box`).
 
     Args:
@@ -117,7 +117,7 @@ def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r
 
 
 def _one_radius(scene: Scene) -> float:
-    """The common radius of all discs, in a box without obstacles."""
+    """The common radius of all discs, in a box without capsules."""
     if not isinstance(scene.radius, float):
         raise InputError(
             f"pair_correlation needs discs of one radius; got radii from {scene.smallest_radius:g} to "

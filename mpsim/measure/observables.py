@@ -174,7 +174,7 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
     """Number of overlapping pairs, their largest and mean depth. O(N) by cells of the largest diameter.
 
     Overlaps within the rounding of the state's precision (ROUNDINGS) count as touching. Along a periodic axis the
-    nearest images count. Overlaps with obstacles are not included.
+    nearest images count. Overlaps with capsules are not included.
 
     Args:
         state, scene: the state and its scene.

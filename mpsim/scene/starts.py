@@ -1,4 +1,4 @@
-"""Initial states by rule: lattices, random places among discs and obstacles, thermal velocities."""
+"""Initial states by rule: lattices, random places among discs and capsules, thermal velocities."""
 
 import math
 from dataclasses import dataclass, field
@@ -24,10 +24,10 @@ Region = tuple[float, float, float, float]
 
 @dataclass
 class Taken:
-    """Discs and obstacles that are in the box already.
+    """Discs and capsules that are in the box already.
 
     Attributes:
-        capsules: obstacles, and discs as capsules of length 0, shape (K, 5) [length].
+        capsules: those in the box, and discs as capsules of length 0, shape (K, 5) [length].
         count: number of discs among them.
     """
 

@@ -124,7 +124,7 @@ def _wall_as_capsule(scene: Scene) -> list[list[float]]:
 
 
 def _varied_emitter(scene: Scene, emitter: Emitter, common: float, rng: np.random.Generator) -> Emitter:
-    """The emitter with varied position and velocity; it stays where it is if the new disc would overlap an obstacle."""
+    """The emitter with varied position and velocity; it stays where it is if the new disc would overlap a capsule."""
     radius = common if emitter.radius is None else emitter.radius
     before, speed = np.array(emitter.position), np.array(emitter.velocity)
     place = np.clip(before + rng.uniform(-1, 1, 2) * VARIATION * 2 * radius, *scene.limits(radius))
