@@ -1,6 +1,6 @@
 """Edges that absorb discs: an absorbed disc keeps its number, rests where it left, and no longer collides."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -16,7 +16,7 @@ class Absorption(Feature):
 
     argument = "absorbing"
     not_exact = "absorbing edges"
-    spoils = (
+    spoils: ClassVar[tuple[Spoiled, ...]] = (
         Spoiled(
             ("virial", "collision_rate", "contact_rate", "energy_drift", "momentum_drift"),
             "absorbing edges, as the number of discs changes",

@@ -4,7 +4,7 @@
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
 from dataclasses import KW_ONLY, dataclass, fields
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -100,10 +100,10 @@ class Emitters(Feature):
     """The argument `emitters`."""
 
     argument = "emitters"
-    kinds = (Emitter,)
+    kinds: ClassVar[tuple[type[Any], ...]] = (Emitter,)
     drives = "emitters"
     relief = "let fewer discs enter"
-    spoils = (
+    spoils: ClassVar[tuple[Spoiled, ...]] = (
         Spoiled(
             ("virial", "collision_rate", "contact_rate", "energy_drift", "momentum_drift"),
             "emitters, as the number of discs changes",

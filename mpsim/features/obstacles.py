@@ -6,7 +6,7 @@
 import weakref
 from dataclasses import dataclass
 from itertools import chain, pairwise
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -194,10 +194,10 @@ class Obstacles(Feature):
     """The argument `obstacles`."""
 
     argument = "obstacles"
-    kinds = (FixedDisc, Polyline)
+    kinds: ClassVar[tuple[type[Any], ...]] = (FixedDisc, Polyline)
     not_exact = "obstacles"
     excludes = True
-    spoils = (
+    spoils: ClassVar[tuple[Spoiled, ...]] = (
         Spoiled(
             ("virial", "momentum_drift"),
             "obstacles, whose impulses are not counted",

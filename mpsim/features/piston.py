@@ -90,20 +90,23 @@ class PistonFeature(Feature):
     """The argument `piston`."""
 
     argument = "piston"
-    kinds = (Piston,)
+    kinds: ClassVar[tuple[type[Any], ...]] = (Piston,)
     several = False
     meaning = "a wall that moves"
-    keys: ClassVar = {
+    keys: ClassVar[dict[str, str]] = {
         "wall": "left, right, bottom or top",
         "speed": "along x or y, into the box",
         "stop": "coordinate at which it comes to rest",
         "start": "coordinate at which it begins; left out: at its wall",
     }
-    examples = ({"wall": "left", "speed": 1.0, "stop": 1.0}, {"wall": "right", "speed": -1.0, "stop": 1.0})
+    examples: ClassVar[tuple[dict[str, Any], ...]] = (
+        {"wall": "left", "speed": 1.0, "stop": 1.0},
+        {"wall": "right", "speed": -1.0, "stop": 1.0},
+    )
     not_exact = "a piston"
     drives = "a piston"
     relief = "let a piston stop earlier"
-    spoils = (
+    spoils: ClassVar[tuple[Spoiled, ...]] = (
         Spoiled(
             ("pressure", "virial", "energy_drift"),
             "moving walls (a piston), which do work and change the box",

@@ -2,7 +2,7 @@
 
 import math
 import time
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import psutil
@@ -53,7 +53,7 @@ class EventSolver(Solver):
         InputError: for a scene or setting that has no exact solution here, naming it.
     """
 
-    capabilities = Capabilities(has_steps=False, has_columns=False)
+    capabilities: ClassVar[Capabilities] = Capabilities(has_steps=False, has_columns=False)
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         _refuse_what_is_not_exact(scene, settings)

@@ -1,5 +1,7 @@
 """The methods grid and parallel: cells, columns in an even and an odd pass, in one process or on workers."""
 
+from typing import ClassVar
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,7 +21,7 @@ from mpsim.scene.settings import Settings
 class GridSolver(SteppedSolver):
     """Frames by the passes of a grid. This process is worker 0; the others are there where `choice` may use them."""
 
-    capabilities = Capabilities(has_steps=True, has_columns=True)
+    capabilities: ClassVar[Capabilities] = Capabilities(has_steps=True, has_columns=True)
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         self._sorted_grid: Grid | None = None  # by which the discs lie in memory

@@ -3,7 +3,7 @@
 import math
 import os
 from abc import abstractmethod
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ class SteppedSolver(Solver):
     The state lives in the shared block, in whatever order the last frame sorted it; ids bring it back to the scene's.
     """
 
-    capabilities = Capabilities(has_steps=True, has_columns=False)
+    capabilities: ClassVar[Capabilities] = Capabilities(has_steps=True, has_columns=False)
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         self.count: int = scene.count

@@ -11,7 +11,7 @@ from mpsim.core.errors import InputError
 from mpsim.features.emitters import LARGEST_EMITTERS, Emitter
 from mpsim.features.feature import SceneLike
 from mpsim.scene.scenefile.arrays import INLINE
-from mpsim.scene.scenefile.part import Part
+from mpsim.scene.scenefile.part import Part, Tables
 from mpsim.scene.scenefile.rules import Table, one_or_many, source_of
 from mpsim.scene.scenefile.toml import Files, array_lines, pairs
 
@@ -79,7 +79,7 @@ class EmittersPart(Part):
     """Where discs enter."""
 
     argument = "emitters"
-    tables = (("", "`[[emitters]]`", EmitterTable),)
+    tables: Tables = (("", "`[[emitters]]`", EmitterTable),)
     annotation = list[EmitterTable]
     description = "where discs enter"
     relies_on_discs = True

@@ -23,7 +23,7 @@ from mpsim.features.obstacles import (
     polylines,
 )
 from mpsim.scene.scenefile.arrays import INLINE
-from mpsim.scene.scenefile.part import Part, Problem
+from mpsim.scene.scenefile.part import Part, Problem, Tables
 from mpsim.scene.scenefile.rules import Numbers, Region, Spacing, Table, array, as_in, one_or_many, plain
 from mpsim.scene.scenefile.toml import Files, array_lines, pairs
 from mpsim.scene.starts import LATTICES, lattice_sites
@@ -139,7 +139,7 @@ class ObstaclesPart(Part):
     """Discs, discs on a lattice, and chains of walls."""
 
     argument = "obstacles"
-    tables = (
+    tables: Tables = (
         ("peg", "`[[obstacles]]`: a disc", PegTable),
         ("pegs", "`[[obstacles]]`: discs on a lattice", PegsTable),
         ("line", "`[[obstacles]]`: chains of walls", LineTable),

@@ -16,6 +16,10 @@ Problem = tuple[str, str]
 """Key path, and the problem there."""
 
 
+Tables = tuple[tuple[str, str, type[Table]], ...]
+"""Of each kind of a table its name in the annotation, its title in the docs, its class."""
+
+
 class Part:
     """The tables of one feature.
 
@@ -30,7 +34,7 @@ class Part:
 
     argument: str
     several: bool = True
-    tables: tuple[tuple[str, str, type[Table]], ...]
+    tables: Tables
     annotation: Any
     default: Any = []  # noqa: RUF012 - pydantic copies it
     description: str
@@ -83,10 +87,10 @@ class SinglePart(Part):
         table = pydantic.create_model(f"{kind.__name__}Table", __base__=SingleTable, **fields)
         table.__doc__ = f"A {kind.__name__}."
         self._feature = feature
-        self.argument = feature.argument
-        self.tables = (("", f"`[{feature.argument}]`", table),)
-        self.annotation = table | None
-        self.description = feature.meaning
+        self.argument: str = feature.argument
+        self.tables: Tables = (("", f"`[{feature.argument}]`", table),)
+        self.annotation: Any = table | None
+        self.description: str = feature.meaning
 
     def lines(self, scene: SceneLike, target: Path, files: Files) -> list[str]:
         """One table."""
