@@ -120,6 +120,7 @@ def executions(request):
     return MANY if request.config.getoption("--long") else FEW
 
 
+@pytest.mark.timeout(900)  # of --long, on a busy machine
 def test_damaged_scene_files(request, tmp_path, figures):
     texts = [SAYS_WHERE, *((PACKAGED / f"{name}.toml").read_text() for name in SCENES)]
     texts = [text.replace("count = 800", "count = 80") for text in texts]
