@@ -6,9 +6,7 @@ import numpy as np
 
 from mpsim.core import checks
 from mpsim.features.edges import EDGES, demand_wall
-from mpsim.features.feature import Feature, SceneLike, Shapes, Spoiled
-
-_REMEDY = "Run until none leaves any more, and measure in a scene without those edges that is made of sim.state."
+from mpsim.features.feature import NEED_ALL_DISCS, Feature, SceneLike, Shapes, Spoiled
 
 
 class Absorption(Feature):
@@ -18,9 +16,9 @@ class Absorption(Feature):
     not_exact = "absorbing edges"
     spoils: ClassVar[tuple[Spoiled, ...]] = (
         Spoiled(
-            ("virial", "collision_rate", "contact_rate", "energy_drift", "momentum_drift"),
+            NEED_ALL_DISCS,
             "absorbing edges, as the number of discs changes",
-            _REMEDY,
+            "Run until none leaves any more, and measure in a scene without those edges that is made of sim.state.",
         ),
     )
 

@@ -86,6 +86,10 @@ class Spoiled(NamedTuple):
     remedy: str
 
 
+NEED_ALL_DISCS = ("virial", "collision_rate", "contact_rate", "energy_drift", "momentum_drift")
+"""Measures that mean nothing where the number of discs changes."""
+
+
 class NewDiscs(NamedTuple):
     """Discs to be added, for which there must be room.
 

@@ -120,7 +120,7 @@ class PistonFeature(Feature):
         if piston is None:
             return
         emitters: Any = getattr(scene, "emitters", ())
-        largest = float(np.append(np.ravel(scene.radius), [e.radius for e in emitters if e.radius]).max(initial=0.0))
+        largest = scene.largest_radius
         length = scene.width if piston.wall in ("left", "right") else scene.height
         left = piston.stop if piston.wall in ("right", "top") else length - piston.stop
         if 2 * largest > left:
