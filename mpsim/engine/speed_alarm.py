@@ -22,7 +22,7 @@ class Alert(NamedTuple):
     gain: float = 0.0
 
     def square(self, dt: float, common: float | None, smallest: float, precision: str) -> float:
-        """What stands in the parameter FAST.
+        """What the parameter `fast` is.
 
         Args:
             dt: of a step [time].
@@ -45,15 +45,15 @@ def caught(arrays: dict[str, Any], radii: NDArray[np.float64], own: bool, frame:
     Args:
         arrays: of the block.
         radii: of all discs, shape (N,) [length].
-        own: whether discs have radii of their own, so that FAST is of speeds per radius.
+        own: whether discs have radii of their own, so that `fast` is of speeds per radius.
         frame: the last one.
     """
     team = arrays["team"]
-    worker = int(np.lexsort((team[:, layout.FASTEST_DISC], -team[:, layout.FASTEST]))[0])
-    part, disc = float(team[worker, layout.FASTEST]) / layout.FASTEST_SCALE, int(team[worker, layout.FASTEST_DISC])
+    worker = int(np.lexsort((team["fastest_disc"], -team["fastest"]))[0])
+    part, disc = float(team[worker].fastest) / layout.FASTEST_SCALE, int(team[worker].fastest_disc)
     if part == 0:
         return None
-    team[:, layout.FASTEST] = 0
+    team["fastest"] = 0
     radius = float(radii[disc])
-    speed = part * math.sqrt(float(arrays["parameters"][layout.FAST])) * (radius if own else 1.0)
+    speed = part * math.sqrt(float(arrays["parameters"].fast)) * (radius if own else 1.0)
     return Pace(disc, speed, radius, when=f"in frame {frame}")

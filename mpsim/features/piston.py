@@ -15,7 +15,6 @@ from mpsim.features.capsules import check_among
 from mpsim.features.edges import EDGES, MovingWall, demand_wall
 from mpsim.features.feature import Feature, Floats, NewDiscs, SceneLike, Shapes, Spoiled
 from mpsim.features.packing_bounds import shortest_box
-from mpsim.kernels import layout
 from mpsim.kernels.features import piston as kernel
 
 
@@ -165,7 +164,7 @@ class PistonFeature(Feature):
         wall = self.moving_wall(scene)
         if wall is not None:
             inward = margin if wall.speed > 0 else -margin
-            arrays["piston"][kernel.WALL] = layout.X_LOW + wall.edge
+            arrays["piston"][kernel.WALL] = wall.edge
             arrays["piston"][kernel.START] = wall.start + inward
             arrays["piston"][kernel.SPEED] = wall.speed
             arrays["piston"][kernel.STOP] = wall.stop + inward
@@ -175,8 +174,8 @@ class PistonFeature(Feature):
         wall = self.moving_wall(scene)
         if wall is None:
             return None
-        step = float(arrays["piston"][kernel.SPEED] * arrays["parameters"][layout.DT])
-        place = wall.start + step * int(arrays["control"][layout.STEPS])
+        step = float(arrays["piston"][kernel.SPEED] * arrays["parameters"].dt)
+        place = wall.start + step * int(arrays["control"].steps)
         return max(place, wall.stop) if step < 0 else min(place, wall.stop)
 
     def description(self, scene: SceneLike) -> str:

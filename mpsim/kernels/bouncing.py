@@ -12,7 +12,7 @@ there, and let go on. With depth d beyond the wall, speed s outward now and acce
 import numpy as np
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.layout import DT, WALL_RESTITUTION
+from mpsim.kernels.records import real
 
 
 @inlined
@@ -21,12 +21,12 @@ def bounce_back(depth, speed, acceleration, parameters):
 
     A disc that moves inward, and was not carried out by its flight, is put at the wall and pays for that.
     """
-    zero, two = parameters.dtype.type(0), parameters.dtype.type(2)  # whole numbers would make float64 of float32
+    zero, two = real(parameters, 0), real(parameters, 2)
     at_wall = np.sqrt(max(speed * speed - two * acceleration * depth, zero))
     if speed + at_wall <= zero:
         return zero, at_wall
-    time = min(two * depth / (speed + at_wall), parameters[DT])
-    inward = parameters[WALL_RESTITUTION] * at_wall
+    time = min(two * depth / (speed + at_wall), parameters.dt)
+    inward = parameters.wall_restitution * at_wall
     inside = (inward - acceleration * time / two) * time
     inward -= acceleration * time
     if inside < zero:  # it does not leave the wall any more: it rests there

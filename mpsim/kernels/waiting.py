@@ -1,20 +1,7 @@
 """Waiting for other processes on words of the shared block: spin, then yield, then sleep. Every wait ends."""
 
 from mpsim.kernels.compiling import compiled
-from mpsim.kernels.layout import (
-    ABORT,
-    ARRIVALS,
-    ARRIVED,
-    CLOCK,
-    COMMAND,
-    COMMANDS,
-    MAIL,
-    MAILS,
-    PATIENCE,
-    RUNNING,
-    STALLED,
-    WORKERS,
-)
+from mpsim.kernels.layout import ABORT, ARRIVED, COMMAND, MAIL, PATIENCE, RUNNING, STALLED
 from mpsim.kernels.machine import atomic_add, atomic_load, atomic_store, now, pause, sleep_briefly, yield_core
 
 SPINS = 200
@@ -36,13 +23,13 @@ def barrier(control, mine):
     One shared counter only grows: the k-th barrier is complete at k times the number of workers, so it needs no reset
     and no second phase. `mine` is this worker's row of `team`.
     """
-    mine[ARRIVALS] += 1
-    target = mine[ARRIVALS] * control[WORKERS]
-    atomic_add(control, ARRIVED, 1)
+    mine.arrivals += 1
+    target = mine.arrivals * control.workers
+    atomic_add(control.signals, ARRIVED, 1)
     polls = 0
     started = 0
-    while atomic_load(control, ARRIVED) < target:
-        abort = atomic_load(control, ABORT)
+    while atomic_load(control.signals, ARRIVED) < target:
+        abort = atomic_load(control.signals, ABORT)
         if abort != RUNNING:
             return abort
         polls += 1
@@ -51,22 +38,22 @@ def barrier(control, mine):
         elif polls < SPINS + YIELDS:
             yield_core()
         else:
-            clock = mine[CLOCK : CLOCK + 2]
+            clock = mine.clock
             if started == 0:
                 started = now(clock)
             elif now(clock) - started > PATIENCE:
-                atomic_store(control, ABORT, STALLED)
+                atomic_store(control.signals, ABORT, STALLED)
             sleep_briefly(clock, NAP)
-    return atomic_load(control, ABORT)
+    return atomic_load(control.signals, ABORT)
 
 
 @compiled
 def await_command(control, mine, nanoseconds):
     """Wait for a command or a message that this worker has not seen. False: the time is up."""
-    clock = mine[CLOCK : CLOCK + 2]
+    clock = mine.clock
     started = now(clock)
     polls = 0
-    while atomic_load(control, COMMAND) == mine[COMMANDS] and atomic_load(control, MAIL) == mine[MAILS]:
+    while atomic_load(control.signals, COMMAND) == mine.commands and atomic_load(control.signals, MAIL) == mine.mails:
         polls += 1
         if polls < SPINS:
             pause()

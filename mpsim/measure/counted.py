@@ -7,12 +7,12 @@ is counted.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.features.edges import EDGES
-from mpsim.kernels import layout
 from mpsim.measure.statistics import FEWEST_EVENTS, Measure, block_average, ratio_average
 from mpsim.scene.scene import Scene
 
@@ -56,7 +56,8 @@ class Run:
         return float(sum(lengths[index] for index in self.walls))
 
 
-Counts = NDArray[np.float64]
+Counts = NDArray[Any]
+"""What was counted in each frame: records.COUNTS, shape (frames,)."""
 
 
 def pressure(counts: Counts, run: Run) -> Measure:
@@ -70,7 +71,7 @@ def pressure(counts: Counts, run: Run) -> Measure:
     scene, scale = run.scene, 1 / (run.dt * run.perimeter)
     mass = float(scene.masses.mean()) if scene.count else 1.0
     hit = (1 + scene.wall_restitution) * mass * run.speed * scale
-    hits = counts[:, layout.WALLS][:, run.walls].sum(axis=1) * scale
+    hits = counts["wall"][:, run.walls].sum(axis=1) * scale
     alternation = _alternation(float(hits.mean()), mass, run)
     return block_average(hits, event=hit or None, alternation=alternation, constant=True)
 
@@ -107,7 +108,7 @@ def pressure_virial(counts: Counts, run: Run) -> Measure:
     if run.count < 2:  # no collisions
         return block_average(np.full(len(counts), kinetic), constant=True)
     event = _impulse(run) * scale
-    collisional = block_average(counts[:, layout.VIRIAL] * scale, event=event or None, constant=True)
+    collisional = block_average(counts["virial"] * scale, event=event or None, constant=True)
     return replace(collisional, value=kinetic + collisional.value)
 
 
@@ -126,12 +127,12 @@ def pressure_xx(counts: Counts, run: Run) -> Measure:
     between two walls P_xx is 0.803(2) and P_yy 0.839(2) kT / diameter^2; in a larger box they differ less. Without
     gravity only.
     """
-    return _component(counts, counts[:, layout.VIRIAL_XX], 0, _free(run.scene)[0] * run.scene.height, run)
+    return _component(counts, counts["virial_xx"], 0, _free(run.scene)[0] * run.scene.height, run)
 
 
 def pressure_yy(counts: Counts, run: Run) -> Measure:
     """Pressure along y, likewise [mass/time^2]: that on walls at the bottom and the top of the box."""
-    virial = counts[:, layout.VIRIAL] - counts[:, layout.VIRIAL_XX]
+    virial = counts["virial"] - counts["virial_xx"]
     return _component(counts, virial, 1, _free(run.scene)[1] * run.scene.width, run)
 
 
@@ -141,7 +142,7 @@ def pressure_xy(counts: Counts, run: Run) -> Measure:
     (sum m v_x v_y + sum x dp_y / time) / area, of mean 0 without shear (Irving and Kirkwood, J. Chem. Phys. 18, 817,
     1950). Smooth walls would not take up any of it.
     """
-    return _component(counts, counts[:, layout.VIRIAL_XY], 2, run.scene.width * run.scene.height, run)
+    return _component(counts, counts["virial_xy"], 2, run.scene.width * run.scene.height, run)
 
 
 def _component(counts: Counts, virial: NDArray[np.float64], component: int, area: float, run: Run) -> Measure:
@@ -155,7 +156,7 @@ def _component(counts: Counts, virial: NDArray[np.float64], component: int, area
         return Measure(float("nan"), float("nan"), 0, settled=False)
     given = _diameter(run) * virial / run.dt
     between = given[: len(flow) * run.every].reshape(len(flow), run.every).mean(axis=1)
-    alone, enough = run.count < 2, np.count_nonzero(counts[:, layout.COLLISION]) >= FEWEST_EVENTS
+    alone, enough = run.count < 2, np.count_nonzero(counts["collisions"]) >= FEWEST_EVENTS
     found = block_average((flow + between) / area, constant=alone)
     found = replace(found, value=float(flow.mean() + given.mean()) / area)
     if alone or (enough and block_average(flow, constant=True).settled):
@@ -177,7 +178,7 @@ def _diameter(run: Run) -> float:
 def collision_rate(counts: Counts, run: Run) -> Measure:
     """Collisions per disc and time [1/time]; each counts for both discs."""
     unit = 2 / (run.dt * max(run.count, 1))
-    return block_average(counts[:, layout.COLLISION] * unit, event=unit, constant=True)
+    return block_average(counts["collisions"] * unit, event=unit, constant=True)
 
 
 def contact_rate(counts: Counts, run: Run) -> Measure:
@@ -191,12 +192,12 @@ def contact_rate(counts: Counts, run: Run) -> Measure:
 
 def overlap(counts: Counts, run: Run) -> Measure:
     """Mean depth of overlapping pairs when they are detected [length]; 0 with an unknown error if there were none."""
-    return ratio_average(counts[:, layout.DEPTH], counts[:, layout.MET])
+    return ratio_average(counts["depth"], counts["met"])
 
 
 def largest_overlap(counts: Counts, run: Run) -> Measure:
     """Largest depth of an overlap detected in the whole run [length]; an extreme value, so without an error."""
-    return Measure(float(counts[:, layout.DEEPEST].max(initial=0.0)), float("nan"), len(counts), settled=False)
+    return Measure(float(counts["deepest"].max(initial=0.0)), float("nan"), len(counts), settled=False)
 
 
 COUNTED: dict[str, Callable[[Counts, Run], Measure]] = {

@@ -17,7 +17,7 @@ from mpsim.core import checks
 from mpsim.core.errors import InputError, NotRecordedError
 from mpsim.core.state import State
 from mpsim.features import FEATURES
-from mpsim.kernels import layout
+from mpsim.kernels import records
 from mpsim.measure import observables
 from mpsim.measure.counted import COMPONENTS, COUNTED, Counts, Run
 from mpsim.measure.statistics import Measure, block_average
@@ -60,7 +60,7 @@ def momentum_drift(counts: Counts, run: Run, before: State, after: State) -> flo
 
     Newton's third law keeps it at rounding; `reflect` violates that law. The larger sum of both states is taken.
     """
-    left, right, bottom, top = counts[:, layout.WALLS].sum(axis=0)
+    left, right, bottom, top = counts["wall"].sum(axis=0)
     time, given = run.dt * len(counts), np.array([left - right, bottom - top])
     masses = 1.0 if run.scene.mass is None else run.scene.mass
     if run.scene.gravity is not None:
@@ -283,7 +283,7 @@ class Gathering:
 
     def measures(self, run: Run) -> Measures:
         """The measures at the end of the run."""
-        counts = np.concatenate(self._counts) if self._counts else np.zeros((0, layout.TALLIES))
+        counts = np.concatenate(self._counts) if self._counts else np.zeros(0, records.COUNTS)
         run = self._with_what_is_needed(run)
         results = Measures()
         unknown = {name for name, values in self._samples.items() if not values or np.isnan(values).any()}

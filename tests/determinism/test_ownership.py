@@ -47,7 +47,7 @@ class Watched:
         self.writes = 0
         self._solver, self._workers = solver, workers
         self._block = solver._block
-        self._block.arrays["control"][layout.WORKERS] = workers
+        self._block.arrays["control"].workers = workers
         solver._deal(workers)
 
     @property
@@ -57,15 +57,15 @@ class Watched:
     def frame(self, guarded=True):
         """Play one frame of one step."""
         control = self._arrays["control"]
-        front, back = (1, 0) if control[layout.LIVE] else (0, 1)
+        front, back = (1, 0) if control.live else (0, 1)
         self._phase("move", self._move(front))
-        assert not control[layout.BAD]
-        control[layout.STEPS] += 1
+        assert not control.signals[layout.BAD]
+        control.steps += 1
         prepare_step(self._arrays)
         self._phase("sort", self._sort(front, back))
         team = self._arrays["team"]
         for worker in range(self._workers):
-            team[worker, layout.LOW], team[worker, layout.HIGH] = team[worker, layout.CLOCK : layout.CLOCK + 2]
+            team[worker].low, team[worker].high = team[worker].clock
         if guarded:
             self._phase("even columns", self._columns(back, 0))
             self._phase("odd columns", self._columns(back, 1))
@@ -75,8 +75,8 @@ class Watched:
             buffers, features, parameters = self._views(back)
             start = self._arrays["start"]
             resolve_giants(buffers[back], start, features, parameters, self._arrays["control"], None, 0)
-        control[layout.LIVE] ^= 1
-        control[layout.DONE] += 1
+        control.live ^= 1
+        control.done += 1
 
     def _views(self, _):
         arguments = kernel_arguments(self._block, 0)
@@ -87,7 +87,7 @@ class Watched:
             buffers, features, parameters = self._views(front)
             arrays, discs = self._arrays, buffers[front]
             control, team = arrays["control"], arrays["team"]
-            low, high = team[worker, layout.LOW], team[worker, layout.HIGH]
+            low, high = team[worker].low, team[worker].high
             assert move(discs, low, high, features, parameters, control, team[worker], None)
             bin_discs(discs, low, high, parameters, control)
             after_binning(discs, low, high, features, control)
@@ -104,20 +104,20 @@ class Watched:
                 buffers[front], buffers[back], arrays["start"], arrays["outbox"], team, arrays["sent"], worker,
                 arrays["control"],
             )  # fmt: skip
-            team[worker, layout.CLOCK : layout.CLOCK + 2] = ends  # not read by anybody in this phase
+            team[worker].clock[:] = ends  # not read by anybody in this phase
 
         return play
 
     def _columns(self, back, parity):
         def play(worker):
-            first = self._arrays["team"][worker, layout.FIRST_COLUMN]
-            self._resolve(back, first + (first + parity) % 2, self._arrays["team"][worker, layout.LAST_COLUMN], 2)
+            first = self._arrays["team"][worker].first_column
+            self._resolve(back, first + (first + parity) % 2, self._arrays["team"][worker].last_column, 2)
 
         return play
 
     def _interleaved(self, back):
         def play(worker):
-            self._resolve(back, worker, self._arrays["control"][layout.COLUMNS], self._workers)
+            self._resolve(back, worker, self._arrays["control"].columns, self._workers)
 
         return play
 
@@ -158,7 +158,8 @@ class Watched:
 
     def _put(self, before):
         for key, array in self._arrays.items():
-            array[...] = before[key]
+            for name in array.dtype.names or (...,):  # of a record each field, of an array the whole
+                array[name] = before[key][name]
 
     def _note(self, phase, key, kind, where):
         if where.any():

@@ -6,6 +6,7 @@ from support.checkpoints import rewrite
 from support.scenes import gas, simulate, struck, zoo
 
 import mpsim
+from mpsim.kernels.layout import TOP
 
 FRAMES = 75
 """More than four looks, and no multiple of the frames between two."""
@@ -145,7 +146,7 @@ def test_a_piston_stands_where_its_time_says_whatever_the_sub_steps():
         for frame in range(1, 60):
             sim.run(frames=1)
             seen.add(sim.substeps)
-            wall = float(sim._solver._block.arrays["parameters"][5])
+            wall = float(sim._solver._block.arrays["parameters"].limit[TOP])
             ahead = 0.05 / sim.substeps  # the wall is where the next step will meet it
             assert wall == pytest.approx(max(8 - 1.5 * (frame * 0.05 + ahead), 6.4) - 0.5, abs=1e-9)
     assert len(seen) > 1

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mpsim.kernels import layout
+from mpsim.kernels import layout, records
 
 
 def discs_of(real, x, y, vx=None, vy=None, ids=None, radius=None) -> layout.Discs:
@@ -18,38 +18,29 @@ def discs_of(real, x, y, vx=None, vy=None, ids=None, radius=None) -> layout.Disc
     return layout.Discs(*fields, numbers.astype(np.int32), cells, radii)
 
 
-def parameters_of(real, width, height, radius=0.5, dt=0.01, columns=1, rows=1) -> np.ndarray:
-    """The parameter array of a box."""
-    values = np.zeros(layout.PARAMETERS, real)
-    values[[layout.DT, layout.DIAMETER]] = dt, 2 * radius
-    values[[layout.X_LOW, layout.X_HIGH, layout.Y_LOW, layout.Y_HIGH]] = radius, width - radius, radius, height - radius
-    values[[layout.EXCHANGE, layout.WALL_RESTITUTION, layout.TALLY_SCALE]] = 1, 1, 2.0**20
-    values[layout.FAST] = np.inf
-    values[[layout.CELLS_PER_X, layout.CELLS_PER_Y]] = columns / width, rows / height
+def parameters_of(real, width, height, radius=0.5, dt=0.01, columns=1, rows=1):
+    """The record `parameters` of a box."""
+    values = np.zeros(1, records.parameters_in(real))[0]
+    values.dt, values.diameter = dt, 2 * radius
+    values.limit[:] = radius, width - radius, radius, height - radius
+    values.exchange, values.wall_restitution, values.tally_scale = 1, 1, 2.0**20
+    values.fast = np.inf
+    values.cells_per_x, values.cells_per_y = columns / width, rows / height
     return values
 
 
-def control_of(count, columns=1, rows=1, workers=1, law=layout.ELASTIC) -> np.ndarray:
-    """The control words of so many discs in a grid."""
-    control = np.zeros(layout.CONTROL, np.int64)
-    for index, value in (
-        (layout.COUNT, count),
-        (layout.COLUMNS, columns),
-        (layout.ROWS, rows),
-        (layout.WORKERS, workers),
-        (layout.LAW, law),
-        (layout.SUBSTEPS, 1),
-        (layout.PASSES, 1),
-        (layout.CONTACT, layout.PUSH),
-        (layout.GUARDED, 1),
-        (layout.CELLS, (columns + 1) * (rows + 2)),
-    ):
-        control[index] = value
+def control_of(count, columns=1, rows=1, workers=1, law=layout.ELASTIC):
+    """The record `control` of so many discs in a grid."""
+    control = np.zeros(1, records.CONTROL)[0]
+    control.count, control.columns, control.rows = count, columns, rows
+    control.cells = (columns + 1) * (rows + 2)
+    control.workers, control.law, control.contact = workers, law, layout.PUSH
+    control.substeps, control.passes, control.guarded = 1, 1, 1
     return control
 
 
 def team_of(workers) -> np.ndarray:
-    """One row of words per worker."""
-    team = np.zeros((workers, layout.TEAM), np.int64)
-    team[:, layout.BAD_SLOT] = -1
+    """One record per worker."""
+    team = np.zeros(workers, records.MEMBER)
+    team["bad_slot"] = -1
     return team

@@ -36,7 +36,7 @@ def block_name(sim: mpsim.Simulation) -> str:
 
 
 def _live(sim: mpsim.Simulation, field: str) -> Any:
-    buffer = "ab"[int(_arrays(sim)["control"][layout.LIVE])]
+    buffer = "ab"[int(_arrays(sim)["control"].live)]
     return _arrays(sim)[f"{buffer}.{field}"][: sim.count]
 
 
@@ -55,7 +55,7 @@ def memory_order(sim: mpsim.Simulation) -> list[int]:
 def scramble(sim: mpsim.Simulation, seed: int) -> None:
     """Permute the discs of the live buffer: another memory order of the same state."""
     order = np.random.default_rng(seed).permutation(sim.count)
-    buffer = "ab"[int(_arrays(sim)["control"][layout.LIVE])]
+    buffer = "ab"[int(_arrays(sim)["control"].live)]
     for field in layout.Discs._fields:
         if f"{buffer}.{field}" in _arrays(sim):  # there are radii only where discs differ
             view = _live(sim, field)
@@ -65,17 +65,17 @@ def scramble(sim: mpsim.Simulation, seed: int) -> None:
 def peek(sim: mpsim.Simulation, worker: int) -> tuple[str, int]:
     """Phase and frame (frames finished since the start) that a worker is in at this moment."""
     mine, control = _arrays(sim)["team"][worker], _arrays(sim)["control"]
-    return layout.PHASES[int(mine[layout.PHASE])], int(control[layout.DONE] + mine[layout.FRAME])
+    return layout.PHASES[int(mine.phase)], int(control.done + mine.frame)
 
 
 def columns_of(sim: mpsim.Simulation) -> int:
     """Columns of the grid."""
-    return int(_arrays(sim)["control"][layout.COLUMNS])
+    return int(_arrays(sim)["control"].columns)
 
 
 def set_abort(sim: mpsim.Simulation, value: int) -> None:
     """Write the word that makes everybody leave the frame loop."""
-    _arrays(sim)["control"][layout.ABORT] = value
+    _arrays(sim)["control"].signals[layout.ABORT] = value
 
 
 def wall_impulses(sim: mpsim.Simulation, frames: int) -> np.ndarray:
@@ -86,12 +86,12 @@ def wall_impulses(sim: mpsim.Simulation, frames: int) -> np.ndarray:
     total = np.zeros(4)
     while frames:
         tally = solver.advance(min(frames, MOST_FRAMES), solver.choice.workers[0]).tally
-        total += tally[:, layout.WALLS].sum(axis=0)
+        total += tally["wall"].sum(axis=0)
         frames -= len(tally)
     return total
 
 
 def parameters(restitution=1.0, dt=1.0):
     values = parameters_of(np.float64, 10, 10, dt=dt)
-    values[layout.WALL_RESTITUTION] = restitution
+    values.wall_restitution = restitution
     return values

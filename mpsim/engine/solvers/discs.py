@@ -15,7 +15,7 @@ from mpsim.scene.scene import Scene
 
 def live_discs(block: SharedBlock) -> layout.Discs:
     """The buffer that holds the state."""
-    return buffers_of(block)[int(block.arrays["control"][layout.LIVE])]
+    return buffers_of(block)[int(block.arrays["control"].live)]
 
 
 def write_discs(block: SharedBlock, new: NewDiscs, first: int) -> None:
@@ -69,7 +69,7 @@ def first_not_finite(block: SharedBlock) -> tuple[int, tuple[float, float], tupl
 
     After an odd number of steps the state lies in the other buffer, so both are looked at.
     """
-    slots = block.arrays["team"][:, layout.BAD_SLOT]
+    slots = block.arrays["team"]["bad_slot"]
     candidates = [
         (int(discs.id[slot]), values)
         for discs in buffers_of(block)

@@ -21,7 +21,7 @@ from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
 from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.features import FEATURES
-from mpsim.kernels import layout
+from mpsim.kernels import layout, records
 from mpsim.kernels.events import solver as events
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -142,11 +142,12 @@ class EventSolver(Solver):
 
     def _tally(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
         """The kernel's counts in the form of the stepped solver's: impulses instead of r.dp, and no overlaps."""
-        tally = np.zeros((len(counts), layout.TALLIES))
-        tally[:, layout.WALLS] = counts[:, : events.VIRIAL]
-        virials = [layout.VIRIAL, layout.VIRIAL_XX, layout.VIRIAL_XY]
-        tally[:, virials] = counts[:, events.VIRIAL : events.TALLIES] / (2 * self._scene.largest_radius or 1.0)
-        tally[:, layout.COLLISION] = counts[:, events.TALLIES]
+        tally = np.zeros(len(counts), records.COUNTS)
+        tally["wall"] = counts[:, [events.LEFT, events.RIGHT, events.BOTTOM, events.TOP]]
+        virials = {"virial": events.VIRIAL, "virial_xx": events.VIRIAL_XX, "virial_xy": events.VIRIAL_XY}
+        for name, column in virials.items():
+            tally[name] = counts[:, column] / (2 * self._scene.largest_radius or 1.0)
+        tally["collisions"] = counts[:, events.TALLIES]
         return tally
 
     def record(self, tallied: bool) -> None:

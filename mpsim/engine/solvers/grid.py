@@ -68,8 +68,8 @@ class GridSolver(SteppedSolver):
         """Give each worker its columns and its slice."""
         team = self._block.arrays["team"][:workers]
         columns, slots = self._shares(workers)
-        team[:, layout.FIRST_COLUMN], team[:, layout.LAST_COLUMN] = columns[:-1], columns[1:]
-        team[:, layout.LOW], team[:, layout.HIGH] = slots[:-1], slots[1:]
+        team["first_column"], team["last_column"] = columns[:-1], columns[1:]
+        team["low"], team["high"] = slots[:-1], slots[1:]
 
     def _shares(self, workers: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """First column and first disc of each worker, and the ends: equal numbers, whole columns once sorted."""

@@ -33,7 +33,7 @@ class NaiveSolver(SteppedSolver):
     def _load_kernels(self) -> None:
         arguments = naive_arguments(self._block)
         control = arguments.control.copy()
-        control[layout.FRAMES] = 0
+        control.frames = 0
         run_naive(*arguments._replace(control=control))
 
     def _run_command(self, workers: int) -> int:

@@ -1,4 +1,4 @@
-"""Parameters and control words of the stepped solvers: what follows from scene, settings and number of discs."""
+"""`parameters` and `control` of the stepped solvers: what follows from scene, settings and number of discs."""
 
 from typing import Any, NamedTuple
 
@@ -13,8 +13,6 @@ from mpsim.kernels import layout
 from mpsim.kernels.features.hooks import prepare_step
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-
-LIMITS = (layout.X_LOW, layout.X_HIGH, layout.Y_LOW, layout.Y_HIGH)
 
 _CONTACTS = {"push": layout.PUSH, "impact": layout.IMPACT}
 _LAWS = {"reflect": layout.REFLECT, "elastic": layout.ELASTIC}
@@ -39,41 +37,35 @@ class Present(NamedTuple):
 
 
 def configure(arrays: dict[str, Any], scene: Scene, settings: Settings, now: Present) -> None:
-    """Write parameters and control words into the arrays of a block."""
+    """Write both records into a block."""
     grid, dt = now.grid, settings.dt / now.substeps
     smallest = float(now.radii.min(initial=scene.largest_radius))
     common = None if has_radii(scene) else scene.largest_radius
-    parameters: dict[int, float] = {
-        layout.DT: dt,
-        layout.DIAMETER: 2 * scene.largest_radius,
-        **dict(zip(LIMITS, wall_limits(scene), strict=True)),
-        layout.CELLS_PER_X: grid.columns / scene.width,
-        layout.CELLS_PER_Y: grid.rows / scene.height,
-        layout.EXCHANGE: (1 + scene.restitution) / 2,
-        layout.WALL_RESTITUTION: scene.wall_restitution,
-        layout.WALL_BOUNCE: scene.wall_restitution if settings.contact == "impact" else 0.0,
-        layout.TALLY_SCALE: _tally_scale(scene, settings),
-        layout.FAST: now.alert.square(dt, common, smallest, settings.precision),
-    }
-    for index, value in parameters.items():
-        arrays["parameters"][index] = value
+    parameters = arrays["parameters"]
+    parameters.dt = dt
+    parameters.diameter = 2 * scene.largest_radius
+    parameters.limit[:] = wall_limits(scene)
+    parameters.cells_per_x = grid.columns / scene.width
+    parameters.cells_per_y = grid.rows / scene.height
+    parameters.exchange = (1 + scene.restitution) / 2
+    parameters.wall_restitution = scene.wall_restitution
+    parameters.wall_bounce = scene.wall_restitution if settings.contact == "impact" else 0.0
+    parameters.tally_scale = _tally_scale(scene, settings)
+    parameters.fast = now.alert.square(dt, common, smallest, settings.precision)
     prepare_step(arrays)
     if "giants" in arrays:
         arrays["giants"][0] = np.inf if now.giant is None else now.giant
-    control = {
-        layout.COUNT: len(now.radii),
-        layout.COLUMNS: grid.columns,
-        layout.ROWS: grid.rows,
-        layout.SUBSTEPS: now.substeps,
-        layout.LAW: _LAWS[settings.law],
-        layout.CONTACT: _CONTACTS[settings.contact],
-        layout.PASSES: settings.passes,
-        layout.GUARDED: int(not settings.unguarded),
-        layout.CELLS: grid.table_size - 1,
-        layout.ABSORBING: sum(1 << EDGES.index(edge) for edge in scene.absorbing),
-    }
-    for index, word in control.items():
-        arrays["control"][index] = word
+    control = arrays["control"]
+    control.count = len(now.radii)
+    control.columns = grid.columns
+    control.rows = grid.rows
+    control.cells = grid.table_size - 1
+    control.substeps = now.substeps
+    control.law = _LAWS[settings.law]
+    control.contact = _CONTACTS[settings.contact]
+    control.passes = settings.passes
+    control.guarded = int(not settings.unguarded)
+    control.absorbing[:] = [edge in scene.absorbing for edge in EDGES]
 
 
 def _tally_scale(scene: Scene, settings: Settings) -> float:

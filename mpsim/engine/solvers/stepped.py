@@ -72,12 +72,12 @@ class SteppedSolver(Solver):
 
     @abstractmethod
     def _run_command(self, workers: int) -> int:
-        """Run the command that the control words hold. Returns layout.RUNNING, or why it has ended before."""
+        """Run the command that the record `control` holds. Returns layout.RUNNING, or why it has ended before."""
 
     def _failure(self, abort: int) -> Exception:
         """The exception for a command that has ended before its time."""
         assert abort == layout.BAD_STATE
-        frame = self.frame + int(self._block.arrays["team"][0, layout.FRAME])
+        frame = self.frame + int(self._block.arrays["team"][0].frame)
         particle, position, velocity = first_not_finite(self._block)
         return DivergedError(particle, frame, position, velocity)
 
@@ -103,26 +103,27 @@ class SteppedSolver(Solver):
         if abort != layout.RUNNING:
             raise self._failure(abort)
         arrays = self._block.arrays
-        frames = int(arrays["control"][layout.FRAMES])
-        contacts = int(arrays["team"][:, layout.COLLISIONS].sum())
+        frames = int(arrays["control"].frames)
+        contacts = int(arrays["team"]["collisions"].sum())
         tally = arrays.get("tally")
         if tally is not None:
-            scale = float(arrays["parameters"][layout.TALLY_SCALE])
+            scale = float(arrays["parameters"].tally_scale)
             tally = tallied(tally[:, :frames], scale, 2 * self._scene.largest_radius)
         return Slice(arrays["times"][:, :frames].copy(), contacts, tally)
 
     def _write_command(self, frames: int, workers: int, stop: float) -> None:
-        """Write a command into the block: its words, and zeros where it counts."""
+        """Write a command into the block: its record, and zeros where it counts."""
         arrays, control, dt = self._block.arrays, self._block.arrays["control"], self._settings.dt
         if stop < (self.frame + frames) * dt:
             frames = min(frames, max(frames_until(stop, dt) - self.frame, 1))
-        control[layout.FRAMES] = frames
-        control[layout.WORKERS] = workers
-        arrays["team"][:, [layout.COLLISIONS, layout.FASTEST]] = 0
+        control.frames = frames
+        control.workers = workers
+        for counted in ("collisions", "fastest"):
+            arrays["team"][counted] = 0
         for counts in (arrays["times"], arrays.get("tally")):
             if counts is not None:
                 counts[:, :frames] = 0
-        self._begun = int(control[layout.DONE])
+        self._begun = int(control.done)
 
     def record(self, tallied: bool) -> None:
         """Have what measures need counted from now on, or not: frames that are not measured pay nothing for it."""
@@ -133,13 +134,16 @@ class SteppedSolver(Solver):
     @property
     def torn(self) -> bool:
         """Whether the last command was left inside a frame, by a death say, or a move to another block half done."""
-        words = self._block.arrays.get("control", np.zeros(layout.CONTROL, np.int64))  # none after `close`
-        return self._moving or bool((words[layout.ABORT] or words[layout.BAD]) and words[layout.DONE] == self._begun)
+        control = self._block.arrays.get("control")
+        if self._moving or control is None:  # none after `close`
+            return self._moving
+        left = control.signals[layout.ABORT] or control.signals[layout.BAD]
+        return bool(left and control.done == self._begun)
 
     @property
     def frame(self) -> int:
         """Frames finished since the start."""
-        return int(self._block.arrays["control"][layout.DONE])
+        return int(self._block.arrays["control"].done)
 
     @property
     def time(self) -> float:
@@ -164,7 +168,7 @@ class SteppedSolver(Solver):
     @property
     def alarmed(self) -> bool:
         """Whether a disc was too fast in the last command, and so ended it."""
-        return bool(self._block.arrays["team"][:, layout.FASTEST].any())
+        return bool(self._block.arrays["team"]["fastest"].any())
 
     def caught(self) -> Pace | None:
         """The disc that was too fast in the last command, reported once; None where there was none."""
@@ -183,7 +187,7 @@ class SteppedSolver(Solver):
         """
         if substeps != self.substeps:
             self.substeps = substeps
-            self._block.arrays["control"][layout.STEPS] = self.frame * substeps
+            self._block.arrays["control"].steps = self.frame * substeps
             self._configure()
 
     # --- discs
@@ -275,7 +279,7 @@ class SteppedSolver(Solver):
     def _fill(self, block: SharedBlock) -> None:
         """Make a block, and fill it with what the scene has."""
         block.create()
-        block.arrays["team"][:, layout.BAD_SLOT] = -1
+        block.arrays["team"]["bad_slot"] = -1
         fill_features(block.arrays, self._scene)
 
     def _prepare(self) -> None:
@@ -332,7 +336,7 @@ class SteppedSolver(Solver):
         self._write(snapshot["position"], snapshot["velocity"], snapshot.get("acceleration"))
         arrays = self._block.arrays
         frames, steps = snapshot["progress"].tolist()
-        arrays["control"][layout.DONE], arrays["control"][layout.STEPS] = frames, steps
+        arrays["control"].done, arrays["control"].steps = frames, steps
         self.substeps = steps // frames if frames else self._settings.substeps
         for name in stepped_snapshot.BY_ID:
             if name in snapshot:  # in files of older versions there is no image, and it counts from there on
@@ -345,7 +349,7 @@ class SteppedSolver(Solver):
         write_discs(self._block, NewDiscs(position, velocity, acceleration, self._radii, self._masses, image), 0)
 
     def _configure(self) -> None:
-        """Write the parameters and control words that follow from what is simulated now."""
+        """Write the records `parameters` and `control`, which follow from what is simulated now."""
         self._grid = self._grid_for(self.count, self._radii)
         now = Present(self._radii, self._grid, self._giant_radius(self._radii), self.substeps, self._alert)
         configure(self._block.arrays, self._scene, self._settings, now)

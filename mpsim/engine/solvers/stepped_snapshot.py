@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from mpsim.engine.solvers.discs import places_and_speeds
 from mpsim.engine.solvers.snapshots import INTEGER, Shapes, Snapshot, check_periods, demand, shapes_in_each
 from mpsim.engine.workers.shared import SharedBlock
-from mpsim.kernels import layout
 from mpsim.scene.scene import Scene
 
 BY_ID = ("exits", "image")
@@ -34,7 +33,7 @@ def taken(block: SharedBlock, radii: NDArray[np.float64], masses: NDArray[np.flo
         if name in arrays:
             found[name] = arrays[name][:, :count].copy()
     control = arrays["control"]
-    found["progress"] = np.array([control[layout.DONE], control[layout.STEPS]])
+    found["progress"] = np.array([control.done, control.steps])
     return found
 
 

@@ -5,10 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mpsim.kernels import layout
+from mpsim.kernels import layout, records
 
 MOST_FRAMES = 4096
 """Frames of one command at most: the length of the array of times in the shared block."""
+
+WORDS = records.LINE_PAIR // 8
+"""int64 words that one worker's row of an array is a multiple of."""
 
 CELLS_PER_DISC = 2
 """In a dilute scene cells grow beyond one diameter, so that there are about this many per disc."""
@@ -16,7 +19,7 @@ CELLS_PER_DISC = 2
 
 @dataclass(frozen=True)
 class ArraySpec:
-    """dtype and shape of one array of the shared block."""
+    """dtype and shape of one array of the shared block; of shape () it is a record."""
 
     dtype: np.dtype
     shape: tuple[int, ...]
@@ -73,7 +76,7 @@ def grid_for(
 def block_arrays(
     capacity: int, grid: Grid, workers: int, precision: str, features: dict[str, ArraySpec], tallied: bool
 ) -> dict[str, ArraySpec]:
-    """Every array of the shared block, by name. `features` holds what only some scenes need.
+    """Every array and record of the shared block, by name. `features` holds what only some scenes need.
 
     tallied: whether measures are gathered, which needs a place for what each worker counts in each frame.
     """
@@ -87,12 +90,12 @@ def block_arrays(
             arrays[f"{buffer}.{column}"] = ArraySpec(np.dtype(np.int32) if integer else real, (length,))
     arrays["start"] = ArraySpec(np.dtype(np.int32), (grid.table_size,))
     arrays["outbox"] = ArraySpec(np.dtype(np.int32), (length,))
-    arrays["parameters"] = ArraySpec(real, (layout.PARAMETERS,))
+    arrays["parameters"] = ArraySpec(records.parameters_in(precision), ())
+    arrays["control"] = ArraySpec(records.CONTROL, ())
+    arrays["team"] = ArraySpec(records.MEMBER, (workers,))
     word = np.dtype(np.int64)
-    arrays["control"] = ArraySpec(word, (layout.CONTROL,))
-    arrays["team"] = ArraySpec(word, (workers, layout.TEAM))
-    arrays["sent"] = ArraySpec(word, (workers, max(workers, layout.TEAM)))
+    arrays["sent"] = ArraySpec(word, (workers, -(-workers // WORDS) * WORDS))
     arrays["times"] = ArraySpec(word, (workers, MOST_FRAMES, len(layout.PHASES)))
     if tallied:
-        arrays["tally"] = ArraySpec(word, (workers, MOST_FRAMES, layout.TALLIES))
+        arrays["tally"] = ArraySpec(records.TALLY, (workers, MOST_FRAMES))
     return arrays | features

@@ -89,20 +89,20 @@ class WorkerPool:
 
     def wake(self) -> None:
         """Announce a command and rouse the workers that sleep. The command itself is given by the kernel."""
-        store_word(self._control, layout.ANNOUNCED, load_word(self._control, layout.COMMAND) + 1)
+        store_word(self._control.signals, layout.ANNOUNCED, load_word(self._control.signals, layout.COMMAND) + 1)
         for connection, mine in zip(self._connections, self._team[1:], strict=True):
-            if load_word(mine, layout.PARKED):
+            if load_word(mine.signals, layout.PARKED):
                 self._send(connection, ("wake", None, None))
 
     def settle(self) -> None:
         """Take the announcement back if no command followed, so that the workers may sleep again."""
-        store_word(self._control, layout.ANNOUNCED, load_word(self._control, layout.COMMAND))
+        store_word(self._control.signals, layout.ANNOUNCED, load_word(self._control.signals, layout.COMMAND))
 
     def move_to(self, block: SharedBlock) -> None:
         """Let every worker attach to another block. The old one must stay open until this returns."""
         for connection in self._connections:
             self._send(connection, ("attach", block.name, block.specs))
-        add_to_word(self._control, layout.MAIL, 1)
+        add_to_word(self._control.signals, layout.MAIL, 1)
         self._block, self._control, self._team = block, block.arrays["control"], block.arrays["team"]
         for worker in range(1, len(self._processes) + 1):
             self._await_ready(worker)
@@ -110,7 +110,7 @@ class WorkerPool:
     def failure(self) -> Exception:
         """The exception for an abort that a worker's death or delay has caused."""
         if self._lost is None:
-            late = int(self._team[:, layout.ARRIVALS].argmin())
+            late = int(self._team["arrivals"].argmin())
             return WorkerStalled(
                 f"worker {late} has not come to a barrier within {layout.PATIENCE / 1e9:g} s. A worker must keep "
                 "running. It may be stopped (SIGSTOP, a debugger) or starved; start again, with fewer workers."
@@ -128,7 +128,7 @@ class WorkerPool:
         for connection in self._connections:
             self._send(connection, ("stop", None, None))
         if self._connections:
-            add_to_word(self._control, layout.MAIL, 1)
+            add_to_word(self._control.signals, layout.MAIL, 1)
         for process in self._processes:
             process.join(PATIENCE)
             for end in (process.terminate, process.kill):
@@ -209,8 +209,8 @@ class WorkerPool:
         if text:
             cause += f" after an error:\n{text}"
         # A worker that dies right after a command has no time to reset its count; the coordinator's is then 0.
-        frame = int(self._control[layout.DONE] + min(mine[layout.FRAME], self._team[0, layout.FRAME]))
-        return WorkerDied(worker, process.pid, code, cause, frame, phase or layout.PHASES[mine[layout.PHASE]])
+        frame = int(self._control.done + min(mine.frame, self._team[0].frame))
+        return WorkerDied(worker, process.pid, code, cause, frame, phase or layout.PHASES[mine.phase])
 
     def _watch(self) -> None:
         """Thread: at the first death, tell everybody to leave the frame loop. Ends when told to.
@@ -228,10 +228,11 @@ class WorkerPool:
             orphans |= {watched.pop(sentinel) for sentinel in ready}
             lost = [worker for worker in orphans if not _lives(self._processes[worker - 1].pid)]
         # After a bad state, or when told to stop, workers end as they should.
-        ended = load_word(self._control, layout.ABORT) != layout.RUNNING or load_word(self._control, layout.BAD)
+        signals = self._control.signals
+        ended = load_word(signals, layout.ABORT) != layout.RUNNING or load_word(signals, layout.BAD)
         if not ended:
             self._lost = min(lost)
-            store_word(self._control, layout.ABORT, layout.WORKER_LOST)
+            store_word(signals, layout.ABORT, layout.WORKER_LOST)
 
     @staticmethod
     def _send(connection: Connection, message: tuple[Any, ...]) -> None:

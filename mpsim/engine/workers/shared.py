@@ -61,7 +61,7 @@ class SharedBlock:
 
     Attributes:
         name: of the block, mpsim-<pid of the coordinator>-<token>.
-        arrays: views by name; they are dropped by `close`, and never handed out of the engine.
+        arrays: views by name, arrays and records; they are dropped by `close`, and never handed out of the engine.
     """
 
     def __init__(self, specs: dict[str, ArraySpec], name: str | None = None):
@@ -69,7 +69,7 @@ class SharedBlock:
         self.name: str = name or f"mpsim-{os.getpid()}-{secrets.token_hex(4)}"
         self.specs = specs
         self.nbytes: int = _offsets(specs)[-1]
-        self.arrays: dict[str, NDArray[Any]] = {}
+        self.arrays: dict[str, Any] = {}
         self._memory: SharedMemory | None = None
         self._owner = False
         self._creator = os.getpid()
@@ -148,7 +148,7 @@ class SharedBlock:
             flat: NDArray[Any] = np.frombuffer(
                 cast(memoryview, memory.buf), spec.dtype, spec.nbytes // spec.dtype.itemsize, offset
             )
-            self.arrays[name] = flat.reshape(spec.shape)
+            self.arrays[name] = flat.reshape(spec.shape)[()]  # of shape (): the record itself, no copy of it
 
     def close(self) -> None:
         """Drop the views and the mapping; the owner also removes the block. May be called again, and at any moment."""

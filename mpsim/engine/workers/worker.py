@@ -81,19 +81,19 @@ def kernel_arguments(block: SharedBlock, worker: int) -> GridArguments:
 
 
 def buffers_of(block: SharedBlock) -> tuple[layout.Discs, layout.Discs]:
-    """Both buffers of discs; control[LIVE] tells which of them holds the state."""
+    """Both buffers of discs; `control.live` tells which of them holds the state."""
     a, b = (layout.Discs(*(block.arrays.get(f"{name}.{field}") for field in layout.Discs._fields)) for name in "ab")
     return a, b
 
 
 def load_kernels(block: SharedBlock) -> None:
-    """Compile or load everything that coordinator and workers call, by running no frame on private control words."""
+    """Compile or load everything that coordinator and workers call, by running no frame on private records."""
     arguments = kernel_arguments(block, 0)
     control = arguments.control.copy()
-    control[layout.FRAMES], control[layout.WORKERS] = 0, 1
+    control.frames, control.workers = 0, 1
     run_grid(*arguments._replace(control=control, team=np.zeros_like(arguments.team)))
-    store_word(control, layout.MAIL, 1)
-    add_to_word(control, layout.ANNOUNCED, load_word(control, layout.MAIL))
+    store_word(control.signals, layout.MAIL, 1)
+    add_to_word(control.signals, layout.ANNOUNCED, load_word(control.signals, layout.MAIL))
 
 
 def worker_main(worker: int, connection: Connection, name: str, specs: dict[str, ArraySpec], coordinator: int) -> None:
@@ -148,7 +148,7 @@ def _serve(worker: int, connection: Connection, block: SharedBlock) -> None:
         elif outcome != layout.MAILED:
             os._exit(0)  # the frame loop was aborted, and the coordinator knows why
         # Counted as read before the pipe is looked at: a message that comes in between is announced once more.
-        block.arrays["team"][worker, layout.MAILS] = load_word(block.arrays["control"], layout.MAIL)
+        block.arrays["team"][worker].mails = load_word(block.arrays["control"].signals, layout.MAIL)
         while connection.poll():
             kind, name, specs = connection.recv()
             if kind == "stop":
@@ -164,8 +164,8 @@ def _serve(worker: int, connection: Connection, block: SharedBlock) -> None:
 def _join(worker: int, connection: Connection, block: SharedBlock) -> GridArguments:
     """Say that this worker is ready for the next command in the block; returns its arguments for `run_grid`."""
     control, mine = block.arrays["control"], block.arrays["team"][worker]
-    mine[layout.COMMANDS] = load_word(control, layout.COMMAND)
-    mine[layout.MAILS] = load_word(control, layout.MAIL)
+    mine.commands = load_word(control.signals, layout.COMMAND)
+    mine.mails = load_word(control.signals, layout.MAIL)
     connection.send(("ready", None))
     return kernel_arguments(block, worker)
 
@@ -176,9 +176,9 @@ def _park(connection: Connection, control: Any, mine: Any) -> None:
     Parked is said first and the announcement looked at second; the coordinator announces first and looks at parked
     second. Whatever the timing, one of the two sees the other, and no command is slept through.
     """
-    store_word(mine, layout.PARKED, 1)
-    if load_word(control, layout.ANNOUNCED) <= mine[layout.COMMANDS]:
+    store_word(mine.signals, layout.PARKED, 1)
+    if load_word(control.signals, layout.ANNOUNCED) <= mine.commands:
         wait([connection])
     else:
         time.sleep(NAP)  # the coordinator lost its core between announcing the command and giving it
-    store_word(mine, layout.PARKED, 0)
+    store_word(mine.signals, layout.PARKED, 0)

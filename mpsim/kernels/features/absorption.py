@@ -2,7 +2,7 @@
 
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.features.acceleration import acceleration_of
-from mpsim.kernels.layout import ABSORBING, COLUMNS, CONTACT, DT, IMPACT, ROWS, X_HIGH, X_LOW, Y_HIGH, Y_LOW
+from mpsim.kernels.layout import BOTTOM, IMPACT, LEFT, RIGHT, TOP
 from mpsim.kernels.optional import own_or
 
 FIELDS = {"exits": "exits"}
@@ -18,19 +18,19 @@ def is_absent(exits, disc):
 
 
 @inlined
-def lets_out(exits, control, limit):
-    """Whether the edge of a limit (X_LOW, ...) absorbs discs."""
+def lets_out(exits, control, edge):
+    """Whether an edge (LEFT, ...) absorbs discs."""
     if exits is None:
         return False
-    return (control[ABSORBING] >> (limit - X_LOW)) & 1 != 0
+    return control.absorbing[edge] != 0
 
 
 @compiled
 def absorb(discs, low, high, exits, features, parameters, control):
     """Absorb the discs of a slice that this step would bring to an absorbing edge."""
-    edges, dt = control[ABSORBING], parameters[DT]
+    edges, dt = control.absorbing, parameters.dt
     zero, two = discs.x.dtype.type(0), discs.x.dtype.type(2)
-    late = dt / two if control[CONTACT] == IMPACT else zero  # a parabola is as far as its mean velocity leads
+    late = dt / two if control.contact == IMPACT else zero  # a parabola is as far as its mean velocity leads
     for i in range(low, high):
         disc = discs.id[i]
         margin = own_or(discs.radius, i, zero)
@@ -38,10 +38,10 @@ def absorb(discs, low, high, exits, features, parameters, control):
         ay = acceleration_of(features.gravity, features.acceleration, 1, disc, zero)
         x = discs.x[i] + (discs.vx[i] + ax * (dt - late)) * dt
         y = discs.y[i] + (discs.vy[i] + ay * (dt - late)) * dt
-        left = (edges & 1) != 0 and x < parameters[X_LOW] + margin
-        right = (edges & 2) != 0 and x > parameters[X_HIGH] - margin
-        bottom = (edges & 4) != 0 and y < parameters[Y_LOW] + margin
-        top = (edges & 8) != 0 and y > parameters[Y_HIGH] - margin
+        left = edges[LEFT] != 0 and x < parameters.limit[LEFT] + margin
+        right = edges[RIGHT] != 0 and x > parameters.limit[RIGHT] - margin
+        bottom = edges[BOTTOM] != 0 and y < parameters.limit[BOTTOM] + margin
+        top = edges[TOP] != 0 and y > parameters.limit[TOP] - margin
         if (left or right or bottom or top) and exits[0, disc] == 0:
             exits[0, disc], exits[1, disc], exits[2, disc] = 1, discs.x[i], discs.y[i]
 
@@ -75,7 +75,7 @@ def after_flight(exits, discs, low, high):
 def after_binning(exits, discs, low, high, control):
     """Bin the absorbed discs of a slice in a cell beyond the grid, where nobody looks for neighbours."""
     if exits is not None:
-        cell = (control[COLUMNS] + 1) * (control[ROWS] + 2) + 1
+        cell = (control.columns + 1) * (control.rows + 2) + 1
         for i in range(low, high):
             if exits[0, discs.id[i]] != 0:
                 discs.cell[i] = cell

@@ -1,7 +1,6 @@
 """Accelerations: gravity, the same for all discs, and one of each disc's own."""
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.layout import DT
 
 FIELDS = {"gravity": "gravity", "acceleration": "acceleration"}
 """gravity: (gx, gy), acceleration: shape (2, capacity), by id [length/time^2]."""
@@ -23,11 +22,11 @@ def accelerate(discs, low, high, gravity, acceleration, parameters):
     """v += a dt, for what the scene has: one acceleration for all, one per disc, or both. None compiles to nothing."""
     if gravity is not None:
         vx, vy = discs.vx[low:high], discs.vy[low:high]
-        kick_x, kick_y = gravity[0] * parameters[DT], gravity[1] * parameters[DT]
+        kick_x, kick_y = gravity[0] * parameters.dt, gravity[1] * parameters.dt
         for i in range(high - low):
             vx[i] += kick_x
             vy[i] += kick_y
     if acceleration is not None:
         for i in range(low, high):
-            discs.vx[i] += acceleration[0, discs.id[i]] * parameters[DT]
-            discs.vy[i] += acceleration[1, discs.id[i]] * parameters[DT]
+            discs.vx[i] += acceleration[0, discs.id[i]] * parameters.dt
+            discs.vy[i] += acceleration[1, discs.id[i]] * parameters.dt

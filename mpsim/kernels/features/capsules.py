@@ -14,7 +14,7 @@ from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.features.absorption import is_absent
 from mpsim.kernels.features.acceleration import acceleration_of
 from mpsim.kernels.features.images import confined, count_flight, wrapped
-from mpsim.kernels.layout import CONTACT, DIAMETER, DT, IMPACT, WALL_RESTITUTION, X_HIGH, X_LOW, Y_HIGH, Y_LOW
+from mpsim.kernels.layout import BOTTOM, IMPACT, LEFT, RIGHT, TOP
 from mpsim.kernels.optional import own_or
 
 
@@ -98,13 +98,13 @@ def meet_capsule(discs, i, k, capsule, radius, ax, ay, parameters, impact):
     nx, ny = normal_of(rx, ry, distance, flat, capsule, k)
     if impact and rx * vx + ry * vy < 0:
         if not flat:
-            nx, ny = normal_at_touch(rx, ry, squared, reach, vx, vy, parameters[DT])
+            nx, ny = normal_at_touch(rx, ry, squared, reach, vx, vy, parameters.dt)
         depth, speed = reach - (rx * nx + ry * ny), -(vx * nx + vy * ny)
         displacement, inward = bounce_back(depth, max(speed, 0.0), -(ax * nx + ay * ny), parameters)
         displacement, change = displacement + depth, inward + speed
     else:
         along = vx * nx + vy * ny
-        back = 1.0 + np.float64(parameters[WALL_RESTITUTION])
+        back = 1.0 + np.float64(parameters.wall_restitution)
         displacement, change = reach - distance, -back * along if along < 0 else 0.0
     discs.vx[i] += change * nx
     discs.vy[i] += change * ny
@@ -117,8 +117,8 @@ def meet_capsule(discs, i, k, capsule, radius, ax, ay, parameters, impact):
 def meet_capsules(discs, low, high, features, parameters, control):
     """Contacts of a slice with the capsules near each disc, in the order in which the scene lists them."""
     zero = discs.x.dtype.type(0)
-    half = parameters[DIAMETER] / discs.x.dtype.type(2)
-    impact = control[CONTACT] == IMPACT
+    half = parameters.diameter / discs.x.dtype.type(2)
+    impact = control.contact == IMPACT
     capsules = features.capsules
     columns, rows = capsules.grid[0], capsules.grid[1]
     for i in range(low, high):
@@ -137,8 +137,8 @@ def meet_capsules(discs, low, high, features, parameters, control):
             met |= meet_capsule(discs, i, k, capsules.capsule, radius, ax, ay, parameters, impact)
         if met:
             margin = own_or(discs.radius, i, zero)
-            x = confined(discs.x[i], parameters[X_LOW], parameters[X_HIGH], margin, features.wrap_x)
-            y = confined(discs.y[i], parameters[Y_LOW], parameters[Y_HIGH], margin, features.wrap_y)
+            x = confined(discs.x[i], parameters.limit[LEFT], parameters.limit[RIGHT], margin, features.wrap_x)
+            y = confined(discs.y[i], parameters.limit[BOTTOM], parameters.limit[TOP], margin, features.wrap_y)
             # Out of a thick capsule it may be far beyond the border, where there are no cells.
             discs.x[i], discs.y[i] = x, y
             x, y = wrapped(x, features.wrap_x), wrapped(y, features.wrap_y)

@@ -1,13 +1,13 @@
 """A wall of the box that moves at constant speed until it stops."""
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.layout import DT, STEPS
+from mpsim.kernels.records import real
 
 FIELDS = {"moving_wall": "piston"}
 """moving_wall: shape (SIZE,), of the precision of the run, its elements as follows."""
 
-WALL = 0  # which limit it moves: X_LOW, X_HIGH, Y_LOW or Y_HIGH
-START = 1  # that limit at time 0 [length]
+WALL = 0  # which edge it is: LEFT, RIGHT, BOTTOM or TOP
+START = 1  # the limit of that edge at time 0 [length]
 SPEED = 2  # [length/time]
 STOP = 3  # the limit at which it rests [length]
 NOW = 4  # its speed in this step: 0 once it rests [length/time]
@@ -22,24 +22,24 @@ def before_step(moving_wall, parameters, control):
     agrees.
     """
     if moving_wall is not None:
-        displacement = moving_wall[SPEED] * parameters[DT]
-        place = moving_wall[START] + displacement * (control[STEPS] + 1)
+        displacement = moving_wall[SPEED] * parameters.dt
+        place = moving_wall[START] + displacement * (control.steps + 1)
         arrived = place < moving_wall[STOP] if moving_wall[SPEED] < 0 else place > moving_wall[STOP]
-        parameters[int(moving_wall[WALL])] = moving_wall[STOP] if arrived else place
+        parameters.limit[int(moving_wall[WALL])] = moving_wall[STOP] if arrived else place
         moving_wall[NOW] = moving_wall[SPEED] * 0 if arrived else moving_wall[SPEED]
 
 
 @inlined
-def wall_speed(moving_wall, limit, zero):
-    """Speed of the wall that sets a limit (X_LOW, ...)."""
+def wall_speed(moving_wall, edge, zero):
+    """Speed of the wall at an edge (LEFT, ...)."""
     if moving_wall is None:
         return zero
-    return moving_wall[NOW] if int(moving_wall[WALL]) == limit else zero
+    return moving_wall[NOW] if int(moving_wall[WALL]) == edge else zero
 
 
 @inlined
-def wall_place(moving_wall, limit, parameters):
-    """Where the wall of a limit is when contacts are resolved: a piston's limit is that of the next step already."""
+def wall_place(moving_wall, edge, parameters):
+    """Where the limit of an edge is when contacts are resolved: that of a piston is that of the next step already."""
     if moving_wall is None:
-        return parameters[limit]
-    return parameters[limit] - wall_speed(moving_wall, limit, parameters.dtype.type(0)) * parameters[DT]
+        return parameters.limit[edge]
+    return parameters.limit[edge] - wall_speed(moving_wall, edge, real(parameters, 0)) * parameters.dt

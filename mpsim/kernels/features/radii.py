@@ -1,7 +1,6 @@
 """Discs of different radii, and giants: discs so large that the grid, whose cells follow the others, omits them."""
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.layout import COLUMNS, DIAMETER, ROWS
 
 FIELDS = {"giants": "giants"}
 """giants: shape (1,): discs of a larger radius are not in the grid [length]. Radii are a column of `layout.Discs`."""
@@ -11,7 +10,7 @@ FIELDS = {"giants": "giants"}
 def touching_distance(radius, i, j, parameters):
     """Distance at which the discs in slots i and j touch."""
     if radius is None:
-        return parameters[DIAMETER]
+        return parameters.diameter
     return radius[i] + radius[j]
 
 
@@ -19,7 +18,7 @@ def touching_distance(radius, i, j, parameters):
 def after_binning(giants, discs, low, high, control):
     """Bin the giants of a slice in a cell of their own, beyond the grid."""
     if giants is not None:
-        cell = (control[COLUMNS] + 1) * (control[ROWS] + 2)
+        cell = (control.columns + 1) * (control.rows + 2)
         for i in range(low, high):
             if discs.radius[i] > giants[0]:
                 discs.cell[i] = cell

@@ -15,31 +15,7 @@ from mpsim.kernels.features.images import confined, seen_from
 from mpsim.kernels.features.masses import share
 from mpsim.kernels.features.radii import touching_distance
 from mpsim.kernels.frame.walls import keep_inside
-from mpsim.kernels.layout import (
-    COLLISION,
-    COLUMNS,
-    CONTACT,
-    COUNT,
-    DEEPEST,
-    DEPTH,
-    DEPTH_SCALE,
-    DIAMETER,
-    DT,
-    ELASTIC,
-    EXCHANGE,
-    IMPACT,
-    LAW,
-    MET,
-    ROWS,
-    TALLY_SCALE,
-    VIRIAL,
-    VIRIAL_XX,
-    VIRIAL_XY,
-    X_HIGH,
-    X_LOW,
-    Y_HIGH,
-    Y_LOW,
-)
+from mpsim.kernels.layout import BOTTOM, DEPTH_SCALE, ELASTIC, IMPACT, LEFT, RIGHT, TOP
 from mpsim.kernels.machine import LANES, lowest_bit, natural, overlap_lanes
 from mpsim.kernels.optional import own_or, presence_of_any
 
@@ -62,9 +38,9 @@ def normalised(x, y, one):
 @inlined
 def shift(discs, i, dx, dy, features, parameters):
     """Move disc i by (dx, dy), but not through a wall."""
-    margin = own_or(discs.radius, i, parameters.dtype.type(0))
-    discs.x[i] = confined(discs.x[i] + dx, parameters[X_LOW], parameters[X_HIGH], margin, features.wrap_x)
-    discs.y[i] = confined(discs.y[i] + dy, parameters[Y_LOW], parameters[Y_HIGH], margin, features.wrap_y)
+    margin = own_or(discs.radius, i, discs.x.dtype.type(0))
+    discs.x[i] = confined(discs.x[i] + dx, parameters.limit[LEFT], parameters.limit[RIGHT], margin, features.wrap_x)
+    discs.y[i] = confined(discs.y[i] + dy, parameters.limit[BOTTOM], parameters.limit[TOP], margin, features.wrap_y)
 
 
 @inlined
@@ -81,7 +57,7 @@ def apply_law(discs, i, j, nx, ny, features, parameters, law):
     along_j = vx[j] * nx + vy[j] * ny
     if law == ELASTIC:
         approach = along_j - along_i
-        exchanged = approach * parameters[EXCHANGE] if approach < zero else zero
+        exchanged = approach * parameters.exchange if approach < zero else zero
         change_i = exchanged * share(features.mass, discs.id[i], discs.id[j], one)
         change_j = -(exchanged * share(features.mass, discs.id[j], discs.id[i], one))
     else:
@@ -133,7 +109,7 @@ def pay(accelerated, discs, i, j, image_x, image_y, start_i, start_j, features, 
     nx, ny, _ = normalised(x, y, one)
     along = (discs.vx[j] - discs.vx[i]) * nx + (discs.vy[j] - discs.vy[i]) * ny
     square = along * along
-    if (square + given < 0) & (parameters[EXCHANGE] == one):
+    if (square + given < 0) & (parameters.exchange == one):
         for disc, start in ((i, start_i), (j, start_j)):
             discs.x[disc] = start[0] - (discs.x[disc] - start[0]) * square / given
             discs.y[disc] = start[1] - (discs.y[disc] - start[1]) * square / given
@@ -183,8 +159,8 @@ def impact_contact(discs, i, j, image_x, image_y, features, parameters, control,
     """
     time = time_since_impact(discs, i, j, image_x, image_y, parameters)
     start_i, start_j = (discs.x[i], discs.y[i]), (discs.x[j], discs.y[j])
-    if not (time >= 0) & (time <= parameters[DT]):
-        done = push_contact(discs, i, j, image_x, image_y, features, parameters, control[LAW])
+    if not (time >= 0) & (time <= parameters.dt):
+        done = push_contact(discs, i, j, image_x, image_y, features, parameters, control.law)
         accelerated = presence_of_any(features.gravity, features.acceleration)
         pay(accelerated, discs, i, j, image_x, image_y, start_i, start_j, features, parameters)
         return done
@@ -195,7 +171,7 @@ def impact_contact(discs, i, j, image_x, image_y, features, parameters, control,
     # quotient of that one number is rounded the same way each time: with diameter 1, by 1e-7 of energy per collision.
     x, y = apart(discs, i, j, image_x, image_y)
     nx, ny, _ = normalised(np.float64(x), np.float64(y), 1.0)
-    done = apply_law(discs, i, j, nx, ny, features, parameters, control[LAW])
+    done = apply_law(discs, i, j, nx, ny, features, parameters, control.law)
     for disc in (i, j):
         discs.x[disc] += discs.vx[disc] * time
         discs.y[disc] += discs.vy[disc] * time
@@ -210,17 +186,17 @@ def resolve_contact(discs, i, j, image_x, image_y, features, parameters, control
     """Resolve two overlapping discs by the contact and the law of the run."""
     if tally is not None:
         tally_depth(discs, i, j, image_x, image_y, parameters, tally, frame)
-    if control[CONTACT] == IMPACT:
+    if control.contact == IMPACT:
         impulse, nx, ny = impact_contact(discs, i, j, image_x, image_y, features, parameters, control, tally, frame)
     else:
-        impulse, nx, ny = push_contact(discs, i, j, image_x, image_y, features, parameters, control[LAW])
+        impulse, nx, ny = push_contact(discs, i, j, image_x, image_y, features, parameters, control.law)
     if tally is not None:
-        relative = touching_distance(discs.radius, i, j, parameters) / parameters[DIAMETER]
-        virial = impulse * relative * np.float64(parameters[TALLY_SCALE])
-        tally[frame, VIRIAL] += np.int64(virial)
-        tally[frame, VIRIAL_XX] += np.int64(virial * nx * nx)
-        tally[frame, VIRIAL_XY] += np.int64(virial * nx * ny)
-        tally[frame, COLLISION] += impulse > 0
+        relative = touching_distance(discs.radius, i, j, parameters) / parameters.diameter
+        virial = impulse * relative * np.float64(parameters.tally_scale)
+        tally[frame].virial += np.int64(virial)
+        tally[frame].virial_xx += np.int64(virial * nx * nx)
+        tally[frame].virial_xy += np.int64(virial * nx * ny)
+        tally[frame].collisions += impulse > 0
 
 
 @compiled
@@ -229,10 +205,10 @@ def tally_depth(discs, i, j, image_x, image_y, parameters, tally, frame):
     x, y = apart(discs, i, j, image_x, image_y)
     _, _, distance = normalised(x, y, discs.x.dtype.type(1))
     overlap = touching_distance(discs.radius, i, j, parameters) - distance
-    depth = np.int64(np.float64(overlap / parameters[DIAMETER]) * DEPTH_SCALE)
-    tally[frame, MET] += 1
-    tally[frame, DEPTH] += depth
-    tally[frame, DEEPEST] = max(tally[frame, DEEPEST], depth)
+    depth = np.int64(np.float64(overlap / parameters.diameter) * DEPTH_SCALE)
+    tally[frame].met += 1
+    tally[frame].depth += depth
+    tally[frame].deepest = max(tally[frame].deepest, depth)
 
 
 @inlined
@@ -248,7 +224,7 @@ def resolve_range(discs, i, first, last, image_x, image_y, features, parameters,
 
     The same as testing one by one: after a contact has moved disc i, the lanes that follow are tested again.
     """
-    reach = own_or(discs.radius, i, parameters[DIAMETER] * parameters[DIAMETER])
+    reach = own_or(discs.radius, i, parameters.diameter * parameters.diameter)
     contacts = 0
     block, last = np.int64(first), np.int64(last)
     while block < last:
@@ -278,8 +254,8 @@ def resolve_column(discs, start, column, features, parameters, control, tally, f
     Both candidate ranges of a disc (own cell and the one above; three cells of the next column) are contiguous and
     nearly always shorter than a vector, so a disc costs two vector tests and one branch that is seldom taken.
     """
-    cells, stride = discs.cell, control[ROWS] + 2
-    diameter_squared = parameters[DIAMETER] * parameters[DIAMETER]
+    cells, stride = discs.cell, control.rows + 2
+    diameter_squared = parameters.diameter * parameters.diameter
     contacts = 0
     for slot in range(start[column * stride], start[(column + 1) * stride]):
         i = natural(slot)
@@ -313,9 +289,9 @@ def resolve_top_and_bottom(
     """
     contacts = 0
     if wrap_y is not None:
-        stride = control[ROWS] + 2
-        first, last = column * stride + 1, column * stride + control[ROWS]
-        next_first, next_last = next_column * stride + 1, next_column * stride + control[ROWS]
+        stride = control.rows + 2
+        first, last = column * stride + 1, column * stride + control.rows
+        next_first, next_last = next_column * stride + 1, next_column * stride + control.rows
         up, down = wrap_y[0], -wrap_y[0]
         for slot in range(start[last], start[last + 1]):
             i = natural(slot)
@@ -364,11 +340,11 @@ def resolve_border(wrap_x, discs, start, column, features, parameters, control, 
         return resolve_top_and_bottom(
             features.wrap_y, discs, start, column, column + 1, None, features, parameters, control, tally, frame
         )
-    if column + 1 < control[COLUMNS]:
+    if column + 1 < control.columns:
         return resolve_top_and_bottom(
             features.wrap_y, discs, start, column, column + 1, None, features, parameters, control, tally, frame
         )
-    stride = control[ROWS] + 2
+    stride = control.rows + 2
     contacts = 0
     for slot in range(start[column * stride], start[(column + 1) * stride]):
         i = natural(slot)
@@ -394,7 +370,7 @@ def resolve_columns(discs, start, first, last, step, features, control, paramete
 @inlined
 def is_near_border(coordinate, length, parameters):
     """Whether the image of a disc, outside the box along one axis, is near enough to touch what lies in it."""
-    return (coordinate > -parameters[DIAMETER]) & (coordinate < length + parameters[DIAMETER])
+    return (coordinate > -parameters.diameter) & (coordinate < length + parameters.diameter)
 
 
 @inlined
@@ -429,7 +405,7 @@ def resolve_images_x(wrap_x, discs, i, count, features, parameters, control, tal
 @compiled
 def resolve_all_pairs(discs, features, control, parameters, tally, frame):
     """All pairs i < j in index order. Returns the number of contacts."""
-    contacts, count = 0, control[COUNT]
+    contacts, count = 0, control.count
     for i in range(count):
         if not is_absent(features.exits, discs.id[i]):
             contacts += resolve_range(discs, i, i + 1, count, None, None, features, parameters, control, tally, frame)

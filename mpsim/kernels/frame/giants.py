@@ -6,7 +6,6 @@ otherwise make each cell 400 times as large, and each disc look at hundreds of n
 
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.frame.contacts import resolve_far
-from mpsim.kernels.layout import CELLS_PER_X, CELLS_PER_Y, COLUMNS, ROWS
 from mpsim.kernels.machine import natural
 
 
@@ -37,7 +36,7 @@ def cells_under(centre, reach, per_length, cells):
 @compiled
 def resolve_giants(discs, start, features, parameters, control, tally, frame):
     """Contacts of each giant with the discs of the grid under it, then with the giants after it. Returns how many."""
-    columns, rows = control[COLUMNS], control[ROWS]
+    columns, rows = control.columns, control.rows
     stride = rows + 2
     zero = discs.x.dtype.type(0)
     first_x, first_y = first_image(features.wrap_x), first_image(features.wrap_y)
@@ -50,8 +49,8 @@ def resolve_giants(discs, start, features, parameters, control, tally, frame):
             for image_y in range(first_y, 1 - first_y):
                 sx, sy = discs.x.dtype.type(image_x * width), discs.x.dtype.type(image_y * height)
                 reach = discs.radius[i] + features.giants[0]
-                left, right = cells_under(discs.x[i] - sx, reach, parameters[CELLS_PER_X], columns)
-                low, high = cells_under(discs.y[i] - sy, reach, parameters[CELLS_PER_Y], rows)
+                left, right = cells_under(discs.x[i] - sx, reach, parameters.cells_per_x, columns)
+                low, high = cells_under(discs.y[i] - sy, reach, parameters.cells_per_y, rows)
                 for column in range(left, right):
                     if low < high:
                         cell = column * stride + 1

@@ -19,23 +19,10 @@ from mpsim.kernels.frame.parabolas import accelerated_motion
 from mpsim.kernels.frame.speed_limit import end_where_fast
 from mpsim.kernels.frame.wall_free import BLOCK, wall_free_motion
 from mpsim.kernels.frame.walls import reach_wall
-from mpsim.kernels.layout import (
-    BAD,
-    BAD_SLOT,
-    CONTACT,
-    DT,
-    FRAME,
-    IMPACT,
-    TALLY_SCALE,
-    WALL_BOUNCE,
-    WALL_RESTITUTION,
-    X_HIGH,
-    X_LOW,
-    Y_HIGH,
-    Y_LOW,
-)
+from mpsim.kernels.layout import ALONG_X, ALONG_Y, BAD, BOTTOM, IMPACT, LEFT, RIGHT, TOP
 from mpsim.kernels.machine import atomic_store
 from mpsim.kernels.optional import own_or, presence_of_any
+from mpsim.kernels.records import real
 
 
 @inlined
@@ -49,9 +36,10 @@ def drift_between_walls(discs, low, high, parameters):
     x, y, vx, vy = discs.x[low:high], discs.y[low:high], discs.vx[low:high], discs.vy[low:high]
     zero = x.dtype.type(0)  # an integer 0 would turn float32 arithmetic into float64
     infinity = x.dtype.type(math.inf)
-    dt = parameters[DT]
-    x_low, x_high, y_low, y_high = parameters[X_LOW], parameters[X_HIGH], parameters[Y_LOW], parameters[Y_HIGH]
-    bounce, restitution = parameters[WALL_BOUNCE], parameters[WALL_RESTITUTION]
+    dt = parameters.dt
+    x_low, x_high = parameters.limit[LEFT], parameters.limit[RIGHT]
+    y_low, y_high = parameters.limit[BOTTOM], parameters.limit[TOP]
+    bounce, restitution = parameters.wall_bounce, parameters.wall_restitution
     bad = False
     for i in range(high - low):
         ux = vx[i]
@@ -78,17 +66,17 @@ def drift_between_walls(discs, low, high, parameters):
 
 
 @inlined
-def along_axis(p, v, axis_low, margin, wrap, moving_wall, parameters):
-    """One step along x (axis_low is X_LOW) or y (Y_LOW): through a periodic border, or up to the walls and back."""
-    zero = parameters.dtype.type(0)
-    p = wrapped(p, wrap) + v * parameters[DT]
+def along_axis(p, v, edges, margin, wrap, moving_wall, parameters):
+    """One step along the axis with these edges: through a periodic border, or up to the walls and back."""
+    zero = real(parameters, 0)
+    p = wrapped(p, wrap) + v * parameters.dt
     if wrap is not None:
         return wrapped(p, wrap), v
-    low, high = parameters[axis_low] + margin, parameters[axis_low + 1] - margin
-    speeds = wall_speed(moving_wall, axis_low, zero), wall_speed(moving_wall, axis_low + 1, zero)
+    low, high = parameters.limit[edges[0]] + margin, parameters.limit[edges[1]] - margin
+    speeds = wall_speed(moving_wall, edges[0], zero), wall_speed(moving_wall, edges[1], zero)
     if p - p != zero:  # not finite: found out by the caller
         return p, v
-    return reach_wall(p, v, low, high, *speeds, parameters[WALL_BOUNCE], parameters[WALL_RESTITUTION])
+    return reach_wall(p, v, low, high, *speeds, parameters.wall_bounce, parameters.wall_restitution)
 
 
 @compiled
@@ -103,12 +91,12 @@ def general_drift(discs, low, high, features, parameters):
         for i in range(first, last):
             margin = own_or(discs.radius, i, zero)
             x, vx = along_axis(
-                discs.x[i], discs.vx[i], X_LOW, margin, features.wrap_x, features.moving_wall, parameters
+                discs.x[i], discs.vx[i], ALONG_X, margin, features.wrap_x, features.moving_wall, parameters
             )
             y, vy = along_axis(
-                discs.y[i], discs.vy[i], Y_LOW, margin, features.wrap_y, features.moving_wall, parameters
+                discs.y[i], discs.vy[i], ALONG_Y, margin, features.wrap_y, features.moving_wall, parameters
             )
-            count_flight(discs, i, x, y, vx * parameters[DT], vy * parameters[DT], features)
+            count_flight(discs, i, x, y, vx * parameters.dt, vy * parameters.dt, features)
             discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x, y, vx, vy
             bad |= not ((x - x == zero) & (y - y == zero) & (vx - vx == zero) & (vy - vy == zero))
     return bad
@@ -128,24 +116,24 @@ def drift(discs, low, high, special, features, parameters):
 @compiled
 def tally_walls(discs, low, high, features, parameters, tally, frame):
     """Add up the impulses on the walls when this slice drifts: m (1 + e) |v| of each disc that they turn round."""
-    dt, scale = parameters[DT], np.float64(parameters[TALLY_SCALE])
+    dt, scale = parameters.dt, np.float64(parameters.tally_scale)
     zero, one = discs.x.dtype.type(0), discs.x.dtype.type(1)
     walls_x, walls_y = features.wrap_x is None, features.wrap_y is None
     for i in range(low, high):
         if is_absent(features.exits, discs.id[i]):
             continue
         margin = own_or(discs.radius, i, zero)
-        gain = (1 + parameters[WALL_RESTITUTION]) * own_or(features.mass, discs.id[i], one)
+        gain = (1 + parameters.wall_restitution) * own_or(features.mass, discs.id[i], one)
         ux, uy = discs.vx[i], discs.vy[i]
         px = discs.x[i] + ux * dt
         py = discs.y[i] + uy * dt
-        for limit, p, u, walls in ((X_LOW, px, ux, walls_x), (Y_LOW, py, uy, walls_y)):
-            slow = u - wall_speed(features.moving_wall, limit, zero)
-            fast = u - wall_speed(features.moving_wall, limit + 1, zero)
-            if walls and p < parameters[limit] + margin and slow < 0:
-                tally[frame, limit - X_LOW] -= np.int64(gain * slow * scale)
-            if walls and p > parameters[limit + 1] - margin and fast > 0:
-                tally[frame, limit + 1 - X_LOW] += np.int64(gain * fast * scale)
+        for (low_edge, high_edge), p, u, walls in ((ALONG_X, px, ux, walls_x), (ALONG_Y, py, uy, walls_y)):
+            slow = u - wall_speed(features.moving_wall, low_edge, zero)
+            fast = u - wall_speed(features.moving_wall, high_edge, zero)
+            if walls and p < parameters.limit[low_edge] + margin and slow < 0:
+                tally[frame].wall[low_edge] -= np.int64(gain * slow * scale)
+            if walls and p > parameters.limit[high_edge] - margin and fast > 0:
+                tally[frame].wall[high_edge] += np.int64(gain * fast * scale)
 
 
 @compiled
@@ -167,7 +155,7 @@ def flight(discs, low, high, accelerated, features, parameters, control, tally, 
     accelerated: None where no disc is.
     """
     if accelerated is not None:  # noqa: SIM102 - a test of its own, which the compiler drops
-        if control[CONTACT] == IMPACT:
+        if control.contact == IMPACT:
             return accelerated_motion(discs, low, high, features, parameters, tally, frame)
     accelerate(discs, low, high, features.gravity, features.acceleration, parameters)
     if tally is not None:
@@ -181,11 +169,11 @@ def move(discs, low, high, features, parameters, control, mine, tally):
     end_where_fast(discs, low, high, parameters, control, mine)
     before_move(discs, low, high, features, parameters, control)
     accelerated = presence_of_any(features.gravity, features.acceleration)
-    bad = flight(discs, low, high, accelerated, features, parameters, control, tally, mine[FRAME])
+    bad = flight(discs, low, high, accelerated, features, parameters, control, tally, mine.frame)
     after_flight(discs, low, high, features)
     if bad:
-        mine[BAD_SLOT] = worst_slot(discs, low, high)
-        atomic_store(control, BAD, 1)
+        mine.bad_slot = worst_slot(discs, low, high)
+        atomic_store(control.signals, BAD, 1)
         return False
     after_move(discs, low, high, features, parameters, control)
     return True

@@ -6,23 +6,24 @@ from mpsim.kernels.features.hooks import wall_speed
 from mpsim.kernels.features.images import count_flight, wrapped
 from mpsim.kernels.frame.wall_free import BLOCK, wall_free_motion
 from mpsim.kernels.frame.walls import bounce_between, count_impulses
-from mpsim.kernels.layout import DT, X_LOW, Y_LOW
+from mpsim.kernels.layout import ALONG_X, ALONG_Y
 from mpsim.kernels.optional import own_or
+from mpsim.kernels.records import real
 
 
 @inlined
-def along_parabola(p, v, acceleration, axis_low, margin, wrap, moving_wall, parameters):
-    """One step along x (X_LOW) or y (Y_LOW): place, velocity, and what the low and the high wall have changed it by."""
-    zero, two = parameters.dtype.type(0), parameters.dtype.type(2)
-    dt = parameters[DT]
+def along_parabola(p, v, acceleration, edges, margin, wrap, moving_wall, parameters):
+    """One step along the axis with these edges: place, velocity, and what each of the two walls has changed it by."""
+    zero, two = real(parameters, 0), real(parameters, 2)
+    dt = parameters.dt
     v += acceleration * dt
     p = wrapped(p, wrap) + (v - acceleration * dt / two) * dt
     if wrap is not None:
         return wrapped(p, wrap), v, zero, zero
-    low, high = parameters[axis_low] + margin, parameters[axis_low + 1] - margin
+    low, high = parameters.limit[edges[0]] + margin, parameters.limit[edges[1]] - margin
     if p - p != zero:  # not finite: found out by the caller
         return p, v, zero, zero
-    speeds = wall_speed(moving_wall, axis_low, zero), wall_speed(moving_wall, axis_low + 1, zero)
+    speeds = wall_speed(moving_wall, edges[0], zero), wall_speed(moving_wall, edges[1], zero)
     place, turned = bounce_between(p, v, acceleration, low, high, *speeds, parameters)
     return place, turned, turned - v if p < low else zero, v - turned if p > high else zero
 
@@ -34,7 +35,7 @@ def move_block_alike(discs, low, high, gravity, acceleration, parameters):
         return False
     if gravity is None:
         return False
-    two, dt = parameters.dtype.type(2), parameters[DT]
+    two, dt = real(parameters, 2), parameters.dt
     kick_x, kick_y = gravity[0] * dt, gravity[1] * dt
     return wall_free_motion(discs, low, high, kick_x, kick_y, kick_x / two, kick_y / two, parameters)
 
@@ -60,12 +61,12 @@ def move_one(discs, i, features, parameters, tally, frame):
     ax = acceleration_of(features.gravity, features.acceleration, 0, disc, zero)
     ay = acceleration_of(features.gravity, features.acceleration, 1, disc, zero)
     x, vx, left, right = along_parabola(
-        discs.x[i], discs.vx[i], ax, X_LOW, margin, features.wrap_x, features.moving_wall, parameters
+        discs.x[i], discs.vx[i], ax, ALONG_X, margin, features.wrap_x, features.moving_wall, parameters
     )
     y, vy, bottom, top = along_parabola(
-        discs.y[i], discs.vy[i], ay, Y_LOW, margin, features.wrap_y, features.moving_wall, parameters
+        discs.y[i], discs.vy[i], ay, ALONG_Y, margin, features.wrap_y, features.moving_wall, parameters
     )
-    two, dt = discs.x.dtype.type(2), parameters[DT]
+    two, dt = discs.x.dtype.type(2), parameters.dt
     count_flight(discs, i, x, y, (vx - ax * dt / two) * dt, (vy - ay * dt / two) * dt, features)
     discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x, y, vx, vy
     count_impulses(left, right, bottom, top, disc, features, parameters, tally, frame)

@@ -8,20 +8,6 @@ start[cell] is the first disc of a cell and start[cell + 1] one past its last.
 import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined
-from mpsim.kernels.layout import (
-    CELLS,
-    CELLS_PER_X,
-    CELLS_PER_Y,
-    COLUMNS,
-    FIRST_COLUMN,
-    HIGH,
-    KEPT,
-    LAST_COLUMN,
-    LOW,
-    OUTBOX,
-    ROWS,
-    WORKERS,
-)
 from mpsim.kernels.machine import natural
 
 ORDERED_AT_ONCE = 64
@@ -32,10 +18,10 @@ ORDERED_AT_ONCE = 64
 def bin_discs(discs, low, high, parameters, control):
     """Cell of each disc of a slice."""
     # 32-bit throughout: the loop then is vector code. The last row and column also hold what rounding puts beyond.
-    last_column, last_row = np.int32(control[COLUMNS] - 1), np.int32(control[ROWS] - 1)
-    stride, ghost = np.int32(control[ROWS] + 2), np.int32(1)
+    last_column, last_row = np.int32(control.columns - 1), np.int32(control.rows - 1)
+    stride, ghost = np.int32(control.rows + 2), np.int32(1)
     x, y, cells = discs.x[low:high], discs.y[low:high], discs.cell[low:high]
-    cells_per_x, cells_per_y = parameters[CELLS_PER_X], parameters[CELLS_PER_Y]
+    cells_per_x, cells_per_y = parameters.cells_per_x, parameters.cells_per_y
     for i in range(high - low):
         column = min(np.int32(x[i] * cells_per_x), last_column)
         row = min(np.int32(y[i] * cells_per_y), last_row)
@@ -45,10 +31,10 @@ def bin_discs(discs, low, high, parameters, control):
 @inlined
 def cells_of(team, worker, control):
     """First cell of a worker's columns and one past the last; the last worker has whatever lies beyond the grid."""
-    stride = control[ROWS] + 2
-    if worker == control[WORKERS] - 1:
-        return team[worker, FIRST_COLUMN] * stride, control[CELLS]
-    return team[worker, FIRST_COLUMN] * stride, team[worker, LAST_COLUMN] * stride
+    stride = control.rows + 2
+    if worker == control.workers - 1:
+        return team[worker].first_column * stride, control.cells
+    return team[worker].first_column * stride, team[worker].last_column * stride
 
 
 @compiled
@@ -62,7 +48,7 @@ def count_cells(discs, start, outbox, sent, team, worker, control):
     start[first_cell + 1 : last_cell + 1] = 0
     sent[:] = 0
     left = 0
-    low, high = mine[LOW], mine[HIGH]
+    low, high = mine.low, mine.high
     for i in range(low, high):
         cell = natural(discs.cell[natural(i)])
         if first_cell <= cell < last_cell:
@@ -70,19 +56,19 @@ def count_cells(discs, start, outbox, sent, team, worker, control):
         else:
             outbox[low + left] = i
             left += 1
-            for other in range(control[WORKERS]):
+            for other in range(control.workers):
                 first, last = cells_of(team, other, control)
                 sent[other] += first <= cell < last
-    mine[OUTBOX] = left
-    mine[KEPT] = high - low - left
+    mine.outbox = left
+    mine.kept = high - low - left
 
 
 @compiled
 def count_immigrants(discs, start, outbox, team, worker, control):
     """Add to the counts the discs that other workers list and that now lie in own columns."""
     first_cell, last_cell = cells_of(team, worker, control)
-    for other in range(control[WORKERS]):
-        for k in range(team[other, LOW], team[other, LOW] + team[other, OUTBOX]):
+    for other in range(control.workers):
+        for k in range(team[other].low, team[other].low + team[other].outbox):
             cell = discs.cell[outbox[k]]
             if first_cell <= cell < last_cell:
                 start[cell + 1] += 1
@@ -93,8 +79,8 @@ def first_slot_of(team, sent, worker, control):
     """First slot of a worker's discs after the sort: how many discs the workers before it will hold."""
     slot = 0
     for before in range(worker):
-        slot += team[before, KEPT]
-        for other in range(control[WORKERS]):
+        slot += team[before].kept
+        for other in range(control.workers):
             slot += sent[other, before]
     return slot
 
@@ -144,15 +130,15 @@ def place_all(source, target, start, outbox, team, worker, control):
     """Place the slice's discs that stayed, then those that arrive from other workers."""
     mine = team[worker]
     first_cell, last_cell = cells_of(team, worker, control)
-    if mine[OUTBOX] == 0:
-        for i in range(mine[LOW], mine[HIGH]):
+    if mine.outbox == 0:
+        for i in range(mine.low, mine.high):
             place(source, natural(i), target, start)
     else:
-        for i in range(mine[LOW], mine[HIGH]):
+        for i in range(mine.low, mine.high):
             if first_cell <= source.cell[i] < last_cell:
                 place(source, natural(i), target, start)
-    for other in range(control[WORKERS]):
-        for k in range(team[other, LOW], team[other, LOW] + team[other, OUTBOX]):
+    for other in range(control.workers):
+        for k in range(team[other].low, team[other].low + team[other].outbox):
             if first_cell <= source.cell[outbox[k]] < last_cell:
                 place(source, outbox[k], target, start)
 

@@ -9,8 +9,9 @@ import math
 import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined
-from mpsim.kernels.layout import FAST, FASTEST, FASTEST_DISC, FASTEST_SCALE, FRAME, FRAMES
+from mpsim.kernels.layout import FASTEST_SCALE
 from mpsim.kernels.optional import own_or, slice_of
+from mpsim.kernels.records import real
 
 MOST = 2.0**40
 """Largest speed that is reported, in units of the limit: more does not fit the word."""
@@ -20,7 +21,7 @@ MOST = 2.0**40
 def any_fast(discs, low, high, parameters):
     """Whether a disc of a slice is beyond the limit. What is not finite is not."""
     vx, vy, radius = discs.vx[low:high], discs.vy[low:high], slice_of(discs.radius, low, high)
-    limit, one = parameters[FAST], parameters.dtype.type(1)
+    limit, one = parameters.fast, real(parameters, 1)
     fast = False
     for i in range(high - low):
         own = own_or(radius, i, one)
@@ -31,7 +32,7 @@ def any_fast(discs, low, high, parameters):
 @compiled
 def note_fastest(discs, low, high, parameters, mine):
     """Note the disc of a slice that is farthest beyond the limit, the one with the lowest number among equals."""
-    limit = np.float64(parameters[FAST])
+    limit = np.float64(parameters.fast)
     for i in range(low, high):
         vx, vy, own = np.float64(discs.vx[i]), np.float64(discs.vy[i]), np.float64(own_or(discs.radius, i, 1.0))
         square = vx * vx + vy * vy
@@ -40,8 +41,8 @@ def note_fastest(discs, low, high, parameters, mine):
             if square < MOST * MOST * limit * own * own:
                 ratio = math.sqrt(square / (limit * own * own))
             scaled = np.int64(ratio * FASTEST_SCALE)
-            if scaled > mine[FASTEST] or (scaled == mine[FASTEST] and discs.id[i] < mine[FASTEST_DISC]):
-                mine[FASTEST], mine[FASTEST_DISC] = scaled, discs.id[i]
+            if scaled > mine.fastest or (scaled == mine.fastest and discs.id[i] < mine.fastest_disc):
+                mine.fastest, mine.fastest_disc = scaled, discs.id[i]
 
 
 @inlined
@@ -51,6 +52,6 @@ def end_where_fast(discs, low, high, parameters, control, mine):
     For all workers, before they move their slices. They write the same number, and nobody compares with it before the
     barriers of this frame, or he sees that this frame is still to be run.
     """
-    if parameters[FAST] < math.inf and any_fast(discs, low, high, parameters):
+    if parameters.fast < math.inf and any_fast(discs, low, high, parameters):
         note_fastest(discs, low, high, parameters, mine)
-        control[FRAMES] = mine[FRAME] + 1
+        control.frames = mine.frame + 1

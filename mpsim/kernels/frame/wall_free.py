@@ -1,8 +1,9 @@
 """Blocks of discs that meet neither wall nor border in a step: most of them, and vector code."""
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.layout import DT, X_HIGH, X_LOW, Y_HIGH, Y_LOW
+from mpsim.kernels.layout import BOTTOM, LEFT, RIGHT, TOP
 from mpsim.kernels.optional import own_or, slice_of
+from mpsim.kernels.records import real
 
 BLOCK = 64
 """Discs that are looked at together."""
@@ -31,10 +32,11 @@ def wall_free_motion(discs, low, high, kick_x, kick_y, half_x, half_y, parameter
     kick: change of each velocity component in the step, half: half of it; None without acceleration. What is not finite
     compares as beyond, so it is found by whoever looks at the discs one by one.
     """
-    zero, dt = parameters.dtype.type(0), parameters[DT]
+    zero, dt = real(parameters, 0), parameters.dt
     x, y, vx, vy = discs.x[low:high], discs.y[low:high], discs.vx[low:high], discs.vy[low:high]
     radius = slice_of(discs.radius, low, high)
-    x_low, x_high, y_low, y_high = parameters[X_LOW], parameters[X_HIGH], parameters[Y_LOW], parameters[Y_HIGH]
+    x_low, x_high = parameters.limit[LEFT], parameters.limit[RIGHT]
+    y_low, y_high = parameters.limit[BOTTOM], parameters.limit[TOP]
     free = True
     for i in range(high - low):
         margin = own_or(radius, i, zero)

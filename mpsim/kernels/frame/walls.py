@@ -6,8 +6,9 @@ from mpsim.kernels.bouncing import bounce_back
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.features.acceleration import acceleration_of
 from mpsim.kernels.features.hooks import is_absent, lets_out, wall_place, wall_speed
-from mpsim.kernels.layout import TALLY_SCALE, WALL_BOUNCE, WALL_RESTITUTION, X_LOW, Y_LOW
+from mpsim.kernels.layout import ALONG_X, ALONG_Y, BOTTOM, LEFT, RIGHT, TOP
 from mpsim.kernels.optional import own_or, presence_of_any
+from mpsim.kernels.records import real
 
 
 @inlined
@@ -40,18 +41,18 @@ def bounce_between(p, v, acceleration, low, high, low_speed, high_speed, paramet
 def turn_back(p, v, acceleration, accelerated, low, high, low_speed, high_speed, parameters):
     """Place and velocity of a disc that a flight has led to p; `accelerated` is None where no disc is."""
     if accelerated is None:
-        bounce, restitution = parameters[WALL_BOUNCE], parameters[WALL_RESTITUTION]
+        bounce, restitution = parameters.wall_bounce, parameters.wall_restitution
         return reach_wall(p, v, low, high, low_speed, high_speed, bounce, restitution)
     return bounce_between(p, v, acceleration, low, high, low_speed, high_speed, parameters)
 
 
 @inlined
-def is_between(p, axis_low, margin, wrap, moving_wall, parameters):
-    """Whether p is not beyond a wall along x (axis_low is X_LOW) or y (Y_LOW). True for what is not a number."""
+def is_between(p, edges, margin, wrap, moving_wall, parameters):
+    """Whether p is not beyond a wall of the axis with these edges. True for what is not a number."""
     if wrap is not None:
         return True
-    low = wall_place(moving_wall, axis_low, parameters) + margin
-    high = wall_place(moving_wall, axis_low + 1, parameters) - margin
+    low = wall_place(moving_wall, edges[0], parameters) + margin
+    high = wall_place(moving_wall, edges[1], parameters) - margin
     return not ((p < low) | (p > high))
 
 
@@ -59,27 +60,27 @@ def is_between(p, axis_low, margin, wrap, moving_wall, parameters):
 def count_impulses(left, right, bottom, top, disc, features, parameters, tally, frame):
     """Add up the impulses on the walls that have changed the velocity of a disc by so much."""
     if tally is not None and not is_absent(features.exits, disc):
-        scale = np.float64(parameters[TALLY_SCALE]) * own_or(features.mass, disc, parameters.dtype.type(1))
-        for wall, change in enumerate((left, right, bottom, top)):
-            tally[frame, wall] += np.int64(change * scale)
+        scale = np.float64(parameters.tally_scale) * own_or(features.mass, disc, real(parameters, 1))
+        for edge, change in ((LEFT, left), (RIGHT, right), (BOTTOM, bottom), (TOP, top)):
+            tally[frame].wall[edge] += np.int64(change * scale)
 
 
 @inlined
-def bounce_along(p, v, acceleration, axis_low, margin, wrap, features, parameters, control):
+def bounce_along(p, v, acceleration, edges, margin, wrap, features, parameters, control):
     """Place and velocity along one axis, and what the low and the high wall have changed it by.
 
     At an edge that absorbs, the disc is put on the edge and continues: the next step takes it out.
     """
-    zero = parameters.dtype.type(0)
+    zero = real(parameters, 0)
     if wrap is not None:
         return p, v, zero, zero
-    low = wall_place(features.moving_wall, axis_low, parameters) + margin
-    high = wall_place(features.moving_wall, axis_low + 1, parameters) - margin
-    if (p < low) & lets_out(features.exits, control, axis_low):
+    low = wall_place(features.moving_wall, edges[0], parameters) + margin
+    high = wall_place(features.moving_wall, edges[1], parameters) - margin
+    if (p < low) & lets_out(features.exits, control, edges[0]):
         return low, v, zero, zero
-    if (p > high) & lets_out(features.exits, control, axis_low + 1):
+    if (p > high) & lets_out(features.exits, control, edges[1]):
         return high, v, zero, zero
-    speeds = wall_speed(features.moving_wall, axis_low, zero), wall_speed(features.moving_wall, axis_low + 1, zero)
+    speeds = wall_speed(features.moving_wall, edges[0], zero), wall_speed(features.moving_wall, edges[1], zero)
     place, turned = turn_back(
         p, v, acceleration, presence_of_any(features.gravity, features.acceleration), low, high, *speeds, parameters
     )
@@ -95,10 +96,10 @@ def bounce(discs, i, features, parameters, control, tally, frame):
     ax = acceleration_of(features.gravity, features.acceleration, 0, disc, zero)
     ay = acceleration_of(features.gravity, features.acceleration, 1, disc, zero)
     x, vx, left, right = bounce_along(
-        discs.x[i], discs.vx[i], ax, X_LOW, margin, features.wrap_x, features, parameters, control
+        discs.x[i], discs.vx[i], ax, ALONG_X, margin, features.wrap_x, features, parameters, control
     )
     y, vy, bottom, top = bounce_along(
-        discs.y[i], discs.vy[i], ay, Y_LOW, margin, features.wrap_y, features, parameters, control
+        discs.y[i], discs.vy[i], ay, ALONG_Y, margin, features.wrap_y, features, parameters, control
     )
     discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x, y, vx, vy
     count_impulses(left, right, bottom, top, disc, features, parameters, tally, frame)
@@ -108,7 +109,7 @@ def bounce(discs, i, features, parameters, control, tally, frame):
 def keep_inside(discs, i, features, parameters, control, tally, frame):
     """`bounce`, if an impact has led disc i beyond a wall: seldom, so the bounce is a call."""
     margin = own_or(discs.radius, i, discs.x.dtype.type(0))
-    free_x = is_between(discs.x[i], X_LOW, margin, features.wrap_x, features.moving_wall, parameters)
-    free_y = is_between(discs.y[i], Y_LOW, margin, features.wrap_y, features.moving_wall, parameters)
+    free_x = is_between(discs.x[i], ALONG_X, margin, features.wrap_x, features.moving_wall, parameters)
+    free_y = is_between(discs.y[i], ALONG_Y, margin, features.wrap_y, features.moving_wall, parameters)
     if not (free_x & free_y):
         bounce(discs, i, features, parameters, control, tally, frame)

@@ -60,12 +60,12 @@ def test_nobody_passes_a_barrier_before_all_have_come(workers):
     places = np.zeros((workers, 8), np.int64)
     members = [lambda worker=worker: meet_often(control, team, worker, places, 200) for worker in range(workers)]
     assert together(*members) == [0] * workers
-    assert control[layout.ARRIVED] == 400 * workers
+    assert control.signals[layout.ARRIVED] == 400 * workers
 
 
 def test_a_barrier_ends_when_the_abort_word_is_raised():
     control, team = control_of(0, workers=2), team_of(2)
-    threading.Timer(0.05, store_word, (control, layout.ABORT, layout.WORKER_LOST)).start()
+    threading.Timer(0.05, store_word, (control.signals, layout.ABORT, layout.WORKER_LOST)).start()
     start = time.monotonic()
     assert barrier(control, team[0]) == layout.WORKER_LOST
     assert 0.04 < time.monotonic() - start < 5
@@ -78,7 +78,7 @@ def test_waiting_for_a_command_ends_by_command_message_or_time():
     assert not await_command(control, mine, second // 50)
     assert 0.02 <= time.monotonic() - start < 5
     for word in (layout.COMMAND, layout.MAIL):
-        control[:] = 0
-        threading.Timer(0.02, add_to_word, (control, word, 1)).start()
+        control.signals[:] = 0
+        threading.Timer(0.02, add_to_word, (control.signals, word, 1)).start()
         assert await_command(control, mine, 20 * second)
-        assert control[word] == 1
+        assert control.signals[word] == 1

@@ -7,7 +7,7 @@ from support.scenes import gas, simulate
 
 import mpsim
 from mpsim import Emitter, FixedDisc, InputError, Piston, Scene
-from mpsim.kernels import layout
+from mpsim.kernels import records
 from mpsim.measure import counted, run_averages
 
 COUNTED = ["pressure", "pressure_virial", "collision_rate", "overlap", "largest_overlap"]
@@ -137,14 +137,14 @@ def test_masses_of_added_discs_are_asked_for():
 
 
 def counts_of(**values):
-    counts = np.zeros((4, layout.TALLIES))
+    counts = np.zeros(4, records.COUNTS)
     for name, value in values.items():
-        counts[:, getattr(layout, name)] = value
+        counts[name] = value
     return counts
 
 
 def test_pressure_is_that_on_the_walls_that_there_are():
-    counts = counts_of(LEFT=9.0, RIGHT=7.0, BOTTOM=3.0, TOP=5.0)
+    counts = counts_of(wall=(9.0, 7.0, 3.0, 5.0))
     for changes, expected in (
         ({}, 24 / 36),
         ({"boundary": ("periodic", "walls")}, 8 / 20),
@@ -156,7 +156,7 @@ def test_pressure_is_that_on_the_walls_that_there_are():
 
 
 def test_the_virial_of_a_torus_has_no_margins_and_counts_the_largest_diameter():
-    counts, scene = counts_of(VIRIAL=3.0), scene_of(boundary="periodic", radius=[0.5, 0.25])
+    counts, scene = counts_of(virial=3.0), scene_of(boundary="periodic", radius=[0.5, 0.25])
     run = counted.Run(scene, 2, 0.5, kinetic_energy=7.0)
     assert counted.pressure(counts, run).value == pytest.approx((7 + 3 * 1.0 / (2 * 0.5)) / 80)
     channel = counted.Run(scene_of(boundary=("periodic", "walls")), 2, 0.5, kinetic_energy=7.0)

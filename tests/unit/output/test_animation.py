@@ -6,7 +6,6 @@ from support.scenes import gas, lattice, simulate
 
 import mpsim
 from mpsim.engine.workers.arrays import grid_for
-from mpsim.kernels import layout
 from mpsim.output.animation import Picture
 
 
@@ -21,7 +20,7 @@ def test_columns_are_those_that_the_workers_are_given():
             team = sim._solver._block.arrays["team"]
             assert column.tolist() == expected.tolist()
             for worker in range(3):
-                first, last = team[worker, layout.FIRST_COLUMN], team[worker, layout.LAST_COLUMN]
+                first, last = team[worker].first_column, team[worker].last_column
                 assert set(column[owner == worker]) <= set(range(first, last))
     assert np.bincount(owner).min() >= 10, "sorted, they are dealt evenly, in whole columns"
     with simulate(scene, method="grid") as sim:

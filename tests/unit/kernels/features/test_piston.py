@@ -18,19 +18,19 @@ along_axis = machine_code(motion.along_axis)
 def test_a_piston_gives_a_disc_twice_its_speed(v, restitution, expected):
     """The right wall, at 9.5 for centres at the end of the step, moves at -1; a disc ends at 9.75 and bounces off."""
     values = parameters(restitution, dt=0.5)
-    piston = np.array([layout.X_HIGH, 10.0, -1.0, 2.0, -1.0])
-    values[layout.WALL_BOUNCE] = restitution
-    p, after = along_axis(9.75 - v / 2, v, layout.X_LOW, 0.0, None, piston, values)
+    piston = np.array([layout.RIGHT, 10.0, -1.0, 2.0, -1.0])
+    values.wall_bounce = restitution
+    p, after = along_axis(9.75 - v / 2, v, layout.ALONG_X, 0.0, None, piston, values)
     assert after == expected
     assert p == 9.5 - 0.25 * restitution
 
 
 def test_a_piston_stands_where_its_time_says_until_it_stops():
     values, control = parameters(dt=0.25), control_of(0)
-    piston = np.array([layout.X_HIGH, 9.5, -1.0, 8.9, 0.0])
+    piston = np.array([layout.RIGHT, 9.5, -1.0, 8.9, 0.0])
     found = []
     for step in range(4):
-        control[layout.STEPS] = step
+        control.steps = step
         before_step(piston, values, control)
-        found.append((values[layout.X_HIGH], piston[NOW]))
+        found.append((values.limit[layout.RIGHT], piston[NOW]))
     assert found == [(9.25, -1), (9.0, -1), (8.9, 0), (8.9, 0)]

@@ -8,7 +8,7 @@ from support.internals import machine_code
 from mpsim.kernels.features.hooks import BARE
 from mpsim.kernels.frame import contacts
 from mpsim.kernels.frame.contacts import resolve_all_pairs
-from mpsim.kernels.layout import CONTACT, ELASTIC, EXCHANGE, IMPACT, REFLECT
+from mpsim.kernels.layout import ELASTIC, IMPACT, REFLECT
 
 REALS = [np.float32, np.float64]
 
@@ -86,7 +86,7 @@ def test_centres_at_one_point_are_separated_along_x(law, real):
 def test_centres_almost_at_one_point_never_give_nan(law, offset, real):
     discs = discs_of(real, [0, offset[0]], [0, offset[1]], [1, -1], [2, 3])
     parameters = parameters_of(real, 100, 100)
-    parameters[2:6] = -50, 50, -50, 50
+    parameters.limit[:] = -50, 50, -50, 50
     contact(discs, 0, 1, parameters, law)
     values = np.array([field[:2] for field in discs[:4]], float)
     assert np.isfinite(values).all(), values
@@ -115,7 +115,7 @@ def lifted(contact, offset, parting, mass=None, exchange=1.0):
     discs = discs_of(np.float64, [5.0, 5.0 + offset[0]], [0.5, 0.5 + offset[1]], *velocities)
     features = BARE._replace(gravity=np.array([0.0, -PULL]), mass=mass)
     parameters, control = parameters_of(np.float64, 10, 10), control_of(2)
-    parameters[EXCHANGE], control[CONTACT] = exchange, IMPACT
+    parameters.exchange, control.contact = exchange, IMPACT
     weights = np.ones(2) if mass is None else mass
     before = energy(discs, np.array([[0.0], [-PULL]]), weights)
     if contact == "push":
@@ -155,7 +155,7 @@ def test_an_impact_of_discs_that_are_pulled_differently_keeps_the_energy(mass):
     pulls = np.array([[3.0, -1.0], [-7.0, 2.0]])
     discs = discs_of(np.float64, [5.0, 5.5], [5.0, 5.5], [1.0, -9.0], [-2.0, 1.0])
     parameters, control = parameters_of(np.float64, 10, 10, dt=0.1), control_of(2)
-    control[CONTACT] = IMPACT
+    control.contact = IMPACT
     weights = np.ones(2) if mass is None else mass
     before = energy(discs, pulls, weights)
     impact_contact(discs, 0, 1, None, None, BARE._replace(acceleration=pulls, mass=mass), parameters, control, None, 0)
@@ -170,7 +170,7 @@ def twin_of_range(discs, i, first, last, parameters, law):
     contacts = 0
     for j in range(first, last):
         dx, dy = discs.x[j] - discs.x[i], discs.y[j] - discs.y[i]
-        if dx * dx + dy * dy < parameters[1] * parameters[1]:
+        if dx * dx + dy * dy < parameters.diameter * parameters.diameter:
             contact(discs, i, j, parameters, law)
             contacts += 1
     return contacts

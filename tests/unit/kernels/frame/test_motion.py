@@ -36,13 +36,13 @@ def test_drift_is_its_twin(real):
     parameters = parameters_of(real, WIDTH, HEIGHT)
     low, high, before = 17, 480, [field.copy() for field in discs[:4]]
     assert not drift_between_walls(discs, low, high, parameters)
-    dt = parameters[layout.DT]
+    dt = parameters.dt
     for i in range(count):
         inside = low <= i < high
-        for place, speed, edge in ((0, 2, layout.X_LOW), (1, 3, layout.Y_LOW)):
+        for place, speed, (low_edge, high_edge) in ((0, 2, layout.ALONG_X), (1, 3, layout.ALONG_Y)):
             p, v = before[place][i], before[speed][i]
             if inside:
-                p, v = drift_twin(p, v, dt, parameters[edge], parameters[edge + 1])
+                p, v = drift_twin(p, v, dt, parameters.limit[low_edge], parameters.limit[high_edge])
             assert (discs[place][i], discs[speed][i]) == (p, v), f"disc {i}, {discs._fields[place]}"
 
 
@@ -107,7 +107,7 @@ def test_a_bad_disc_raises_the_abort_word_and_an_empty_slice_does_not():
     parameters, control, mine = parameters_of(np.float64, WIDTH, HEIGHT), control_of(2), team_of(1)[0]
     assert move(discs, 0, 2, BARE, parameters, control, mine, None)
     assert move(discs, 1, 1, BARE, parameters, control, mine, None)
-    assert control[layout.BAD] == 0
+    assert control.signals[layout.BAD] == 0
     discs.y[1] = np.nan
     assert not move(discs, 0, 2, BARE, parameters, control, mine, None)
-    assert (control[layout.BAD], mine[layout.BAD_SLOT]) == (1, 1)
+    assert (control.signals[layout.BAD], mine.bad_slot) == (1, 1)

@@ -13,13 +13,13 @@ def test_radii_go_along_when_discs_are_sorted():
     assert "radius" in layout.Discs._fields
     discs = discs_of(np.float64, [3.0, 1.0], [1.0, 1.0], radius=[0.3, 0.1])
     back = discs_of(np.float64, [0.0, 0.0], [0.0, 0.0], radius=[0.0, 0.0])
-    control, team = control_of(2, 4, 4), np.zeros((1, layout.TEAM), np.int64)
-    control[layout.CELLS] = 30
-    team[0, layout.LAST_COLUMN], team[0, layout.HIGH] = 4, 2
+    control, team = control_of(2, 4, 4), team_of(1)
+    control.cells = 30
+    team[0].last_column, team[0].high = 4, 2
     start, outbox, sent = np.zeros(31, np.int32), np.zeros(18, np.int32), np.zeros((1, 1), np.int64)
     discs.cell[:2] = 20, 8
     start[21], start[9] = 1, 1
-    team[0, layout.KEPT] = 2
+    team[0].kept = 2
     assert sort(discs, back, start, outbox, team, sent, 0, control) == (0, 2)
     assert back.radius[:2].tolist() == [0.1, 0.3]
     assert back.id[:2].tolist() == [1, 0]
@@ -46,17 +46,17 @@ class Sorting:
     def deal(self, rng):
         """Give the workers random ranges of columns and of slots, some of them empty."""
         for first, last, most in (
-            (layout.FIRST_COLUMN, layout.LAST_COLUMN, self.grid.columns),
-            (layout.LOW, layout.HIGH, self.count),
+            ("first_column", "last_column", self.grid.columns),
+            ("low", "high", self.count),
         ):
             cuts = np.sort(rng.integers(0, most + 1, self.workers - 1))
-            self.team[:, first], self.team[:, last] = [0, *cuts], [*cuts, most]
+            self.team[first], self.team[last] = [0, *cuts], [*cuts, most]
 
     def run(self):
         """Bin and count on each worker, then sort on each; returns each worker's new slice."""
         for worker in range(self.workers):
             mine = self.team[worker]
-            bin_discs(self.front, mine[layout.LOW], mine[layout.HIGH], self.parameters, self.control)
+            bin_discs(self.front, mine.low, mine.high, self.parameters, self.control)
         for worker in range(self.workers):
             sent = self.sent[worker]
             count_cells(self.front, self.start, self.outbox, sent, self.team, worker, self.control)
@@ -67,8 +67,8 @@ class Sorting:
 
     def cell_of(self, disc):
         """Column and row of a disc of the front buffer, by the rule in words."""
-        column = min(int(self.front.x[disc] * self.parameters[layout.CELLS_PER_X]), self.grid.columns - 1)
-        row = min(int(self.front.y[disc] * self.parameters[layout.CELLS_PER_Y]), self.grid.rows - 1)
+        column = min(int(self.front.x[disc] * self.parameters.cells_per_x), self.grid.columns - 1)
+        row = min(int(self.front.y[disc] * self.parameters.cells_per_y), self.grid.rows - 1)
         return column, row
 
 

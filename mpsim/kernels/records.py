@@ -1,0 +1,133 @@
+"""The records of the shared block: what stands in it by name, each field declared once.
+
+A field is an attribute of its record, `control.columns`, in compiled code as in Python; of an array of records the
+field of all is `team["low"]`. Coordinator, workers and kernels all read these declarations.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from mpsim.kernels.compiling import inlined
+from mpsim.kernels.layout import SIGNALS
+
+LINE_PAIR = 128
+"""Bytes that the prefetcher takes at a time: records that different workers write are whole multiples of it."""
+
+Field = tuple[str, DTypeLike] | tuple[str, DTypeLike, tuple[int, ...]]
+"""Name, dtype and, where it is an array, shape."""
+
+
+def _record(fields: list[Field], multiple: int = 1) -> np.dtype[Any]:
+    """The dtype of a record, whose size is a multiple of so many bytes."""
+    packed: Any = np.dtype(fields, align=True)
+    places = [packed.fields[name] for name in packed.names]
+    padded: Any = {
+        "names": packed.names,
+        "formats": [place[0] for place in places],
+        "offsets": [place[1] for place in places],
+        "itemsize": -(-packed.itemsize // multiple) * multiple,
+    }
+    whole: Any = np.dtype(padded, align=True)
+    return np.dtype((np.record, whole))
+
+
+def parameters_in(precision: DTypeLike) -> np.dtype[Any]:
+    """The record `parameters`: real numbers of the precision of the run."""
+    real = np.dtype(precision)
+    return _record(
+        [
+            ("dt", real),  # [time] of one step (a frame has `substeps` of them)
+            ("diameter", real),  # [length]
+            ("limit", real, (4,)),  # by edge: least and largest centre, a radius inwards where all have one [length]
+            ("cells_per_x", real),  # columns per length along x [1/length]
+            ("cells_per_y", real),  # rows per length along y [1/length]
+            ("wall_bounce", real),  # fraction of the distance beyond a wall that a disc is put inside: 0, at the wall
+            ("tally_scale", real),  # a power of two: tallies are multiples of 1 / tally_scale [mass length/time]
+            ("exchange", real),  # (1 + e) / 2, e the restitution of two discs: the normal velocity they exchange
+            ("wall_restitution", real),
+            ("fast", real),  # square of the speed (per radius, where discs have their own) that ends a command
+        ]
+    )
+
+
+CONTROL = _record(
+    [
+        ("signals", np.int64, (SIGNALS,)),  # the words that processes wait on, by COMMAND, ARRIVED, ...
+        ("count", np.int64),  # discs
+        ("columns", np.int64),
+        ("rows", np.int64),
+        ("cells", np.int64),  # of the grid with all ghosts: one less than the length of `start`
+        ("live", np.int64),  # which of the two buffers holds the state: 0 or 1
+        ("frames", np.int64),  # to run in this command; lowered when their time is up, or a disc is too fast
+        ("substeps", np.int64),
+        ("law", np.int64),
+        ("contact", np.int64),
+        ("passes", np.int64),  # times that contacts are looked for in one step
+        ("guarded", np.int64),  # 1: odd/even passes; 0: the demonstration of what goes wrong without them
+        ("absorbing", np.int64, (4,)),  # by edge: 1 where it absorbs discs
+        ("workers", np.int64),
+        ("done", np.int64),  # frames finished since the start, in all commands
+        ("steps", np.int64),  # done since the start
+    ],
+    LINE_PAIR,
+)
+"""The record `control`: what the coordinator commands, and how far the frames have come."""
+
+MEMBER = _record(
+    [
+        ("signals", np.int64, (1,)),  # the word that the coordinator looks at: PARKED
+        ("frame", np.int64),  # frames finished in this command
+        ("phase", np.int64),  # it is in, an index of PHASES
+        ("collisions", np.int64),  # contacts resolved in this command
+        ("outbox", np.int64),  # discs that left this worker's columns in this frame
+        ("kept", np.int64),  # discs that stayed in them
+        ("arrivals", np.int64),  # barriers this worker has passed
+        ("bad_slot", np.int64),  # where in the live buffer a non-finite disc lies, or -1
+        ("clock", np.int64, (2,)),  # the time of its last look: seconds, nanoseconds
+        ("low", np.int64),  # first disc and one past the last disc of this worker's slice
+        ("high", np.int64),
+        ("first_column", np.int64),  # first column and one past the last column of this worker
+        ("last_column", np.int64),
+        ("commands", np.int64),  # this worker has begun
+        ("mails", np.int64),  # messages it has read
+        ("fastest", np.int64),  # 0, or how fast the fastest disc was in this command, times FASTEST_SCALE / the limit
+        ("fastest_disc", np.int64),  # its id
+    ],
+    LINE_PAIR,
+)
+"""The record of one worker in `team`: written by that worker."""
+
+
+def _counts(number: DTypeLike) -> np.dtype[Any]:
+    return _record(
+        [
+            ("wall", number, (4,)),  # by edge: impulse on the wall
+            ("virial", number),  # impulse between discs
+            ("virial_xx", number),  # that impulse times n_x n_x and n_x n_y, n the unit vector along it
+            ("virial_xy", number),
+            ("collisions", number),  # pairs whose velocities changed
+            ("met", number),  # pairs met
+            ("depth", number),  # overlap of the pairs met
+            ("deepest", number),  # the largest of them
+        ]
+    )
+
+
+TALLY = _counts(np.int64)
+"""What one worker counts in a frame when measures ask for it. Sums are kept in fixed point: whole numbers add up to the
+same total in any order, so on any number of workers. Impulses are multiplied by the parameter `tally_scale`, depths by
+DEPTH_SCALE / diameter."""
+
+COUNTS = _counts(np.float64)
+"""What all workers have counted in a frame, in the units of the scene."""
+
+IMPULSES = ("wall", "virial", "virial_xx", "virial_xy")
+DEPTHS = ("depth", "deepest")
+
+
+@inlined
+def real(parameters, value):
+    """A number in the precision of the run: a whole number would make float64 of float32."""
+    return parameters.limit.dtype.type(value)
