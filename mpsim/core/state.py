@@ -1,4 +1,4 @@
-"""State: all discs at one moment. Each column says what it is, and whether it is in the digest."""
+"""State: all discs at one moment. Each column says what it is, and whether it is in the digest and in trajectories."""
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
@@ -20,9 +20,6 @@ from mpsim.core.errors import InputError, OutputError, reason_of
 Box = tuple[float, float, float, float]
 """Where the walls are: x_low, x_high, y_low, y_high [length]."""
 
-STATE_ARRAYS = ("position", "velocity", "present", "image", "box")
-"""Arrays of a state, and of its file."""
-
 
 def _in_digest(where: Callable[[Any], bool]) -> dict[str, Any]:
     """Metadata of a field of a state: it enters the digest where `where` holds for its value.
@@ -36,6 +33,8 @@ _ALWAYS = _in_digest(lambda value: True)
 _WHERE_COUNTED = _in_digest(lambda image: image is not None)
 _WHERE_SOME_LEFT = _in_digest(lambda present: not present.all())
 _FOLLOWS = _in_digest(lambda value: False) | {"reason": "it follows from the scene and the time"}
+_IN_FRAMES = {"in_frames": True}
+"""Metadata of a field that a frame of a trajectory has of the discs that are present, beside their positions."""
 
 
 @dataclass(frozen=True, init=False)
@@ -66,8 +65,8 @@ class State:
 
     # In the order of the digest.
     position: NDArray[np.floating] = field(metadata=_ALWAYS)
-    velocity: NDArray[np.floating] = field(metadata=_ALWAYS)
-    image: NDArray[np.int64] | None = field(metadata=_WHERE_COUNTED)
+    velocity: NDArray[np.floating] = field(metadata=_ALWAYS | _IN_FRAMES)
+    image: NDArray[np.int64] | None = field(metadata=_WHERE_COUNTED | _IN_FRAMES)
     present: NDArray[np.bool_] = field(metadata=_WHERE_SOME_LEFT)
     box: Box | None = field(metadata=_FOLLOWS)
 
@@ -89,8 +88,9 @@ class State:
             if box is None:
                 raise InputError("image of a state needs box, which has the periods; got None. Give both, or neither.")
         edges = None if box is None else checks.finite_array("box of a state", box, (4,), "(4,)").tolist()
-        values = (position, velocity, here, image, None if edges is None else tuple(edges))
-        for name, value in zip(STATE_ARRAYS, values, strict=True):
+        walls = None if edges is None else tuple(edges)
+        values = {"position": position, "velocity": velocity, "present": here, "image": image, "box": walls}
+        for name, value in values.items():
             object.__setattr__(self, name, value)
 
     @property
@@ -140,7 +140,7 @@ class State:
             OutputError: if it cannot be written.
         """
         target = _npz(path)
-        arrays: dict[str, Any] = {name: getattr(self, name) for name in STATE_ARRAYS}
+        arrays: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self)}
         known = {name: value for name, value in arrays.items() if value is not None}
         try:
             with atomic.atomic_write(target) as file:
@@ -171,7 +171,7 @@ class State:
         try:
             with untrusted.opened(source) as file, ArrayFile(file) as arrays:
                 known: dict[str, Any] = {
-                    name: arrays.read(name).copy() for name in STATE_ARRAYS if name in arrays.names
+                    each.name: arrays.read(each.name).copy() for each in fields(cls) if each.name in arrays.names
                 }
                 state = cls(**known)
         except (OSError, *DAMAGE) as error:
@@ -188,6 +188,17 @@ class State:
                 f"{str(source)!r} holds {sorted(map(str, shapes))} of {sorted(map(str, kinds))}."
             )
         return state
+
+
+def in_frame(state: State) -> dict[str, NDArray[Any]]:
+    """What a frame of a trajectory has of the discs that are present beside their positions, by name.
+
+    >>> import numpy as np
+    >>> list(in_frame(State(np.zeros((1, 2)), np.ones((1, 2)))))
+    ['velocity']
+    """
+    values = {each.name: getattr(state, each.name) for each in fields(state) if "in_frames" in each.metadata}
+    return {name: value[state.present] for name, value in values.items() if value is not None}
 
 
 def _counts(image: Any, count: int) -> NDArray[np.int64]:

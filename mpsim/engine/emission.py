@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import EmitterWarning, InputError
+from mpsim.engine.columns import has_masses
 from mpsim.engine.entry_flight import Landing, launched
-from mpsim.engine.feature_arrays import has_masses, has_radii
+from mpsim.engine.feature_arrays import has_radii
 from mpsim.engine.insertion import NewDiscs, checked, hindrance
 from mpsim.engine.notices import Notices, Once
 from mpsim.engine.solvers.base import Solver

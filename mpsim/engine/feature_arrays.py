@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.state import Box
+from mpsim.engine.columns import columns_of
 from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.features import FEATURES
 from mpsim.kernels import layout
@@ -28,11 +29,6 @@ def has_radii(scene: Scene) -> bool:
     )
 
 
-def has_masses(scene: Scene) -> bool:
-    """Whether discs of the scene have masses other than 1, those of its emitters included."""
-    return scene.mass is not None or any(emitter.mass is not None and emitter.mass != 1 for emitter in scene.emitters)
-
-
 def giant_radius(radii: NDArray[np.float64]) -> float | None:
     """Radius above which discs are kept out of the grid, or None where no disc is far larger than all but a few.
 
@@ -52,22 +48,17 @@ def feature_specs(scene: Scene, capacity: int, precision: str) -> dict[str, Arra
     """dtype and shape of every array that only this scene's features need."""
     real = np.dtype(precision)
     shapes: dict[str, tuple[int, ...]] = {}
-    integers: dict[str, tuple[int, ...]] = {}
     if scene.gravity is not None:
         shapes["gravity"] = (2,)
-    if scene.acceleration is not None:
-        shapes["acceleration"] = (2, capacity)
-    if has_masses(scene):
-        shapes["mass"] = (capacity,)
     if has_radii(scene):
         shapes |= {f"{buffer}.radius": (capacity + layout.PADDING,) for buffer in "ab"}
         shapes["giants"] = (1,)
     for axis, boundary in zip("xy", scene.boundary, strict=True):
         if boundary == "periodic":
             shapes[f"wrap_{axis}"] = (1,)
-            integers["image"] = (2, capacity)
     specs = {name: ArraySpec(real, shape) for name, shape in shapes.items()}
-    specs |= {name: ArraySpec(np.dtype(np.int64), shape) for name, shape in integers.items()}
+    for column in columns_of(scene):
+        specs[column.name] = ArraySpec(column.dtype(real), column.shape(capacity))
     for feature in FEATURES:
         for name, (dtype, shape) in feature.shapes(scene, capacity, real).items():
             specs[name] = ArraySpec(np.dtype(dtype), shape)

@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
-from mpsim.engine.feature_arrays import has_masses, has_radii
+from mpsim.engine.columns import has_masses
+from mpsim.engine.feature_arrays import has_radii
 from mpsim.features import FEATURES, feature
 from mpsim.scene.scene import Scene
 

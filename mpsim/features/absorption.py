@@ -2,11 +2,10 @@
 
 from typing import Any, ClassVar
 
-import numpy as np
-
 from mpsim.core import checks
+from mpsim.core.columns import Column
 from mpsim.features.edges import EDGES, demand_wall
-from mpsim.features.feature import NEED_ALL_DISCS, Feature, SceneLike, Shapes, Spoiled
+from mpsim.features.feature import NEED_ALL_DISCS, Feature, SceneLike, Spoiled
 
 
 class Absorption(Feature):
@@ -14,6 +13,7 @@ class Absorption(Feature):
 
     argument = "absorbing"
     not_exact = "absorbing edges"
+    columns: ClassVar[tuple[Column, ...]] = (Column("exits", (3,)),)  # whether a disc has left, and where
     spoils: ClassVar[tuple[Spoiled, ...]] = (
         Spoiled(
             NEED_ALL_DISCS,
@@ -21,10 +21,6 @@ class Absorption(Feature):
             "Run until none leaves any more, and measure in a scene without those edges that is made of sim.state.",
         ),
     )
-
-    def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
-        """Which discs were absorbed, and where."""
-        return {"exits": (real, (3, capacity))} if scene.absorbing else {}
 
     def description(self, scene: SceneLike) -> str:
         """The edges."""

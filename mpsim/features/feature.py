@@ -10,6 +10,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from mpsim.core.columns import Column
 from mpsim.features.capsules import CapsuleIndex, Deepest
 from mpsim.features.edges import MovingWall
 
@@ -118,6 +119,7 @@ class Feature:
         relief: what makes room for discs that are pressed, for the text of the warning.
         spoils: measures that it makes meaningless.
         excludes: whether it keeps discs out of regions of the box.
+        columns: numbers that it has of each disc; a scene with the feature has them.
     """
 
     argument: ClassVar[str]
@@ -131,6 +133,7 @@ class Feature:
     relief: ClassVar[str] = ""
     spoils: ClassVar[tuple[Spoiled, ...]] = ()
     excludes: ClassVar[bool] = False
+    columns: ClassVar[tuple[Column, ...]] = ()
 
     def of(self, scene: SceneLike) -> Any:
         """Its value in a scene."""

@@ -26,6 +26,12 @@ class Discs(NamedTuple):
     radius: Any
 
 
+WHOLE = ("id", "cell")
+"""Columns of `Discs` that are int32; the others are of the precision of the run."""
+
+OPTIONAL = ("radius",)
+"""Columns of `Discs` that only some scenes have."""
+
 # Edges of the box, in the order of `features.edges.EDGES`, and those that lie along an axis.
 LEFT, RIGHT, BOTTOM, TOP = range(4)
 ALONG_X = (LEFT, RIGHT)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import TrajectoryError
-from mpsim.core.state import State
+from mpsim.core.state import State, in_frame
 from mpsim.engine.simulation import Simulation
 
 
@@ -116,13 +116,11 @@ def frame_of(sim: Simulation) -> Frame:
     x_low, x_high, y_low, y_high = walls
     known = {
         "time": sim.frame * sim.settings.dt,  # sim.time but for the rounding of the exact solver's clock
-        "velocity": state.velocity[here],
         "radius": sim.radii[here],
         "mass": sim.masses[here],
         "ids": np.flatnonzero(here),
+        **in_frame(state),
     }
-    if state.image is not None:
-        known["image"] = state.image[here]
     box, origin = (x_high - x_low, y_high - y_low), (x_low, y_low)
     return Frame(sim.frame, box, origin, sim.scene.periodic, state.position[here], Path(), known)
 
@@ -140,7 +138,7 @@ def differs(a: Frame, b: Frame) -> str | None:
         if getattr(a, name) != getattr(b, name):
             return f"its {name} is {getattr(a, name)} and not {getattr(b, name)}"
     ours, theirs = ({"position": frame.position, **frame.known} for frame in (a, b))
-    for name in ("ids", "position", "velocity", "radius", "mass", "image"):
+    for name in ("ids", "position", *(name for name in WRITTEN_AS if name != "time")):
         both = (name in ours) + (name in theirs)
         if both == 1 or (both and not checks.equal(ours[name], theirs[name])):
             return f"its {name} of discs is another"

@@ -95,3 +95,13 @@ def parameters(restitution=1.0, dt=1.0):
     values = parameters_of(np.float64, 10, 10, dt=dt)
     values.wall_restitution = restitution
     return values
+
+
+def column_by_id(sim: mpsim.Simulation, name: str) -> list[Any]:
+    """What a column by id holds of the discs."""
+    return _arrays(sim)[name][..., : sim.count].tolist()
+
+
+def set_column_by_id(sim: mpsim.Simulation, name: str, values: Any) -> None:
+    """Write a column by id, as kernels would."""
+    _arrays(sim)[name][..., : sim.count] = values

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.state import State
+from mpsim.engine import columns
 from mpsim.engine.feature_arrays import box_now
 from mpsim.engine.insertion import NewDiscs
 from mpsim.engine.workers.shared import SharedBlock
@@ -27,12 +28,8 @@ def write_discs(block: SharedBlock, new: NewDiscs, first: int) -> None:
     discs.id[first:last] = np.arange(first, last)
     if discs.radius is not None:
         discs.radius[first:last] = new.radius
-    if "mass" in arrays:
-        arrays["mass"][first:last] = new.mass
-    if "acceleration" in arrays:
-        arrays["acceleration"][:, first:last] = 0 if new.acceleration is None else new.acceleration.T
-    if "image" in arrays:
-        arrays["image"][:, first:last] = new.image.T
+    for column in columns.COLUMNS:
+        column.enter(arrays, new, first, last)
 
 
 def places_and_speeds(block: SharedBlock, count: int) -> tuple[NDArray[np.floating], NDArray[np.floating]]:

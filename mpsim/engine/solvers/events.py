@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import DivergedError, InputError, StalledError
 from mpsim.core.state import State
-from mpsim.engine.feature_arrays import has_masses, has_radii
+from mpsim.engine.columns import has_masses
+from mpsim.engine.feature_arrays import has_radii
 from mpsim.engine.frame_count import frames_until
 from mpsim.engine.insertion import NewDiscs
 from mpsim.engine.report import Slice

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import DivergedError
 from mpsim.core.state import State
+from mpsim.engine import columns
 from mpsim.engine.feature_arrays import feature_specs, fill_features, has_radii
 from mpsim.engine.frame_count import frames_until
 from mpsim.engine.insertion import NewDiscs
@@ -333,14 +334,14 @@ class SteppedSolver(Solver):
         """Write a snapshot into the present, new block."""
         self._radii, self._masses = snapshot["radii"].copy(), snapshot["masses"].copy()
         self.count = count_in(snapshot)
-        self._write(snapshot["position"], snapshot["velocity"], snapshot.get("acceleration"))
+        self._write(snapshot["position"], snapshot["velocity"], None)
         arrays = self._block.arrays
         frames, steps = snapshot["progress"].tolist()
         arrays["control"].done, arrays["control"].steps = frames, steps
         self.substeps = steps // frames if frames else self._settings.substeps
-        for name in stepped_snapshot.BY_ID:
-            if name in snapshot:  # in files of older versions there is no image, and it counts from there on
-                arrays[name][:, : self.count] = snapshot[name]
+        for column in columns.COLUMNS:
+            if column.name in snapshot:  # in files of older versions there is no image, and it counts from there on
+                column.put(arrays, snapshot[column.name])
         self._configure()
 
     def _write(self, position: NDArray[Any], velocity: NDArray[Any], acceleration: NDArray[Any] | None) -> None:

@@ -5,13 +5,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.engine import columns
 from mpsim.engine.solvers.discs import places_and_speeds
-from mpsim.engine.solvers.snapshots import INTEGER, Shapes, Snapshot, check_periods, demand, shapes_in_each
+from mpsim.engine.solvers.snapshots import Shapes, Snapshot, check_periods, demand, shapes_in_each
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.scene.scene import Scene
-
-BY_ID = ("exits", "image")
-"""Arrays of features, by id, that frames change: a snapshot holds them."""
 
 SLACK = 1e-6
 """Fraction of the box by which rounding may have put a centre beyond its limit."""
@@ -27,11 +25,9 @@ def taken(block: SharedBlock, radii: NDArray[np.float64], masses: NDArray[np.flo
     arrays, count = block.arrays, len(radii)
     position, velocity = places_and_speeds(block, count)
     found: Snapshot = {"position": position, "velocity": velocity, "radii": radii.copy(), "masses": masses.copy()}
-    if "acceleration" in arrays:
-        found["acceleration"] = arrays["acceleration"][:, :count].T.copy()
-    for name in BY_ID:
-        if name in arrays:
-            found[name] = arrays[name][:, :count].copy()
+    for column in columns.COLUMNS:
+        if column.kept and column.name in arrays:
+            found[column.name] = column.take(arrays, count)
     control = arrays["control"]
     found["progress"] = np.array([control.done, control.steps])
     return found
@@ -40,12 +36,9 @@ def taken(block: SharedBlock, radii: NDArray[np.float64], masses: NDArray[np.flo
 def shapes(scene: Scene, real: np.dtype[Any], count: int) -> Shapes:
     """dtype and shape of every array of a snapshot in that precision."""
     found: Shapes = {"position": (real, (count, 2)), "velocity": (real, (count, 2))}
-    if scene.acceleration is not None:
-        found["acceleration"] = real, (count, 2)
-    if scene.absorbing:
-        found["exits"] = real, (3, count)
-    if any(scene.periodic):
-        found["image"] = INTEGER, (2, count)
+    for column in columns.columns_of(scene):
+        if column.kept:
+            found[column.name] = column.dtype(real), column.kept_shape(count)
     return found | shapes_in_each(count)
 
 

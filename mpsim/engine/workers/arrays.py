@@ -84,10 +84,9 @@ def block_arrays(
     arrays: dict[str, ArraySpec] = {}
     for buffer in ("a", "b"):
         for column in layout.Discs._fields:
-            if column == "radius":  # which is a feature
-                continue
-            integer = column in ("id", "cell")
-            arrays[f"{buffer}.{column}"] = ArraySpec(np.dtype(np.int32) if integer else real, (length,))
+            if column not in layout.OPTIONAL:  # those are features
+                dtype = np.dtype(np.int32) if column in layout.WHOLE else real
+                arrays[f"{buffer}.{column}"] = ArraySpec(dtype, (length,))
     arrays["start"] = ArraySpec(np.dtype(np.int32), (grid.table_size,))
     arrays["outbox"] = ArraySpec(np.dtype(np.int32), (length,))
     arrays["parameters"] = ArraySpec(records.parameters_in(precision), ())

@@ -10,6 +10,7 @@ import pytest
 from support.goldens import SCENES
 
 import mpsim
+from mpsim.core.state import in_frame
 from mpsim.engine import checkpoint
 
 COLUMNS = {field.name: field for field in dataclasses.fields(mpsim.State)}
@@ -78,6 +79,16 @@ def test_a_column_that_says_so_is_in_the_digest():
         object.__setattr__(state, "spin", spin)
         digests.add(state.digest())
     assert len(digests | {mpsim.State(VALUES["position"], VALUES["velocity"]).digest()}) == 3
+
+
+def test_a_frame_of_a_trajectory_has_the_columns_that_say_so_of_the_discs_that_are_present():
+    column = dataclasses.field(default=1.0, metadata={"digested": lambda value: True, "in_frames": True})
+    wider = dataclasses.make_dataclass("Wider", [("spin", Any, column)], bases=(mpsim.State,), init=False, frozen=True)
+    state = wider(**VALUES)
+    object.__setattr__(state, "spin", np.array([3.0, 4.0]))
+    found = {name: values.tolist() for name, values in in_frame(state).items()}
+    assert found == {"velocity": [[0.5, -1.0]], "image": [[1, 0]], "spin": [3.0]}
+    assert in_frame(mpsim.State(VALUES["position"], VALUES["velocity"])).keys() == {"velocity"}
 
 
 def test_the_file_of_a_state_has_every_column(tmp_path):
