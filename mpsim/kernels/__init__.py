@@ -1,1 +1,1 @@
-"""Compiled loops only: no process, no file, no plot; of the rest of mpsim only interrupts.py is imported here."""
+"""Compiled loops, and the records and arrays that they work on: no process, no file, no plot."""
