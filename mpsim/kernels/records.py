@@ -19,6 +19,24 @@ Field = tuple[str, DTypeLike] | tuple[str, DTypeLike, tuple[int, ...]]
 """Name, dtype and, where it is an array, shape."""
 
 
+class Record(np.void):
+    """One record, its fields as attributes in Python too.
+
+    Not `np.record`: that finds a field by catching an exception, and an interrupt in between would keep the block.
+    """
+
+    __slots__ = ()
+
+    def __getattr__(self, name: str) -> Any:
+        names = self.dtype.names
+        if names is None or name not in names:
+            raise AttributeError(name)
+        return self[name]
+
+    def __setattr__(self, name: str, value: object) -> None:
+        self[name] = value
+
+
 def _record(fields: list[Field], multiple: int = 1) -> np.dtype[Any]:
     """The dtype of a record, whose size is a multiple of so many bytes."""
     packed: Any = np.dtype(fields, align=True)
@@ -30,7 +48,7 @@ def _record(fields: list[Field], multiple: int = 1) -> np.dtype[Any]:
         "itemsize": -(-packed.itemsize // multiple) * multiple,
     }
     whole: Any = np.dtype(padded, align=True)
-    return np.dtype((np.record, whole))
+    return np.dtype((Record, whole))
 
 
 def parameters_in(precision: DTypeLike) -> np.dtype[Any]:

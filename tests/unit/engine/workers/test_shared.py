@@ -34,7 +34,7 @@ def test_arrays_of_the_block_do_not_overlap_and_are_aligned():
             assert start + size <= following, f"{name} runs into {other}"
         for start, _, name in places:
             assert start % 64 == 0, f"{name} does not begin on a cache line"
-        assert all(not array.any() for array in block.arrays.values()), "a new block is filled with zeros"
+        assert all(not any(array.tobytes()) for array in block.arrays.values()), "a new block is filled with zeros"
         del places
     finally:
         block.close()
