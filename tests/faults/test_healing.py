@@ -82,6 +82,14 @@ def often():
     return random.uniform(0.02, 0.25)
 
 
+def slowed(pause, start):
+    """Pauses as much longer as this machine needs longer than 0.1 s to start workers.
+
+    Else, on a busy one, new workers would die at once so often that the run is given up, as it should be.
+    """
+    return lambda: max(start / 0.1, 1.0) * pause()
+
+
 def repeat_until_killed(experiment, pause, least=1, **killer):
     """Call `experiment(killing)`, where `killing(sim)` is a Killer to enter, until so many died in it; their number.
 
@@ -442,9 +450,12 @@ def test_ctrl_c_between_a_death_and_its_report_closes_a_state_that_is_no_state(d
 def test_a_hundred_deaths_at_random_moments_change_nothing(figures):
     deaths, runs, phases = 0, 0, set()
     while deaths < 100:
-        with healing(workers=random.choice([2, 3])) as sim, Killer(sim, often) as killer:
-            report = sim.run(frames=FRAMES, measures=MEASURES)
-            assert_as_undisturbed(sim, report)
+        started = time.perf_counter()
+        with healing(workers=random.choice([2, 3])) as sim:
+            pause = slowed(often, time.perf_counter() - started)
+            with Killer(sim, pause) as killer:
+                report = sim.run(frames=FRAMES, measures=MEASURES)
+                assert_as_undisturbed(sim, report)
         deaths, runs, phases = deaths + killer.deaths, runs + 1, phases | killer.phases
     figures.note(
         "R9",

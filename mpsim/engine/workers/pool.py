@@ -176,7 +176,8 @@ class WorkerPool:
     def _await_ready(self, worker: int) -> None:
         connection, deadline = self._connections[worker - 1], time.monotonic() + START_PATIENCE
         while not connection.poll(LOOK):
-            lost = [number for number, process in enumerate(self._processes, start=1) if not _lives(process.pid)]
+            with interrupts_held_back():  # psutil catches exceptions: an interrupt in between would be shown with them
+                lost = [number for number, process in enumerate(self._processes, start=1) if not _lives(process.pid)]
             if lost and not connection.poll():
                 raise self._death(lost[0], "start-up")
             if time.monotonic() > deadline:
