@@ -10,14 +10,14 @@ from multiprocessing import forkserver, resource_tracker
 from pathlib import Path
 
 import hypothesis
-import psutil
 import pytest
 from hypothesis.configuration import set_hypothesis_home_dir
 
 sys.path.insert(0, str(Path(__file__).parent))  # for `support`, from every folder of tests
 
 from support.figures import Figures
-from support.processes import blocks_of, wait_until
+from support.processes import blocks_of, descendants_of, is_gone, wait_until
+from support.script_server import Server
 
 LONGEST_SESSION = {False: 1380, True: 7200}
 """Seconds after which a whole session, default or long, counts as hung: pytest-timeout bounds each single test before,
@@ -105,10 +105,6 @@ def nothing_left_behind():
 
 
 def _children() -> set[int]:
-    """Living children of this process, and theirs, but for the fork server and the resource tracker."""
-    helpers = {forkserver._forkserver._forkserver_pid, resource_tracker._resource_tracker._pid}
-    return {
-        child.pid
-        for child in psutil.Process().children(recursive=True)
-        if child.pid not in helpers and child.is_running() and child.status() != psutil.STATUS_ZOMBIE
-    }
+    """Living children and theirs but for the fork server, the resource tracker and the server of scripts."""
+    helpers = {forkserver._forkserver._forkserver_pid, resource_tracker._resource_tracker._pid, *Server.pids()}
+    return {pid for pid in descendants_of(os.getpid()) if pid not in helpers and not is_gone(pid)}

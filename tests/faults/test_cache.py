@@ -5,7 +5,8 @@ import re
 import shutil
 
 import pytest
-from support.processes import PACKAGE_PARENT, Script, assert_clean, run_script
+from support.processes import Script, assert_clean, run_script
+from support.script_server import PACKAGE_PARENT
 
 IMPORT_WITHIN = 2.0
 

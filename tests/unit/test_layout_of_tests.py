@@ -6,7 +6,7 @@ A second file adds what it is about: test_tune_scenes.py. What concerns the whol
 from pathlib import Path
 
 import pytest
-from support.processes import PACKAGE_PARENT, TESTS
+from support.script_server import PACKAGE_PARENT, TESTS
 
 PACKAGE = PACKAGE_PARENT / "mpsim"
 FILES = [path.relative_to(TESTS / "unit") for path in (TESTS / "unit").glob("*/**/test_*.py")]

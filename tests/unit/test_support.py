@@ -9,21 +9,35 @@ from multiprocessing.shared_memory import SharedMemory
 import numpy as np
 import pytest
 from support.compare import assert_inside_and_finite, assert_same_bits, overlapping_pairs
-from support.processes import Script, assert_clean, assert_nothing_left_of, blocks_of, is_gone, run_script
+from support.processes import (
+    Script,
+    assert_clean,
+    assert_nothing_left_of,
+    blocks_of,
+    descendants_of,
+    is_gone,
+    run_script,
+)
 from support.scenes import gas, lattice
+from support.script_server import Server
 
 import mpsim
 
+WARM = pytest.mark.parametrize("warm", [False, True], ids=["new", "warm"])
 
-def test_a_script_that_hangs_is_a_failure_with_its_stacks():
-    script = Script("import time\ndef wait_for_ever():\n    time.sleep(1000)\nwait_for_ever()")
+
+@WARM
+def test_a_script_that_hangs_is_a_failure_with_its_stacks(warm):
+    script = Script("import time\ndef wait_for_ever():\n    time.sleep(1000)\nwait_for_ever()", warm=warm)
     with script, pytest.raises(AssertionError, match=r"still running after 1 s(.|\n)*in wait_for_ever"):
         script.finish(1)
     assert is_gone(script.pid)
 
 
-def test_a_script_that_says_nothing_is_a_failure():
-    with Script("import time; time.sleep(1000)") as script, pytest.raises(AssertionError, match="no line within"):
+@WARM
+def test_a_script_that_says_nothing_is_a_failure(warm):
+    script = Script("import time; time.sleep(1000)", warm=warm)
+    with script, pytest.raises(AssertionError, match="no line within"):
         script.line(0.2)
 
 
@@ -33,6 +47,27 @@ def test_a_process_that_a_script_leaves_behind_is_noticed():
         script.finish(20)
         with pytest.raises(AssertionError, match="processes left behind"):
             assert_nothing_left_of(script.pid, within=0.1)
+
+
+def test_a_process_that_a_warm_script_leaves_behind_is_noticed():
+    leave = "import os, time\nif not os.fork():\n    os.closerange(1, 3)\n    time.sleep(1000)"
+    with Script(leave, warm=True) as script:
+        assert script.finish(20).code == 0
+        with pytest.raises(AssertionError, match="processes left behind"):
+            assert_nothing_left_of(script.pid, within=0.1)
+
+
+def test_children_and_their_children_are_found():
+    """The guard after each test looks for them."""
+    command = "import subprocess; subprocess.Popen(['sleep', '1000']); print('up', flush=True); input()"
+    before = descendants_of(os.getpid())
+    child = subprocess.Popen([sys.executable, "-c", command], stdout=subprocess.PIPE, stdin=subprocess.PIPE)
+    with child:
+        child.stdout.readline()
+        (sleeping,) = descendants_of(child.pid)
+        assert descendants_of(os.getpid()) - before == {child.pid, sleeping}
+        os.kill(sleeping, signal.SIGKILL)
+    assert descendants_of(os.getpid()) == before
 
 
 def test_a_block_that_is_left_behind_is_noticed():
@@ -46,21 +81,98 @@ def test_a_block_that_is_left_behind_is_noticed():
         memory.unlink()
 
 
-def test_noise_and_exit_codes_of_a_script_are_noticed():
+@WARM
+def test_noise_and_exit_codes_of_a_script_are_noticed(warm):
     for text in (
         "import sys; print('noise', file=sys.stderr)",
         "raise SystemExit(3)",
         "import warnings; warnings.warn('x')",
     ):
         with pytest.raises(AssertionError, match="exit code"):
-            assert_clean(run_script(text, bound=20))
+            assert_clean(run_script(text, bound=20, warm=warm))
 
 
-def test_a_script_ended_by_a_signal_has_it_as_exit_code():
-    with Script("import time; print('up'); time.sleep(1000)") as script:
+@WARM
+def test_a_script_ended_by_a_signal_has_it_as_exit_code(warm):
+    with Script("import time; print('up'); time.sleep(1000)", warm=warm) as script:
         assert script.line(20) == "up"
         script.send_to_group(signal.SIGTERM)
         assert script.finish(20).code == -signal.SIGTERM
+
+
+PROGRAM = """
+import atexit, multiprocessing, os, sys, threading, warnings
+import support.scenes
+from multiprocessing import forkserver, resource_tracker
+
+@atexit.register
+def last():
+    print("last")
+
+HIDDEN = "__annotations__ __cached__ __loader__ __doc__ __builtins__".split()
+main = sys.modules["__main__"]
+print(__name__, sorted(vars(main).keys() - HIDDEN))
+print(os.path.samefile(os.getcwd(), os.path.dirname(__file__)), sys.argv == [__file__], sys.path[0] == os.getcwd())
+print(os.getpgrp() == os.getpid() == os.getsid(0), threading.enumerate() == [threading.main_thread()])
+print(resource_tracker._resource_tracker._pid, forkserver._forkserver._forkserver_pid)
+print(warnings.filters[0], sys.warnoptions)
+print(sorted(os.environ.keys() - {"PYTEST_CURRENT_TEST"}))
+print(multiprocessing.active_children())
+if not (child := os.fork()):
+    os._exit(len(os.listdir("/proc/self/fd")))
+print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+threading.Timer(0.1, print, ["a thread that is waited for"]).start()
+"""
+ENDS = {
+    "of itself": "",
+    "by an exception": "1 / 0",
+    "by sys.exit": "sys.exit(3)",
+    "by Ctrl-C": "os.kill(os.getpid(), 2); import time; time.sleep(10)",
+}
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_a_warm_script_is_a_program_like_one_in_a_new_interpreter(end):
+    text = PROGRAM + ENDS[end]
+    new, warm = (run_script(text, warm=warm) for warm in (False, True))
+    assert warm.out == new.out
+    assert warm.out.splitlines()[-2:] == ["a thread that is waited for", "last"]
+    assert warm.code == new.code
+    assert (warm.err.count("Traceback"), warm.err.splitlines()[-1:]) == (
+        new.err.count("Traceback"),
+        new.err.splitlines()[-1:],
+    )
+
+
+def test_a_warm_script_starts_workers_as_a_new_interpreter_does():
+    """By each start method, and its own resource tracker, which would complain of what is left."""
+    outcome = run_script(
+        """
+        from support.scenes import digest_after, lattice
+
+        expected = digest_after(lattice(9, 9), 5, method="grid")
+        for start in ("fork", "forkserver", "spawn"):
+            print(digest_after(lattice(9, 9), 5, method="parallel", workers=2, start_method=start) == expected)
+        """,
+        warm=True,
+    )
+    assert_clean(outcome)
+    assert outcome.out == "True\nTrue\nTrue\n"
+
+
+def test_what_a_warm_script_changes_the_next_one_does_not_see():
+    for _ in range(2):
+        outcome = run_script("import mpsim; print(hasattr(mpsim, 'mark')); mpsim.mark = 1", warm=True)
+        assert (outcome.code, outcome.out) == (0, "False\n")
+
+
+def test_a_server_of_scripts_that_has_ended_is_an_error_and_the_next_script_starts_another():
+    run_script("pass", warm=True)
+    (pid,) = Server.pids()
+    os.kill(pid, signal.SIGKILL)
+    with pytest.raises(AssertionError, match=r"server of scripts has ended, with exit code -9"):
+        run_script("pass", warm=True)
+    assert run_script("print(1)", warm=True).out == "1\n"
 
 
 def test_a_stopped_process_is_not_gone_and_an_ended_one_is():

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 from support.exact import SCRIPT, Run, bits, everything, gas, in_a_new_process, kinetic, same_arrays
-from support.processes import TESTS
+from support.script_server import TESTS
 
 from mpsim.kernels.events import solver, state
 
