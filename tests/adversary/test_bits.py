@@ -133,7 +133,7 @@ def plain(stepped, exact, bound):
 
 
 def test_any_scene_has_the_same_bits_however_it_is_run():
-    assert plain((0, 20), (0, 20), bound=120) > 300
+    assert plain((0, 10), (0, 10), bound=120) > 150
 
 
 @pytest.mark.long

@@ -52,7 +52,10 @@ def assert_compiled_as_asked(found, environment):
 
 @pytest.mark.parametrize(
     ("environment", "name"),
-    [pytest.param(GENERIC, "naive no features", id="generic"), pytest.param(LAZY, "event nothing", id="lazy")],
+    [
+        pytest.param(GENERIC, "naive no features", id="generic"),
+        pytest.param(LAZY, "event nothing", id="lazy", marks=pytest.mark.long),
+    ],
 )
 def test_the_compiler_has_no_say_in_the_bits(environment, name, tmp_path):
     found = compiled_with(environment, [name], tmp_path, 120)

@@ -107,7 +107,7 @@ print(json.dumps(results))
 
 def kill_writers(steps, deep=False, naive=False, bound=170):
     """Frames found after each kill, by what the killer counts."""
-    outcome = run_script(KILLED.format(step=steps, deep=deep, naive=naive), bound=bound)
+    outcome = run_script(KILLED.format(step=steps, deep=deep, naive=naive), bound=bound, warm=True)
     assert_clean(outcome)
     return json.loads(outcome.out)
 

@@ -52,7 +52,7 @@ for number in range({rounds}):
 def test_nothing_is_said_whatever_a_daemon_thread_is_doing(method, act, request):
     """A `ClosedError` was printed now and then, and a thread that ran without a break kept the program from ending."""
     rounds = 60 if request.config.getoption("--long") else 3
-    outcome = run_script(ROUNDS.format(method=method, act=act, rounds=rounds), bound=60 + 6 * rounds)
+    outcome = run_script(ROUNDS.format(method=method, act=act, rounds=rounds), bound=60 + 6 * rounds, warm=True)
     assert_clean(outcome)
     assert outcome.err == ""
 

@@ -253,7 +253,7 @@ print(os.listdir())
 
 
 def test_four_processes_save_one_file_at_once_and_a_reader_sees_whole_ones():
-    outcome = run_script(PROCESSES)
+    outcome = run_script(PROCESSES, warm=True)
     assert_clean(outcome)
     assert sorted(json.loads(outcome.out.replace("'", '"'))) == ["script.py", "shared.bin"]
 
@@ -345,14 +345,16 @@ for name, writer in writers.items():
                 writer(path, 1)
                 assert contents(path.parent) == whole[1]
                 assert not drafts(path.parent), f"{name}, {end.__name__} at line {limit}: leftovers stay"
-            limit += 1
+            limit += STEP
         results[f"{name} {end.__name__}"] = [count, olds, left, mixed]
 print(json.dumps(results))
 """
 
 
-def test_a_kill_or_an_interrupt_at_any_line_leaves_the_old_file_or_the_new_one(figures):
-    outcome = run_script(MORTAL, bound=170)
+def test_a_kill_or_an_interrupt_at_any_line_leaves_the_old_file_or_the_new_one(figures, request):
+    """At every third line, and with --long at each."""
+    step = "1" if request.config.getoption("--long") else "3"
+    outcome = run_script(MORTAL.replace("STEP", step), bound=170, warm=True)
     assert_clean(outcome)
     results = json.loads(outcome.out)
     for name, (count, olds, left, mixed) in results.items():
@@ -421,7 +423,7 @@ print((other / "state.npz").stat().st_size > 0)
 
 
 def test_a_protected_file_is_not_replaced_and_a_folder_that_cannot_be_listed_takes_files():
-    outcome = run_script(PROTECTED)
+    outcome = run_script(PROTECTED, warm=True)
     assert_clean(outcome)
     error, kept, dropped = outcome.out.splitlines()
     assert "protected from writing" in error

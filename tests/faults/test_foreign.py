@@ -83,7 +83,8 @@ FORKS = {
 
 @pytest.mark.parametrize("fork", long_but(FORKS, "closes its copy and drops it"))
 def test_a_fork_of_the_coordinator_takes_nothing_away(fork):
-    outcome = run_script(f"""
+    outcome = run_script(
+        f"""
     import gc, os
     from support.scenes import lattice, simulate
 
@@ -98,13 +99,16 @@ def test_a_fork_of_the_coordinator_takes_nothing_away(fork):
         assert os.waitpid(child, 0)[1] == 0
         sim.run(frames=2)
         print(sim.frame)
-    """)
+    """,
+        warm=True,
+    )
     assert_clean(outcome)
     assert outcome.out == "4\n"
 
 
 def test_a_child_process_of_the_user_takes_nothing_away():
-    outcome = run_script("""
+    outcome = run_script(
+        """
     import multiprocessing
     from support.scenes import lattice, simulate
 
@@ -115,7 +119,9 @@ def test_a_child_process_of_the_user_takes_nothing_away():
         child.join()
         sim.run(frames=2)
         print(sim.frame)
-    """)
+    """,
+        warm=True,
+    )
     assert_clean(outcome)
     assert outcome.out == "child\n4\n"
 
@@ -146,7 +152,8 @@ def test_a_worker_pool_of_somebody_else_can_run_simulations():
 
 
 def test_a_daemonic_process_runs_on_one_worker_and_logs_it():
-    outcome = run_script("""
+    outcome = run_script(
+        """
     import logging, multiprocessing
     from support.scenes import digest_after, lattice, simulate
 
@@ -160,7 +167,9 @@ def test_a_daemonic_process_runs_on_one_worker_and_logs_it():
     child = multiprocessing.get_context("fork").Process(target=work, daemon=True)
     child.start()
     child.join()
-    """)
+    """,
+        warm=True,
+    )
     digest, line = outcome.out.splitlines()
     assert line == f"parallel 1 {digest} []"
     assert outcome.err.count("\n") == 1, outcome.err
@@ -168,7 +177,8 @@ def test_a_daemonic_process_runs_on_one_worker_and_logs_it():
 
 
 def test_a_simulation_runs_in_a_thread_that_is_not_the_main_one():
-    outcome = run_script("""
+    outcome = run_script(
+        """
     import threading
     from support.scenes import digest_after, lattice
 
@@ -182,7 +192,9 @@ def test_a_simulation_runs_in_a_thread_that_is_not_the_main_one():
     for thread in threads:
         thread.join()
     print(results == [digest_after(lattice(20, 20), 20, method="grid")] * 3)
-    """)
+    """,
+        warm=True,
+    )
     assert_clean(outcome)
     assert outcome.out == "True\n"
 

@@ -353,9 +353,10 @@ def test_a_fork_that_ends_like_a_program_is_silent_and_takes_nothing_away():
 def test_workers_end_with_their_coordinator_although_a_fork_of_it_lives_on():
     """A fork holds the other ends of all pipes open, which would tell workers that their coordinator is gone."""
     text = """
-    import os, time
+    import os, time, warnings
     from support.scenes import lattice, simulate
 
+    warnings.filterwarnings("ignore", "This process", DeprecationWarning)  # 3.12: fork beside threads
     sim = simulate(lattice(20, 20), method="parallel", workers=2)
     sim.run(frames=2)
     child = os.fork()
@@ -364,7 +365,7 @@ def test_workers_end_with_their_coordinator_although_a_fork_of_it_lives_on():
     print(child, *sim.pids)
     time.sleep(100)
     """
-    with Script(text, flags=("-W", "error", "-W", "ignore:This process:DeprecationWarning")) as script:
+    with Script(text, warm=True) as script:
         child, worker = map(int, script.line().split())
         script.send(signal.SIGKILL)
         assert wait_until(lambda: is_gone(worker), 5), "the worker has outlived its coordinator"

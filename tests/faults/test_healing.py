@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from support.internals import block_name, peek
 from support.processes import SHARED_MEMORY, is_gone, wait_until
-from support.scenes import crowd, gas, lattice, simulate, struck, zoo
+from support.scenes import crowd, digest_after, gas, lattice, simulate, struck, zoo
 from support.selection import long_but
 
 import mpsim
@@ -28,7 +28,7 @@ pytestmark = [
 ]
 
 MEASURES = ["pressure", "collision_rate", "largest_overlap", "kinetic_energy", "temperature"]
-FRAMES = 4000
+FRAMES = 2000
 
 
 @functools.cache
@@ -245,14 +245,17 @@ def test_a_death_between_runs_is_healed_when_measures_move_the_workers():
 
 
 def test_frames_that_a_fast_disc_has_divided_go_back_too():
+    def result(sim):
+        sim.run(frames=200)
+        return sim.substeps, sim.digest()
+
     def experiment(killing):
-        digests = []
-        for workers in (1, 3):
-            settings = {"dt": 0.05, "on_fast": "substep", "contact": "impact"}
-            with healing(struck(), workers=workers, **settings) as sim, killing(sim):
-                sim.run(frames=600)
-                digests.append((sim.substeps, sim.digest()))
-        assert digests[0] == digests[1]
+        with healing(struck(), workers=2, **settings) as sim, killing(sim):
+            assert result(sim) == expected
+
+    settings = {"dt": 0.05, "on_fast": "substep", "contact": "impact"}
+    with healing(struck(), workers=1, **settings) as alone:
+        expected = result(alone)
 
     repeat_until_killed(experiment, lambda: random.uniform(0.02, 0.1), most=4)
 
@@ -261,13 +264,16 @@ def test_frames_that_a_fast_disc_has_divided_go_back_too():
 def test_emitters_and_exits_go_back_too():
     scene = zoo("emitters absorbing piston gravity", count=30, side=40.0)
 
+    def result(sim):
+        sim.run(frames=2000)
+        return sim.count, sim.absorbed.sum(), sim.digest()
+
     def experiment(killing):
-        digests = []
-        for workers in (1, 3):
-            with healing(scene, workers=workers) as sim, killing(sim):
-                sim.run(frames=2000)
-                digests.append((sim.count, sim.absorbed.sum(), sim.digest()))
-        assert digests[0] == digests[1]
+        with healing(scene) as sim, killing(sim):
+            assert result(sim) == expected
+
+    with healing(scene, workers=1) as alone:
+        expected = result(alone)
 
     repeat_until_killed(experiment, lambda: random.uniform(0.05, 0.2), most=4)
 
@@ -281,14 +287,13 @@ def test_auto_that_becomes_parallel_on_the_way_heals_as_well():
     )  # fmt: skip
 
     def experiment(killing):
-        digests = []
-        for workers in (1, 3):
-            with simulate(scene, method="auto", workers=workers, on_worker_death="restart") as sim:
-                assert sim.pids == []
-                with killing(sim):
-                    sim.run(frames=6000)
-                digests.append(sim.digest())
-        assert digests[0] == digests[1]
+        with simulate(scene, method="auto", workers=3, on_worker_death="restart") as sim:
+            assert sim.pids == []
+            with killing(sim):
+                sim.run(frames=6000)
+            assert sim.digest() == expected
+
+    expected = digest_after(scene, 6000, method="auto", workers=1)
 
     repeat_until_killed(experiment, lambda: 0.05, most=3)
 

@@ -66,7 +66,8 @@ def test_a_worker_that_is_started_while_signals_wait_has_them():
 
 def test_what_python_does_not_know_of_a_signal_comes_back_after_it_was_held_back(tmp_path):
     """The dump of faulthandler was lost at the first run, and calls were no longer restarted after the signal."""
-    outcome = run_script(f"""
+    outcome = run_script(
+        f"""
         import ctypes, faulthandler, signal
         from mpsim.core.deferred_signals import interrupts_held_back
         def action(number):
@@ -84,7 +85,9 @@ def test_what_python_does_not_know_of_a_signal_comes_back_after_it_was_held_back
         assert (action(signal.SIGUSR1), action(signal.SIGUSR2)) == before
         signal.raise_signal(signal.SIGUSR1)
         file.close()
-    """)
+    """,
+        warm=True,
+    )
     assert_clean(outcome)
     assert outcome.out.split() == ["handled"]
     assert (tmp_path / "dump").stat().st_size

@@ -36,9 +36,9 @@ with mpsim.Simulation(scene, mpsim.Settings(method="{method}", workers=3, start_
 """
 
 
-def interrupt(text, after, delay):
+def interrupt(text, after, delay, warm=False):
     """Run a script, press Ctrl-C a while after it has printed a word, and check how it ends."""
-    with Script(text) as script:
+    with Script(text, warm=warm) as script:
         while script.line() != after:
             pass
         time.sleep(delay)
@@ -63,7 +63,7 @@ def test_an_interrupt_during_a_run_is_one_keyboard_interrupt(start):
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("method", ["naive", "grid"])
 def test_an_interrupt_on_one_process_is_one_keyboard_interrupt(method):
-    interrupt(SCRIPT.format(method=method, start="fork"), "running", 0.1)
+    interrupt(SCRIPT.format(method=method, start="fork"), "running", 0.1, warm=True)
 
 
 def interrupt_again_and_again(start, pause):

@@ -33,7 +33,7 @@ def command(*words: str, at: float = math.inf) -> str:
 def test_ctrl_c_stops_all_workers_and_leaves_a_run_that_goes_on(tmp_path):
     whole, out = tmp_path / "whole", tmp_path / "run"
     settings = ("run", "gas", "--frames", "400", "--every", "50", "--quiet", "--method")
-    outcome = run_script(command(*settings, "parallel", "--workers", "2", "--out", str(out), at=50))
+    outcome = run_script(command(*settings, "parallel", "--workers", "2", "--out", str(out), at=50), warm=True)
     assert outcome.code == 130, outcome.err
     frame = json.loads((out / "run.json").read_text())["frame"]
     assert outcome.out == ""

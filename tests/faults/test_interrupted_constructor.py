@@ -340,7 +340,7 @@ CALLS = {
 @pytest.mark.parametrize("call", long_but(CALLS, "tune"))
 def test_sigterm_to_a_search_of_settings_closes_what_it_has_open(call):
     """The resource tracker would complain of blocks that nobody has removed."""
-    with Script(TUNING.format(call=CALLS[call])) as script:
+    with Script(TUNING.format(call=CALLS[call]), warm=True) as script:
         while script.line() != "running":
             pass
         script.send(signal.SIGTERM)
@@ -355,7 +355,7 @@ def test_sigterm_that_the_system_gives_to_another_thread_ends_a_search_too():
     text = TUNING.replace(
         'print("running")', "time.sleep(1) or signal.pthread_kill(threading.get_ident(), signal.SIGTERM)"
     )
-    outcome = run_script(f"import signal, threading, time\n{text.format(call=CALLS['tune'])}", bound=20)
+    outcome = run_script(f"import signal, threading, time\n{text.format(call=CALLS['tune'])}", bound=20, warm=True)
     assert (outcome.code, outcome.out, outcome.err) == (143, "", "")
 
 

@@ -53,7 +53,7 @@ print(sum(attempt(number * {step}) for number in range({attempts})) > 3)
 @pytest.mark.parametrize(("method", "step"), [("grid", 5e-6), ("parallel", 4e-5)])
 def test_an_interrupt_while_discs_are_added_leaves_a_whole_state_or_a_closed_simulation(method, step):
     """Ctrl-C comes a little later each time, so that over the attempts it meets every part of the growth."""
-    outcome = run_script(SCRIPT.format(method=method, attempts=60, step=step), bound=60)
+    outcome = run_script(SCRIPT.format(method=method, attempts=60, step=step), bound=60, warm=True)
     assert_clean(outcome)
     assert outcome.out == "True\n", "hardly any interrupt came in time, which tests little"
 
@@ -61,7 +61,7 @@ def test_an_interrupt_while_discs_are_added_leaves_a_whole_state_or_a_closed_sim
 @pytest.mark.long
 @pytest.mark.timeout(600)
 def test_an_interrupt_at_any_moment_of_a_growth_does_no_harm(figures):
-    outcome = run_script(SCRIPT.format(method="parallel", attempts=2000, step=1e-6), bound=500)
+    outcome = run_script(SCRIPT.format(method="parallel", attempts=2000, step=1e-6), bound=500, warm=True)
     assert_clean(outcome)
     deed = "Ctrl-C at 2000 moments while discs are added"
     figures.note("R8", "parallel on 2", deed, "a whole state or a closed simulation", "2000 of 2000")

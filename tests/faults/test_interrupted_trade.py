@@ -113,7 +113,7 @@ def test_ctrl_c_ends_a_trade_of_long_runs_within_seconds(tmp_path):
     """Each run would take minutes; threads that nobody waits for must not go on."""
     said = "from mpsim.studies import ensemble\nrun = ensemble.long_run\n"
     said += "ensemble.long_run = lambda *given: print('running') or run(*given)\n"
-    with Script(said + SCRIPT.format(until=1e6, path=tmp_path / "kept.json")) as script:
+    with Script(said + SCRIPT.format(until=1e6, path=tmp_path / "kept.json"), warm=True) as script:
         while script.line() != "running":
             pass
         time.sleep(0.5)
@@ -150,7 +150,7 @@ Simulation(gas(20, 0.3), Settings(method="grid"))
 
 def test_a_kill_at_the_very_birth_of_a_block_leaves_no_block():
     """Threads of a trade make blocks all the time, and wait for each other just then."""
-    with Script(AT_BIRTH) as script:
+    with Script(AT_BIRTH, warm=True) as script:
         assert script.finish(30).code == -signal.SIGKILL
         assert script.line() == "1", "the control: there was a block"
         assert_nothing_left_of(script.pid)

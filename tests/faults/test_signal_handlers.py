@@ -40,7 +40,8 @@ def test_a_signal_handler_may_read_while_its_thread_is_reading():
             stop.append(True)
             signal.setitimer(signal.ITIMER_REAL, 0)
             print(sim.frame % 500, seen == sorted(seen))
-        """
+        """,
+        warm=True,
     )
     assert_clean(outcome)
     assert outcome.out == "0 True\n"

@@ -29,7 +29,7 @@ def terminate(path, method="parallel", workers=3, start="fork", group=False, bef
     """Run, end by SIGTERM, and require that nothing is left."""
     options = f", checkpoint={str(path)!r}, checkpoint_every=10**9" if with_checkpoint else ""
     text = TERMINATED.format(method=method, workers=workers, start=start, options=options, before=before, dt=dt)
-    with Script(text) as script:
+    with Script(text, warm=start == "fork") as script:
         assert script.line() == "running"
         time.sleep(0.3)
         (script.send_to_group if group else script.send)(signal.SIGTERM)
@@ -156,7 +156,9 @@ mpsim.tradeoff(
 def test_a_handler_in_c_is_back_after_a_run_and_left_alone_by_a_search_of_settings(register, act, tmp_path):
     """Python set what it knew of, the default; of what came before it, nothing: the handler of the run stayed."""
     path, dump = str(tmp_path / "run"), str(tmp_path / "dump")
-    outcome = run_script(IN_C.format(register=REGISTER[register], act=ACTS[act].format(path=path), dump=dump))
+    outcome = run_script(
+        IN_C.format(register=REGISTER[register], act=ACTS[act].format(path=path), dump=dump), warm=True
+    )
     assert_clean(outcome)
     *during, back, called = outcome.out.splitlines()
     assert during == ["143"] if act == "run" else set(during) == {"True"}

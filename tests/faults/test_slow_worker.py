@@ -63,7 +63,7 @@ print(digest == same, shared / alone)
 
 def test_workers_that_share_one_core_are_slow_and_right(figures):
     """A barrier among three on one core means three changes of process; it must not mean three time slices (4 ms)."""
-    outcome = run_script(ON_ONE_CORE)
+    outcome = run_script(ON_ONE_CORE, warm=True)
     assert_clean(outcome)
     same, factor = outcome.out.split()
     assert same == "True"
@@ -109,7 +109,7 @@ print("done")
 
 def test_a_coordinator_held_up_between_waking_workers_and_giving_the_command_still_gets_them():
     """On a busy machine the coordinator may lose its core at that moment; the workers must not go to sleep for good."""
-    outcome = run_script(HELD_UP, bound=20)
+    outcome = run_script(HELD_UP, bound=20, warm=True)
     assert_clean(outcome)
     assert outcome.out == "done\n"
 

@@ -217,7 +217,7 @@ def test_a_worker_that_raises_hands_over_its_traceback():
     except mpsim.WorkerDied as error:
         print(error.worker, error.exitcode, error.phase, "ValueError: the kernels are broken" in str(error))
     """
-    with Script(text) as script:
+    with Script(text, warm=True) as script:
         assert script.finish(30).out == "1 1 start-up True\n"
         assert_nothing_left_of(script.pid)
 
