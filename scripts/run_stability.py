@@ -51,7 +51,7 @@ def cost() -> None:
                 started = time.perf_counter()
                 speed_estimates.pace_of(sim.state.velocity, scene.radii, scene)
                 looks.append(time.perf_counter() - started)
-        look, every = statistics.median(looks), step_limits.Watch(scene, sim.settings, False).frames_ahead(0, count)
+        look, every = statistics.median(looks), step_limits.Watch(scene, sim.settings, True).frames_ahead(0, count)
         console.print(
             f"{count:,} discs: a frame {frame:.3g} s, a look {look:.3g} s, {look / every / frame:.2%} of a run"
         )

@@ -177,7 +177,7 @@ class Coordinator:
             self._pacer.note(workers, part.times.shape[1], float(np.median(part.times[0].sum(axis=1))) * 1e-9)
         record.take(part, self._scene)
         self.last_frame = solver.frame
-        if solver.capabilities.has_steps and solver.alarmed:  # look now: the run may end here, or be saved
+        if solver.alarmed:  # look now: the run may end here, or be saved
             self._adapt()
         self.watch.look_for_pressed(solver, self._access.notices)
         self._emit(self.emission.in_time)
@@ -195,8 +195,6 @@ class Coordinator:
     def _adapt(self) -> None:
         """Look at the speeds where there is reason to, and divide the frames to come as they need it."""
         solver = self.solver
-        if not solver.capabilities.has_steps:
-            return
         if solver.alarmed or self.watch.is_due(solver.frame, solver.count):
             with interrupts_held_back(), self._access.moving():
                 solver.divide(self.watch.judge(solver, self._access.notices))

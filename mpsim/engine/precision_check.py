@@ -6,6 +6,7 @@ import numpy as np
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
+from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -66,7 +67,7 @@ def check_precision(scene: Scene, settings: Settings) -> None:
 
 def squares_products(settings: Settings) -> bool:
     """Whether contacts are computed with the square of radius times speed: `push` does without."""
-    return settings.contact == "impact" or settings.method == "event"
+    return settings.contact == "impact" or not capabilities_of(settings).has_steps
 
 
 def spacing_of(scene: Scene, precision: str) -> float:
@@ -84,7 +85,8 @@ def coarseness(scene: Scene, settings: Settings) -> str | None:
             f"the smallest radius: directions of contacts are wrong by as much. Use {_finer(precision)}"
         )
     apart = math.sqrt(scene.width * scene.height / max(scene.count, 1))
-    if settings.method == "event" and scene.count > 1 and scene.smallest_radius < TINY * apart:
+    has_steps = capabilities_of(settings).has_steps
+    if not has_steps and scene.count > 1 and scene.smallest_radius < TINY * apart:
         words.append(
             f"discs of radius {scene.smallest_radius:.3g} are some {apart:.3g} apart: the square of the radius is lost "
             "beside that of the distance, so that the time of a contact is wrong by up to the time in which a disc "
@@ -98,17 +100,15 @@ def coarseness(scene: Scene, settings: Settings) -> str | None:
             f"contacts cannot be told. Use other units{_or_double(precision)}"
         )
     dt = settings.dt / settings.substeps
-    way = speed * dt
-    if settings.method == "event":  # which moves discs from collision to collision, not by steps
-        way = 0.0
-    if 0 < way < STEP_SPACINGS * spacing:
-        effect = "most discs do not move at all" if way < spacing / 2 else "rounding changes each step"
+    displacement = speed * dt
+    if has_steps and 0 < displacement < STEP_SPACINGS * spacing:
+        effect = "most discs do not move at all" if displacement < spacing / 2 else "rounding changes each step"
         words.append(
-            f"a disc of mean speed {speed:.3g} moves {way:.3g} in a step, {way / spacing:.2g} of the distance "
-            f"{spacing:.3g} between coordinates: {effect}. Use larger steps, or {_finer(precision)}"
+            f"a disc of mean speed {speed:.3g} moves {displacement:.3g} in a step, {displacement / spacing:.2g} of the "
+            f"distance {spacing:.3g} between coordinates: {effect}. Use larger steps, or {_finer(precision)}"
         )
     pull = 0.0 if scene.gravity is None else float(np.abs(scene.gravity).max())
-    if settings.method != "event" and 0 < pull * dt < float(np.finfo(precision).eps) * speed:
+    if has_steps and 0 < pull * dt < float(np.finfo(precision).eps) * speed:
         words.append(
             f"gravity changes a velocity by {pull * dt:.3g} in a step, which rounding loses beside a mean speed of "
             f"{speed:.3g}. Use larger steps{_or_double(precision)}"

@@ -21,7 +21,7 @@ from mpsim.engine.checkpointer import Checkpointer
 from mpsim.engine.coordinator import Coordinator
 from mpsim.engine.observers import Observer, Observers
 from mpsim.engine.report import Report
-from mpsim.engine.run_loop import RunLoop
+from mpsim.engine.run_loop import BetweenSlices, run_frames
 from mpsim.engine.solvers.base import Columns, Solver
 from mpsim.measure.run_averages import checked
 from mpsim.scene.scene import Scene
@@ -180,8 +180,8 @@ class Simulation:
             record = coordinator.record(names, frames)
         place = None if checkpoint is None else checkpoint_file.checked_place(checkpoint)
         with Checkpointer(self.save, place, checkpoint_every, checkpoint_seconds) as checkpoints:
-            loop = RunLoop(self, coordinator, access, record, observers, checkpoints, progress)
-            loop.run(frames, coordinator.recovery(record))
+            between = BetweenSlices(self, observers, checkpoints, progress)
+            run_frames(frames, coordinator, access, record, between)
         with access.whole:
             return coordinator.report(record, observers.seconds)
 
@@ -309,12 +309,13 @@ class Simulation:
             InputError: for `naive` and `event`, which have no columns.
         """
         solver = self._coordinator.open_solver()
-        if not solver.capabilities.has_columns:
+        found = solver.columns()
+        if found is None:
             raise InputError(
                 "columns are there only in methods that sort discs into them, 'grid' and 'parallel'; this run is by "
                 f"{solver.choice.method!r}. Use Settings(method='parallel', workers=...)."
             )
-        return solver.columns()
+        return found
 
     @property
     @reading

@@ -162,8 +162,6 @@ class Watch:
 
     def arm(self, solver: Solver) -> None:
         """Have the solver end its commands where a disc is too fast, or never, if there is no use in it."""
-        if not self._has_steps:
-            return
         alert = Alert()
         self._armed = not self._fast.given
         if self.adapts:

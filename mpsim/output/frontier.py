@@ -17,6 +17,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLo
 from matplotlib.transforms import Bbox, Transform
 from numpy.typing import NDArray
 
+from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.output.drawing import STYLE, new_figure, save_figure
 from mpsim.output.tables import UNITS
 from mpsim.scene.settings import Settings
@@ -59,8 +60,8 @@ def family(settings: Settings) -> str:
     >>> family(Settings(passes=2)), family(Settings(precision="float32", contact="push"))
     ('impact x2', 'float32')
     """
-    if settings.method == "event":
-        return "event"
+    if not capabilities_of(settings).has_steps:
+        return settings.method
     if settings.precision == "float32":
         return "float32"
     if settings.law == "reflect":
@@ -74,8 +75,8 @@ def short_label(settings: Settings) -> str:
     >>> short_label(Settings(dt=0.05)), short_label(Settings(dt=0.1, substeps=2, method="naive"))
     ('impact 0.05', 'impact 0.1/2, naive')
     """
-    if settings.method == "event":
-        return "event"
+    if not capabilities_of(settings).has_steps:
+        return settings.method
     step = f"{settings.dt:.3g}" + (f"/{settings.substeps}" if settings.substeps > 1 else "")
     workers = f", {settings.workers} workers" if settings.workers else ""
     method = f", {settings.method}" if settings.method != "auto" else ""

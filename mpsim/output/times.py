@@ -6,14 +6,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mpsim.engine.report import Report
+from mpsim.engine.solvers.methods import METHODS
 from mpsim.kernels.layout import PHASES
 from mpsim.output.drawing import STYLE, marker_of, new_figure
 
 PHASE_COLOURS: dict[str, str] = dict(zip(PHASES, ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#CCCCCC"), strict=True))
 """Waiting is grey."""
-
-PHASE_WORDS: dict[str, dict[str, str]] = {"naive": {"even columns": "pairs"}, "event": {"move": "events"}}
-"""What a method does in a phase, where that is not what the phase is called after."""
 
 
 def times(report: Report) -> Figure:
@@ -53,7 +51,7 @@ def times(report: Report) -> Figure:
 
 def phases_of(report: Report) -> dict[str, str]:
     """The phases that took any time, and what to call each: naive and event do not go by columns."""
-    words = PHASE_WORDS.get(report.method, {})
+    words = METHODS[report.method].phases
     return {name: words.get(name, name) for name in PHASES if report.phase_seconds[name].any()}
 
 

@@ -10,6 +10,7 @@ from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.measure.observables import TrajectoryDeviation, trajectory_error
 from mpsim.measure.predictability import Predictability, predictability, require_predictable
 from mpsim.scene.scene import Scene
@@ -137,7 +138,7 @@ of 1/3); got 5.0. Beyond that two correct solvers differ: compare averages such 
         collisions = run.run(frames=frames, progress=progress).collisions
         state = run.state
     reference = Settings(method="event", dt=time) if reference is None else reference
-    steps = 1 if reference.method == "event" else max(round(time / reference.dt), 1)
+    steps = max(round(time / reference.dt), 1) if capabilities_of(reference).has_steps else 1
     with Simulation(scene, replace(reference, dt=time / steps)) as exact:
         report = exact.run(frames=steps, progress=progress)
         error = trajectory_error(state, exact.state, scene)

@@ -9,6 +9,7 @@ import numpy as np
 
 from mpsim.core.errors import MpsimError
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.replicas import failure, quietly
@@ -59,11 +60,11 @@ def measure(scene: Scene, settings: Settings, until: float, whole: bool = False)
 
     Args:
         scene: the scene, run from its start.
-        settings: of the run. The frames of `event` are chosen here, as its dt does not matter for the cost.
+        settings: of the run. Frames without steps are chosen here, as their dt does not matter for the cost.
         until: longest time of the scene to run to [time]; then it starts again.
         whole: time whole runs to `until`, for a scene whose cost changes along the run.
     """
-    if settings.method == "event":
+    if not capabilities_of(settings).has_steps:
         settings = replace(settings, dt=until / 1000)
     try:
         with quietly():

@@ -17,6 +17,7 @@ from mpsim.core import checks
 from mpsim.core.errors import FastWarning, InputError, NotMeasurableError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.engine.workers.cores import usable_cores
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -179,7 +180,7 @@ class Ensemble:
 
     def _limit_of(self, settings: Settings) -> float:
         """Seconds after which a run is given up: from some starts the exact solver never reaches the end."""
-        if settings.method != "event":
+        if capabilities_of(settings).has_steps:
             return math.inf
         return max(TIME_LIMIT_FACTOR * self.preliminary.seconds * self.plan.until, LEAST_TIME_LIMIT)
 
@@ -200,7 +201,7 @@ class Ensemble:
 
     def _seconds_of(self, settings: Settings) -> float:
         """Forecast of the time of one accuracy run by itself [s]."""
-        if settings == self.preliminary.reference or settings.method == "event":
+        if settings == self.preliminary.reference or not capabilities_of(settings).has_steps:
             return self.preliminary.seconds * self.plan.until
         steps = self.plan.until / settings.dt * settings.substeps
         return steps * settings.passes * self.preliminary.step_seconds
@@ -338,7 +339,8 @@ class Ensemble:
     def _physics(self, settings: Settings) -> Settings:
         """The settings of a candidate's accuracy runs."""
         physics = physics_of(settings, self._scene.count)
-        return self.preliminary.reference if physics.method == self.preliminary.reference.method == "event" else physics
+        is_reference = self.preliminary.exact and capabilities_of(physics).is_exact
+        return self.preliminary.reference if is_reference else physics
 
     def _run(self, tasks: dict[str, tuple[Any, ...]]) -> None:
         """Run tasks through the executor, and save each result as it comes."""

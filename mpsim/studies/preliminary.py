@@ -12,6 +12,7 @@ import numpy as np
 from mpsim.core.errors import InputError, MpsimError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.engine.workers.cores import usable_cores
 from mpsim.features import FEATURES
 from mpsim.scene.scene import Scene
@@ -86,7 +87,7 @@ class PreliminaryRun:
     @property
     def exact(self) -> bool:
         """Whether the reference is the exact solver."""
-        return self.reference.method == "event"
+        return capabilities_of(self.reference).is_exact
 
     def further_starts(self, scene: Scene, first: int) -> tuple[State, ...]:
         """As many other states, between each start and the next, different for each number `first`."""

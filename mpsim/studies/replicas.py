@@ -120,8 +120,8 @@ class Plan:
 def physics_of(settings: Settings, count: int) -> Settings:
     """The settings with standard values for all that changes only the speed: candidates that share it share errors."""
     method = methods.choose(count, settings).method
-    if method == "event":
-        return Settings(method="event")
+    if not methods.capabilities_of(settings).has_steps:
+        return Settings(method=method)
     plain: dict[str, Any] = {"method": "grid" if method == "parallel" else method, "workers": None}
     return dataclasses.replace(settings, start_method=None, **plain)
 
@@ -193,7 +193,7 @@ def _stopping_progress(stop: threading.Event | None, seconds: float = math.inf) 
 
 
 def _averages(scene: Scene, settings: Settings, plan: Plan, progress: Progress) -> dict[str, Any]:
-    if settings.method == "event":  # whose frames only cut the run into pieces
+    if not methods.capabilities_of(settings).has_steps:  # frames only cut the run into pieces
         settings = dataclasses.replace(settings, dt=plan.until / PIECES)
     counted = [name for name in available(scene) if name in LONG and name != "speed_distribution"]
     pieces = min(PIECES, max(int(plan.until / settings.dt), 1))

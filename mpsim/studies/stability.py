@@ -24,6 +24,7 @@ import numpy as np
 from mpsim.core.errors import InputError, MpsimError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.measure.observables import overlap
 from mpsim.measure.pairs import lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene
@@ -72,8 +73,8 @@ class Row:
     @property
     def label(self) -> str:
         """The row in words."""
-        if self.method == "event":
-            return "event"
+        if not capabilities_of(self.settings(1.0)).has_steps:  # nothing else of the row changes what it does
+            return self.method
         words = [self.method, self.contact, self.law, self.precision]
         return " ".join(words + (["substep"] if self.on_fast == "substep" else []))
 
@@ -222,9 +223,9 @@ def _errors(trial: Trial, case: Case, scene: Scene, start: State, end: State, co
     errors |= _conserved(case, scene, start, end, masses, row)
     depth = overlap(end, scene).largest if scene.count < 10_000 else 0.0
     errors["overlap"] = depth / (2 * scene.smallest_radius)
-    exact = (
-        _exact(trial.axis, trial.value) if case.compares and row.law == "elastic" and row.method != "event" else None
-    )
+    if not case.compares or row.law != "elastic" or capabilities_of(row.settings(case.dt)).is_exact:
+        return errors
+    exact = _exact(trial.axis, trial.value)
     if exact is None:
         return errors
     state, met = exact

@@ -16,6 +16,7 @@ from mpsim.core.errors import InputError, MpsimError
 from mpsim.core.plain import json_text
 from mpsim.core.views import view
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies import ensemble
@@ -139,9 +140,9 @@ class Tradeoff:
 
 
 def label(settings: Settings) -> str:
-    """Short name of settings, without default values, and for `event` without dt, which it ignores."""
-    if settings.method == "event":
-        return "event"
+    """Short name of settings, without default values; of a method without steps its name, as nothing else matters."""
+    if not capabilities_of(settings).has_steps:
+        return settings.method
     words = [settings.method, settings.contact]
     words += [f"x{settings.passes}"] if settings.passes > 1 else []
     words += [settings.law] if settings.law != "elastic" else []

@@ -16,6 +16,7 @@ import numpy as np
 from mpsim.core import checks
 from mpsim.core.deferred_signals import terminated_by_exit
 from mpsim.core.errors import BudgetError, InputError, NotMeasurableError
+from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.default_candidates import families, step
@@ -169,11 +170,11 @@ class Search:
 
     def longest_step(self, family: Settings) -> None:
         """Search the longest step of a family inside all budgets."""
-        if family.method == "event" and not self._run.preliminary.exact:  # the scene is not for the exact solver
+        if capabilities_of(family).is_exact and not self._run.preliminary.exact:  # it cannot do the scene
             reason = f"not tried: errors are against {self._run.preliminary.reference_name}"
             self._trials[family] = Trial(Row(family, failure=reason), reason, False)
             return
-        if family.method == "event":
+        if not capabilities_of(family).has_steps:
             self._try(family)
             return
         speed = self._run.preliminary.speed
@@ -294,7 +295,7 @@ class Search:
 
     def _is_exact(self, settings: Settings) -> bool:
         """Whether this is the reference itself."""
-        return settings.method == self._run.preliminary.reference.method == "event"
+        return self._run.preliminary.exact and capabilities_of(settings).is_exact
 
     def _is_undecided(self, errors: dict[str, Deviation]) -> bool:
         """Whether more replicas could bring all errors inside the budgets."""
@@ -321,10 +322,11 @@ class Search:
         assert best.row.cost is not None
         settings = best.row.settings
         tighter = 1.0
-        if settings.method != "event":
+        if capabilities_of(settings).has_steps:
             order = self._orders.get(label(dataclasses.replace(settings, dt=1.0)), 1.0)
             tighter = 2 ** (1 / order)
-            exact = [_cost(each) for each in self._trials.values() if each.inside and each.row.label == "event"]
+            inside = [each for each in self._trials.values() if each.inside]
+            exact = [_cost(each) for each in inside if capabilities_of(each.row.settings).is_exact]
             tighter = min(tighter, *(cost / best.row.cost.median for cost in exact)) if exact else tighter
         tried = tuple(sorted(self._trials.values(), key=_cost))
         run = self._run

@@ -1,7 +1,7 @@
 """What every solver promises: the protocol by which a simulation, its emitters and its limits know a method.
 
 A new method is one file with a class that derives from `Solver`, and one line in `methods.METHODS`. Callers ask for
-`capabilities`, never for a class.
+`capabilities` (`methods.capabilities_of`), never for a class or a name.
 """
 
 import math
@@ -56,13 +56,13 @@ class Capabilities:
     """What can be known of a method before there is a solver.
 
     Attributes:
-        has_steps: frames are made of steps, so that a disc can be too fast for one. Only then callers use `pace`,
-            `alarmed`, `caught`, `set_alert` and `divide`.
-        has_columns: discs are sorted into the columns of a grid. Only then callers use `columns`.
+        has_steps: frames are made of steps, so that a disc can be too fast for one. Without steps `dt` only says when
+            frames end, and `contact`, `passes` and `substeps` change nothing.
+        is_exact: its only error is rounding, so that other methods are compared with it.
     """
 
     has_steps: bool
-    has_columns: bool
+    is_exact: bool = False
 
 
 class Solver(ABC):
@@ -97,6 +97,12 @@ class Solver(ABC):
     @abstractmethod
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         """Check that the method can do the scene, and plan."""
+        self._scene = scene
+        self._settings = settings
+        self.count = scene.count
+        self.choice = choice
+        self._radii = scene.radii.astype(float)
+        self._masses = scene.masses.astype(float)
 
     @abstractmethod
     def start(self) -> None:
@@ -164,14 +170,14 @@ class Solver(ABC):
         """Copies of positions and velocities now, (N, 2), with what else a state has. Taking them changes nothing."""
 
     @property
-    @abstractmethod
     def radii(self) -> NDArray[np.float64]:
         """Radius of each disc, shape (N,), a copy [length]."""
+        return self._radii.copy()
 
     @property
-    @abstractmethod
     def masses(self) -> NDArray[np.float64]:
         """Mass of each disc, shape (N,), a copy [mass]."""
+        return self._masses.copy()
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:
@@ -245,31 +251,27 @@ class Solver(ABC):
         """Process numbers of the workers other than this process, at any moment; none where all is done in it."""
         return []
 
-    # --- only where capabilities.has_columns
+    def columns(self) -> Columns | None:
+        """Column of the grid and owner of each disc; None where discs are not sorted into columns."""
+        return None
 
-    def columns(self) -> Columns:
-        """Column of the grid and owner of each disc."""
-        raise NotImplementedError
-
-    # --- only where capabilities.has_steps
+    # --- steps: without them no disc is too fast for one
 
     @property
     def alarmed(self) -> bool:
         """Whether a disc was too fast in the last command, and so ended it."""
-        raise NotImplementedError
+        return False
 
     def caught(self) -> Pace | None:
         """The disc that was too fast in the last command, reported once; None where there was none."""
-        raise NotImplementedError
+        return None
 
     def pace(self, new: NewDiscs | None = None) -> Pace:
         """How fast the discs are, those that are about to be added included."""
-        raise NotImplementedError
+        return Pace()
 
-    def set_alert(self, alert: Alert) -> None:
+    def set_alert(self, alert: Alert) -> None:  # noqa: B027 - not abstract, as a method may have no steps
         """From now on end a command with the frame in which a disc is so fast."""
-        raise NotImplementedError
 
-    def divide(self, substeps: int) -> None:
+    def divide(self, substeps: int) -> None:  # noqa: B027
         """Divide the frames that follow into so many steps, >= 1."""
-        raise NotImplementedError

@@ -54,16 +54,14 @@ class EventSolver(Solver):
         InputError: for a scene or setting that has no exact solution here, naming it.
     """
 
-    capabilities: ClassVar[Capabilities] = Capabilities(has_steps=False, has_columns=False)
+    capabilities: ClassVar[Capabilities] = Capabilities(has_steps=False, is_exact=True)
+    count: int
+    choice: Choice
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         _refuse_what_is_not_exact(scene, settings)
-        self.count: int = scene.count
-        self.choice: Choice = choice
-        self._scene = scene
-        self._settings = settings
+        super().__init__(scene, settings, choice)
         self._law = _law_of(scene, settings.dt)
-        self._radii, self._masses = scene.radii, scene.masses
         self._at_once = 10 * FEWEST_EVENTS
         self._stopped = 0.0
         self._progress: Any = np.zeros(2, np.int64)
@@ -212,16 +210,6 @@ class EventSolver(Solver):
         old = self._block
         self._store, self._block, self._box, self.count = store, block, box, len(store.order)
         old.close()
-
-    @property
-    def radii(self) -> NDArray[np.float64]:
-        """Radius of each disc, shape (N,) [length]."""
-        return self._radii.copy()
-
-    @property
-    def masses(self) -> NDArray[np.float64]:
-        """Mass of each disc, shape (N,) [mass]."""
-        return self._masses.copy()
 
     @property
     def guarded(self) -> int:

@@ -1,12 +1,10 @@
 """The methods grid and parallel: cells, columns in an even and an odd pass, in one process or on workers."""
 
-from typing import ClassVar
-
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.engine.feature_arrays import giant_radius, has_radii
-from mpsim.engine.solvers.base import Capabilities, Choice, Columns
+from mpsim.engine.solvers.base import Choice, Columns
 from mpsim.engine.solvers.snapshots import Snapshot
 from mpsim.engine.solvers.stepped import SteppedSolver
 from mpsim.engine.workers.arrays import Grid
@@ -20,8 +18,6 @@ from mpsim.scene.settings import Settings
 
 class GridSolver(SteppedSolver):
     """Frames by the passes of a grid. This process is worker 0; the others are there where `choice` may use them."""
-
-    capabilities: ClassVar[Capabilities] = Capabilities(has_steps=True, has_columns=True)
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         self._sorted_grid: Grid | None = None  # by which the discs lie in memory

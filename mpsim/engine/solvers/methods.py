@@ -4,7 +4,7 @@ import logging
 from typing import NamedTuple
 
 from mpsim.engine.notices import Notices
-from mpsim.engine.solvers.base import Choice, Solver
+from mpsim.engine.solvers.base import Capabilities, Choice, Solver
 from mpsim.engine.solvers.events import EventSolver
 from mpsim.engine.solvers.grid import GridSolver
 from mpsim.engine.solvers.naive import NaiveSolver
@@ -19,19 +19,24 @@ class Method(NamedTuple):
     Attributes:
         solver: class that runs the method.
         workers: whether it runs on as many processes as Settings.workers says; otherwise on one.
+        phases: what it does in a phase, where that is not what the phase is called after.
     """
 
     solver: type[Solver]
     workers: bool = False
+    phases: dict[str, str] = {}  # noqa: RUF012 - never changed
 
 
 METHODS: dict[str, Method] = {
-    "naive": Method(NaiveSolver),
+    "naive": Method(NaiveSolver, phases={"even columns": "pairs"}),
     "grid": Method(GridSolver),
     "parallel": Method(GridSolver, workers=True),
-    "event": Method(EventSolver),
+    "event": Method(EventSolver, phases={"move": "events"}),
 }
-"""Every method by its name in Settings; `auto` is one of them."""
+"""Every method by its name in Settings; `auto` is one of AUTO."""
+
+AUTO = ("naive", "grid", "parallel")
+"""Methods among which `auto` chooses."""
 
 NAIVE_UP_TO = 160
 """Discs up to which `auto` tests all pairs. A constant, not a measurement: naive and grid resolve contacts in different
@@ -40,6 +45,16 @@ orders, so the choice between them must depend on the scene alone for the bits t
 PARALLEL_FROM = 400
 """Discs from which `auto` starts workers, where there are cores for them. Then it measures whether they pay: it may,
 because one worker or many give the same bits."""
+
+
+def capabilities_of(settings: Settings) -> Capabilities:
+    """What the method of these settings can do: of `auto`, what all of AUTO can."""
+    names = AUTO if settings.method == "auto" else (settings.method,)
+    each = [METHODS[name].solver.capabilities for name in names]
+    return Capabilities(
+        has_steps=all(one.has_steps for one in each),
+        is_exact=all(one.is_exact for one in each),
+    )
 
 
 def choose(count: int, settings: Settings) -> Choice:

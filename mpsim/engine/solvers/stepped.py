@@ -37,19 +37,16 @@ class SteppedSolver(Solver):
     The state lives in the shared block, in whatever order the last frame sorted it; ids bring it back to the scene's.
     """
 
-    capabilities: ClassVar[Capabilities] = Capabilities(has_steps=True, has_columns=False)
+    capabilities: ClassVar[Capabilities] = Capabilities(has_steps=True)
+    count: int
+    choice: Choice
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
-        self.count: int = scene.count
-        self.choice: Choice = choice
-        self._scene = scene
-        self._settings = settings
+        super().__init__(scene, settings, choice)
         self.substeps: int = settings.substeps
         self._moving = False
         self._alert = Alert()
         self._begun = -1  # frames that were done when the last command was given to this block
-        self._radii = scene.radii.astype(float)
-        self._masses = scene.masses.astype(float)
         self._block = self._next_block(max(scene.count, 1), self._radii)
 
     def start(self) -> None:
@@ -196,16 +193,6 @@ class SteppedSolver(Solver):
     def state(self) -> State:
         """Copies in the order of the scene's discs."""
         return state_in(self._block, self._scene, self.count)
-
-    @property
-    def radii(self) -> NDArray[np.float64]:
-        """Radius of each disc, shape (N,) [length]."""
-        return self._radii.copy()
-
-    @property
-    def masses(self) -> NDArray[np.float64]:
-        """Mass of each disc, shape (N,) [mass]."""
-        return self._masses.copy()
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:

@@ -18,12 +18,12 @@ from mpsim.kernels.layout import PHASES
 class Ghosts(Solver):
     """Discs that fly straight on through everything. No more than what is abstract is defined."""
 
-    capabilities = Capabilities(has_steps=False, has_columns=False)
+    capabilities = Capabilities(has_steps=False)
 
     def __init__(self, scene, settings, choice):
-        self.count, self.choice, self.dt = scene.count, choice, settings.dt
-        self._kept = {"radii": scene.radii, "masses": scene.masses, "progress": np.zeros(2, np.int64)}
-        self._kept |= {"position": scene.position.copy(), "velocity": scene.velocity.copy()}
+        super().__init__(scene, settings, choice)
+        self._progress = np.zeros(2, np.int64)
+        self._kept = {"position": scene.position.copy(), "velocity": scene.velocity.copy()}
         self.open = False
 
     def start(self):
@@ -34,8 +34,8 @@ class Ghosts(Solver):
 
     def advance(self, frames, workers, stop=math.inf):
         for _ in range(frames):
-            self._kept["position"] += self.dt * self._kept["velocity"]
-        self._kept["progress"][0] += frames
+            self._kept["position"] += self._settings.dt * self._kept["velocity"]
+        self._progress[0] += frames
         return Slice(np.ones((1, frames, len(PHASES)), np.int64), 0, None)
 
     def record(self, tallied):
@@ -43,11 +43,11 @@ class Ghosts(Solver):
 
     @property
     def frame(self):
-        return int(self._kept["progress"][0])
+        return int(self._progress[0])
 
     @property
     def time(self):
-        return self.frame * self.dt
+        return self.frame * self._settings.dt
 
     def reached(self, time):
         return time <= self.time
@@ -55,25 +55,20 @@ class Ghosts(Solver):
     def state(self):
         return mpsim.State(self._kept["position"].copy(), self._kept["velocity"].copy())
 
-    @property
-    def radii(self):
-        return self._kept["radii"].copy()
-
-    @property
-    def masses(self):
-        return self._kept["masses"].copy()
-
     def add(self, new, choice):
-        named = {"position": new.position, "velocity": new.velocity, "radii": new.radius, "masses": new.mass}
-        self._kept |= {name: np.concatenate([self._kept[name], more]) for name, more in named.items()}
-        self.count, self.choice = len(self._kept["radii"]), choice
+        added = {"position": new.position, "velocity": new.velocity}
+        self._kept = {name: np.concatenate([self._kept[name], more]) for name, more in added.items()}
+        self._radii, self._masses = np.append(self._radii, new.radius), np.append(self._masses, new.mass)
+        self.count, self.choice = len(self._radii), choice
 
     def snapshot(self):
-        return {name: array.copy() for name, array in self._kept.items()}
+        each = {"radii": self._radii, "masses": self._masses, "progress": self._progress}
+        return {name: array.copy() for name, array in (self._kept | each).items()}
 
     def restore(self, snapshot, choice, new_workers, room=0):
-        self._kept = {name: array.copy() for name, array in snapshot.items()}
-        self.count, self.choice, self.open = len(snapshot["radii"]), choice, True
+        kept = {name: array.copy() for name, array in snapshot.items()}
+        self._radii, self._masses, self._progress = (kept.pop(name) for name in ("radii", "masses", "progress"))
+        self._kept, self.count, self.choice, self.open = kept, len(self._radii), choice, True
 
     @staticmethod
     def snapshot_shapes(scene, settings, count):
@@ -125,7 +120,8 @@ def test_what_a_method_cannot_do_is_refused_by_its_capabilities(settings):
 
 
 def test_a_snapshot_from_a_file_is_checked_by_its_method(settings, tmp_path, monkeypatch):
-    monkeypatch.setattr(Ghosts, "snapshot", lambda self: self._kept | {"velocity": self._kept["velocity"] * np.nan})
+    whole = Ghosts.snapshot
+    monkeypatch.setattr(Ghosts, "snapshot", lambda self: whole(self) | {"velocity": self._kept["velocity"] * np.nan})
     with mpsim.Simulation(lattice(3, 3), settings) as sim:
         path = sim.save(tmp_path / "run")
     with pytest.raises(mpsim.CheckpointError, match="ghosts have finite velocities"):
