@@ -23,6 +23,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import feature_cost
 import numpy as np
 import psutil
 from rich import box
@@ -34,7 +35,7 @@ import mpsim
 from mpsim.engine.workers.cores import usable_cores
 from mpsim.output import figures
 from mpsim.scene.settings import LAWS, PRECISIONS
-from mpsim.studies import benchmark, feature_cost
+from mpsim.studies import benchmark
 
 PARTS = ("fixed", "growth", "repeat", "scaling")
 SIZES = (100, 300, 1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000)

@@ -21,7 +21,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from run_bench import machine, make_folder
 
 import mpsim
-from mpsim.engine import speed_estimates, step_limits
+from mpsim.engine import step_limits
+from mpsim.engine.solvers import speeds
 from mpsim.output import stability_map
 from mpsim.studies import stability
 from mpsim.studies.extremes import AXES
@@ -49,9 +50,9 @@ def cost() -> None:
             looks = []
             for _ in range(30):
                 started = time.perf_counter()
-                speed_estimates.pace_of(sim.state.velocity, scene.radii, scene)
+                speeds.speeds_of(sim.state.velocity, scene.radii, scene)
                 looks.append(time.perf_counter() - started)
-        look, every = statistics.median(looks), step_limits.Watch(scene, sim.settings, True).frames_ahead(0, count)
+        look, every = statistics.median(looks), step_limits.StepLimits(scene, sim.settings, True).frames_ahead(0, count)
         console.print(
             f"{count:,} discs: a frame {frame:.3g} s, a look {look:.3g} s, {look / every / frame:.2%} of a run"
         )

@@ -20,6 +20,7 @@ from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.measure.run_averages import NAMES
 from mpsim.output.tables import measure_text
+from mpsim.output.trajectory import FORMATS
 from mpsim.scene import scenefile
 
 FRAMES = 500
@@ -46,7 +47,7 @@ Examples:
 @click.option("--out", type=click.Path(path_type=Path), help="Folder to write the run to.")
 @click.option("--every", type=click.IntRange(1), help="Frames between two of the trajectory; else 10 to 100 in all.")
 @click.option(
-    "--format", "kind", type=click.Choice(["xyz", "gsd"]), default="xyz", show_default=True, help="Of the trajectory."
+    "--format", "kind", type=click.Choice(FORMATS), default=FORMATS[0], show_default=True, help="Of the trajectory."
 )
 @click.option("--force", is_flag=True, help="Replace the run that is in the folder.")
 @terminal.json_option
@@ -75,7 +76,7 @@ def run(
     settings = terminal.settings_of(file, options)
     target = frames or (FRAMES if until is None else frames_until(until, settings.dt))
     if out is None:
-        for option, given in (("--every", every), ("--force", force), ("--format", kind != "xyz")):
+        for option, given in (("--every", every), ("--force", force), ("--format", kind != FORMATS[0])):
             if given:
                 raise click.UsageError(f"{option} needs --out, the folder to write to.")
         with Simulation(file.scene, settings) as sim:

@@ -22,7 +22,7 @@ from mpsim.core.errors import InputError, OutputError
 from mpsim.engine import checkpoint, checkpoint_validation
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
-from mpsim.output.trajectory import Trajectory
+from mpsim.output.trajectory import FORMATS, Trajectory
 from mpsim.scene.scene import Scene
 
 FORMAT = 1
@@ -48,8 +48,7 @@ _ALL = (
     STATE,
     PICTURE,
     "plot.png",
-    "trajectory.xyz",
-    "trajectory.gsd",
+    *(f"trajectory.{name}" for name in FORMATS),
 )
 
 

@@ -50,9 +50,9 @@ class Access:
 
     Attributes:
         use: of the thread that may change the simulation; None: it is not in use. It ends by a plain store.
-        whole: lock that is held by whoever moves discs or reads from another thread.
-        turn: lock that is held by whoever waits for `whole` in another thread; a run takes it between two slices, and
-            so lets the reader in.
+        state_lock: lock that is held by whoever moves discs or reads from another thread.
+        reader_lock: lock that is held by whoever waits for `state_lock` in another thread; a run takes it between two
+            slices, and so lets the reader in.
         readers: identifiers of the threads that wait for their turn to read, or have it.
         waiting: whether who runs frames waits until those have read; who comes now reads after the next slice, or
             threads that read again and again would stop the run.
@@ -60,21 +60,21 @@ class Access:
             thread, from a signal handler, must not look.
         reader: identifier of the thread that is reading; 0: none.
         closing: lock that is held by whoever closes the solver.
-        over: whether the program is ending, by a thread that holds `turn` for good.
-        notices: what is to be said when `whole` is let go.
+        ending: whether the program is ending, by a thread that holds `reader_lock` for good.
+        notices: what is to be said when `state_lock` is let go.
     """
 
     def __init__(self) -> None:
         self.creator: int = os.getpid()
         self.use: Use | None = None
-        self.whole: Any = threading.RLock()
-        self.turn: Any = threading.RLock()
+        self.state_lock: Any = threading.RLock()
+        self.reader_lock: Any = threading.RLock()
         self.readers: dict[int, bool] = {}
         self.waiting: bool = False
         self.changing: int = 0
         self.reader: int = 0
         self.closing: Any = threading.RLock()
-        self.over: bool = False
+        self.ending: bool = False
         self.notices: Notices = Notices()
         self._claiming = threading.RLock()
 
@@ -104,7 +104,7 @@ class Access:
             BusyError: while another is in progress; callbacks of `run` may do anything but run.
         """
         self.demand_own_process()
-        self.stop_if_over()
+        self.stop_if_ending()
         with self._claiming:
             held = self.use
             free = held is None and self.reader != use.thread
@@ -127,8 +127,8 @@ class Access:
 
     @contextmanager
     def moving(self) -> Iterator[None]:
-        """Hold `whole` while nobody may look, not even this thread in a signal handler."""
-        with self.whole:
+        """Hold `state_lock` while nobody may look, not even this thread in a signal handler."""
+        with self.state_lock:
             self.changing += 1
             try:
                 yield
@@ -144,18 +144,18 @@ class Access:
         self.demand_own_process()
         if self.readers:
             self.waiting = True  # until the next slice has begun
-            with self.turn:
+            with self.reader_lock:
                 pass
-        self.stop_if_over()
+        self.stop_if_ending()
 
-    def stop_if_over(self) -> None:
+    def stop_if_ending(self) -> None:
         """Stop this thread here for good if another one is ending the program.
 
-        Where `whole` is about to be taken: it goes to whoever comes first, so a thread that takes it again and again
-        would keep it from the one that waits.
+        Called where `state_lock` is about to be taken: that goes to whoever comes first, so a thread that takes it
+        again and again would keep it from the one that waits.
         """
-        if self.over:
-            with self.turn:
+        if self.ending:
+            with self.reader_lock:
                 pass
 
     def read_in_turn(self, read: Callable[[], R]) -> R:
@@ -166,7 +166,7 @@ class Access:
             time.sleep(GIVE_WAY)
         try:
             self.readers[here] = True
-            with self.turn, self.whole:
+            with self.reader_lock, self.state_lock:
                 before = self.reader
                 try:
                     self.reader = here
@@ -217,7 +217,7 @@ def exclusive(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S,
             access.notices.give()
             return result
         except Exception as error:
-            access.stop_if_over()
+            access.stop_if_ending()
             access.demand_own_process()  # a fork may have come back into the call, by a signal handler
             access.notices.give_beside(error)
             raise
@@ -241,8 +241,8 @@ def reading(method: Callable[[S], R]) -> Callable[[S], R]:
             if use is not None and use.thread == threading.get_ident():  # in a callback: between two slices
                 if access.changing:
                     raise access.busy(f"reading {method.__name__}", use)
-                access.stop_if_over()
-                with access.whole:  # at the end of the program another thread holds it for good
+                access.stop_if_ending()
+                with access.state_lock:  # at the end of the program another thread holds it for good
                     return method(self)
             return access.read_in_turn(lambda: method(self))
         finally:

@@ -17,7 +17,7 @@ TRIAL_AFTER = 1.0
 """Seconds of running after which `auto` tries the slower number of workers again: machine and scene may change."""
 
 
-class Pacer:
+class BatchSizer:
     """Chooses the next slice of a run from the frame times of those before.
 
     Args:

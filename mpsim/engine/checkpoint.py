@@ -33,6 +33,7 @@ from mpsim.core.errors import (
     level_of_caller,
 )
 from mpsim.features import FEATURES
+from mpsim.kernels.events import state as events
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -328,9 +329,10 @@ def _unpacked(path: Path) -> tuple[dict[str, Any], Arrays]:
 
 def _of_format_1(arrays: Arrays) -> Arrays:
     """Arrays as format 2 has them: the exact solver counted no virials by component, and counts them from there on."""
-    names = ("solver.tally", "solver.seen")
-    counts = {name: arrays[name] for name in names if name in arrays and arrays[name].shape in ((5,), (6,))}
-    return arrays | {name: np.insert(array, 5, [0.0, 0.0]) for name, array in counts.items()}
+    end = events.VIRIAL_XX  # of the entries that were there already; in `seen` the collisions follow them
+    shapes = {"solver.tally": (end,), "solver.seen": (end + 1,)}
+    counts = {name: arrays[name] for name, shape in shapes.items() if name in arrays and arrays[name].shape == shape}
+    return arrays | {name: np.insert(array, end, [0.0, 0.0]) for name, array in counts.items()}
 
 
 def _header_of(archive: ArrayFile) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """The coordinator of a simulation: its solver, and what acts on it between two commands.
 
-Emitters add discs, limits look at speeds, the pacer says how long the next command is, and a death is answered from
-snapshots. Who may call is settled before (`access.py`); who calls holds `access.whole`.
+Emitters add discs, limits look at speeds, the sizer says how long the next command is, and a death is answered from
+snapshots. Who may call is settled before (`access.py`); who calls holds `access.state_lock`.
 """
 
 import warnings
@@ -22,7 +22,7 @@ from mpsim.core.errors import (
 )
 from mpsim.core.state import State
 from mpsim.engine.access import Access
-from mpsim.engine.batch_size import Pacer
+from mpsim.engine.batch_size import BatchSizer
 from mpsim.engine.emission import Emission, Insert, Progress
 from mpsim.engine.insertion import NewDiscs
 from mpsim.engine.recovery import RecoverySnapshots, retried_on_new_workers
@@ -32,10 +32,10 @@ from mpsim.engine.shutdown import Closing
 from mpsim.engine.solvers import methods
 from mpsim.engine.solvers.base import Choice, Solver
 from mpsim.engine.solvers.snapshots import Snapshot, count_in
-from mpsim.engine.step_limits import Watch
+from mpsim.engine.step_limits import StepLimits
 from mpsim.engine.workers.arrays import MOST_FRAMES
 from mpsim.engine.workers.system_limits import refusals_named
-from mpsim.measure.run_averages import Gathering, Run
+from mpsim.measure.run_averages import Run, RunAverages
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -63,21 +63,21 @@ class Coordinator:
         self.emission: Emission = Emission(scene, settings, access.notices)
         choice = methods.choose(scene.count, settings)
         solver = methods.METHODS[choice.method].solver
-        self.watch: Watch = Watch(scene, settings, solver.capabilities.has_steps)
-        for text, kind in self.watch.at_start():
+        self.step_limits: StepLimits = StepLimits(scene, settings, solver.capabilities.has_steps)
+        for text, kind in self.step_limits.at_start():
             warnings.warn(text, kind, stacklevel=level_of_caller())
         methods.note_remark(choice, None, access.notices)
         access.notices.give()
-        self._pacer = Pacer(choice.workers, MOST_FRAMES)
+        self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
         self.solver: Solver = solver(scene, settings, choice)
         self._closing = Closing(simulation, self.solver, access)  # before there is anything to close
 
     def start(self) -> None:
         """Start the solver; where that fails, nothing is left of it."""
         try:
-            with self._access.whole, refusals_named():  # the end of the program waits until it can be closed
+            with self._access.state_lock, refusals_named():  # the end of the program waits until it can be closed
                 self.solver.start()
-                self.watch.arm(self.solver)
+                self.step_limits.set_limit(self.solver)
         except BaseException:
             with interrupts_held_back():
                 self._closing()
@@ -103,7 +103,7 @@ class Coordinator:
         """
         self._access.demand_own_process()
         if not self.alive:
-            self._access.stop_if_over()
+            self._access.stop_if_ending()
             raise ClosedError(
                 f"this simulation was closed after frame {self.last_frame}. A closed simulation has no state. "
                 "Use it inside its `with` block, take sim.state before, or make a new one."
@@ -112,13 +112,13 @@ class Coordinator:
 
     # --- runs
 
-    def record(self, names: tuple[str, ...], frames: int) -> RunRecord:
+    def begin_record(self, names: tuple[str, ...], frames: int) -> RunRecord:
         """Begin the record of a run of so many frames that gathers measures of these names."""
         solver = self.solver
         whole, guarded = solver.time == solver.frame * self._settings.dt, solver.guarded
-        gathering = Gathering(names, frames, self.state, whole)
-        self.between_frames(lambda: self.solver.record(gathering.counting))
-        return RunRecord(max(solver.choice.workers), gathering, whole, guarded)
+        averages = RunAverages(names, frames, self.state, whole)
+        self.between_frames(lambda: self.solver.set_tallied(averages.counting))
+        return RunRecord(max(solver.choice.workers), averages, whole, guarded)
 
     def recovery(self, record: RunRecord) -> RecoverySnapshots | None:
         """What answers deaths of workers in a run; None where the settings do not say so."""
@@ -130,8 +130,8 @@ class Coordinator:
         """The report of a run that is over."""
         solver = self.open_solver()
         resources = solver.resources()
-        ran = methods.what_ran(solver.choice, self._pacer.best, self._settings)
-        gathered = record.gathering.measures(Run(self._scene, solver.count, self._settings.dt))
+        ran = methods.what_ran(solver.choice, self._batch_sizer.best, self._settings)
+        gathered = record.averages.measures(Run(self._scene, solver.count, self._settings.dt))
         guarded = solver.guarded - record.guarded
         if guarded:
             self._access.notices.warn(
@@ -152,11 +152,11 @@ class Coordinator:
             if recovery is not None and solver.pids:
                 recovery.take()
             ahead = min(
-                record.gathering.frames_to_sample(record.done),
+                record.averages.frames_to_sample(record.done),
                 self.emission.frames_ahead(solver.frame),
-                self.watch.frames_ahead(solver.frame, solver.count),
+                self.step_limits.frames_ahead(solver.frame, solver.count),
             )
-            workers, size = self._pacer.next_slice(int(min(most, ahead)))
+            workers, size = self._batch_sizer.next_slice(int(min(most, ahead)))
             part = solver.advance(size, workers, self.emission.next_time)
         except WorkerDied as death:
             try:
@@ -170,16 +170,16 @@ class Coordinator:
             return
         except BaseException as error:
             refused = isinstance(error, (BusyError, TooFastError))  # which change nothing
-            if self.solver.torn or (isinstance(error, Exception) and not refused):
+            if self.solver.half_done or (isinstance(error, Exception) and not refused):
                 self.end()
             raise
         if part.times.shape[1]:
-            self._pacer.note(workers, part.times.shape[1], float(np.median(part.times[0].sum(axis=1))) * 1e-9)
+            self._batch_sizer.note(workers, part.times.shape[1], float(np.median(part.times[0].sum(axis=1))) * 1e-9)
         record.take(part, self._scene)
         self.last_frame = solver.frame
-        if solver.alarmed:  # look now: the run may end here, or be saved
+        if solver.too_fast:  # look now: the run may end here, or be saved
             self._adapt()
-        self.watch.look_for_pressed(solver, self._access.notices)
+        self.step_limits.look_for_pressed(solver, self._access.notices)
         self._emit(self.emission.in_time)
 
     def _emit(self, enter: Callable[[Solver, Insert], None]) -> None:
@@ -195,15 +195,15 @@ class Coordinator:
     def _adapt(self) -> None:
         """Look at the speeds where there is reason to, and divide the frames to come as they need it."""
         solver = self.solver
-        if solver.alarmed or self.watch.is_due(solver.frame, solver.count):
+        if solver.too_fast or self.step_limits.is_due(solver.frame, solver.count):
             with interrupts_held_back(), self._access.moving():
-                solver.divide(self.watch.judge(solver, self._access.notices))
+                solver.divide(self.step_limits.check(solver, self._access.notices))
 
     def look(self, new: NewDiscs) -> int:
         """Look at the speeds with new discs, and warn or refuse as is set. Returns the sub-steps from now on."""
         solver, notices = self.solver, self._access.notices
         with interrupts_held_back(), self._access.moving():
-            return self.watch.judge(solver, notices, new)
+            return self.step_limits.check(solver, notices, new)
 
     def state(self) -> State:
         """Copies of positions and velocities now."""
@@ -218,28 +218,28 @@ class Coordinator:
         snapshot, progress = kept
         before, choice = self.solver.choice, methods.choose(count_in(snapshot), self._settings)
         with interrupts_held_back(), self._access.moving():
-            if methods.of_one_solver(before, choice):
+            if methods.same_solver(before, choice):
                 self.solver.restore(snapshot, choice, new_workers)
             else:
-                self._succeed(choice, snapshot)
+                self._replace_solver(choice, snapshot)
             methods.note_remark(choice, before, self._access.notices)
             self.emission.progress = progress
-            self._pacer = Pacer(choice.workers, MOST_FRAMES)
+            self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
 
     def resume(self, snapshot: Snapshot, emission: Progress) -> None:
         """Continue from a checkpoint, as if what was warned of before it had not been."""
         self.restore((snapshot, emission), new_workers=False)
-        self.watch = Watch(self._scene, self._settings, self.solver.capabilities.has_steps)
-        self.watch.arm(self.solver)
+        self.step_limits = StepLimits(self._scene, self._settings, self.solver.capabilities.has_steps)
+        self.step_limits.set_limit(self.solver)
 
-    def _succeed(self, choice: Choice, snapshot: Snapshot, room: int = 0) -> None:
+    def _replace_solver(self, choice: Choice, snapshot: Snapshot, room: int = 0) -> None:
         """Put another solver in the place of the present one, where `auto` changes the method."""
         old, new = self.solver, methods.METHODS[choice.method].solver(self._scene, self._settings, choice)
         new.tallied = old.tallied
         self._closing.solvers.append(new)  # before there is anything to close
         try:
             new.restore(snapshot, choice, new_workers=True, room=room)
-            self.watch.arm(new)
+            self.step_limits.set_limit(new)
         except BaseException:
             self._closing.solvers.remove(new)
             new.close()
@@ -255,7 +255,7 @@ class Coordinator:
             try:
                 retried_on_new_workers(action, renew, self._access.notices)
             except BaseException as error:
-                if self.solver.torn or isinstance(error, (BusyError, WorkerDied, WorkerStalled)):  # left halfway
+                if self.solver.half_done or isinstance(error, (BusyError, WorkerDied, WorkerStalled)):  # left halfway
                     self.end()
                 raise
 
@@ -265,8 +265,8 @@ class Coordinator:
         before, choice = self.solver.choice, methods.choose(count, self._settings)
 
         def grow() -> None:
-            if not methods.of_one_solver(self.solver.choice, choice):
-                self._succeed(choice, self.solver.snapshot(), count)
+            if not methods.same_solver(self.solver.choice, choice):
+                self._replace_solver(choice, self.solver.snapshot(), count)
             self.solver.add(new, choice)
             if substeps != self.solver.substeps:
                 self.solver.divide(substeps)
@@ -274,4 +274,4 @@ class Coordinator:
         self.between_frames(grow)
         methods.note_remark(choice, before, self._access.notices)
         if choice != before:
-            self._pacer = Pacer(choice.workers, MOST_FRAMES)
+            self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import EmitterWarning, InputError
 from mpsim.engine.columns import has_masses
-from mpsim.engine.entry_flight import Landing, launched
+from mpsim.engine.entry_flight import FlightEnd, end_of_flight
 from mpsim.engine.feature_arrays import has_radii
 from mpsim.engine.insertion import NewDiscs, checked, hindrance
 from mpsim.engine.notices import Notices, Once
@@ -100,17 +100,17 @@ class Emission:
         heapq.heapify(due)
         plan, crowd, now = copy.copy(self), _Crowd(self._scene, solver), solver.time
         plan.progress = self.progress
-        entering: list[tuple[Emitter, Landing]] = []
+        entering: list[tuple[Emitter, FlightEnd]] = []
         while due:
             time, index = heapq.heappop(due)
             emitter = self._emitters[index]
             radius, _ = self._kind(emitter)
-            landing = launched(self._scene, emitter, radius, max(now - time, 0.0), now)
+            end = end_of_flight(self._scene, emitter, radius, max(now - time, 0.0), now)
             name = f"the position of emitters[{index}]"
-            hindered = hindrance(self._scene, now, crowd.radius, name, landing.position, radius)
-            free = not hindered and crowd.admits(landing.position, radius)
+            hindered = hindrance(self._scene, now, crowd.radius, name, end.position, radius)
+            free = not hindered and crowd.admits(end.position, radius)
             if free:
-                entering.append((emitter, landing))
+                entering.append((emitter, end))
             else:
                 self._warn(index, emitter, solver.frame if emitter.every else time, hindered)
             plan._note(index, solver.frame, free)
@@ -137,10 +137,10 @@ class Emission:
         self._due[index] += (every or TRIES) if entered else 1
         self._emitted[index] += entered
 
-    def _discs(self, solver: Solver, entering: list[tuple[Emitter, Landing]]) -> NewDiscs:
+    def _discs(self, solver: Solver, entering: list[tuple[Emitter, FlightEnd]]) -> NewDiscs:
         """The discs that enter, checked as any that are added."""
         scene = self._scene
-        positions, velocities, images = map(np.array, zip(*(landing for _, landing in entering), strict=True))
+        positions, velocities, images = map(np.array, zip(*(end for _, end in entering), strict=True))
         radii, masses = np.array([self._kind(emitter) for emitter, _ in entering]).T
         new = checked(
             scene,

@@ -24,7 +24,7 @@ MOST_PERIODS = 2.0**53
 """Periods of one flight that are counted at most, as in the kernels."""
 
 
-class Landing(NamedTuple):
+class FlightEnd(NamedTuple):
     """Where a flight ends: position, velocity, and periods moved through each periodic border, all of shape (2,)."""
 
     position: Floats
@@ -32,7 +32,7 @@ class Landing(NamedTuple):
     image: NDArray[np.int64]
 
 
-def launched(scene: Scene, emitter: Emitter, radius: float, elapsed: float, time: float) -> Landing:
+def end_of_flight(scene: Scene, emitter: Emitter, radius: float, elapsed: float, time: float) -> FlightEnd:
     """Where a disc is that left an emitter some time ago, and how fast [length], [length/time].
 
     It has flown freely: position + v s + g s^2/2 and v + g s. A flight that meets a wall or a capsule
@@ -49,7 +49,7 @@ def launched(scene: Scene, emitter: Emitter, radius: float, elapsed: float, time
     start, velocity = np.array(emitter.position), np.array(emitter.velocity)
     image = np.zeros(2, np.int64)
     if elapsed == 0:
-        return Landing(start, velocity, image)
+        return FlightEnd(start, velocity, image)
     gravity = np.zeros(2) if scene.gravity is None else scene.gravity
 
     def places(times: Floats) -> Floats:
@@ -76,7 +76,7 @@ def launched(scene: Scene, emitter: Emitter, radius: float, elapsed: float, time
             place[axis] %= length
             periods = np.rint((end - place[axis]) / length)
             image[axis] = periods if abs(periods) < MOST_PERIODS else 0
-    return Landing(place, velocity + flown * gravity, image)
+    return FlightEnd(place, velocity + flown * gravity, image)
 
 
 def _last_clear(clear: Callable[[Floats], NDArray[np.bool_]], flown: float, beyond: float, rounding: float) -> float:

@@ -11,6 +11,7 @@ from mpsim.engine.columns import columns_of
 from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.features import FEATURES
 from mpsim.kernels import layout
+from mpsim.measure.driving import acceleration_bound
 from mpsim.scene.scene import Scene
 
 FEW_GIANTS = 8
@@ -101,9 +102,7 @@ def typical_momentum(scene: Scene, dt: float) -> float:
     in motion. Where nothing can move by itself: of a disc that moves its radius in a step of dt [time].
     """
     mass = float(scene.masses.mean()) if scene.count else 1.0
-    fields = [np.atleast_2d(field) for field in (scene.gravity, scene.acceleration) if field is not None]
-    pull = sum(float(np.hypot(*field.T).max(initial=0.0)) for field in fields)
-    fall = math.sqrt(pull * max(scene.width, scene.height))
+    fall = math.sqrt(acceleration_bound(scene) * max(scene.width, scene.height))
     speeds = [fall] if (wall := scene.moving_wall) is None else [fall, abs(wall.speed)]
     momenta = [math.sqrt(float(((scene.velocity * scene.masses[:, None]) ** 2).mean())) if scene.count else 0.0]
     if scene.emitters:

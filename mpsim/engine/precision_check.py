@@ -47,7 +47,7 @@ def check_precision(scene: Scene, settings: Settings) -> None:
             checks.fitting(name, getattr(scene, name), precision)
     product = 8 * scene.largest_radius * float(np.abs(scene.velocity).max(initial=0.0))
     most = math.sqrt(float(np.finfo(precision).max))
-    if product > most and squares_products(settings):
+    if product > most and computes_contact_times(settings):
         raise InputError(
             f"radius times velocity must be at most {most / 8:.3g} in {precision}, so that its square fits; got "
             f"{product / 8:.3g}. Use other units{_or_double(precision)}."
@@ -65,7 +65,7 @@ def check_precision(scene: Scene, settings: Settings) -> None:
         )
 
 
-def squares_products(settings: Settings) -> bool:
+def computes_contact_times(settings: Settings) -> bool:
     """Whether contacts are computed with the square of radius times speed: `push` does without."""
     return settings.contact == "impact" or not capabilities_of(settings).has_steps
 
@@ -94,7 +94,7 @@ def coarseness(scene: Scene, settings: Settings) -> str | None:
         )
     speed = math.sqrt(float((scene.velocity**2).sum(axis=1).mean())) if scene.count else 0.0
     square = (speed * scene.smallest_radius) ** 2
-    if squares_products(settings) and 0 < square < VANISHING * float(np.finfo(precision).tiny):
+    if computes_contact_times(settings) and 0 < square < VANISHING * float(np.finfo(precision).tiny):
         words.append(
             f"the square of mean speed {speed:.3g} times radius {scene.smallest_radius:.3g} is lost, so that times of "
             f"contacts cannot be told. Use other units{_or_double(precision)}"

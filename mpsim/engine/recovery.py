@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from mpsim.core.errors import WorkerDied
 from mpsim.engine.notices import Notices
@@ -57,6 +57,13 @@ def retried_on_new_workers(act: Callable[[], None], renew: Callable[[], None] | 
             died = True
 
 
+class Kept(NamedTuple):
+    """A snapshot, and where the record of the run stood."""
+
+    snapshot: Any
+    mark: Mark
+
+
 class RecoverySnapshots:
     """Snapshots of a run, and the return to the last one when a worker has died.
 
@@ -72,15 +79,15 @@ class RecoverySnapshots:
         self._restore = restore
         self._record = record
         self._notices = notices
-        self._kept: tuple[Any, Mark] | None = None
+        self._kept: Kept | None = None
         self._due = 0.0
         self._deaths = 0
 
     def take(self) -> None:
         """Take a snapshot if it is time for one and there is anything new to keep."""
         started = time.perf_counter()
-        if started >= self._due and (self._kept is None or self._record.done > self._kept[1][0]):
-            self._kept = self._take(), self._record.mark()
+        if started >= self._due and (self._kept is None or self._record.done > self._kept.mark.done):
+            self._kept = Kept(self._take(), self._record.mark())
             now = time.perf_counter()
             self._due = now + max(SNAPSHOT_SECONDS, (now - started) / SNAPSHOT_FRACTION)
             self._deaths = 0
@@ -96,7 +103,7 @@ class RecoverySnapshots:
             if self._kept is None or self._deaths > MOST_DEATHS:
                 raise death
             snapshot, mark = self._kept
-            frames = self._record.done - mark[0]
+            frames = self._record.done - mark.done
             log_death(death, f"going back {frames} frames and more" if frames else "trying again", self._notices)
             self._record.rewind(mark)
             try:

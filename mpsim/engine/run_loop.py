@@ -39,7 +39,7 @@ def run_frames(
     while record.done < frames:
         ahead = min(frames - record.done, checkpoints.frames_ahead(record.done))
         access.let_readers_in()
-        with access.whole:
+        with access.state_lock:
             access.waiting = False
             before = coordinator.open_solver().frame  # which says so if an observer has closed it
             coordinator.advance(min(ahead, observers.frames_ahead(before)), record, recovery)

@@ -1,31 +1,38 @@
 """What a run has taken and counted so far."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.engine.report import Slice
+from mpsim.engine.solvers.slices import Slice
 from mpsim.kernels.layout import PHASES
-from mpsim.measure.run_averages import Gathering
+from mpsim.measure.run_averages import RunAverages
 from mpsim.scene.scene import Scene
 
-Mark = tuple[int, int, int, Any]
+
+class Mark(NamedTuple):
+    """How far a run had come: frames and collisions, slices of times, and what had been gathered for measures."""
+
+    done: int
+    collisions: int
+    slices: int
+    gathered: Any
 
 
 class RunRecord:
     """Times, collisions and counts of the frames of a run so far.
 
     Attributes:
-        gathering: averages for its measures.
+        averages: averages for its measures.
         whole: whether it began between two frames, not inside one.
         guarded: losses that the solver's guard had suppressed before.
         done: frames.
         collisions: contacts resolved.
     """
 
-    def __init__(self, workers: int, gathering: Gathering, whole: bool, guarded: int):
-        self.gathering = gathering
+    def __init__(self, workers: int, averages: RunAverages, whole: bool, guarded: int):
+        self.averages = averages
         self.whole: bool = whole
         self.guarded: int = guarded
         self.done: int = 0
@@ -39,17 +46,17 @@ class RunRecord:
         self._times.append(part.times)
         self.collisions += part.contacts
         if size:
-            self.gathering.take(part.tally, self.done, scene)
+            self.averages.take(part.tally, self.done, scene)
 
     def mark(self) -> Mark:
         """Where it stands, for `rewind`."""
-        return self.done, self.collisions, len(self._times), self.gathering.mark()
+        return Mark(self.done, self.collisions, len(self._times), self.averages.mark())
 
     def rewind(self, mark: Mark) -> None:
         """Forget what came after a mark."""
-        self.done, self.collisions, slices, gathered = mark
-        del self._times[slices:]
-        self.gathering.rewind(gathered)
+        self.done, self.collisions = mark.done, mark.collisions
+        del self._times[mark.slices :]
+        self.averages.rewind(mark.gathered)
 
     @property
     def times(self) -> NDArray[np.int64]:

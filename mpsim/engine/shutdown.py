@@ -82,9 +82,9 @@ def _close_all() -> None:
             access, closing = ours[0]
             # Never let go: a daemon thread that uses the simulation stops at these, where it is whole, and the
             # interpreter ends while it waits.
-            access.over = True
-            access.turn.acquire()
-            access.whole.acquire()
+            access.ending = True
+            access.reader_lock.acquire()
+            access.state_lock.acquire()
             closing()
 
 

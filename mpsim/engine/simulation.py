@@ -123,7 +123,7 @@ class Simulation:
     @reading
     def state(self) -> State:
         """Copies of all positions and velocities, in the order of the scene's discs (added ones follow)."""
-        if (solver := self._coordinator.open_solver()).torn:  # in a signal handler, just after a worker has died
+        if (solver := self._coordinator.open_solver()).half_done:  # in a signal handler, just after a worker has died
             raise self._access.busy("reading state", self._access.use)
         return solver.state()
 
@@ -176,13 +176,13 @@ class Simulation:
         coordinator.open_solver()
         frames = frame_count.frames_wanted(frames, until, self._settings.dt, self.frame, self.time)
         observers, names = Observers(observe), checked(measures, self._scene, self.count)
-        with access.whole:
-            record = coordinator.record(names, frames)
+        with access.state_lock:
+            record = coordinator.begin_record(names, frames)
         place = None if checkpoint is None else checkpoint_file.checked_place(checkpoint)
         with Checkpointer(self.save, place, checkpoint_every, checkpoint_seconds) as checkpoints:
             between = BetweenSlices(self, observers, checkpoints, progress)
             run_frames(frames, coordinator, access, record, between)
-        with access.whole:
+        with access.state_lock:
             return coordinator.report(record, observers.seconds)
 
     @exclusive
@@ -208,7 +208,7 @@ class Simulation:
         ...         again.frame
         20
         """
-        with self._access.whole:
+        with self._access.state_lock:
             solver = self._coordinator.open_solver()
             run, arrays = {"frame": solver.frame, "emission": self._coordinator.emission.progress}, solver.snapshot()
         return checkpoint_file.write(path, self._scene, self._settings, run, arrays)

@@ -22,17 +22,15 @@ from mpsim.engine.insertion import NewDiscs
 from mpsim.engine.notices import Notices, Once
 from mpsim.engine.precision_check import coarseness
 from mpsim.engine.solvers.base import Solver
-from mpsim.engine.speed_alarm import Alert
+from mpsim.engine.solvers.speed_limit import SpeedLimit
+from mpsim.engine.solvers.speeds import Speeds, sides_at, speeds_of
 from mpsim.engine.speed_estimates import (
-    Pace,
-    pace_after_fall,
-    pace_in_equilibrium,
-    pace_of,
-    pace_of_emitters,
-    pace_of_the_pushed,
-    pull_of,
-    sides_at,
+    speeds_after_fall,
+    speeds_in_equilibrium,
+    speeds_of_emitters,
+    speeds_of_pushed,
 )
+from mpsim.measure.driving import acceleration_bound
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -40,20 +38,20 @@ BOUND = 1.0
 """Displacement of a disc in one step, as a fraction of its radius (of its free distance between walls), from which on
 it is too fast."""
 
-MEETINGS = 1.0
+COLLISIONS = 1.0
 """Collisions of a disc in one step, on average, from which on too many are missed: those that follow from others."""
 
 AIM = 0.5
 """Fraction of both bounds kept by on_fast="substep" where it looks."""
 
-ALERT = 0.7
+SUBSTEP_LIMIT = 0.7
 """Fraction of the bound from which on on_fast="substep" looks at once: where two equal discs meet, neither leaves
 faster than sqrt(2) times the faster one came, so that the frame that is seen too late stays below the bound."""
 
 ADAPT_EVERY = 16
 """Frames between two looks of on_fast="substep", and in boxes so narrow that a bound of theirs is below the radius."""
 
-WATCH_EVERY, WATCH_LARGE_EVERY, LARGE = 4096, 1024, 8192
+LOOK_EVERY, LOOK_LARGE_EVERY, LARGE = 4096, 1024, 8192
 """Frames between two looks where nothing but collisions changes speeds: fewer from LARGE discs on, where a look costs
 far less than a frame. Either way a look takes less than a hundredth of the time."""
 
@@ -66,11 +64,11 @@ GAIN = 0.25
 MOST_SUBSTEPS = 10_000
 """Sub-steps of a frame that on_fast="substep" chooses at most: more are a mistake in dt or in a speed."""
 
-ABOVE = 1 + 1e-5
+JUST_ABOVE = 1 + 1e-5
 """Where kernels see a disc, in parts of the bound: rounding of float32 must not let them see what is not above it."""
 
 
-class Watch:
+class StepLimits:
     """Looks at the fastest disc, and at collisions in a step, and acts as Settings.on_fast says.
 
     Args:
@@ -83,8 +81,8 @@ class Watch:
         self._settings = settings
         self._has_steps = has_steps
         self._fast, self._pressed = Once(given=not has_steps), Once(given=not has_steps)  # so that nobody looks
-        self._armed = False
-        self._pull = pull_of(scene)
+        self._has_limit = False
+        self._acceleration = acceleration_bound(scene)
         narrow = any(
             not wraps and length < 3 * scene.largest_radius
             for wraps, length in zip(scene.periodic, sides_at(scene, math.inf), strict=True)
@@ -120,7 +118,7 @@ class Watch:
         if not self._has_steps:
             return
         if self.adapts:
-            self.substeps_for(pace_of(scene.velocity, scene.radii, scene), 0)
+            self.substeps_for(speeds_of(scene.velocity, scene.radii, scene), 0)
             return
         fast = self.forecast()
         if fast:
@@ -131,10 +129,10 @@ class Watch:
     def forecast(self) -> str | None:
         """What there is to say of the speeds at the start, and of those that will certainly come."""
         scene = self._scene
-        pace = pace_of(scene.velocity, scene.radii, scene)
-        ahead = [pace, pace_after_fall(pace, scene), pace_of_emitters(scene), pace_of_the_pushed(pace, scene)]
+        speeds = speeds_of(scene.velocity, scene.radii, scene)
+        ahead = [speeds, speeds_after_fall(speeds, scene), speeds_of_emitters(scene), speeds_of_pushed(speeds, scene)]
         if self._settings.law == "elastic":
-            ahead.append(pace_in_equilibrium(pace, scene))
+            ahead.append(speeds_in_equilibrium(speeds, scene))
         return next(filter(None, (self._complaint(each, 0) for each in ahead)), None)
 
     @property
@@ -149,8 +147,8 @@ class Watch:
         return min(every - frame % every for every in self._periods(frame, count))
 
     def is_due(self, frame: int, count: int) -> bool:
-        """Whether this is a frame before which to look, or to end the alert as the warning was given."""
-        return self._armed if self._fast.given else self._is_look(frame, count, 1)
+        """Whether this is a frame before which to look, or to lift the limit as the warning was given."""
+        return self._has_limit if self._fast.given else self._is_look(frame, count, 1)
 
     def _is_look(self, frame: int, count: int, rarer: int) -> bool:
         """Whether this frame is one of every so many looks, for any reason to look."""
@@ -160,17 +158,17 @@ class Watch:
         """Whether so many discs are to be looked at for what presses them into each other."""
         return not self._pressed.given and may_be_pressed(self._scene, count)
 
-    def arm(self, solver: Solver) -> None:
+    def set_limit(self, solver: Solver) -> None:
         """Have the solver end its commands where a disc is too fast, or never, if there is no use in it."""
-        alert = Alert()
-        self._armed = not self._fast.given
+        speed_limit = SpeedLimit()
+        self._has_limit = not self._fast.given
         if self.adapts:
-            alert = Alert(ALERT * BOUND, self._gain(solver.frame, 1))
-        elif self._armed:
-            alert = Alert(ABOVE * BOUND)
-        solver.set_alert(alert)
+            speed_limit = SpeedLimit(SUBSTEP_LIMIT * BOUND, self._gain(solver.frame, 1))
+        elif self._has_limit:
+            speed_limit = SpeedLimit(JUST_ABOVE * BOUND)
+        solver.set_speed_limit(speed_limit)
 
-    def judge(self, solver: Solver, notices: Notices, new: NewDiscs | None = None) -> int:
+    def check(self, solver: Solver, notices: Notices, new: NewDiscs | None = None) -> int:
         """Look at the speeds, and warn where that is wanted. Returns how many sub-steps to take from now on.
 
         Args:
@@ -182,15 +180,15 @@ class Watch:
             TooFastError: if the settings do not allow such speeds, or they would need too many sub-steps.
         """
         if self._fast.given:
-            if self._armed:
-                self.arm(solver)
+            if self._has_limit:
+                self.set_limit(solver)
             return solver.substeps
         frame = solver.frame
-        pace = solver.pace(new).or_faster(solver.caught())
+        speeds = solver.speeds(new).or_faster(solver.disc_too_fast())
         if self.adapts:
-            self.arm(solver)
-            return self.substeps_for(pace, frame)
-        text = self._complaint(pace, frame)
+            self.set_limit(solver)
+            return self.substeps_for(speeds, frame)
+        text = self._complaint(speeds, frame)
         if text:
             self._refuse_if_wanted(text)
             notices.warn(text, FastWarning, self._fast)
@@ -214,23 +212,23 @@ class Watch:
         if text:
             notices.warn(text, FastWarning, self._pressed)
 
-    def substeps_for(self, pace: Pace, frame: int) -> int:
-        """Sub-steps that keep speeds and meetings at AIM of their bounds, and below the bounds until the next look.
+    def substeps_for(self, speeds: Speeds, frame: int) -> int:
+        """Sub-steps that keep speeds and collisions at AIM of their bounds, and below the bounds until the next look.
 
         Raises:
             TooFastError: if they are more than MOST_SUBSTEPS.
         """
         dt = self._settings.dt
-        gained = self._gain(frame, ADAPT_EVERY) * dt / min(pace.limit, pace.smallest)
-        part = max((pace.part(dt) + gained) / BOUND, pace.meetings * dt / MEETINGS) / AIM
-        if math.isinf(part):
-            raise TooFastError(f"{self._words(pace, frame)} No number of sub-steps is enough. Use a larger box.")
-        if not part <= MOST_SUBSTEPS:
+        gained = self._gain(frame, ADAPT_EVERY) * dt / min(speeds.limit, speeds.smallest)
+        fraction = max((speeds.fraction(dt) + gained) / BOUND, speeds.collision_rate * dt / COLLISIONS) / AIM
+        if math.isinf(fraction):
+            raise TooFastError(f"{self._words(speeds, frame)} No number of sub-steps is enough. Use a larger box.")
+        if not fraction <= MOST_SUBSTEPS:
             raise TooFastError(
-                f"{self._words(pace, frame)} on_fast='substep' takes at most {MOST_SUBSTEPS} sub-steps, and would need "
-                f"{part:.3g}. Use a smaller dt."
+                f"{self._words(speeds, frame)} on_fast='substep' takes at most {MOST_SUBSTEPS} sub-steps, and would "
+                f"need {fraction:.3g}. Use a smaller dt."
             )
-        return max(self._settings.substeps, math.ceil(part))
+        return max(self._settings.substeps, math.ceil(fraction))
 
     def _gain(self, frame: int, frames: int) -> float:
         """Speed that a disc can gain in so many frames by other things than discs: acceleration, a moving wall.
@@ -239,22 +237,22 @@ class Watch:
         """
         last, wall = frame - frame % ADAPT_EVERY, self._scene.moving_wall
         push = 2 * abs(wall.speed) if wall is not None and last <= self._squeezed else 0.0
-        return self._pull * self._settings.dt * frames + push
+        return self._acceleration * self._settings.dt * frames + push
 
-    def _complaint(self, pace: Pace, frame: int) -> str | None:
+    def _complaint(self, speeds: Speeds, frame: int) -> str | None:
         """What to tell of the fastest disc, or None where it is slow enough."""
         settings = self._settings
         dt = settings.dt / settings.substeps
-        part, meetings = pace.part(dt) / BOUND, pace.meetings * dt / MEETINGS
-        if part <= 1 and meetings <= 1:
+        fraction, collisions = speeds.fraction(dt) / BOUND, speeds.collision_rate * dt / COLLISIONS
+        if fraction <= 1 and collisions <= 1:
             return None
-        needed = settings.substeps * max(part, meetings) / AIM
+        needed = settings.substeps * max(fraction, collisions) / AIM
         remedy = "Use a larger box"
         if math.isfinite(needed):
             remedy = f"Use dt={settings.dt * settings.substeps / needed:.2g}"
             remedy += f", substeps={math.ceil(needed)}" if needed <= MOST_SUBSTEPS else ""
             remedy += " or on_fast='substep'"
-        text = f"{self._words(pace, frame)} {remedy}"
+        text = f"{self._words(speeds, frame)} {remedy}"
         if settings.on_fast == "error":
             return f"{text}; on_fast='warn' runs it all the same."
         return f"{text}; method='event' has no such bound."
@@ -263,36 +261,36 @@ class Watch:
         if self._settings.on_fast == "error":
             raise TooFastError(text)
 
-    def _words(self, pace: Pace, frame: int) -> str:
+    def _words(self, speeds: Speeds, frame: int) -> str:
         dt = self._settings.dt / self._settings.substeps
-        part, meetings = pace.part(dt), pace.meetings * dt
-        when = pace.when or f"in frame {frame}"
-        if math.isinf(meetings):
+        fraction, collisions = speeds.fraction(dt), speeds.collision_rate * dt
+        when = speeds.when or f"in frame {frame}"
+        if math.isinf(collisions):
             return f"{when} discs fill the box more densely than they can be packed, so that they overlap."
-        if not part > BOUND and meetings > MEETINGS:
+        if not fraction > BOUND and collisions > COLLISIONS:
             return (
-                f"{when} a disc collides some {meetings:.3g} times in one step (mean speed "
-                f"{pace.mean_speed:.3g}, step {dt:.3g}); above {MEETINGS:g} many collisions that follow from others "
-                "are missed."
+                f"{when} a disc collides some {collisions:.3g} times in one step (mean speed "
+                f"{speeds.mean_speed:.3g}, step {dt:.3g}); above {COLLISIONS:g} many collisions that follow from "
+                "others are missed."
             )
-        length = f"its radius {pace.limit:.3g}"
-        if pace.between:
-            length = f"its free path {pace.limit:.3g} between the walls along {pace.between}"
-        lost = "bounces are lost" if pace.between else "discs may pass through each other unseen"
+        length = f"its radius {speeds.limit:.3g}"
+        if speeds.between:
+            length = f"its free path {speeds.limit:.3g} between the walls along {speeds.between}"
+        lost = "bounces are lost" if speeds.between else "discs may pass through each other unseen"
         return (
-            f"{when} {'a disc' if pace.disc < 0 else f'disc {pace.disc}'} moves {part:.3g} times {length} in one step "
-            f"(speed {pace.speed:.3g}, step {dt:.3g}); above {BOUND:g} {lost}."
+            f"{when} {'a disc' if speeds.disc < 0 else f'disc {speeds.disc}'} moves {fraction:.3g} times {length} in "
+            f"one step (speed {speeds.speed:.3g}, step {dt:.3g}); above {BOUND:g} {lost}."
         )
 
     def _periods(self, frame: int, count: int) -> list[int]:
         """Frames between two looks, for each reason that there is for them."""
-        periods = [WATCH_LARGE_EVERY if count >= LARGE else WATCH_EVERY]
+        periods = [LOOK_LARGE_EVERY if count >= LARGE else LOOK_EVERY]
         if self._often:
             periods.append(ADAPT_EVERY)
-        if self._pull > 0:
+        if self._acceleration > 0:
             bound = BOUND * self._scene.smallest_radius / self._settings.dt * self._settings.substeps
-            frames = GAIN * bound / (self._pull * self._settings.dt)
-            periods.append(max(math.ceil(min(frames, WATCH_EVERY)), ADAPT_EVERY))
+            frames = GAIN * bound / (self._acceleration * self._settings.dt)
+            periods.append(max(math.ceil(min(frames, LOOK_EVERY)), ADAPT_EVERY))
         if frame <= self._squeezed:
             periods.append(self._squeezing)
         return periods

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.features.edges import EDGES
+from mpsim.measure.driving import has_fields
 from mpsim.measure.statistics import FEWEST_EVENTS, Measure, block_average, ratio_average
 from mpsim.scene.scene import Scene
 
@@ -82,7 +83,7 @@ def _alternation(pressure: float, mass: float, run: Run) -> float:
     Discs carry it at their speed v, and collisions transfer it over a diameter, together at v P V / (N k T).
     """
     scene = run.scene
-    if scene.gravity is not None or scene.acceleration is not None or not (pressure > 0 and run.speed > 0):
+    if has_fields(scene) or not (pressure > 0 and run.speed > 0):
         return 0.0
     passed = pressure * scene.width * scene.height / (run.count * mass * run.speed)
     return max(_free(scene)) / (passed * run.dt)

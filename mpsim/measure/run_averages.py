@@ -2,14 +2,14 @@
 
 There are three kinds. *Counted* measures are sums that the kernels keep for each frame on request (impulses on walls
 and between discs, overlaps). *Sampled* measures are functions of a state, taken at fixed frames, so that neither the
-number of workers nor the length of a slice can change them. *Balances* compare the final state with the initial one
+number of workers nor the length of a slice can change them. *Drifts* compare the final state with the initial one
 and with the counts in between.
 """
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import chain
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from mpsim.features import FEATURES
 from mpsim.kernels import records
 from mpsim.measure import observables
 from mpsim.measure.counted import COMPONENTS, COUNTED, Counts, Run
+from mpsim.measure.driving import conserves_energy, has_fields, has_losses
 from mpsim.measure.statistics import Measure, block_average
 from mpsim.scene.scene import Scene
 
@@ -72,16 +73,12 @@ def momentum_drift(counts: Counts, run: Run, before: State, after: State) -> flo
     return float(np.hypot(*(gained - given))) / (momenta * time) if momenta else 0.0
 
 
-BALANCES: dict[str, Callable[[Counts, Run, State, State], float]] = {
+DRIFTS: dict[str, Callable[[Counts, Run, State, State], float]] = {
     "energy_drift": energy_drift,
     "momentum_drift": momentum_drift,
 }
 
-NAMES = (*COUNTED, *SAMPLED, *BALANCES)
-
-
-def _has_losses(scene: Scene) -> bool:
-    return scene.restitution < 1 or (scene.wall_restitution < 1 and not all(scene.periodic))
+NAMES = (*COUNTED, *SAMPLED, *DRIFTS)
 
 
 def _fills(scene: Scene, axis: int) -> bool:
@@ -89,9 +86,15 @@ def _fills(scene: Scene, axis: int) -> bool:
     return not scene.periodic[axis] and (scene.width, scene.height)[axis] <= 2 * scene.largest_radius
 
 
-_Rule = tuple[tuple[str, ...], Callable[[Scene], bool], str, str]
+class _Refusal(NamedTuple):
+    """Measures that are wrong in scenes that have something: its name in words, and what to do instead."""
 
-_BALANCED = ("energy_drift", "momentum_drift")
+    measures: tuple[str, ...]
+    is_in: Callable[[Scene], bool]
+    what: str
+    remedy: str
+
+
 _VIRIALS = ("pressure_virial", *COMPONENTS)
 
 
@@ -100,68 +103,68 @@ def _names_of(measures: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(chain.from_iterable(_VIRIALS if name == "virial" else (name,) for name in measures))
 
 
-_RULES: tuple[_Rule, ...] = (
-    (
+_REFUSALS: tuple[_Refusal, ...] = (
+    _Refusal(
         _VIRIALS,
-        lambda scene: scene.gravity is not None or scene.acceleration is not None,
+        has_fields,
         "gravity and acceleration, which the virial leaves out",
         "Use 'pressure', the impulses on the walls.",
     ),
-    (
+    _Refusal(
         _VIRIALS,
-        _has_losses,
+        has_losses,
         "losses (a restitution below 1), as the virial takes the kinetic energy for constant",
         "Use 'pressure', the impulses on the walls.",
     ),
-    (
+    _Refusal(
         _VIRIALS,
         lambda scene: scene.smallest_radius < scene.largest_radius and not all(scene.periodic),
         "discs of several sizes between walls, which each keep the centres at a distance of their own",
         "Use 'pressure', the impulses on the walls.",
     ),
-    (
+    _Refusal(
         ("pressure_virial",),
         lambda scene: _fills(scene, 0) and _fills(scene, 1),
         "discs as wide and high as the box, which have no room to move",
         "Use 'pressure', the impulses on the walls.",
     ),
-    (
+    _Refusal(
         ("pressure_xx",),
         lambda scene: _fills(scene, 0),
         "discs as wide as the box, which have no room to move along x",
         "Use 'pressure_yy', along which they have.",
     ),
-    (
+    _Refusal(
         ("pressure_yy",),
         lambda scene: _fills(scene, 1),
         "discs as high as the box, which have no room to move along y",
         "Use 'pressure_xx', along which they have.",
     ),
     *(
-        (_names_of(spoiled.measures), feature.is_in, spoiled.what, spoiled.remedy)
+        _Refusal(_names_of(spoiled.measures), feature.is_in, spoiled.what, spoiled.remedy)
         for feature in FEATURES
         for spoiled in feature.spoils
     ),
-    (
+    _Refusal(
         ("pressure_xy",),
         lambda scene: not all(scene.periodic),
         "walls, which are smooth and take up no such momentum",
         "Use 'pressure_xx' and 'pressure_yy', or a box with boundary='periodic'.",
     ),
-    (
+    _Refusal(
         ("collision_rate", "missed_collisions"),
-        lambda scene: _has_losses(scene) and (scene.gravity is not None or scene.acceleration is not None),
+        lambda scene: has_losses(scene) and has_fields(scene),
         "losses under gravity or acceleration, where discs come to rest on each other and are in contact all the time",
         "Use 'overlap'; or of a run 'contact_rate', the contacts resolved, of which each step makes anew those of "
         "discs at rest.",
     ),
-    (
+    _Refusal(
         ("energy_drift",),
         observables.has_periodic_field,
         "fields along periodic axes, round which discs fall without end",
         "Give such an axis walls.",
     ),
-    (
+    _Refusal(
         ("pressure",),
         lambda scene: not all(scene.periodic) and not Run(scene, 0, 1.0).walls,
         "absorbing edges all round, which leave no wall",
@@ -182,13 +185,13 @@ def refusal(name: str, scene: Scene, count: int | None = None) -> str | None:
     True
     """
     virial = name == "pressure" and all(scene.periodic)
-    for names, present, what, remedy in _RULES:
-        if ("pressure_virial" if virial else name) in names and present(scene):
-            hint = "Without walls it is the virial: give the scene walls." if virial else remedy
-            return f"measures may hold {name!r} only without {what}; this scene has them. {hint}"
+    for each in _REFUSALS:
+        if ("pressure_virial" if virial else name) in each.measures and each.is_in(scene):
+            hint = "Without walls it is the virial: give the scene walls." if virial else each.remedy
+            return f"measures may hold {name!r} only without {each.what}; this scene has them. {hint}"
     grown = count not in (None, scene.count) or bool(scene.emitters)
-    weighed = name in ("kinetic_energy", "temperature", *_VIRIALS, *_BALANCED) or virial
-    accelerated = name in _BALANCED and scene.acceleration is not None
+    weighed = name in ("kinetic_energy", "temperature", *_VIRIALS, *DRIFTS) or virial
+    accelerated = name in DRIFTS and scene.acceleration is not None
     if grown and (accelerated or (weighed and (scene.mass is not None or any(e.mass for e in scene.emitters)))):
         what = "acceleration" if accelerated else "mass"
         return (
@@ -230,7 +233,7 @@ class Measures(dict[str, Measure]):
         )
 
 
-class Gathering:
+class RunAverages:
     """Collects the data of the requested measures, slice by slice.
 
     Args:
@@ -238,13 +241,13 @@ class Gathering:
         frames: of the run; states are sampled about every frames / SAMPLES frames.
         state: returns a copy of the current state.
         whole: whether the run begins with a whole frame. After Ctrl-C inside a frame it does not; the counts then
-            include all of that frame: rates are right, but balances between two states are not.
+            include all of that frame: rates are right, but drifts between two states are not.
     """
 
     def __init__(self, names: tuple[str, ...], frames: int, state: Callable[[], State], whole: bool = True):
         self._names = names
         self._state = state
-        self._before = state() if whole and any(name in BALANCES for name in names) else None
+        self._before = state() if whole and any(name in DRIFTS for name in names) else None
         self._counts: list[Counts] = []
         self._sampled: dict[str, Callable[[State, Scene], Any]] = {n: SAMPLED[n] for n in names if n in SAMPLED}
         if any(name in COMPONENTS for name in names):
@@ -255,7 +258,7 @@ class Gathering:
     @property
     def counting(self) -> bool:
         """Whether the kernels must count."""
-        return any(name in COUNTED or name in BALANCES for name in self._names)
+        return any(name in COUNTED or name in DRIFTS for name in self._names)
 
     def frames_to_sample(self, done: int) -> int:
         """Number of frames until the next sample; very large if none is needed."""
@@ -298,7 +301,7 @@ class Gathering:
             elif self._before is None or not len(counts):
                 results[name] = Measure(float("nan"), float("nan"), 1, settled=False)
             else:
-                value = BALANCES[name](counts, run, self._before, self._state())
+                value = DRIFTS[name](counts, run, self._before, self._state())
                 results[name] = Measure(value, float("nan"), 1, settled=False)
         return results
 
@@ -321,10 +324,7 @@ def _cannot_change(name: str, run: Run) -> bool:
 
     Collisions change a kurtosis; they conserve the energy if nothing else changes it.
     """
-    scene = run.scene
-    forced = any(field is not None and field.any() for field in (scene.gravity, scene.acceleration))
-    driven = forced or _has_losses(scene) or scene.moving_wall is not None or scene.absorbing or scene.emitters
-    return not driven and (name != "speed_kurtosis" or run.count == 1)
+    return conserves_energy(run.scene) and (name != "speed_kurtosis" or run.count == 1)
 
 
 def _speed(state: State) -> float:

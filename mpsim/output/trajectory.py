@@ -10,7 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, NamedTuple, overload
 
 from mpsim.core import atomic, checks
 from mpsim.core.errors import InputError, OutputError, TrajectoryError, TrajectoryWarning, level_of_caller
@@ -23,11 +23,21 @@ from mpsim.output.xyz import XyzReader, XyzWriter
 
 logger: logging.Logger = logging.getLogger("mpsim")
 
-ENDINGS: dict[str, tuple[Callable[[Path], Reader], Callable[[Path, str], Writer]]] = {
-    ".xyz": (XyzReader, XyzWriter),
-    ".extxyz": (XyzReader, XyzWriter),
-    ".gsd": (GsdReader, GsdWriter),
-}
+
+class Format(NamedTuple):
+    """A format of trajectories: its usual ending, without the dot, and what reads and writes it."""
+
+    name: str
+    reader: Callable[[Path], Reader]
+    writer: Callable[[Path, str], Writer]
+
+
+XYZ, GSD = Format("xyz", XyzReader, XyzWriter), Format("gsd", GsdReader, GsdWriter)
+
+ENDINGS: dict[str, Format] = {".xyz": XYZ, ".extxyz": XYZ, ".gsd": GSD}
+
+FORMATS: tuple[str, ...] = tuple(dict.fromkeys(each.name for each in ENDINGS.values()))
+"""Names of all formats."""
 
 
 class Trajectory:
@@ -59,7 +69,7 @@ class Trajectory:
         self.path: Path = _path_of(path)
         if not self.path.is_file():
             raise TrajectoryError(f"a trajectory must be a file that can be read; {str(self.path)!r} is none.")
-        self._reader: Reader = ENDINGS[self.path.suffix.lower()][0](self.path)
+        self._reader: Reader = ENDINGS[self.path.suffix.lower()].reader(self.path)
         self._range = range(len(self._reader))
 
     def __len__(self) -> int:
@@ -149,7 +159,7 @@ class TrajectoryWriter:
         if mode != "x":
             Claim(self.path).release()  # before the file is emptied, if nobody writes it
         self._unchecked = mode == "a" and self.path.exists() and self.path.stat().st_size > 0
-        kind = ENDINGS[self.path.suffix.lower()][1]
+        kind = ENDINGS[self.path.suffix.lower()].writer
         try:
             # A trajectory grows frame by frame, under its own name: a kill costs the frame in hand, not all of them.
             if mode == "w":  # never through a link
@@ -186,7 +196,7 @@ class TrajectoryWriter:
         """Cut the file back to the frame of the simulation, after checking that it belongs to it."""
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            reader: Reader = ENDINGS[self.path.suffix.lower()][0](self.path)
+            reader: Reader = ENDINGS[self.path.suffix.lower()].reader(self.path)
         for each in caught:
             logger.warning("mpsim: %s It is cut off.", each.message)
         try:

@@ -11,6 +11,7 @@ from mpsim.core.errors import InputError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.measure.driving import acceleration_bound
 from mpsim.measure.observables import TrajectoryDeviation, trajectory_error
 from mpsim.measure.predictability import Predictability, predictability, require_predictable
 from mpsim.scene.scene import Scene
@@ -49,10 +50,7 @@ class ShortRun:
 def typical_speed(scene: Scene) -> float:
     """Root mean square speed, that of a fall through the largest diameter included [length/time]."""
     kinetic = float((scene.velocity**2).sum(axis=1).mean()) if scene.count else 0.0
-    acceleration = 0.0 if scene.gravity is None else float(np.hypot(*scene.gravity))
-    if scene.acceleration is not None and scene.count:
-        acceleration += float(np.hypot(*scene.acceleration.T).max())
-    return math.sqrt(kinetic + 2 * acceleration * 2 * scene.largest_radius)
+    return math.sqrt(kinetic + 2 * acceleration_bound(scene) * 2 * scene.largest_radius)
 
 
 def divergence(scene: Scene, seed: int = 0, progress: Callable[[int, int], None] | None = None) -> Predictability:

@@ -15,6 +15,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.engine.workers.cores import usable_cores
 from mpsim.features import FEATURES
+from mpsim.measure import driving
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.comparison import divergence, typical_speed
@@ -174,30 +175,19 @@ def preliminary_run(
 
 def _comes_to_rest(scene: Scene) -> bool:
     """Whether discs with losses settle in a field: from some starts the exact solver then never reaches the end."""
-    pressed = scene.gravity is not None or scene.acceleration is not None
-    return pressed and min(scene.restitution, scene.wall_restitution) < 1
-
-
-def _is_gas(scene: Scene) -> bool:
-    """Whether the scene is neither driven nor dissipative, so that a short run is representative of a long one."""
-    driven = scene.gravity is not None or scene.acceleration is not None or scene.moving_wall is not None
-    lossless = scene.restitution == scene.wall_restitution == 1
-    return lossless and not driven and not scene.emitters and not scene.absorbing
+    return driving.has_fields(scene) and driving.has_losses(scene)
 
 
 def _speed_of_fall(scene: Scene) -> float:
     """Speed of a fall through a radius [length/time]: a scale of motion when all discs have come to rest."""
-    acceleration = 0.0 if scene.gravity is None else float(np.hypot(*scene.gravity))
-    if scene.acceleration is not None and scene.count:
-        acceleration = max(acceleration, float(np.hypot(*scene.acceleration.T).max()))
-    return math.sqrt(2 * acceleration * scene.smallest_radius)
+    return math.sqrt(2 * driving.strongest_field(scene) * scene.smallest_radius)
 
 
 def _speed_to_come(scene: Scene) -> float:
     """Typical speed, including discs of emitters and a moving wall [length/time]."""
     speeds = [typical_speed(scene), *(float(np.hypot(*np.array(each.velocity))) for each in scene.emitters)]
-    if scene.emitters and scene.gravity is not None:
-        speeds.append(math.sqrt(2 * float(np.hypot(*scene.gravity)) * 2 * scene.largest_radius))
+    if scene.emitters:
+        speeds.append(math.sqrt(2 * driving.gravity_strength(scene) * 2 * scene.largest_radius))
     if (wall := scene.moving_wall) is not None and scene.count:
         speeds.append(abs(wall.speed))
     return max(speeds)
@@ -281,7 +271,7 @@ def _observe_stepped(scene: Scene, settings: Settings, crossing: float, until: f
 def _observe(
     scene: Scene, settings: Settings, crossing: float, until: float | None, limit_seconds: float
 ) -> Observation:
-    """A run of STARTS blocks: to `until`; without it, and for a gas at most, of COLLISIONS each."""
+    """A run of STARTS blocks: to `until`; without it, and at most where energy is conserved, of COLLISIONS each."""
     collisions, guarded, seconds = 0, 0, 0.0
     with quietly(), Simulation(scene, settings) as sim:
         states = [sim.state]
@@ -290,7 +280,8 @@ def _observe(
         for number in range(1, STARTS + 1):
             if until is not None:
                 block = max(int(until * number / STARTS / settings.dt) - sim.frame, 1)
-                block = min(block, likely) if _is_gas(scene) else block
+                # Of a gas left to itself a short run is like a long one.
+                block = min(block, likely) if driving.conserves_energy(scene) else block
             started = time.thread_time()
             report = sim.run(frames=block, progress=progress)
             seconds += time.thread_time() - started

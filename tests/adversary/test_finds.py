@@ -61,7 +61,7 @@ def test_a_flight_that_ends_at_its_start_takes_a_few_looks(monkeypatch):
     blocked = box_of(
         position=np.zeros((0, 2)), velocity=np.zeros((0, 2)), obstacles=[mpsim.FixedDisc((5, 5), 1)], emitters=launcher
     )
-    entry_flight.launched(blocked, launcher, 0.5, 0.3, 1.3)
+    entry_flight.end_of_flight(blocked, launcher, 0.5, 0.3, 1.3)
     assert 2 <= len(looks) < 70, f"{len(looks)} looks"
 
 

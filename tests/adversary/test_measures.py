@@ -342,7 +342,7 @@ def check_that_factors_are_seen(seed, names):
     assert set(names) <= set(check_run(seed))
     for name in names:
         kinds = next(
-            kinds for kinds in (run_averages.COUNTED, run_averages.SAMPLED, run_averages.BALANCES) if name in kinds
+            kinds for kinds in (run_averages.COUNTED, run_averages.SAMPLED, run_averages.DRIFTS) if name in kinds
         )
         right = kinds[name]
         kinds[name] = lambda *given, right=right: SCALED[type(right(*given))](right(*given))

@@ -133,7 +133,7 @@ def test_frames_divided_at_once_are_the_same_after_a_resume(leaps, tmp_path):
 
 def test_without_the_alert_the_bits_are_others(leaps, monkeypatch):
     """The control: what is compared above depends on where frames are divided."""
-    monkeypatch.setattr("mpsim.engine.step_limits.ALERT", 1e9)
+    monkeypatch.setattr("mpsim.engine.step_limits.SUBSTEP_LIMIT", 1e9)
     with simulate(struck(), method="grid", **JUMPS) as sim:
         sim.run(frames=FRAMES)
         assert sim.digest() != leaps[1]

@@ -152,7 +152,7 @@ def test_a_signal_handler_changes_nothing_inside_a_run_and_reads_what_is_whole(m
     assert refused > 20
 
 
-MIDDLE = {"grid": "_deal", "event": "_play"}
+MIDDLE = {"grid": "_deal", "event": "_run_kernel"}
 
 
 @pytest.mark.parametrize("method", MIDDLE)

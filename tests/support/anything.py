@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 import mpsim
-from mpsim.engine.speed_estimates import pace_of
-from mpsim.engine.step_limits import Watch
+from mpsim.engine.solvers.speeds import speeds_of
+from mpsim.engine.step_limits import StepLimits
 
 NUMBERS = [0.0, -0.0, 1.0, -1.0, 0.25, -3.0, 1e-30, 50.0, -1e5]
 
@@ -66,8 +66,8 @@ def _chosen_substeps(rng: Any, scene: mpsim.Scene, settings: dict[str, Any]) -> 
     if chosen["on_fast"] == "warn":
         return chosen
     try:
-        watch = Watch(scene, mpsim.Settings(**chosen), has_steps=True)
-        needed = watch.substeps_for(pace_of(scene.velocity, scene.radii, scene), 0)
+        limits = StepLimits(scene, mpsim.Settings(**chosen), has_steps=True)
+        needed = limits.substeps_for(speeds_of(scene.velocity, scene.radii, scene), 0)
     except mpsim.TooFastError:
         return settings | {"on_fast": "warn"}
     return chosen | {"dt": settings["dt"] * min(1.0, 4 / needed)}

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 import mpsim
-from mpsim.engine.speed_alarm import Alert
+from mpsim.engine.solvers.speed_limit import SpeedLimit
 from mpsim.engine.workers.arrays import MOST_FRAMES
 from mpsim.kernels import layout
 from support.arrays import parameters_of
@@ -82,7 +82,7 @@ def wall_impulses(sim: mpsim.Simulation, frames: int) -> np.ndarray:
     """Run so many frames and return the sums of the impulses on the walls, in the order left, right, bottom, top."""
     solver = sim._solver
     solver.record(True)
-    solver.set_alert(Alert())  # nobody is told of fast discs here, so they need not end commands
+    solver.set_speed_limit(SpeedLimit())  # nobody is told of fast discs here, so they need not end commands
     total = np.zeros(4)
     while frames:
         tally = solver.advance(min(frames, MOST_FRAMES), solver.choice.workers[0]).tally

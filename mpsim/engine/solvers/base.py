@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from mpsim.core.state import State
 from mpsim.engine.insertion import NewDiscs
-from mpsim.engine.report import Slice
+from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot
-from mpsim.engine.speed_alarm import Alert
-from mpsim.engine.speed_estimates import Pace
+from mpsim.engine.solvers.speed_limit import SpeedLimit
+from mpsim.engine.solvers.speeds import Speeds
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -84,8 +84,8 @@ class Solver(ABC):
         count: number of discs, N.
         choice: what runs.
         substeps: steps of a frame now; 1 without steps.
-        tallied: whether what measures need is counted, and put into Slice.tally. `record` changes it; it may be set
-            before `start`.
+        tallied: whether what measures need is counted, and put into Slice.tally. It may be set before `start`; then
+            `set_tallied` changes it.
     """
 
     capabilities: ClassVar[Capabilities]
@@ -137,7 +137,7 @@ class Solver(ABC):
         """
 
     @abstractmethod
-    def record(self, tallied: bool) -> None:
+    def set_tallied(self, tallied: bool) -> None:
         """Have what measures need counted from now on, or not; see `tallied`.
 
         Raises:
@@ -159,7 +159,7 @@ class Solver(ABC):
         """Whether a time [time] has been reached, but for rounding."""
 
     @property
-    def torn(self) -> bool:
+    def half_done(self) -> bool:
         """Whether the last command was left in the middle, so that there is no whole state. Also after `close`."""
         return False
 
@@ -192,7 +192,7 @@ class Solver(ABC):
 
         Raises:
             InputError: for discs that the method cannot do.
-            ResourceError, WorkerDied, WorkerStalled: as `start`; only `torn` then tells whether the state is whole.
+            ResourceError, WorkerDied, WorkerStalled: as `start`; `half_done` then says whether the state is lost.
         """
 
     # --- snapshots
@@ -258,19 +258,19 @@ class Solver(ABC):
     # --- steps: without them no disc is too fast for one
 
     @property
-    def alarmed(self) -> bool:
+    def too_fast(self) -> bool:
         """Whether a disc was too fast in the last command, and so ended it."""
         return False
 
-    def caught(self) -> Pace | None:
+    def disc_too_fast(self) -> Speeds | None:
         """The disc that was too fast in the last command, reported once; None where there was none."""
         return None
 
-    def pace(self, new: NewDiscs | None = None) -> Pace:
+    def speeds(self, new: NewDiscs | None = None) -> Speeds:
         """How fast the discs are, those that are about to be added included."""
-        return Pace()
+        return Speeds()
 
-    def set_alert(self, alert: Alert) -> None:  # noqa: B027 - not abstract, as a method may have no steps
+    def set_speed_limit(self, limit: SpeedLimit) -> None:  # noqa: B027 - not abstract: a method may have no steps
         """From now on end a command with the frame in which a disc is so fast."""
 
     def divide(self, substeps: int) -> None:  # noqa: B027

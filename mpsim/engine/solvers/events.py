@@ -15,15 +15,16 @@ from mpsim.engine.columns import has_masses
 from mpsim.engine.feature_arrays import has_radii
 from mpsim.engine.frame_count import frames_until
 from mpsim.engine.insertion import NewDiscs
-from mpsim.engine.report import Slice
 from mpsim.engine.solvers.base import Capabilities, Choice, Solver
 from mpsim.engine.solvers.event_snapshot import KEPT, check, shapes
+from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
 from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.features import FEATURES
 from mpsim.kernels import layout, records
 from mpsim.kernels.events import solver as events
+from mpsim.measure.driving import gravity_strength
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -34,14 +35,14 @@ FEWEST_EVENTS = 1_000
 """Events between two looks at Ctrl-C at least, so that the Python around a call costs next to nothing."""
 
 GUARD = 1e-6
-"""The contact-time guard, as a part of the time in which a typical disc moves the smallest radius: an impact so soon
-after the last one loses no energy. Small against any time between collisions of a gas, large against rounding."""
+"""The contact-time guard, as a fraction of the time in which a typical disc moves the smallest radius: an impact so
+soon after the last one loses no energy. Small against any time between collisions of a gas, large against rounding."""
 
 LONGEST = 1e100
 """Frame that is taken at most [time], and one over the slowest scene [length/time]."""
 
-MOST_WAYS = 1e10
-"""Ways through the box that a disc may make in a frame: some minutes of them, in the smallest scene."""
+MOST_CROSSINGS = 1e10
+"""Crossings of the box by a disc in one frame: some minutes of them, in the smallest scene."""
 
 ROUNDING = 1e-12
 """Depth of an overlap, in diameters of the largest disc, up to which a start counts as touching."""
@@ -62,7 +63,7 @@ class EventSolver(Solver):
         _refuse_what_is_not_exact(scene, settings)
         super().__init__(scene, settings, choice)
         self._law = _law_of(scene, settings.dt)
-        self._at_once = 10 * FEWEST_EVENTS
+        self._events_per_call = 10 * FEWEST_EVENTS
         self._stopped = 0.0
         self._progress: Any = np.zeros(2, np.int64)
         self._seen: Any = np.zeros(events.COUNTED)
@@ -78,7 +79,7 @@ class EventSolver(Solver):
         self._store = self._placed(self._block, self._box, *discs, 0.0)
         # Compiles or loads the kernel, so that no frame time contains it, and no wait for Ctrl-C.
         with interrupts_held_back():  # as the stepped solvers do
-            self._play(np.zeros(0, np.int64), np.zeros((0, events.COUNTED)), math.inf)
+            self._run_kernel(np.zeros(0, np.int64), np.zeros((0, events.COUNTED)), math.inf)
 
     # --- frames
 
@@ -95,13 +96,13 @@ class EventSolver(Solver):
         before = int(self._store.counter[events.PAIRS])
         times = np.zeros(frames, np.int64)
         counts = np.zeros((frames if self.tallied else 0, events.COUNTED))
-        done = self._play(times, counts, stop)
+        done = self._run_kernel(times, counts, stop)
         by_phase = np.zeros((1, done, len(layout.PHASES)), np.int64)
         by_phase[0, :, layout.MOVE] = times[:done]
         contacts = int(self._store.counter[events.PAIRS]) - before
         return Slice(by_phase, contacts, self._tally(counts[:done]) if self.tallied else None)
 
-    def _play(self, times: NDArray[np.int64], counts: NDArray[np.float64], stop: float) -> int:
+    def _run_kernel(self, times: NDArray[np.int64], counts: NDArray[np.float64], stop: float) -> int:
         """One call of the kernel. Returns the frames it finished."""
         before, started, most = int(self._store.counter[events.EVENTS]), time.perf_counter(), len(times)
         # No call among the arguments: in a signal handler after it the process may fork, and the block be another's.
@@ -111,7 +112,7 @@ class EventSolver(Solver):
             self._law,
             self._settings.dt,
             most,
-            self._at_once,
+            self._events_per_call,
             stop,
             self._progress,
             self._seen,
@@ -122,7 +123,7 @@ class EventSolver(Solver):
         if status == events.STOPPED:
             self._stopped = stop
         if status == events.PAUSED:
-            self._pace(int(self._store.counter[events.EVENTS]) - before, time.perf_counter() - started)
+            self._fit_events_per_call(int(self._store.counter[events.EVENTS]) - before, time.perf_counter() - started)
         if status == events.NOT_FINITE:
             now = self.state()
             place, speed = now.position[particle].tolist(), now.velocity[particle].tolist()
@@ -134,10 +135,12 @@ class EventSolver(Solver):
             )
         return int(finished)
 
-    def _pace(self, played: int, seconds: float) -> None:
+    def _fit_events_per_call(self, done: int, seconds: float) -> None:
         """Fit the events of a call to the speed of scene and machine; how a run is cut into calls changes no bit."""
-        fitting = played * SECONDS_AT_ONCE / max(seconds, 1e-9)
-        self._at_once = int(max(min(fitting, 2 * self._at_once), self._at_once / 2, FEWEST_EVENTS))
+        fitting = done * SECONDS_AT_ONCE / max(seconds, 1e-9)
+        self._events_per_call = int(
+            max(min(fitting, 2 * self._events_per_call), self._events_per_call / 2, FEWEST_EVENTS)
+        )
 
     def _tally(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
         """The kernel's counts in the form of the stepped solver's: impulses instead of r.dp, and no overlaps."""
@@ -149,7 +152,7 @@ class EventSolver(Solver):
         tally["collisions"] = counts[:, events.TALLIES]
         return tally
 
-    def record(self, tallied: bool) -> None:
+    def set_tallied(self, tallied: bool) -> None:
         """It is always counted: that costs 1 %."""
         self.tallied = tallied
 
@@ -352,12 +355,12 @@ def _refuse_extremes(scene: Scene, dt: float) -> None:
             f"velocity must be at least {1 / LONGEST:g} for method='event', or all zero, so that squares do not "
             f"vanish; the fastest is {fastest:g}. Choose other units of time."
         )
-    pull = 0.0 if scene.gravity is None else float(np.hypot(*scene.gravity))
-    ways = (fastest + math.sqrt(pull * scene.height)) * dt / max(scene.width, scene.height)
-    if ways > MOST_WAYS and fastest < LONGEST:  # which is refused with its disc
+    fall = math.sqrt(gravity_strength(scene) * scene.height)
+    crossings = (fastest + fall) * dt / max(scene.width, scene.height)
+    if crossings > MOST_CROSSINGS and fastest < LONGEST:  # which is refused with its disc
         raise InputError(
             f"dt must be short enough for method='event' to end a frame: one of {dt:g} would take the fastest disc "
-            f"{ways:.3g} times through the box; at most {MOST_WAYS:g} are tried. Use a smaller dt."
+            f"{crossings:.3g} times through the box; at most {MOST_CROSSINGS:g} are tried. Use a smaller dt."
         )
 
 
@@ -366,10 +369,12 @@ def _law_of(scene: Scene, dt: float) -> events.Law:
     gravity = None if scene.gravity is None else tuple(scene.gravity.tolist())
     restitution = scene.restitution if scene.restitution < 1 else None
     wall_restitution = scene.wall_restitution if scene.wall_restitution < 1 else None
-    pull = 0.0 if gravity is None else float(np.hypot(*gravity))
     squares = float((scene.velocity**2).sum(axis=1).mean()) if scene.count else 0.0
     smallest = scene.smallest_radius
-    speeds = [math.sqrt(squares + pull * smallest), *(math.hypot(*np.array(each.velocity)) for each in scene.emitters)]
+    speeds = [
+        math.sqrt(squares + gravity_strength(scene) * smallest),
+        *(math.hypot(*np.array(each.velocity)) for each in scene.emitters),
+    ]
     speed = max(speeds)
-    # Where nothing moves by itself, a part of the time of a frame: what is added later sets the pace.
+    # Where nothing moves by itself, a fraction of the time of a frame: speeds are those of what is added later.
     return events.Law(gravity, restitution, wall_restitution, GUARD * (smallest / speed if speed > 0 else dt))

@@ -76,7 +76,7 @@ def choose(count: int, settings: Settings) -> Choice:
     return Choice(method, (workers, 1)) if workers > 1 else Choice("grid", (1,), remark)
 
 
-def of_one_solver(one: Choice, other: Choice) -> bool:
+def same_solver(one: Choice, other: Choice) -> bool:
     """Whether a solver can go over from one choice to the other by itself."""
     return METHODS[one.method].solver is METHODS[other.method].solver
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.engine.feature_arrays import has_radii, typical_momentum, wall_limits
-from mpsim.engine.speed_alarm import Alert
+from mpsim.engine.solvers.speed_limit import SpeedLimit
 from mpsim.engine.workers.arrays import Grid
 from mpsim.features.edges import EDGES
 from mpsim.kernels import layout
@@ -26,14 +26,14 @@ class Present(NamedTuple):
         grid: of the broad phase.
         giant: radius above which discs are kept out of it [length]; None: there are no such discs.
         substeps: steps of a frame.
-        alert: when a disc is too fast.
+        speed_limit: when a disc is too fast.
     """
 
     radii: NDArray[np.float64]
     grid: Grid
     giant: float | None
     substeps: int
-    alert: Alert
+    speed_limit: SpeedLimit
 
 
 def configure(arrays: dict[str, Any], scene: Scene, settings: Settings, now: Present) -> None:
@@ -51,7 +51,7 @@ def configure(arrays: dict[str, Any], scene: Scene, settings: Settings, now: Pre
     parameters.wall_restitution = scene.wall_restitution
     parameters.wall_bounce = scene.wall_restitution if settings.contact == "impact" else 0.0
     parameters.tally_scale = _tally_scale(scene, settings)
-    parameters.fast = now.alert.square(dt, common, smallest, settings.precision)
+    parameters.fast = now.speed_limit.square(dt, common, smallest, settings.precision)
     prepare_step(arrays)
     if "giants" in arrays:
         arrays["giants"][0] = np.inf if now.giant is None else now.giant

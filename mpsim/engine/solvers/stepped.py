@@ -15,14 +15,14 @@ from mpsim.engine import columns
 from mpsim.engine.feature_arrays import feature_specs, fill_features, has_radii
 from mpsim.engine.frame_count import frames_until
 from mpsim.engine.insertion import NewDiscs
-from mpsim.engine.report import Slice, tallied
 from mpsim.engine.solvers import stepped_snapshot
 from mpsim.engine.solvers.base import Capabilities, Choice, Solver
 from mpsim.engine.solvers.discs import absorbed_in, first_not_finite, places_and_speeds, state_in, write_discs
 from mpsim.engine.solvers.parameters import Present, configure
+from mpsim.engine.solvers.slices import Slice, tallied
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
-from mpsim.engine.speed_alarm import Alert, caught
-from mpsim.engine.speed_estimates import Pace, pace_of
+from mpsim.engine.solvers.speed_limit import SpeedLimit, disc_too_fast
+from mpsim.engine.solvers.speeds import Speeds, speeds_of
 from mpsim.engine.workers.arrays import Grid, block_arrays, grid_for
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.system_limits import resident_bytes
@@ -45,7 +45,7 @@ class SteppedSolver(Solver):
         super().__init__(scene, settings, choice)
         self.substeps: int = settings.substeps
         self._moving = False
-        self._alert = Alert()
+        self._speed_limit = SpeedLimit()
         self._begun = -1  # frames that were done when the last command was given to this block
         self._block = self._next_block(max(scene.count, 1), self._radii)
 
@@ -123,14 +123,14 @@ class SteppedSolver(Solver):
                 counts[:, :frames] = 0
         self._begun = int(control.done)
 
-    def record(self, tallied: bool) -> None:
+    def set_tallied(self, tallied: bool) -> None:
         """Have what measures need counted from now on, or not: frames that are not measured pay nothing for it."""
         if tallied != self.tallied:
             self.tallied = tallied
             self._move(self._capacity, self.choice, self._radii)
 
     @property
-    def torn(self) -> bool:
+    def half_done(self) -> bool:
         """Whether the last command was left inside a frame, by a death say, or a move to another block half done."""
         control = self._block.arrays.get("control")
         if self._moving or control is None:  # none after `close`
@@ -155,26 +155,26 @@ class SteppedSolver(Solver):
 
     # --- steps
 
-    def pace(self, new: NewDiscs | None = None) -> Pace:
+    def speeds(self, new: NewDiscs | None = None) -> Speeds:
         """How fast the discs are, those that are about to be added included."""
         velocity, radii, present = places_and_speeds(self._block, self.count)[1], self._radii, ~self.absorbed
         if new is not None:
             velocity, radii = np.concatenate([velocity, new.velocity]), np.concatenate([radii, new.radius])
             present = np.append(present, np.ones(len(new.position), bool))
-        return pace_of(velocity, radii, self._scene, self.time, present if self._scene.absorbing else None)
+        return speeds_of(velocity, radii, self._scene, self.time, present if self._scene.absorbing else None)
 
     @property
-    def alarmed(self) -> bool:
+    def too_fast(self) -> bool:
         """Whether a disc was too fast in the last command, and so ended it."""
         return bool(self._block.arrays["team"]["fastest"].any())
 
-    def caught(self) -> Pace | None:
+    def disc_too_fast(self) -> Speeds | None:
         """The disc that was too fast in the last command, reported once; None where there was none."""
-        return caught(self._block.arrays, self._radii, has_radii(self._scene), self.frame - 1)
+        return disc_too_fast(self._block.arrays, self._radii, has_radii(self._scene), self.frame - 1)
 
-    def set_alert(self, alert: Alert) -> None:
+    def set_speed_limit(self, limit: SpeedLimit) -> None:
         """From now on end a command with the frame in which a disc is so fast."""
-        self._alert = alert
+        self._speed_limit = limit
         self._configure()
 
     def divide(self, substeps: int) -> None:
@@ -339,5 +339,5 @@ class SteppedSolver(Solver):
     def _configure(self) -> None:
         """Write the records `parameters` and `control`, which follow from what is simulated now."""
         self._grid = self._grid_for(self.count, self._radii)
-        now = Present(self._radii, self._grid, self._giant_radius(self._radii), self.substeps, self._alert)
+        now = Present(self._radii, self._grid, self._giant_radius(self._radii), self.substeps, self._speed_limit)
         configure(self._block.arrays, self._scene, self._settings, now)

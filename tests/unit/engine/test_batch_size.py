@@ -3,41 +3,41 @@
 import pytest
 from support.scenes import gas, simulate
 
-from mpsim.engine.batch_size import Pacer
+from mpsim.engine.batch_size import BatchSizer
 
 
-def pace(pacer, seconds, frames, limit=10**9):
-    """Run a pacer against workers whose frame times are given; returns the slices (workers, frames)."""
+def pace(sizer, seconds, frames, limit=10**9):
+    """Run a sizer against workers whose frame times are given; returns the slices (workers, frames)."""
     slices, done = [], 0
     while done < frames:
-        workers, size = pacer.next_slice(min(frames - done, limit))
+        workers, size = sizer.next_slice(min(frames - done, limit))
         assert 1 <= size <= frames - done
         slices.append((workers, size))
-        pacer.note(workers, size, seconds[workers])
+        sizer.note(workers, size, seconds[workers])
         done += size
     return slices
 
 
 @pytest.mark.parametrize("fast", [1, 4])
-def test_the_pacer_finds_the_faster_number_of_workers(fast):
+def test_the_sizer_finds_the_faster_number_of_workers(fast):
     seconds = {1: 2e-5, 4: 2e-5} | {fast: 1e-5}
-    pacer = Pacer((4, 1), 4096)
-    slices = pace(pacer, seconds, 200_000)
-    assert pacer.best == fast
+    sizer = BatchSizer((4, 1), 4096)
+    slices = pace(sizer, seconds, 200_000)
+    assert sizer.best == fast
     assert sum(size for workers, size in slices if workers == fast) > 0.9 * 200_000
 
 
-def test_the_pacer_notices_when_the_other_number_of_workers_becomes_faster():
-    pacer = Pacer((4, 1), 4096)
-    pace(pacer, {4: 1e-5, 1: 2e-5}, 100_000)
-    assert pacer.best == 4
-    pace(pacer, {4: 5e-5, 1: 2e-5}, 400_000)
-    assert pacer.best == 1
+def test_the_sizer_notices_when_the_other_number_of_workers_becomes_faster():
+    sizer = BatchSizer((4, 1), 4096)
+    pace(sizer, {4: 1e-5, 1: 2e-5}, 100_000)
+    assert sizer.best == 4
+    pace(sizer, {4: 5e-5, 1: 2e-5}, 400_000)
+    assert sizer.best == 1
 
 
 def test_slices_are_short_enough_for_the_outside_world():
     for seconds in (1e-6, 1e-3, 1.0):
-        slices = pace(Pacer((1,), 4096), {1: seconds}, 3000)
+        slices = pace(BatchSizer((1,), 4096), {1: seconds}, 3000)
         assert all(size == 1 or size * seconds <= 0.05 * (1 + 1e-9) for _, size in slices[1:])
 
 

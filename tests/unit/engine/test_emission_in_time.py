@@ -12,7 +12,7 @@ from support.scenes import simulate
 
 import mpsim
 from mpsim.engine import emission
-from mpsim.engine.entry_flight import launched
+from mpsim.engine.entry_flight import end_of_flight
 from mpsim.engine.solvers import events
 
 ROOM = {"width": 60.0, "height": 60.0, "position": np.zeros((0, 2)), "velocity": np.zeros((0, 2)), "radius": 0.25}
@@ -128,7 +128,9 @@ def test_stepped_methods_agree_with_the_exact_solver(monkeypatch):
         return np.abs(state.position - exactly.position).max()
 
     assert max(map(largest_error, (0.07, 0.007))) < 1e-9
-    monkeypatch.setattr(emission, "launched", lambda scene, emitter, *_: launched(scene, emitter, 0.4, 0.0, 0.0))
+    monkeypatch.setattr(
+        emission, "end_of_flight", lambda scene, emitter, *_: end_of_flight(scene, emitter, 0.4, 0.0, 0.0)
+    )
     assert largest_error(0.07) > 0.05, "the control: discs that enter where the frame ends, without a flight"
 
 

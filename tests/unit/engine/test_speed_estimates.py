@@ -6,13 +6,14 @@ from support.scenes import gas
 
 import mpsim
 from mpsim.engine import speed_estimates, step_limits
+from mpsim.engine.solvers import speeds
 
 
 def test_the_estimate_of_meetings_is_that_of_a_gas():
     """Of the exact solver's rate, 2.34 per time and disc at packing 0.3 and 21.2 at 0.7, both of this project."""
     for packing, rate in ((0.3, 2.34), (0.7, 21.2)):
         scene = gas(2000, packing)
-        assert speed_estimates.pace_of(scene.velocity, scene.radii, scene).meetings == pytest.approx(rate, rel=0.2)
+        assert speeds.speeds_of(scene.velocity, scene.radii, scene).collision_rate == pytest.approx(rate, rel=0.2)
 
 
 def test_the_number_of_cells_does_not_grow_with_the_aspect_of_a_box():
@@ -41,7 +42,7 @@ def test_a_scene_without_discs_is_judged_alike_in_all_units_of_length(on_fast):
             width=10 * unit, height=10 * unit, position=np.zeros((0, 2)), velocity=np.zeros((0, 2)), radius=0.5 * unit,
             gravity=(0, -2 * unit), emitters=mpsim.Emitter((5 * unit, 9 * unit), (0, 0), interval=1.0),
         )  # fmt: skip
-        found = step_limits.Watch(heavy, mpsim.Settings(dt=0.1), has_steps=True).forecast()
+        found = step_limits.StepLimits(heavy, mpsim.Settings(dt=0.1), has_steps=True).forecast()
         assert found is not None
         assert "after a fall through the box a disc moves 1.26 times its radius" in found, "the control"
     assert seen[0] == seen[1] == seen[2]
@@ -54,5 +55,5 @@ def test_discs_that_share_their_energy_meet_in_the_box_at_the_start():
     half = mpsim.Scene(width=12, **parts, piston=mpsim.Piston("right", -1, 5.7, start=6))
     whole = mpsim.Scene(width=6, **parts)
     assert [
-        speed_estimates.pace_in_equilibrium(speed_estimates.Pace(), scene).meetings for scene in (half, whole)
-    ] == pytest.approx([speed_estimates.pace_in_equilibrium(speed_estimates.Pace(), whole).meetings] * 2)
+        speed_estimates.speeds_in_equilibrium(speeds.Speeds(), scene).collision_rate for scene in (half, whole)
+    ] == pytest.approx([speed_estimates.speeds_in_equilibrium(speeds.Speeds(), whole).collision_rate] * 2)

@@ -7,7 +7,8 @@ import pytest
 from support.scenes import gas, pair, quiet, simulate
 
 import mpsim
-from mpsim.engine import speed_estimates, step_limits
+from mpsim.engine import step_limits
+from mpsim.engine.solvers import speeds
 
 
 def test_a_disc_that_moves_more_than_its_radius_is_told_with_number_disc_and_remedy():
@@ -92,8 +93,8 @@ def test_the_smallest_disc_counts_for_what_gravity_adds():
     scene = mpsim.Scene(
         width=9, height=90, position=[[4, 80], [2, 80]], velocity=[[1, 0], [0, 0]], radius=[0.5, 0.05], gravity=(0, -40)
     )
-    watch = step_limits.Watch(scene, mpsim.Settings(dt=0.1, on_fast="substep"), has_steps=True)
-    assert watch.substeps_for(speed_estimates.pace_of(scene.velocity, scene.radii, scene), 0) == 257
+    limits = step_limits.StepLimits(scene, mpsim.Settings(dt=0.1, on_fast="substep"), has_steps=True)
+    assert limits.substeps_for(speeds.speeds_of(scene.velocity, scene.radii, scene), 0) == 257
 
 
 def test_what_would_need_absurdly_many_sub_steps_is_refused():

@@ -7,10 +7,10 @@ import pytest
 from support.scenes import lattice
 
 import mpsim
-from mpsim.engine.report import Slice
 from mpsim.engine.solvers import methods
 from mpsim.engine.solvers.base import Capabilities, Solver
 from mpsim.engine.solvers.grid import GridSolver
+from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import shapes_in_each
 from mpsim.kernels.layout import PHASES
 
@@ -38,7 +38,7 @@ class Ghosts(Solver):
         self._progress[0] += frames
         return Slice(np.ones((1, frames, len(PHASES)), np.int64), 0, None)
 
-    def record(self, tallied):
+    def set_tallied(self, tallied):
         self.tallied = tallied
 
     @property

@@ -181,7 +181,7 @@ def bare_beside(folder: Path, settings: Settings, turns: int, tick: Callable[[st
         settings: of which the precision is used.
         turns: number of turns, each a new process of either version, one right after the other.
     """
-    here = Path(__file__).parents[2]
+    here = Path(__file__).parents[1]
     script = TIMER.format(
         side=SIDE, pitch=PITCH, dt=DT, precision=settings.precision, warm_up=WARM_UP, frames=FRAMES, rounds=ROUNDS
     )

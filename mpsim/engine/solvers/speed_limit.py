@@ -1,4 +1,4 @@
-"""The speed from which on a disc ends a command: the number that kernels compare with, and what they have found."""
+"""The speed above which a disc ends a command: the number that kernels compare with, and what they have found."""
 
 import math
 from typing import Any, NamedTuple
@@ -6,19 +6,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.engine.speed_estimates import Pace
+from mpsim.engine.solvers.speeds import Speeds
 from mpsim.kernels import layout
 
 
-class Alert(NamedTuple):
+class SpeedLimit(NamedTuple):
     """When a disc is too fast for a step: where it moves, or is about to move, more than a fraction of its radius.
 
     Attributes:
-        part: of the radius; infinite: never.
+        fraction: of the radius; infinite: never.
         gain: speed that is added to that of each disc before [length/time].
     """
 
-    part: float = math.inf
+    fraction: float = math.inf
     gain: float = 0.0
 
     def square(self, dt: float, common: float | None, smallest: float, precision: str) -> float:
@@ -30,16 +30,16 @@ class Alert(NamedTuple):
             smallest: radius [length].
             precision: of the run.
         """
-        if math.isinf(self.part) or smallest <= 0:
+        if math.isinf(self.fraction) or smallest <= 0:
             return math.inf
-        rate = max(self.part / dt - self.gain / smallest, 0.0) * (1.0 if common is None else common)
+        rate = max(self.fraction / dt - self.gain / smallest, 0.0) * (1.0 if common is None else common)
         number = np.finfo(precision)
         if rate > math.sqrt(float(number.max)):
             return math.inf  # no speed of this precision is so large
         return max(rate * rate, float(number.tiny))
 
 
-def caught(arrays: dict[str, Any], radii: NDArray[np.float64], own: bool, frame: int) -> Pace | None:
+def disc_too_fast(arrays: dict[str, Any], radii: NDArray[np.float64], own: bool, frame: int) -> Speeds | None:
     """The fastest disc of the last frame if it was too fast, reported once; None where there was none.
 
     Args:
@@ -50,10 +50,10 @@ def caught(arrays: dict[str, Any], radii: NDArray[np.float64], own: bool, frame:
     """
     team = arrays["team"]
     worker = int(np.lexsort((team["fastest_disc"], -team["fastest"]))[0])
-    part, disc = float(team[worker].fastest) / layout.FASTEST_SCALE, int(team[worker].fastest_disc)
-    if part == 0:
+    fraction, disc = float(team[worker].fastest) / layout.FASTEST_SCALE, int(team[worker].fastest_disc)
+    if fraction == 0:
         return None
     team["fastest"] = 0
     radius = float(radii[disc])
-    speed = part * math.sqrt(float(arrays["parameters"].fast)) * (radius if own else 1.0)
-    return Pace(disc, speed, radius, when=f"in frame {frame}")
+    speed = fraction * math.sqrt(float(arrays["parameters"].fast)) * (radius if own else 1.0)
+    return Speeds(disc, speed, radius, when=f"in frame {frame}")

@@ -64,7 +64,7 @@ def test_sub_steps_follow_a_piston():
         found = []
         for seed in range(8):
             with simulate(squeezed(seed=seed), method="grid", contact="impact", **settings) as sim:
-                sim._coordinator.watch._fast.given = sim._coordinator.watch._fast.given or name != "substep"
+                sim._coordinator.step_limits._fast.given = sim._coordinator.step_limits._fast.given or name != "substep"
                 sim.run(until=14)
                 found.append(mpsim.measure.kinetic_energy(sim.state, sim.scene))
         energies[name] = np.mean(found), np.std(found, ddof=1) / np.sqrt(8)
@@ -93,7 +93,7 @@ def test_a_disc_between_piston_and_wall_is_warned_of_in_the_frame_in_which_it_is
     with simulate(scene, method="grid", dt=0.05, contact="impact") as sim:
         sim.run(frames=frame - 1)
         assert np.hypot(*sim.state.velocity[0]) * 0.05 > 0.5, "as is so"
-        assert not sim._coordinator.watch.is_due(sim.frame, 1), "at a frame at which nobody looks anyway"
+        assert not sim._coordinator.step_limits.is_due(sim.frame, 1), "at a frame at which nobody looks anyway"
 
 
 # --- acceleration, collisions
@@ -112,11 +112,11 @@ def test_a_light_disc_that_a_heavy_one_meets_is_warned_of_in_the_next_frame(meth
     scene = mpsim.Scene(
         width=20, height=10, position=[[3, 5], [10, 5]], velocity=[[40, 0], [0, 0]], radius=radius, mass=[1e4, 1]
     )
-    forecast = step_limits.Watch(scene, mpsim.Settings(), has_steps=True).forecast()
+    forecast = step_limits.StepLimits(scene, mpsim.Settings(), has_steps=True).forecast()
     assert forecast is not None, "the forecast of the start says so too; without it"
     with simulate(scene, method=method, contact=contact) as sim:
-        sim._coordinator.watch = step_limits.Watch(scene, sim.settings, has_steps=True)
-        sim._coordinator.watch.arm(sim._solver)
+        sim._coordinator.step_limits = step_limits.StepLimits(scene, sim.settings, has_steps=True)
+        sim._coordinator.step_limits.set_limit(sim._solver)
         with pytest.warns(mpsim.FastWarning, match=r"in frame 1[567] disc 1 moves (1\.6|2) times its radius") as found:
             sim.run(frames=40)
         assert sim.frame == 40
@@ -131,8 +131,8 @@ def test_a_disc_that_is_fast_for_one_frame_only_is_warned_of():
         width=9, height=9, position=places, velocity=[[40, 0], [0, 0], [0, 0]], radius=radius, mass=[99, 1, 99]
     )
     with simulate(scene, method="grid", contact="impact", dt=0.01) as sim:
-        sim._coordinator.watch = step_limits.Watch(scene, sim.settings, has_steps=True)
-        sim._coordinator.watch.arm(sim._solver)
+        sim._coordinator.step_limits = step_limits.StepLimits(scene, sim.settings, has_steps=True)
+        sim._coordinator.step_limits.set_limit(sim._solver)
         speeds = [np.hypot(*sim.state.velocity.T)]
         with pytest.warns(mpsim.FastWarning, match=r"in frame \d+ disc 1 moves [12]\.\d+ times its radius 0.4"):
             sim.run(frames=10)
@@ -202,14 +202,14 @@ def test_a_command_ends_with_the_frame_in_which_a_disc_is_fast_and_no_other():
         scene = mpsim.Scene(**WALL, position=[[5, 5]], velocity=[[30, 40]])
         with mpsim.Simulation(scene, mpsim.Settings(dt=0.01, method="grid", precision=precision)) as sim:
             assert sim._solver.advance(20, 1).times.shape[1] == 20
-            assert not sim._solver.alarmed
+            assert not sim._solver.too_fast
         faster = mpsim.Scene(**WALL, position=[[5, 5]], velocity=[[30.003, 40.003]])
         with simulate(faster, dt=0.01, method="grid", precision=precision) as sim:
             assert sim._solver.advance(20, 1).times.shape[1] == 20, "the warning was given at the start: no more looks"
-            sim._coordinator.watch = step_limits.Watch(faster, sim.settings, has_steps=True)
-            sim._coordinator.watch.arm(sim._solver)
+            sim._coordinator.step_limits = step_limits.StepLimits(faster, sim.settings, has_steps=True)
+            sim._coordinator.step_limits.set_limit(sim._solver)
             assert sim._solver.advance(20, 1).times.shape[1] == 1
-            found = sim._solver.caught()
+            found = sim._solver.disc_too_fast()
             assert found.speed == pytest.approx(np.hypot(30.003, 40.003), rel=1e-5)
             assert (found.disc, found.limit, found.when) == (0, 0.5, "in frame 20")
 
@@ -219,16 +219,16 @@ def test_a_simulation_stays_open_when_speeds_are_refused_as_an_emitter_adds_a_di
     """Nothing has been added by then; it was closed, though speeds that are refused between frames leave it open."""
     emitter = mpsim.Emitter(position=(4.5, 4.5), velocity=(3.0, 1.0), **rhythm)
     scene = mpsim.Scene(width=9, height=9, position=(), velocity=(), radius=0.5, emitters=[emitter])
-    judge = step_limits.Watch.judge
+    check = step_limits.StepLimits.check
 
     def refuse_the_second(self, solver, notices, new=None):
         if new is not None and solver.count == 1:
             raise mpsim.TooFastError("too fast")
-        return judge(self, solver, notices, new)
+        return check(self, solver, notices, new)
 
     with simulate(scene, method="grid", dt=0.01) as sim:
         with monkeypatch.context() as patch:
-            patch.setattr(step_limits.Watch, "judge", refuse_the_second)
+            patch.setattr(step_limits.StepLimits, "check", refuse_the_second)
             with pytest.raises(mpsim.TooFastError):
                 sim.run(until=5.0)
         assert sim.count == 1

@@ -1,0 +1,43 @@
+"""What one command of a solver took and counted: a slice of a run."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.kernels import layout, records
+
+
+@dataclass(frozen=True)
+class Slice:
+    """What one command of a solver took and counted.
+
+    Attributes:
+        times: int64 [ns], shape (workers, frames, phases), zero for workers at rest.
+        contacts: contacts resolved.
+        tally: COUNTS, shape (frames,), in the scene's units, or None if nothing was to be counted.
+    """
+
+    times: NDArray[np.int64]
+    contacts: int
+    tally: NDArray[Any] | None
+
+
+def tallied(tally: NDArray[Any], scale: float, diameter: float) -> NDArray[Any]:
+    """What all workers counted in each frame, in the scene's units: COUNTS, shape (frames,).
+
+    Args:
+        tally: TALLY, shape (workers, frames), in units of the kernels.
+        scale: by which impulses were multiplied.
+        diameter: of the largest disc [length].
+    """
+    totals = np.zeros(tally.shape[1], records.COUNTS)
+    for name in records.COUNTS.names or ():
+        totals[name] = tally[name].sum(axis=0)
+    totals["deepest"] = tally["deepest"].max(axis=0)
+    for name in records.IMPULSES:
+        totals[name] /= scale
+    for name in records.DEPTHS:
+        totals[name] *= diameter / layout.DEPTH_SCALE
+    return totals

@@ -1,0 +1,121 @@
+"""How fast the discs of a state are, as a fraction of what their steps allow."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.features.packing_bounds import densest_packing
+from mpsim.scene.scene import Scene
+
+DENSE = 0.7
+"""Packing from which on discs are taken for a crystal."""
+
+
+@dataclass(frozen=True)
+class Speeds:
+    """How fast the discs of a state are, for what they may be.
+
+    Attributes:
+        disc: index of the one whose displacement in a step is the largest fraction of what it may be; -1: there is
+            none, or it is still to come.
+        speed: of it, or its component between two walls [length/time].
+        limit: displacement that it may make in a step: its radius, or its free distance between walls; infinite where
+            there is no disc [length].
+        between: "" or the axis between whose walls that is.
+        collision_rate: collisions of a disc with others, estimated [1/time].
+        mean_speed: root mean square [length/time].
+        smallest: radius of the smallest disc [length].
+        when: "" now; or, in words, when discs are, were or will be so fast.
+    """
+
+    disc: int = -1
+    speed: float = 0.0
+    limit: float = math.inf
+    between: str = ""
+    collision_rate: float = 0.0
+    mean_speed: float = 0.0
+    smallest: float = math.inf
+    when: str = ""
+
+    def fraction(self, dt: float) -> float:
+        """Displacement of the fastest disc in a step of length dt, as a fraction of what it may be."""
+        return self.speed * dt / self.limit
+
+    def or_faster(self, other: "Speeds | None") -> "Speeds":
+        """This one, with the fastest disc of a moment before, unless that was slower (but for rounding)."""
+        if other is None or other.fraction(1 + 1e-5) < self.fraction(1.0):
+            return self
+        return replace(other, collision_rate=self.collision_rate, mean_speed=self.mean_speed, smallest=self.smallest)
+
+
+def speeds_of(
+    velocity: NDArray[Any],
+    radius: NDArray[np.float64],
+    scene: Scene,
+    time: float = 0.0,
+    present: NDArray[np.bool_] | None = None,
+) -> Speeds:
+    """How fast discs are.
+
+    Args:
+        velocity: shape (N, 2), in the order of the scene's discs, so that no sum depends on another one [length/time].
+        radius: shape (N,) [length].
+        scene: whose box it is.
+        time: at which it is looked at: a wall may have moved [time].
+        present: which discs have not left, shape (N,); None: all are there.
+    """
+    if present is not None:
+        index = np.flatnonzero(present)
+        found = speeds_of(velocity[index], radius[index], scene, time)
+        return replace(found, disc=int(index[found.disc])) if found.disc >= 0 else found
+    if not len(velocity):
+        return Speeds()
+    vx, vy = velocity.astype(np.float64).T
+    squares = vx * vx + vy * vy
+    speed = np.sqrt(squares)
+    mean_speed = math.sqrt(float(squares.mean()))
+    worst = int((speed / radius).argmax())
+    found = Speeds(worst, float(speed[worst]), float(radius[worst]))
+    sides = sides_at(scene, time)
+    for axis, (v, length) in enumerate(zip((vx, vy), sides, strict=True)):
+        free = length - 2 * radius
+        if scene.periodic[axis] or (free >= radius).all():
+            continue
+        # Where there is no room at all, or rounding's worth of it, a disc stands between the walls as it should.
+        free = np.where(free > 1e-6 * length, free, np.inf)
+        worst = int((np.abs(v) / free).argmax())
+        between = Speeds(worst, float(abs(v[worst])), float(free[worst]), "xy"[axis])
+        found = max(found, between, key=lambda speeds: speeds.fraction(1.0))
+    rate = enskog_rate(radius, mean_speed, sides)
+    return replace(found, collision_rate=rate, mean_speed=mean_speed, smallest=float(radius.min()))
+
+
+def sides_at(scene: Scene, time: float) -> tuple[float, float]:
+    """Width and height of the box at a time [length]."""
+    low, high = scene.walls_at(time)
+    width, height = (high - low).tolist()
+    return width, height
+
+
+def enskog_rate(radius: NDArray[np.float64], speed: float, sides: tuple[float, float]) -> float:
+    """Collisions of a disc with others per time, after Enskog: 2 sqrt(pi) n sigma g sqrt(kT/m).
+
+    g, the pair correlation at contact: of a fluid (Henderson 1975), or above packing 0.7 of a crystal by its free
+    volume, (Z - 1) / (2 packing) with Z = 2 / (1 - packing / densest).
+    """
+    area = sides[0] * sides[1]
+    packing = math.pi * float((radius * radius).sum()) / area
+    if speed == 0 or len(radius) < 2:
+        return 0.0
+    densest = densest_packing(float(radius.min()), float(radius.max()))
+    if packing >= densest:
+        return math.inf
+    if packing <= DENSE:
+        at_contact = (1 - 7 * packing / 16) / (1 - packing) ** 2
+    else:
+        at_contact = (2 / (1 - packing / densest) - 1) / (2 * packing)
+    density = (len(radius) - 1) / area
+    return 2 * math.sqrt(math.pi) * density * 2 * float(radius.mean()) * at_contact * speed / math.sqrt(2)
