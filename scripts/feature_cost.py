@@ -18,6 +18,9 @@ from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.benchmark import DT, WrongAnswerError
 
+TOP = Path(__file__).parents[1]
+"""Top level of this checkout."""
+
 SIDE = 100
 """Number of discs along each side of the square lattice from which the scenes start."""
 
@@ -141,11 +144,7 @@ def feature_costs(settings: Settings, tick: Callable[[str], None]) -> list[Featu
 
 
 def families(arrays: Iterable[str]) -> tuple[str, ...]:
-    """Names of quantities: both buffers of one count once, and so do all arrays of a feature.
-
-    >>> families(["a.radius", "b.radius", "pegs.near", "pegs.index"])
-    ('radius', 'pegs')
-    """
+    """Names of quantities: both buffers of one count once, and so do all arrays of a feature."""
     names = (name.removeprefix("a.").removeprefix("b.").partition(".")[0] for name in arrays)
     return tuple(dict.fromkeys(names))
 
@@ -181,7 +180,6 @@ def bare_beside(folder: Path, settings: Settings, turns: int, tick: Callable[[st
         settings: of which the precision is used.
         turns: number of turns, each a new process of either version, one right after the other.
     """
-    here = Path(__file__).parents[1]
     script = TIMER.format(
         side=SIDE, pitch=PITCH, dt=DT, precision=settings.precision, warm_up=WARM_UP, frames=FRAMES, rounds=ROUNDS
     )
@@ -189,7 +187,7 @@ def bare_beside(folder: Path, settings: Settings, turns: int, tick: Callable[[st
     for turn in range(turns):
         tick(f"turn {turn + 1}")
         costs, digests = [], []
-        for top in (here, folder) if turn % 2 else (folder, here):
+        for top in (TOP, folder) if turn % 2 else (folder, TOP):
             run = subprocess.run(
                 [sys.executable, "-c", script], cwd=top, env={**os.environ, "PYTHONPATH": str(top)},
                 capture_output=True, text=True, check=True,

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 import mpsim
+from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.measure import kinetic_energy
 from mpsim.output.frontier import short_label
 from mpsim.output.tables import UNITS, error_text
@@ -160,7 +161,7 @@ def where_exact_is_cheaper(tables: Mapping[str, mpsim.Tradeoff]) -> str:
         f"|{'---|' * (len(heads) + 2)}",
     ]
     for name, table in tables.items():
-        exact = next((row for row in table.rows if row.settings.method == "event" and row.cost), None)
+        exact = next((row for row in table.rows if capabilities_of(row.settings).is_exact and row.cost), None)
         if exact is not None and exact.cost is not None:
             cells = [at_cost(table, measure, exact.cost.median) for measure in measures]
             lines.append(f"| {name} | {exact.cost.median:,.0f} | {' | '.join(cells)} |")

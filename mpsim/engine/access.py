@@ -97,7 +97,7 @@ class Access:
             )
 
     def claim(self, use: Use) -> None:
-        """Make a use the one in progress.
+        """Make this call the one in progress.
 
         Raises:
             ForkedError: in a fork of the process that made the simulation.
@@ -118,7 +118,7 @@ class Access:
 
     @contextmanager
     def callbacks(self) -> Iterator[None]:
-        """Between two slices of a run: what is called here may use the simulation, as a signal handler may."""
+        """Context of callbacks between two slices of a run: they, and signal handlers, may use the simulation."""
         use = self.use
         assert use is not None
         use.in_callback = True
@@ -127,7 +127,7 @@ class Access:
 
     @contextmanager
     def moving(self) -> Iterator[None]:
-        """Hold `state_lock` while nobody may look, not even this thread in a signal handler."""
+        """Context in which nobody may read the state, not even a signal handler of this thread; holds `state_lock`."""
         with self.state_lock:
             self.changing += 1
             try:
@@ -136,7 +136,7 @@ class Access:
                 self.changing -= 1
 
     def let_readers_in(self) -> None:
-        """Between two slices of frames: whoever waits for a whole state reads it now.
+        """Let the threads read that wait for it; called between two slices of frames.
 
         Raises:
             ForkedError: in a fork, made by a callback of the run, to which the callback has returned.
@@ -149,7 +149,7 @@ class Access:
         self.stop_if_ending()
 
     def stop_if_ending(self) -> None:
-        """Stop this thread here for good if another one is ending the program.
+        """Block this thread forever if another one is ending the program.
 
         Called where `state_lock` is about to be taken: that goes to whoever comes first, so a thread that takes it
         again and again would keep it from the one that waits.
@@ -178,7 +178,7 @@ class Access:
                 self.readers.pop(here, None)
 
     def busy(self, refused: str, held: Use | None) -> BusyError:
-        """The error for what was refused, which names both; None: this thread is reading, in a signal handler now."""
+        """The error for a refused call, which names the call in progress too; `held` None: a read of this thread."""
         here = threading.get_ident()
         held = held or Use("reading")
         who = "the same thread" if held.thread == here else f"thread {_name_of(here)!r}"
@@ -194,18 +194,18 @@ class Access:
         )
 
 
-class Guarded(Protocol):
-    """What has doors: a simulation."""
+class HasAccess(Protocol):
+    """A simulation."""
 
     _access: Access
 
 
-S = TypeVar("S", bound=Guarded)
+S = TypeVar("S", bound=HasAccess)
 P = ParamSpec("P")
 
 
 def exclusive(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
-    """A door through which a simulation is changed: by its process alone, and by one thread at a time."""
+    """A method that changes a simulation: for the process that made it, and one thread at a time."""
     what = f"{method.__name__.strip('_')}()"
 
     @functools.wraps(method)
@@ -230,7 +230,7 @@ def exclusive(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S,
 
 
 def reading(method: Callable[[S], R]) -> Callable[[S], R]:
-    """A door through which a simulation is read: in its process alone, and between two slices of frames."""
+    """A method that reads a simulation: for the process that made it, and between two slices of frames."""
 
     @functools.wraps(method)
     def door(self: S) -> R:

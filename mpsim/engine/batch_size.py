@@ -1,14 +1,14 @@
-"""How many frames, on how many workers, until the coordinator looks at the outside world again."""
+"""How many frames the next command runs, and on how many workers."""
 
 import math
 import statistics
 from collections import deque
 
 MOST_SECONDS = 0.05
-"""Length of a slice of frames: the longest wait for Ctrl-C, progress, or the news of a death."""
+"""Length of a slice of frames: how long Ctrl-C, progress, or the report of a dead worker may have to wait."""
 
 TRIAL_SECONDS = 0.005
-"""Length of a slice that only finds out how fast a number of workers is."""
+"""Length of a slice that measures how fast a number of workers is."""
 
 TRIALS = 7
 """Slices that decide: their median leaves out the first ones, in which caches are cold and workers asleep."""
@@ -33,7 +33,7 @@ class BatchSizer:
 
     @property
     def best(self) -> int:
-        """The number of workers with the shortest frame lately."""
+        """The number of workers with the shortest recent frame time."""
         return min(self._recent, key=self._seconds)
 
     def next_slice(self, remaining: int) -> tuple[int, int]:
@@ -47,7 +47,7 @@ class BatchSizer:
         return self.best, self._fit(MOST_SECONDS, self._seconds(self.best), remaining)
 
     def note(self, workers: int, frames: int, seconds_per_frame: float) -> None:
-        """Take in how long a frame of the last slice was (its median, which one late worker does not disturb)."""
+        """Note the time of a frame in the last slice: its median, which one late worker does not disturb [s]."""
         self._seconds_run += frames * seconds_per_frame
         self._recent[workers].append(max(seconds_per_frame, 1e-9))
 
@@ -56,6 +56,6 @@ class BatchSizer:
         return statistics.median(self._recent[workers]) if self._recent[workers] else math.inf
 
     def _fit(self, seconds: float, seconds_per_frame: float, remaining: int) -> int:
-        """Frames that fit a slice; one frame where nothing is known yet."""
+        """Number of frames that take so many seconds; one where nothing is known yet."""
         frames = 1 if math.isinf(seconds_per_frame) else int(seconds / seconds_per_frame)
         return max(min(frames, remaining, self._most_frames), 1)

@@ -1,9 +1,8 @@
-"""Checkpoints: the whole state of a simulation in one file that is never half written, and nothing in it is code.
+"""Checkpoints: the whole state of a simulation in one file, which is never half written and contains no code.
 
 A checkpoint is a NumPy .npz without pickled objects: one JSON header, and arrays. It is written as every file is (see
 mpsim.core.atomic); the one before is kept as <name>.previous. A kill at any moment leaves a whole checkpoint under
-<name>.
-Reading verifies sizes first, then a digest over everything, then whether a simulation can be in such a state.
+<name>. Reading verifies sizes first, then a digest over everything, then whether a simulation can be in such a state.
 """
 
 import contextlib
@@ -66,7 +65,7 @@ class Checkpoint:
     Attributes:
         path: of the file that was read (the previous one, if the newest is damaged).
         scene, settings: of the simulation.
-        run: plain values that the engine needs to go on, such as the frame and what emitters have done.
+        run: plain values that the engine needs to continue, such as the frame and what emitters have done.
         arrays: of the solver.
     """
 
@@ -199,7 +198,7 @@ def scene_parts(scene: Scene) -> tuple[dict[str, Any], Arrays]:
 
 
 def scene_from(plain: dict[str, Any], arrays: Arrays) -> Scene:
-    """The scene that `scene_parts` took apart."""
+    """The scene from its plain values and arrays, as `scene_parts` returns them."""
     values: dict[str, Any] = {
         **plain,
         **{name: value if value.ndim else value.item() for name, value in arrays.items()},
@@ -242,7 +241,7 @@ def _previous(target: Path) -> Path:
 
 
 def _is_of_our_kind(path: Path) -> bool:
-    """Whether a file begins as a checkpoint does, damaged or not; an empty one is nobody's loss."""
+    """Whether a file begins as a checkpoint does, damaged or not; an empty file may be replaced."""
     with path.open("rb") as file:
         start = file.read(_NAME_AT + len(HEADER))
     return start[:_NAME_AT].startswith(_START) and start[_NAME_AT:].decode("latin-1") == HEADER if start else True
@@ -263,9 +262,9 @@ def _is_complete(path: Path) -> bool:
 
 @contextlib.contextmanager
 def _kept_as_previous(target: Path) -> Iterator[None]:
-    """Keep the file that is there under its second name, once a new one has replaced it in the block.
+    """Keep the present file as <name>.previous once the body of the `with` has replaced it.
 
-    Not before: so, whatever its content is worth, no moment is without a whole file.
+    Not before, so that there is a whole file at every moment.
     """
     if not _is_complete(target):
         yield
@@ -290,9 +289,10 @@ def _link(target: Path, second: Path) -> None:
 
 @contextlib.contextmanager
 def _damage_reported(path: Path) -> Iterator[None]:
-    """Tell a damaged file, from which one goes back to the one before, from one that cannot be read for other reasons.
+    """Turn errors into _DamagedError if the file is damaged, and into CheckpointError if it cannot be read.
 
-    What is no fault of the file passes: no memory, an interrupt, an exception of a signal handler.
+    Only for a damaged file the one before it is taken. Errors that have nothing to do with the file pass: too little
+    memory, an interrupt, an exception of a signal handler.
     """
     try:
         yield

@@ -60,7 +60,7 @@ class Checkpointer:
             signal.raise_signal(signal.SIGTERM)  # the run has ended otherwise: let it do what it does without us
 
     def frames_ahead(self, done: int) -> int:
-        """Frames until the next checkpoint by frames; a very large number without one."""
+        """Number of frames until the next checkpoint; very large if frames do not count."""
         if self._path is None or self._every is None:
             return 2**62
         return self._every - done % self._every

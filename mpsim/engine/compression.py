@@ -1,8 +1,8 @@
-"""Whether discs are pressed into each other, or into capsules, for want of room: what no shorter step would mend.
+"""Whether discs are pressed into each other, or into capsules, for want of room, which no shorter step would change.
 
-Steps alone let discs overlap, by so much as they move in some of them: what is deeper is pressed. A wall that moves,
-emitters and additions can bring it about. So scenes with these are looked at in frames that are looked at anyway,
-after them, for discs that are added may overlap others until the next frame.
+Because of steps discs overlap, by as much as they move in a few of them; discs that overlap more are pressed. Moving
+walls, emitters and added discs can cause it. So scenes with these are checked, in the frames in which speeds are
+checked too, and after the frame, as added discs may overlap others until then.
 """
 
 import math
@@ -43,7 +43,7 @@ NONE = Overlap(0, 0.0, 0.0, None)
 
 
 def may_be_pressed(scene: Scene, count: int) -> bool:
-    """Whether anything can have taken the room of so many discs."""
+    """Whether discs can have come to lack room: by a moving wall, emitters, or added discs."""
     return scene.moving_wall is not None or bool(scene.emitters) or count > scene.count
 
 
@@ -79,7 +79,7 @@ def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:
 
 
 def _overlap_at_all(state: State, scene: Scene, radii: Floats) -> bool:
-    """Whether overlaps are anywhere near what is looked for: a quick answer, mostly no."""
+    """Whether overlaps are so deep, or so many, that the slow search is worth while."""
     here = state.present
     position, diameter = state.position[here].astype(np.float64), 2 * radii[here]
     common = float(diameter[0]) if (diameter == diameter[0]).all() else diameter

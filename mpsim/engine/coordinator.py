@@ -1,7 +1,7 @@
 """The coordinator of a simulation: its solver, and what acts on it between two commands.
 
-Emitters add discs, limits look at speeds, the sizer says how long the next command is, and a death is answered from
-snapshots. Who may call is settled before (`access.py`); who calls holds `access.state_lock`.
+Emitters add discs, speeds are checked, the length of the next command is chosen, and if a worker has died the run goes
+back to a snapshot. Who may call is settled before (`access.py`); who calls holds `access.state_lock`.
 """
 
 import warnings
@@ -73,7 +73,7 @@ class Coordinator:
         self._closing = Closing(simulation, self.solver, access)  # before there is anything to close
 
     def start(self) -> None:
-        """Start the solver; where that fails, nothing is left of it."""
+        """Start the solver; if that fails, close it."""
         try:
             with self._access.state_lock, refusals_named():  # the end of the program waits until it can be closed
                 self.solver.start()
@@ -89,7 +89,7 @@ class Coordinator:
         return self._closing.alive
 
     def end(self) -> None:
-        """Close the simulation, from within whatever this thread is doing with it; Ctrl-C waits."""
+        """Close the simulation, also from within another call of this thread; Ctrl-C waits."""
         with interrupts_held_back(), self._access.moving():
             if self.alive:
                 self.last_frame = self.solver.frame
@@ -113,7 +113,7 @@ class Coordinator:
     # --- runs
 
     def begin_record(self, names: tuple[str, ...], frames: int) -> RunRecord:
-        """Begin the record of a run of so many frames that gathers measures of these names."""
+        """Begin the record of a run of so many frames, with averages for measures of these names."""
         solver = self.solver
         whole, guarded = solver.time == solver.frame * self._settings.dt, solver.guarded
         averages = RunAverages(names, frames, self.state, whole)
@@ -121,7 +121,7 @@ class Coordinator:
         return RunRecord(max(solver.choice.workers), averages, whole, guarded)
 
     def recovery(self, record: RunRecord) -> RecoverySnapshots | None:
-        """What answers deaths of workers in a run; None where the settings do not say so."""
+        """Snapshots for a run to go back to if a worker dies; None if the settings do not ask for it."""
         if self._settings.on_worker_death != "restart":
             return None
         return RecoverySnapshots(self.snapshot, self.restore, record, self._access.notices)
@@ -144,7 +144,7 @@ class Coordinator:
         return Report(*counts, gathered, guarded, observing_seconds)
 
     def advance(self, most: int, record: RunRecord, recovery: RecoverySnapshots | None) -> None:
-        """One slice of frames: what emitters add, a command of the solver, and the answer to a death of a worker."""
+        """Run one slice of frames: emitters add discs, the solver runs a command; if a worker dies, go back."""
         self._adapt()
         try:
             self._emit(self.emission.before_frame)
@@ -193,14 +193,14 @@ class Coordinator:
             raise
 
     def _adapt(self) -> None:
-        """Look at the speeds where there is reason to, and divide the frames to come as they need it."""
+        """Check the speeds if it is time to, and divide the following frames into as many steps as they need."""
         solver = self.solver
         if solver.too_fast or self.step_limits.is_due(solver.frame, solver.count):
             with interrupts_held_back(), self._access.moving():
                 solver.divide(self.step_limits.check(solver, self._access.notices))
 
     def look(self, new: NewDiscs) -> int:
-        """Look at the speeds with new discs, and warn or refuse as is set. Returns the sub-steps from now on."""
+        """Check the speeds of all discs and new ones; warn or refuse as is set. Returns the sub-steps from now on."""
         solver, notices = self.solver, self._access.notices
         with interrupts_held_back(), self._access.moving():
             return self.step_limits.check(solver, notices, new)
@@ -227,13 +227,13 @@ class Coordinator:
             self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
 
     def resume(self, snapshot: Snapshot, emission: Progress) -> None:
-        """Continue from a checkpoint, as if what was warned of before it had not been."""
+        """Continue from a checkpoint; what was warned of before is warned of again."""
         self.restore((snapshot, emission), new_workers=False)
         self.step_limits = StepLimits(self._scene, self._settings, self.solver.capabilities.has_steps)
         self.step_limits.set_limit(self.solver)
 
     def _replace_solver(self, choice: Choice, snapshot: Snapshot, room: int = 0) -> None:
-        """Put another solver in the place of the present one, where `auto` changes the method."""
+        """Replace the solver by one of another method, chosen by `auto`."""
         old, new = self.solver, methods.METHODS[choice.method].solver(self._scene, self._settings, choice)
         new.tallied = old.tallied
         self._closing.solvers.append(new)  # before there is anything to close
@@ -249,7 +249,7 @@ class Coordinator:
         old.close()
 
     def between_frames(self, action: Callable[[], None]) -> None:
-        """Do what may move to another block, on new workers if one has died. Signals wait: half a move is no state."""
+        """Do what may move the discs to another block; on new workers if one has died. Signals wait for its end."""
         renew = (lambda: self.restore(self.snapshot())) if self._settings.on_worker_death == "restart" else None
         with interrupts_held_back(), self._access.moving():
             try:

@@ -39,10 +39,10 @@ Progress = dict[str, list[int]]
 class Emission:
     """What the emitters of a scene have done so far.
 
-    Each emitter has a count, `due`, at which its next disc is to enter: of frames where it has `every`, of fractions of
-    its interval, interval / TRIES, where it has that. Each disc puts the count on by `every` or by TRIES, each time
-    that its place is occupied by 1. So what enters when depends on the state and on these counts alone, not on how a
-    run is cut into slices, and times are products, to which no rounding adds up.
+    Each emitter has a count, `due`, at which its next disc is to enter: of frames if it has `every`, of fractions of
+    its interval, interval / TRIES, if it has that. A disc that enters raises the count by `every` or by TRIES; one
+    whose place is occupied, by 1. So what enters when depends on the state and on these counts alone, not on how a run
+    is cut into slices; and times are products, in which rounding does not add up.
 
     Raises:
         InputError: for an interval so short that more discs would enter in a frame than a scene may have.
@@ -98,7 +98,7 @@ class Emission:
         if not due:
             return
         heapq.heapify(due)
-        plan, crowd, now = copy.copy(self), _Crowd(self._scene, solver), solver.time
+        plan, occupied, now = copy.copy(self), _Occupied(self._scene, solver), solver.time
         plan.progress = self.progress
         entering: list[tuple[Emitter, FlightEnd]] = []
         while due:
@@ -107,8 +107,8 @@ class Emission:
             radius, _ = self._kind(emitter)
             end = end_of_flight(self._scene, emitter, radius, max(now - time, 0.0), now)
             name = f"the position of emitters[{index}]"
-            hindered = hindrance(self._scene, now, crowd.radius, name, end.position, radius)
-            free = not hindered and crowd.admits(end.position, radius)
+            hindered = hindrance(self._scene, now, occupied.radius, name, end.position, radius)
+            free = not hindered and occupied.admits(end.position, radius)
             if free:
                 entering.append((emitter, end))
             else:
@@ -122,7 +122,7 @@ class Emission:
             self.progress = plan.progress
 
     def _is_due(self, index: int, solver: Solver, count_frames: bool) -> tuple[float, int] | None:
-        """The time at which an emitter is due, and its index, by which several are put in order; None if it is not."""
+        """The time at which an emitter is due, and its index, by which several are ordered; None if it is not due."""
         if not self._has_left(index):
             return None
         if self._emitters[index].every:
@@ -130,7 +130,7 @@ class Emission:
         return (self._time(index), index) if solver.reached(self._time(index)) else None
 
     def _note(self, index: int, frame: int, entered: bool) -> None:
-        """Put an emitter's count on."""
+        """Raise an emitter's count."""
         every = self._emitters[index].every
         if every:
             self._due[index] = frame  # one that waited in a checkpoint of an older version was due before
@@ -175,7 +175,7 @@ class Emission:
         return self._due[index] * (interval / TRIES)
 
     def _warn(self, index: int, emitter: Emitter, when: float, hindered: str | None) -> None:
-        """Say once that a disc waits."""
+        """Warn, once, that a disc waits."""
         name, moment = ("every", f"before frame {when}") if emitter.every else ("interval", f"at time {when:g}")
         text = (
             f"emitters[{index}] found its place {emitter.position} occupied {moment}: its disc waits "
@@ -186,8 +186,8 @@ class Emission:
         self._notices.warn(text, EmitterWarning, self._waiting)
 
 
-class _Crowd:
-    """Where discs are: those of a simulation, and those that are to enter.
+class _Occupied:
+    """Places that are occupied: by the discs of a simulation, and by those that are about to enter.
 
     After a few looks discs are sorted into strips across the longer side of the box, so broad that what overlaps a disc
     is in its own strip or in one beside it.
@@ -213,7 +213,7 @@ class _Crowd:
         return self._radius[: self._count]
 
     def admits(self, place: NDArray[np.float64], radius: float) -> bool:
-        """Whether a disc overlaps none; it is then one of them."""
+        """Whether a disc overlaps none; if so, it is added to them."""
         near = self._near(place)
         offset = to_nearest_image(self._position[near] - place, self._lengths)
         free = not ((offset**2).sum(axis=1) < (self._radius[near] + radius) ** 2).any()

@@ -1,4 +1,4 @@
-"""The flight of a disc that entered inside a frame, up to its end: free, under gravity, to the first hindrance."""
+"""The flight of a disc from its entry inside a frame to the end of that frame, or to the first obstacle."""
 
 import math
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from mpsim.scene.scene import Scene
 Floats = NDArray[np.float64]
 
 LOOKS_PER_RADIUS = 4
-"""Places along a flight at which to look for what is in its way, for each radius of its length."""
+"""Places along a flight that are tested for walls and capsules, per radius of its length."""
 
 MOST_LOOKS = 10_000
 
@@ -33,7 +33,7 @@ class FlightEnd(NamedTuple):
 
 
 def end_of_flight(scene: Scene, emitter: Emitter, radius: float, elapsed: float, time: float) -> FlightEnd:
-    """Where a disc is that left an emitter some time ago, and how fast [length], [length/time].
+    """Position and velocity of a disc that left an emitter some time ago [length], [length/time].
 
     It has flown freely: position + v s + g s^2/2 and v + g s. A flight that meets a wall or a capsule
     ends there with the velocity it then has, and the next frame begins with that contact; other discs are left out of

@@ -1,4 +1,4 @@
-"""Warnings and lines of the log that a simulation gives where it holds nothing: who gets them may wait for a reader."""
+"""Warnings and log lines, held back until the simulation holds no lock: a handler of them may wait for a reader."""
 
 import logging
 import warnings
@@ -14,22 +14,22 @@ logger: logging.Logger = logging.getLogger("mpsim")
 
 @dataclass
 class Once:
-    """A warning that is given once. Attribute given: whether it was; not where a filter makes an error of it."""
+    """A warning that is given once. Attribute given: whether it has been; False if a filter made an error of it."""
 
     given: bool = False
 
 
 class Notices:
-    """What is to be said, in order, once the simulation is whole and free to be read.
+    """Warnings and log lines that wait, in order, until the simulation can be read again.
 
-    What a filter turns into an error, or Ctrl-C comes before, keeps nothing of the rest from being said later.
+    If a filter turns one into an error, or Ctrl-C comes between, the rest is given later.
     """
 
     def __init__(self) -> None:
         self._waiting: deque[tuple[Once | None, Callable[[], None]]] = deque()
 
     def warn(self, text: str, kind: type[Warning], once: Once | None = None) -> None:
-        """Note a warning, unless it is to be given once, and was, or waits already."""
+        """Note a warning; one with `once` only if it has not been given and does not wait already."""
         if once is not None and (once.given or any(each is once for each, _ in self._waiting)):
             return
 
@@ -45,13 +45,13 @@ class Notices:
         self._waiting.append((None, lambda: logger.log(level, text, *values)))
 
     def give(self) -> None:
-        """Say what waits."""
+        """Give all that wait."""
         while self._waiting:
             _, say = self._waiting.popleft()
             say()
 
     def give_beside(self, error: Exception) -> None:
-        """Say what waits while an error is on its way, which a warning that is an error, too, must not replace."""
+        """Give all that wait while an error is being raised; a warning that is an error becomes a note of it."""
         while self._waiting:
             try:
                 self.give()

@@ -1,4 +1,4 @@
-"""Observers: who looks at a simulation along a run, to write a trajectory say."""
+"""Observers look at a simulation along a run, for instance to write a trajectory."""
 
 import time
 from collections.abc import Iterable
@@ -9,7 +9,7 @@ from mpsim.core.errors import InputError
 
 
 class HasFrame(Protocol):
-    """A simulation, as far as it matters here."""
+    """A simulation."""
 
     @property
     def frame(self) -> int:
@@ -22,7 +22,7 @@ Observed = TypeVar("Observed", bound=HasFrame)
 
 
 class Observer(Protocol[Seen_contra]):
-    """Somebody who looks at a simulation along a run, to write a trajectory say. Looking must change nothing.
+    """What looks at a simulation along a run. Looking must change nothing.
 
     Attributes:
         every: frames between two looks, >= 1, counted from frame 0, so that a run in parts shows the same frames.
@@ -61,11 +61,11 @@ class Observers(Generic[Observed]):
             checks.whole("every of an observer", getattr(each, "every", None), 1, 10**12, "1 looks at every frame.")
 
     def frames_ahead(self, frame: int) -> int:
-        """Frames until somebody wants to look; a very large number without observers."""
+        """Number of frames until the next look; very large without observers."""
         return min((each.every - frame % each.every for each in self._observers), default=2**62)
 
     def look(self, sim: Observed, collisions: int) -> None:
-        """Let those look whose turn it is."""
+        """Let those observers look whose frame this is."""
         started = time.perf_counter()
         for each in self._observers:
             if sim.frame % each.every == 0:

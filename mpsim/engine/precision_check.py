@@ -1,4 +1,4 @@
-"""Whether numbers are fine enough for the scene: what the precision of a run loses of it is refused or warned of."""
+"""Whether the precision of a run suffices for the scene: what it loses is refused or warned of."""
 
 import math
 
@@ -66,7 +66,7 @@ def check_precision(scene: Scene, settings: Settings) -> None:
 
 
 def computes_contact_times(settings: Settings) -> bool:
-    """Whether contacts are computed with the square of radius times speed: `push` does without."""
+    """Whether times of contacts are computed, with the square of radius times speed: `push` needs none."""
     return settings.contact == "impact" or not capabilities_of(settings).has_steps
 
 
@@ -76,7 +76,7 @@ def spacing_of(scene: Scene, precision: str) -> float:
 
 
 def coarseness(scene: Scene, settings: Settings) -> str | None:
-    """What the precision of the run loses of a scene, in words with numbers and remedy; None if it is little."""
+    """What the precision of the run loses of a scene: text with numbers and remedy; None if it is little."""
     precision, spacing = settings.precision, spacing_of(scene, settings.precision)
     words = []
     if scene.count and spacing > COARSE * scene.smallest_radius:

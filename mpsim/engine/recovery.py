@@ -1,4 +1,4 @@
-"""What is done about the death of a worker: snapshots in memory, and the return to the last one on new workers."""
+"""When a worker dies: go back to the last snapshot in memory, and continue on new workers."""
 
 import time
 from collections.abc import Callable
@@ -20,7 +20,7 @@ MOST_DEATHS = 5
 
 
 def log_death(death: WorkerDied, what_now: str, notices: Notices) -> None:
-    """One line in the log for a death that is healed."""
+    """Log a death from which the run recovers."""
     notices.log(
         "mpsim: worker %d (process %s) ended with exit code %s in frame %d, phase '%s'; %s, on new workers.",
         death.worker,
@@ -33,7 +33,7 @@ def log_death(death: WorkerDied, what_now: str, notices: Notices) -> None:
 
 
 def retried_on_new_workers(act: Callable[[], None], renew: Callable[[], None] | None, notices: Notices) -> None:
-    """Act; where a worker has died, once more on new ones.
+    """Act; if a worker dies, act again on new ones.
 
     Args:
         act: changes nothing if a worker dies.

@@ -28,7 +28,7 @@ class BetweenSlices(NamedTuple, Generic[Observed]):
 def run_frames(
     frames: int, coordinator: Coordinator, access: Access, record: RunRecord, between: BetweenSlices[Observed]
 ) -> None:
-    """Run so many frames, and record them; if workers die, go back to a snapshot where the settings say so."""
+    """Run so many frames, and record them; if a worker dies, go back to a snapshot if the settings say so."""
     sim, observers, checkpoints, progress = between
     recovery = coordinator.recovery(record)
     with access.callbacks():

@@ -40,7 +40,7 @@ class RunRecord:
         self._times = [np.zeros((workers, 0, len(PHASES)), np.int64)]
 
     def take(self, part: Slice, scene: Scene) -> None:
-        """Take in what one command of the solver has done."""
+        """Add what one command of the solver took and counted."""
         size = part.times.shape[1]
         self.done += size
         self._times.append(part.times)
@@ -49,7 +49,7 @@ class RunRecord:
             self.averages.take(part.tally, self.done, scene)
 
     def mark(self) -> Mark:
-        """Where it stands, for `rewind`."""
+        """How far the run has come, for `rewind`."""
         return Mark(self.done, self.collisions, len(self._times), self.averages.mark())
 
     def rewind(self, mark: Mark) -> None:

@@ -1,4 +1,4 @@
-"""What becomes of open simulations when nobody holds them any more, when the program ends, or when it forks."""
+"""Closes simulations that are left open: when they are collected, when the program ends, in a fork."""
 
 import multiprocessing.util
 import os
@@ -42,7 +42,7 @@ class Closing:
             _open[access] = self
 
     def __call__(self, _: object = None) -> None:
-        """Close it, and whole: Ctrl-C pressed once more would leave half of it behind. It takes a bounded time."""
+        """Close it. Ctrl-C waits, as it would leave half of it behind; closing takes a bounded time."""
         with interrupts_held_back(), self._access.closing:
             if self.alive:
                 self.alive = False

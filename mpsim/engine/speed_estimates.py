@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from mpsim.engine.solvers.speeds import Speeds, enskog_rate, sides_at
+from mpsim.engine.solvers.speeds import Speeds, estimated_collision_rate, sides_at
 from mpsim.measure.driving import acceleration_bound
 from mpsim.scene.scene import Scene
 
 
 def speeds_after_fall(speeds: Speeds, scene: Scene) -> Speeds:
-    """How fast the fastest disc is where acceleration has taken it through the box: of no discs, that of an emitter."""
+    """Speed of the fastest disc after a fall through the box; in a scene without discs, of one from an emitter."""
     fall = math.sqrt(2 * acceleration_bound(scene) * max(sides_at(scene, 0.0)))
     if not fall:
         return speeds
@@ -21,7 +21,7 @@ def speeds_after_fall(speeds: Speeds, scene: Scene) -> Speeds:
 
 
 def speeds_in_equilibrium(speeds: Speeds, scene: Scene) -> Speeds:
-    """How fast discs become whose masses differ: collisions give each the same energy, so light ones become fast.
+    """Speeds of discs of different masses in equilibrium: each has the same mean energy, so light ones are fast.
 
     With E = <m v^2> the mean square of a disc's speed is E / m, and the fastest of N is sqrt(ln N) times faster:
     speeds in two dimensions exceed s with probability exp(-s^2 m / E).
@@ -39,14 +39,14 @@ def speeds_in_equilibrium(speeds: Speeds, scene: Scene) -> Speeds:
         speed=float(speed[worst]),
         limit=float(scene.radii[worst]),
         between="",
-        collision_rate=enskog_rate(scene.radii, mean_speed, sides_at(scene, 0.0)),
+        collision_rate=estimated_collision_rate(scene.radii, mean_speed, sides_at(scene, 0.0)),
         mean_speed=mean_speed,
         when="once collisions have shared the energy out",
     )
 
 
 def speeds_of_emitters(scene: Scene) -> Speeds:
-    """How fast the fastest disc of an emitter enters, for what it may be."""
+    """Speed of the disc from an emitter that moves the largest fraction of its radius in a step."""
     if not scene.emitters:
         return Speeds()
     common = scene.largest_radius
@@ -58,7 +58,7 @@ def speeds_of_emitters(scene: Scene) -> Speeds:
 
 
 def speeds_of_pushed(speeds: Speeds, scene: Scene) -> Speeds:
-    """How fast the smallest disc is when a moving wall has met it at rest: without loss twice as fast as the wall."""
+    """Speed of the smallest disc after a moving wall has hit it at rest: without loss twice that of the wall."""
     wall = scene.moving_wall
     if wall is None or not scene.count:
         return Speeds()

@@ -127,7 +127,7 @@ class StepLimits:
             self._fast.given = True
 
     def forecast(self) -> str | None:
-        """What there is to say of the speeds at the start, and of those that will certainly come."""
+        """The complaint about speeds at the start, or about those that are certain to come; None: they are low."""
         scene = self._scene
         speeds = speeds_of(scene.velocity, scene.radii, scene)
         ahead = [speeds, speeds_after_fall(speeds, scene), speeds_of_emitters(scene), speeds_of_pushed(speeds, scene)]
@@ -141,13 +141,13 @@ class StepLimits:
         return self._settings.on_fast == "substep" and not self._fast.given
 
     def frames_ahead(self, frame: int, count: int) -> int:
-        """Frames until the next look; a very large number if there is none."""
+        """Number of frames until the next check; very large if there is none."""
         if self._fast.given and not self._looks_for_pressed(count):
             return 2**62
         return min(every - frame % every for every in self._periods(frame, count))
 
     def is_due(self, frame: int, count: int) -> bool:
-        """Whether this is a frame before which to look, or to lift the limit as the warning was given."""
+        """Whether to check speeds before this frame, or to lift the limit, as the warning has been given."""
         return self._has_limit if self._fast.given else self._is_look(frame, count, 1)
 
     def _is_look(self, frame: int, count: int, rarer: int) -> bool:
@@ -159,7 +159,7 @@ class StepLimits:
         return not self._pressed.given and may_be_pressed(self._scene, count)
 
     def set_limit(self, solver: Solver) -> None:
-        """Have the solver end its commands where a disc is too fast, or never, if there is no use in it."""
+        """Have the solver end its commands when a disc is too fast; never, once that has been warned of."""
         speed_limit = SpeedLimit()
         self._has_limit = not self._fast.given
         if self.adapts:
@@ -169,7 +169,7 @@ class StepLimits:
         solver.set_speed_limit(speed_limit)
 
     def check(self, solver: Solver, notices: Notices, new: NewDiscs | None = None) -> int:
-        """Look at the speeds, and warn where that is wanted. Returns how many sub-steps to take from now on.
+        """Check the speeds, and warn if that is wanted. Returns the number of sub-steps from now on.
 
         Args:
             solver: whose discs are looked at.
@@ -195,7 +195,7 @@ class StepLimits:
         return solver.substeps
 
     def look_for_pressed(self, solver: Solver, notices: Notices) -> None:
-        """Look for discs that are pressed into each other, after the frames that are looked at, and warn once.
+        """Look for discs that are pressed into each other, after frames that are checked, and warn once.
 
         Raises:
             TooFastError: if the settings do not allow it.
@@ -240,7 +240,7 @@ class StepLimits:
         return self._acceleration * self._settings.dt * frames + push
 
     def _complaint(self, speeds: Speeds, frame: int) -> str | None:
-        """What to tell of the fastest disc, or None where it is slow enough."""
+        """The warning about the fastest disc; None if it is slow enough."""
         settings = self._settings
         dt = settings.dt / settings.substeps
         fraction, collisions = speeds.fraction(dt) / BOUND, speeds.collision_rate * dt / COLLISIONS

@@ -1,4 +1,4 @@
-"""What gives the discs of a scene energy, and what takes it: fields, walls that move, discs that enter, losses."""
+"""What changes the energy of the discs of a scene: fields, moving walls, emitters, absorbing edges, losses."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,7 +7,7 @@ from mpsim.scene.scene import Scene
 
 
 def _largest(field: NDArray[np.float64] | None) -> float:
-    """Largest size of the rows of a field; 0 without rows, or without the field."""
+    """Largest absolute value of a field; 0 without discs, or without the field."""
     return 0.0 if field is None else float(np.hypot(*np.atleast_2d(field).T).max(initial=0.0))
 
 
@@ -17,17 +17,17 @@ def gravity_strength(scene: Scene) -> float:
 
 
 def acceleration_bound(scene: Scene) -> float:
-    """What the acceleration of no disc exceeds: |g| plus the largest acceleration of a disc [length/time^2]."""
+    """An upper bound: |g| plus the largest acceleration given for a disc [length/time^2]."""
     return gravity_strength(scene) + _largest(scene.acceleration)
 
 
 def strongest_field(scene: Scene) -> float:
-    """The larger of |g| and the largest acceleration of a disc [length/time^2]: a scale, no bound, where both act."""
+    """The larger of |g| and the largest acceleration given for a disc: a scale, no bound [length/time^2]."""
     return max(gravity_strength(scene), _largest(scene.acceleration))
 
 
 def has_fields(scene: Scene) -> bool:
-    """Whether discs have gravity or accelerations of their own, be they zero."""
+    """Whether gravity, or accelerations of the discs, are given, zeros included."""
     return scene.gravity is not None or scene.acceleration is not None
 
 
@@ -37,6 +37,6 @@ def has_losses(scene: Scene) -> bool:
 
 
 def conserves_energy(scene: Scene) -> bool:
-    """Whether the kinetic energy changes by nothing that the scene has: a gas left to itself."""
+    """Whether the kinetic energy is constant: no fields, moving walls, emitters, absorbing edges or losses."""
     driven = acceleration_bound(scene) > 0 or scene.moving_wall is not None or bool(scene.emitters)
     return not driven and not has_losses(scene) and not scene.absorbing

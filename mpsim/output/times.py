@@ -50,7 +50,7 @@ def times(report: Report) -> Figure:
 
 
 def phases_of(report: Report) -> dict[str, str]:
-    """The phases that took any time, and what to call each: naive and event do not go by columns."""
+    """The phases that took any time, and what each is called for this method."""
     words = METHODS[report.method].phases
     return {name: words.get(name, name) for name in PHASES if report.phase_seconds[name].any()}
 

@@ -101,7 +101,7 @@ class Trajectory:
         self.close()
 
     def close(self) -> None:
-        """Let go of the file. Not needed for extended XYZ, whose file is open only while a frame is read."""
+        """Close the file. Not needed for extended XYZ, whose file is open only while a frame is read."""
         self._reader.close()
 
     def __repr__(self) -> str:

@@ -17,7 +17,7 @@ from mpsim.measure.predictability import Predictability, predictability, require
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
-KICK = 1e-10
+PERTURBATION = 1e-10
 """Initial difference of the velocities of two runs, as a fraction of a typical speed: far above rounding."""
 
 HIGHEST = 1e-3
@@ -75,8 +75,8 @@ def divergence(scene: Scene, seed: int = 0, progress: Callable[[int, int], None]
     (True, True)
     """
     speed, diameter = typical_speed(scene), 2 * scene.smallest_radius
-    kick = np.random.default_rng(seed).normal(size=(scene.count, 2)) * KICK * speed
-    other = scene.starting_from(State(scene.position, scene.velocity + kick))
+    perturbation = np.random.default_rng(seed).normal(size=(scene.count, 2)) * PERTURBATION * speed
+    other = scene.starting_from(State(scene.position, scene.velocity + perturbation))
     # A sample for each twentieth of a diameter of flight: a Lyapunov time is about as long as a free path.
     settings = Settings(method="event", dt=0.05 * diameter / speed if speed else 1.0)
     times, distances = [], []
@@ -88,7 +88,7 @@ def divergence(scene: Scene, seed: int = 0, progress: Callable[[int, int], None]
             distances.append(trajectory_error(one.state, two.state, scene).rms)
             if distances[-1] > HIGHEST * diameter:
                 break
-    straight = KICK * speed * times[-1]
+    straight = PERTURBATION * speed * times[-1]
     if distances[-1] <= STRAIGHT * straight:
         raise InputError(
             f"the runs of a scene must diverge for a growth rate; a distance of {distances[-1]:.3g} in a time of "

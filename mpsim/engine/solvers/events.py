@@ -136,7 +136,7 @@ class EventSolver(Solver):
         return int(finished)
 
     def _fit_events_per_call(self, done: int, seconds: float) -> None:
-        """Fit the events of a call to the speed of scene and machine; how a run is cut into calls changes no bit."""
+        """Choose the number of events per call by the time of the last; how a run is cut into calls changes no bit."""
         fitting = done * SECONDS_AT_ONCE / max(seconds, 1e-9)
         self._events_per_call = int(
             max(min(fitting, 2 * self._events_per_call), self._events_per_call / 2, FEWEST_EVENTS)
@@ -153,7 +153,7 @@ class EventSolver(Solver):
         return tally
 
     def set_tallied(self, tallied: bool) -> None:
-        """It is always counted: that costs 1 %."""
+        """Have counts returned, or not. The kernel always counts, which costs 1 %."""
         self.tallied = tallied
 
     # --- state
@@ -209,7 +209,7 @@ class EventSolver(Solver):
         self._radii, self._masses, self._seen = radii, masses, seen
 
     def _take(self, block: SharedBlock, store: Any, box: Any) -> None:
-        """Continue in a block that is filled, and give the old one back: at no moment does nobody hold one of them."""
+        """Continue in another block, which is filled, and close the old one; one of them is owned at every moment."""
         old = self._block
         self._store, self._block, self._box, self.count = store, block, box, len(store.order)
         old.close()

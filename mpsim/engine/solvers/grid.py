@@ -34,7 +34,7 @@ class GridSolver(SteppedSolver):
         return self._run_grid(self._pool if workers > 1 else None)
 
     def _run_grid(self, pool: WorkerPool | None) -> int:
-        """Give the command to everybody and do the coordinator's part of it."""
+        """Start the command on all workers, and run worker 0's share of it."""
         if pool is not None:
             pool.wake()
         try:
@@ -61,7 +61,7 @@ class GridSolver(SteppedSolver):
         return Columns(column, np.searchsorted(first, column, side="right") - 1, self._grid.columns)
 
     def _deal(self, workers: int) -> None:
-        """Give each worker its columns and its slice."""
+        """Assign columns and a slice of the discs to each worker."""
         team = self._block.arrays["team"][:workers]
         columns, slots = self._shares(workers)
         team["first_column"], team["last_column"] = columns[:-1], columns[1:]

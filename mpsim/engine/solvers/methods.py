@@ -77,12 +77,12 @@ def choose(count: int, settings: Settings) -> Choice:
 
 
 def same_solver(one: Choice, other: Choice) -> bool:
-    """Whether a solver can go over from one choice to the other by itself."""
+    """Whether one class of solvers runs both."""
     return METHODS[one.method].solver is METHODS[other.method].solver
 
 
 def note_remark(choice: Choice, before: Choice | None, notices: Notices) -> None:
-    """Have the log say what there is to say of a choice, unless that was said of the one before."""
+    """Log the remark of a choice, unless the one before had the same."""
     if choice.remark and (before is None or choice.remark != before.remark):
         notices.log(choice.remark, level=logging.INFO)
 

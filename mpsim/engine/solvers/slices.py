@@ -24,7 +24,7 @@ class Slice:
     tally: NDArray[Any] | None
 
 
-def tallied(tally: NDArray[Any], scale: float, diameter: float) -> NDArray[Any]:
+def totals(tally: NDArray[Any], scale: float, diameter: float) -> NDArray[Any]:
     """What all workers counted in each frame, in the scene's units: COUNTS, shape (frames,).
 
     Args:
@@ -32,12 +32,12 @@ def tallied(tally: NDArray[Any], scale: float, diameter: float) -> NDArray[Any]:
         scale: by which impulses were multiplied.
         diameter: of the largest disc [length].
     """
-    totals = np.zeros(tally.shape[1], records.COUNTS)
+    found = np.zeros(tally.shape[1], records.COUNTS)
     for name in records.COUNTS.names or ():
-        totals[name] = tally[name].sum(axis=0)
-    totals["deepest"] = tally["deepest"].max(axis=0)
+        found[name] = tally[name].sum(axis=0)
+    found["deepest"] = tally["deepest"].max(axis=0)
     for name in records.IMPULSES:
-        totals[name] /= scale
+        found[name] /= scale
     for name in records.DEPTHS:
-        totals[name] *= diameter / layout.DEPTH_SCALE
-    return totals
+        found[name] *= diameter / layout.DEPTH_SCALE
+    return found

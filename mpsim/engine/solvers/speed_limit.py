@@ -11,7 +11,7 @@ from mpsim.kernels import layout
 
 
 class SpeedLimit(NamedTuple):
-    """When a disc is too fast for a step: where it moves, or is about to move, more than a fraction of its radius.
+    """Displacement in a step above which a disc is too fast.
 
     Attributes:
         fraction: of the radius; infinite: never.
@@ -22,7 +22,7 @@ class SpeedLimit(NamedTuple):
     gain: float = 0.0
 
     def square(self, dt: float, common: float | None, smallest: float, precision: str) -> float:
-        """What the parameter `fast` is.
+        """Value of the parameter `fast`, with which kernels compare squares.
 
         Args:
             dt: of a step [time].

@@ -16,11 +16,11 @@ DENSE = 0.7
 
 @dataclass(frozen=True)
 class Speeds:
-    """How fast the discs of a state are, for what they may be.
+    """How fast the discs of a state are, compared with what a step allows.
 
     Attributes:
-        disc: index of the one whose displacement in a step is the largest fraction of what it may be; -1: there is
-            none, or it is still to come.
+        disc: index of the one whose displacement in a step is the largest fraction of its limit; -1: there is none,
+            or it is still to come.
         speed: of it, or its component between two walls [length/time].
         limit: displacement that it may make in a step: its radius, or its free distance between walls; infinite where
             there is no disc [length].
@@ -28,7 +28,7 @@ class Speeds:
         collision_rate: collisions of a disc with others, estimated [1/time].
         mean_speed: root mean square [length/time].
         smallest: radius of the smallest disc [length].
-        when: "" now; or, in words, when discs are, were or will be so fast.
+        when: in words, when discs were or will be so fast; "": now.
     """
 
     disc: int = -1
@@ -41,11 +41,11 @@ class Speeds:
     when: str = ""
 
     def fraction(self, dt: float) -> float:
-        """Displacement of the fastest disc in a step of length dt, as a fraction of what it may be."""
+        """Displacement of the fastest disc in a step of length dt, as a fraction of its limit."""
         return self.speed * dt / self.limit
 
     def or_faster(self, other: "Speeds | None") -> "Speeds":
-        """This one, with the fastest disc of a moment before, unless that was slower (but for rounding)."""
+        """These, with the fastest disc of a moment before if it was faster (but for rounding)."""
         if other is None or other.fraction(1 + 1e-5) < self.fraction(1.0):
             return self
         return replace(other, collision_rate=self.collision_rate, mean_speed=self.mean_speed, smallest=self.smallest)
@@ -58,7 +58,7 @@ def speeds_of(
     time: float = 0.0,
     present: NDArray[np.bool_] | None = None,
 ) -> Speeds:
-    """How fast discs are.
+    """Speeds of discs.
 
     Args:
         velocity: shape (N, 2), in the order of the scene's discs, so that no sum depends on another one [length/time].
@@ -89,7 +89,7 @@ def speeds_of(
         worst = int((np.abs(v) / free).argmax())
         between = Speeds(worst, float(abs(v[worst])), float(free[worst]), "xy"[axis])
         found = max(found, between, key=lambda speeds: speeds.fraction(1.0))
-    rate = enskog_rate(radius, mean_speed, sides)
+    rate = estimated_collision_rate(radius, mean_speed, sides)
     return replace(found, collision_rate=rate, mean_speed=mean_speed, smallest=float(radius.min()))
 
 
@@ -100,7 +100,7 @@ def sides_at(scene: Scene, time: float) -> tuple[float, float]:
     return width, height
 
 
-def enskog_rate(radius: NDArray[np.float64], speed: float, sides: tuple[float, float]) -> float:
+def estimated_collision_rate(radius: NDArray[np.float64], speed: float, sides: tuple[float, float]) -> float:
     """Collisions of a disc with others per time, after Enskog: 2 sqrt(pi) n sigma g sqrt(kT/m).
 
     g, the pair correlation at contact: of a fluid (Henderson 1975), or above packing 0.7 of a crystal by its free

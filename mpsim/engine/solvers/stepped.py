@@ -19,7 +19,7 @@ from mpsim.engine.solvers import stepped_snapshot
 from mpsim.engine.solvers.base import Capabilities, Choice, Solver
 from mpsim.engine.solvers.discs import absorbed_in, first_not_finite, places_and_speeds, state_in, write_discs
 from mpsim.engine.solvers.parameters import Present, configure
-from mpsim.engine.solvers.slices import Slice, tallied
+from mpsim.engine.solvers.slices import Slice, totals
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
 from mpsim.engine.solvers.speed_limit import SpeedLimit, disc_too_fast
 from mpsim.engine.solvers.speeds import Speeds, speeds_of
@@ -106,7 +106,7 @@ class SteppedSolver(Solver):
         tally = arrays.get("tally")
         if tally is not None:
             scale = float(arrays["parameters"].tally_scale)
-            tally = tallied(tally[:, :frames], scale, 2 * self._scene.largest_radius)
+            tally = totals(tally[:, :frames], scale, 2 * self._scene.largest_radius)
         return Slice(arrays["times"][:, :frames].copy(), contacts, tally)
 
     def _write_command(self, frames: int, workers: int, stop: float) -> None:

@@ -88,7 +88,7 @@ class WorkerPool:
         return list(self._pids)  # a process that another thread is replacing right now would not tell its own
 
     def wake(self) -> None:
-        """Announce a command and rouse the workers that sleep. The command itself is given by the kernel."""
+        """Announce a command, and wake the workers that sleep. The kernel gives the command itself."""
         store_word(self._control.signals, layout.ANNOUNCED, load_word(self._control.signals, layout.COMMAND) + 1)
         for connection, mine in zip(self._connections, self._team[1:], strict=True):
             if load_word(mine.signals, layout.PARKED):
@@ -214,7 +214,7 @@ class WorkerPool:
         return WorkerDied(worker, process.pid, code, cause, frame, phase or layout.PHASES[mine.phase])
 
     def _watch(self) -> None:
-        """Thread: at the first death, tell everybody to leave the frame loop. Ends when told to.
+        """Thread: when a worker dies, have all others leave the frame loop. Ends when `stop` asks for it.
 
         A sentinel also fires when the fork server is ended, which a SIGTERM to the whole group does; its workers live
         on, and are looked at now and then.
@@ -266,7 +266,7 @@ def _main_module_hidden():
 
 
 class _Hidden(types.ModuleType):
-    """Stands for the main module. Attribute main: what it stands for."""
+    """Placeholder for the main module. Attribute main: that module."""
 
     def __init__(self, main: types.ModuleType | None):
         super().__init__("__main__")

@@ -32,3 +32,18 @@ def test_a_daemonic_process_chooses_one_worker(monkeypatch):
     choice = methods.choose(10**5, mpsim.Settings(method="parallel", workers=4))
     assert choice.workers == (1,)
     assert "daemonic" in choice.remark
+
+
+def test_what_a_method_can_do_is_known_from_settings_and_auto_is_as_its_methods():
+    found = {name: methods.capabilities_of(mpsim.Settings(method=name)) for name in (*methods.METHODS, "auto")}
+    assert [name for name, each in found.items() if not each.has_steps] == ["event"]
+    assert [name for name, each in found.items() if each.is_exact] == ["event"]
+    chosen = {methods.choose(count, mpsim.Settings(workers=2)).method for count in (1, 200, 10**5)}
+    assert chosen == set(methods.AUTO)
+
+
+def test_auto_is_exact_only_if_all_that_it_may_choose_are(monkeypatch):
+    monkeypatch.setattr(methods, "AUTO", ("event", "grid"))
+    assert not methods.capabilities_of(mpsim.Settings()).is_exact
+    monkeypatch.setattr(methods, "AUTO", ("event",))
+    assert methods.capabilities_of(mpsim.Settings()).is_exact
