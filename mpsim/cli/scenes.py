@@ -9,7 +9,7 @@ import numpy as np
 
 from mpsim.cli.terminal import complete_scene
 from mpsim.core.plain import json_text
-from mpsim.features import FEATURES
+from mpsim.features import FEATURES, NUMBERS
 from mpsim.scene import scenefile
 from mpsim.scene.scenefile import SceneFile
 from mpsim.scene.settings import Settings
@@ -104,6 +104,7 @@ def record(file: SceneFile) -> dict[str, Any]:
         "restitution": scene.restitution,
         "wall_restitution": scene.wall_restitution,
         **{feature.argument: feature.record(scene) for feature in FEATURES},
+        **{name: getattr(scene, name) for name in NUMBERS},
         "duration": scene.duration,
         "settings": None if file.settings is None else dataclasses.asdict(file.settings),
         "read": [str(path) for path in file.read],

@@ -53,34 +53,40 @@ def resolution(array: NDArray[np.float64]) -> float:
 
 def positive(name: str, value: Any, unit: str) -> float:
     """A finite number above 0."""
-    number = _number(name, value, f"a number > 0 {unit}")
-    if not (math.isfinite(number) and number > 0):
+    found = number(name, value, f"a number > 0 {unit}")
+    if not (math.isfinite(found) and found > 0):
         raise InputError(f"{name} must be a finite number > 0 {unit}; got {brief(value)}.")
-    return number
+    return found
 
 
 def time_to_come(name: str, value: Any) -> float:
     """A number >= 0, or infinity, which stands for the end of all motion."""
-    number = _number(name, value, "a number >= 0 [time]")
-    if not number >= 0:
+    found = number(name, value, "a number >= 0 [time]")
+    if not found >= 0:
         raise InputError(f"{name} must be a number >= 0 [time], or infinity; got {value!r}.")
-    return number
+    return found
 
 
 def non_negative(name: str, value: Any, unit: str) -> float:
     """A finite number >= 0."""
-    number = _number(name, value, f"a number >= 0 {unit}")
-    if not (math.isfinite(number) and number >= 0):
+    found = number(name, value, f"a number >= 0 {unit}")
+    if not (math.isfinite(found) and found >= 0):
         raise InputError(f"{name} must be a finite number >= 0 {unit}; got {brief(value)}.")
-    return number
+    return found
 
 
 def fraction(name: str, value: Any) -> float:
     """A number from 0 to 1."""
-    number = _number(name, value, "a number from 0 to 1")
-    if not 0 <= number <= 1:
-        raise InputError(f"{name} must be a number from 0 to 1; got {brief(value)}.")
-    return number
+    return between(name, value, 0, 1)
+
+
+def between(name: str, value: Any, low: float, high: float) -> float:
+    """A number from `low` to `high`."""
+    rule = f"a number from {low:g} to {high:g}"
+    found = number(name, value, rule)
+    if not low <= found <= high:
+        raise InputError(f"{name} must be {rule}; got {brief(value)}.")
+    return found
 
 
 def one_or_each(name: str, value: Any, count: int, unit: str) -> float | NDArray[np.float64]:
@@ -155,7 +161,8 @@ def choice(name: str, value: Any, allowed: Iterable[str]) -> str:
     raise InputError(f"{name} must be one of {', '.join(map(repr, words))}; got {brief(value)}.{hint}")
 
 
-def _number(name: str, value: Any, rule: str) -> float:
+def number(name: str, value: Any, rule: str) -> float:
+    """A number, which may be infinite or none; `rule` says what it must be."""
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         raise InputError(f"{name} must be {rule}; got {brief(value)}.")
     try:

@@ -31,6 +31,7 @@ def _in_digest(where: Callable[[Any], bool]) -> dict[str, Any]:
 
 _ALWAYS = _in_digest(lambda value: True)
 _WHERE_COUNTED = _in_digest(lambda image: image is not None)
+_WHERE_ROUGH = _in_digest(lambda spin: spin is not None)
 _WHERE_SOME_LEFT = _in_digest(lambda present: not present.all())
 _FOLLOWS = _in_digest(lambda value: False) | {"reason": "it follows from the scene and the time"}
 _IN_FRAMES = {"in_frames": True}
@@ -43,7 +44,7 @@ class State:
 
     Args:
         position, velocity: as below.
-        present, image, box: as below, by name; None: all present, no counts, unknown.
+        present, image, spin, box: as below, by name; None: all present, no counts, smooth discs, unknown.
 
     Attributes:
         position: shape (N, 2) [length], in the precision of the run; in [0, length) along a periodic axis.
@@ -51,11 +52,13 @@ class State:
         present: shape (N,), bool: False for absorbed discs. They rest where they left, and no observable counts them.
         image: shape (N, 2), int64: how many periods each disc has moved through each periodic border since the scene
             began, negative towards lower coordinates, 0 along axes with walls. None where no axis is periodic.
+        spin: shape (N,), angular velocity, counter-clockwise [1/time], in the precision of the run; 0 of absorbed
+            discs. None where discs are smooth.
         box: (x_low, x_high, y_low, y_high) [length]: where the walls are now, as one of them may have moved,
             and the period of a periodic axis. None where that is unknown: in a state made by hand.
 
     Raises:
-        InputError: if present or image has another shape, or image comes without box, which has the periods.
+        InputError: if present, image or spin has another shape, or image comes without box, which has the periods.
 
     >>> import numpy as np
     >>> state = State(position=np.array([[1.0, 2.0]]), velocity=np.zeros((1, 2)))
@@ -68,6 +71,7 @@ class State:
     velocity: NDArray[np.floating] = field(metadata=_ALWAYS | _IN_FRAMES)
     image: NDArray[np.int64] | None = field(metadata=_WHERE_COUNTED | _IN_FRAMES)
     present: NDArray[np.bool_] = field(metadata=_WHERE_SOME_LEFT)
+    spin: NDArray[np.floating] | None = field(metadata=_WHERE_ROUGH | _IN_FRAMES)
     box: Box | None = field(metadata=_FOLLOWS)
 
     def __init__(
@@ -77,6 +81,7 @@ class State:
         *,
         present: NDArray[np.bool_] | None = None,
         image: NDArray[np.int64] | None = None,
+        spin: NDArray[np.floating] | None = None,
         box: Box | None = None,
     ):
         count = len(position)
@@ -87,9 +92,23 @@ class State:
             image = _counts(image, count)
             if box is None:
                 raise InputError("image of a state needs box, which has the periods; got None. Give both, or neither.")
+        if spin is not None:
+            spin = np.asarray(spin)
+            if spin.shape != (count,) or spin.dtype.kind != "f":
+                raise InputError(
+                    f"spin of a state must be real numbers of shape ({count},), one per disc; got {spin.dtype} of "
+                    f"shape {spin.shape}. Leave it out where discs are smooth."
+                )
         edges = None if box is None else checks.finite_array("box of a state", box, (4,), "(4,)").tolist()
         walls = None if edges is None else tuple(edges)
-        values = {"position": position, "velocity": velocity, "present": here, "image": image, "box": walls}
+        values = {
+            "position": position,
+            "velocity": velocity,
+            "present": here,
+            "image": image,
+            "spin": spin,
+            "box": walls,
+        }
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
@@ -114,7 +133,7 @@ class State:
     def digest(self) -> str:
         """Hex digest of the bits of position and velocity; equal digests mean equal bits.
 
-        Counts of periods are included where there are any, and which discs are present once one has left.
+        Counts of periods and spins are included where there are any, and which discs are present once one has left.
 
         >>> import numpy as np
         >>> State(np.zeros((1, 2)), np.ones((1, 2))).digest() == State(np.zeros((1, 2)), np.ones((1, 2))).digest()
@@ -131,7 +150,7 @@ class State:
         return digest.hexdigest()
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write a NumPy .npz with the arrays position, velocity and present, and image and box where there are any.
+        """Write a NumPy .npz with the arrays position, velocity and present, and image, spin and box if any.
 
         An existing file is replaced as a whole or left as it was; a symbolic link is refused.
 

@@ -31,14 +31,14 @@ from mpsim.core.errors import (
     is_of_the_system,
     level_of_caller,
 )
-from mpsim.features import FEATURES
+from mpsim.features import FEATURES, NUMBERS, PER_DISC
 from mpsim.kernels.events import state as events
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
-FORMAT = 2
+FORMAT = 3
 """Version of the format. A file of a newer one is refused, by number; one of format 1 lacks the counts of periods and
-virials by component."""
+virials by component, one of format 2 is that of smooth discs."""
 
 HEADER = "mpsim_checkpoint"
 """Name of the first array, the header. So the name stands at the start of the file, and tells its kind."""
@@ -55,7 +55,7 @@ DAMAGED_DISK = (errno.EIO, errno.EBADMSG, errno.EUCLEAN)
 _NO_STATE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
 """What content raises that is no state of a simulation."""
 
-PER_DISC = ("position", "velocity", "radius", "mass", "acceleration", "gravity")
+ARRAYS = ("position", "velocity", "radius", "mass", "acceleration", "gravity", *PER_DISC)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -190,8 +190,9 @@ def scene_parts(scene: Scene) -> tuple[dict[str, Any], Arrays]:
     plain: dict[str, Any] = {
         name: getattr(scene, name) for name in ("width", "height", "restitution", "wall_restitution", "boundary")
     }
-    arrays = {name: np.asarray(value) for name in PER_DISC if (value := getattr(scene, name)) is not None}
-    plain |= {feature.argument: feature.plain(scene) for feature in FEATURES}
+    arrays = {name: np.asarray(value) for name in ARRAYS if (value := getattr(scene, name)) is not None}
+    plain |= {feature.argument: feature.plain(scene) for feature in FEATURES if not feature.numbers}
+    plain |= {name: value for name, (default, _) in NUMBERS.items() if (value := getattr(scene, name)) != default}
     if scene.duration is not None:
         plain["duration"] = scene.duration
     return plain, arrays
@@ -203,7 +204,7 @@ def scene_from(plain: dict[str, Any], arrays: Arrays) -> Scene:
         **plain,
         **{name: value if value.ndim else value.item() for name, value in arrays.items()},
     }
-    values |= {feature.argument: feature.made(plain[feature.argument]) for feature in FEATURES}
+    values |= {each.argument: each.made(plain[each.argument]) for each in FEATURES if not each.numbers}
     return Scene(**values)
 
 
@@ -320,7 +321,7 @@ def _unpacked(path: Path) -> tuple[dict[str, Any], Arrays]:
             arrays = {name: archive.read(name) for name in archive.names if name != HEADER}
             if digest_of(header, arrays) != said:
                 raise _DamagedError("its content does not match its digest")
-            return header, _of_format_1(arrays) if format_version < FORMAT else arrays
+            return header, _of_format_1(arrays) if format_version == 1 else arrays
     raise CheckpointError(
         f"the checkpoint {str(path)!r} is of format {format_version}; this version of mpsim reads up to {FORMAT}. Use "
         "a newer mpsim."
@@ -352,7 +353,7 @@ def _verified(path: Path, check: Check) -> Checkpoint:
     try:
         with np.errstate(all="ignore"):
             parts = _named("scene.", arrays), _named("solver.", arrays)
-            if len(parts[0]) + len(parts[1]) != len(arrays) or not parts[0].keys() <= set(PER_DISC):
+            if len(parts[0]) + len(parts[1]) != len(arrays) or not parts[0].keys() <= set(ARRAYS):
                 raise ValueError(f"it holds arrays that belong to nothing; got {sorted(arrays)}")
             scene = scene_from(header["scene"], parts[0])
             settings = Settings(**header["settings"])

@@ -8,18 +8,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
-from mpsim.engine.columns import has_masses
+from mpsim.engine.columns import columns_of, has_masses
 from mpsim.engine.feature_arrays import has_radii
 from mpsim.features import FEATURES, feature
+from mpsim.features.friction import spins
 from mpsim.scene.scene import Scene
 
 Floats = NDArray[np.float64]
 
 
 class NewDiscs(NamedTuple):
-    """K discs: position, velocity, acceleration and image of shape (K, 2), radius and mass of shape (K,).
+    """K discs: position, velocity, acceleration and image of shape (K, 2), radius, mass and spin of shape (K,).
 
-    Acceleration is None where none was given; radius and mass are those of all discs in a scene without own ones.
+    Acceleration and spin are None where none was given; radius and mass are those of all discs in a scene without own
+    ones.
     image: periodic borders that each has crossed before it entered, as in State.
     """
 
@@ -29,6 +31,7 @@ class NewDiscs(NamedTuple):
     radius: Floats
     mass: Floats
     image: NDArray[np.int64]
+    spin: Floats | None = None
 
 
 def checked(
@@ -41,6 +44,7 @@ def checked(
     acceleration: ArrayLike | None,
     radius: ArrayLike | None,
     mass: ArrayLike | None,
+    spin: ArrayLike | None,
 ) -> NewDiscs:
     """What `Simulation.add` was given, as arrays.
 
@@ -48,7 +52,7 @@ def checked(
         scene, precision: of the simulation.
         time: at which they are added [time].
         present: radii of the discs that are there, shape (N,) [length].
-        position, velocity, acceleration, radius, mass: what was given.
+        position, velocity, acceleration, radius, mass, spin: what was given.
 
     Raises:
         InputError: naming the argument, its rule and the value received.
@@ -68,7 +72,20 @@ def checked(
     masses = _one_each("mass", mass, 1.0, len(places), has_masses(scene))
     _check_room(scene, time, present, "position", places, radii)
     checks.fitting("velocity", speeds, precision)
-    return NewDiscs(places, speeds, kicks, radii, masses, np.zeros(shape, np.int64))
+    turns = None if spin is None else _spins(scene, precision, spin, len(places))
+    return NewDiscs(places, speeds, kicks, radii, masses, np.zeros(shape, np.int64), turns)
+
+
+def _spins(scene: Scene, precision: str, spin: ArrayLike, count: int) -> Floats:
+    """Spins of added discs, shape (count,)."""
+    if not any(column.name == "spin" for column in columns_of(scene)):
+        raise InputError(
+            f"spin can be given for added discs only in a scene of rough discs; here they are smooth, and got {spin!r}."
+            " Give the scene friction, wall_friction or spin."
+        )
+    turns = spins("spin", spin, count)
+    checks.fitting("spin", turns, precision)
+    return turns
 
 
 def _check_room(scene: Scene, time: float, present: Floats, name: str, position: Floats, radius: Floats) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.features import PER_DISC
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -42,7 +43,7 @@ def check_precision(scene: Scene, settings: Settings) -> None:
         checks.not_vanishing("radius", smallest, 1e4 * math.sqrt(tiny), precision)
     checks.not_vanishing("dt / substeps", settings.dt / settings.substeps, tiny, precision)
     checks.fitting("dt", np.array([settings.dt]), precision)
-    for name in ("velocity", "gravity", "acceleration"):
+    for name in ("velocity", "gravity", "acceleration", *PER_DISC):
         if getattr(scene, name) is not None:
             checks.fitting(name, getattr(scene, name), precision)
     product = 8 * scene.largest_radius * float(np.abs(scene.velocity).max(initial=0.0))

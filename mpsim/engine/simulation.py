@@ -23,6 +23,7 @@ from mpsim.engine.observers import Observer, Observers
 from mpsim.engine.report import Report
 from mpsim.engine.run_loop import BetweenSlices, run_frames
 from mpsim.engine.solvers.base import Columns, Solver
+from mpsim.features import FEATURES
 from mpsim.measure.run_averages import checked
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -62,6 +63,8 @@ class Simulation:
         self._scene = scene
         self._settings = settings
         self._access = Access()
+        for feature in FEATURES:
+            feature.check_law(scene, settings.law)
         precision_check.check_precision(scene, settings)
         self._coordinator = Coordinator(self, scene, settings, self._access)
         self._coordinator.start()
@@ -253,6 +256,7 @@ class Simulation:
         *,
         radius: ArrayLike | None = None,
         mass: ArrayLike | None = None,
+        spin: ArrayLike | None = None,
     ) -> None:
         """Add one disc, or several.
 
@@ -262,13 +266,14 @@ class Simulation:
             acceleration: as position, only in a scene that has it; left out it is zero [length/time^2].
             radius, mass: one or one each; needed in a scene whose discs have one each, and only there. No disc may be
                 larger than the largest of the scene [length], [mass].
+            spin: one or one each, only in a scene of rough discs; left out it is zero [1/time].
 
         Raises:
             InputError: naming the argument, its rule and the value received; then nothing was added.
             TooFastError: as settings.on_fast says; then nothing was added either.
         """
         now = (self._settings.precision, self.time, self.radii)
-        new = insertion.checked(self._scene, *now, position, velocity, acceleration, radius, mass)
+        new = insertion.checked(self._scene, *now, position, velocity, acceleration, radius, mass, spin)
         substeps = self._coordinator.look(new)
         self._access.notices.give()  # where a filter makes an error of a warning, nothing is added
         self._coordinator.insert(new, substeps)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from mpsim.core.columns import Column
+from mpsim.core.errors import InputError
 from mpsim.features.capsules import CapsuleIndex, Deepest
 from mpsim.features.edges import MovingWall
 
@@ -111,6 +112,9 @@ class Feature:
         argument: its name, also the key in scene files and checkpoints.
         kinds: dataclasses of its value; () if the value is words.
         several: whether its value is a tuple of them.
+        numbers: where it is numbers instead, these arguments of Scene, `argument` among them: default and meaning.
+        per_disc: further arguments, with a number for each disc or None, of which a state has a column: their meaning.
+        law: the only one of the settings that it goes with; "" for any.
         meaning: what it is, for the docs of scene files.
         keys: of a single value: the meaning of its fields, for the docs of scene files.
         examples: of a single value: valid arguments, such that each valid value of a field is valid in one of them.
@@ -125,6 +129,9 @@ class Feature:
     argument: ClassVar[str]
     kinds: ClassVar[tuple[type[Any], ...]] = ()
     several: ClassVar[bool] = True
+    numbers: ClassVar[dict[str, tuple[float, str]]] = {}
+    per_disc: ClassVar[dict[str, str]] = {}
+    law: ClassVar[str] = ""
     meaning: ClassVar[str] = ""
     keys: ClassVar[dict[str, str]] = {}
     examples: ClassVar[tuple[dict[str, Any], ...]] = ()
@@ -148,6 +155,18 @@ class Feature:
 
     def check(self, scene: SceneLike) -> None:
         """Refuse, naming the argument, what does not fit the rest of a scene that is being made."""
+
+    def check_law(self, scene: SceneLike, law: str) -> None:
+        """Refuse a law of the settings that it does not go with."""
+        if self.law and law != self.law and self.is_in(scene):
+            raise InputError(
+                f"law must be {self.law!r} in a scene with {self.argument}, which needs the impulse of a contact; got "
+                f"{law!r}. Leave one of them out."
+            )
+
+    def dissipates(self, scene: SceneLike) -> bool:
+        """Whether it lets contacts take energy from the motion of the discs."""
+        return False
 
     def check_room(self, scene: SceneLike, new: NewDiscs) -> None:
         """Refuse, naming the argument, discs for which it leaves no room."""

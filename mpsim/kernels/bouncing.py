@@ -17,18 +17,19 @@ from mpsim.kernels.records import real
 
 @inlined
 def bounce_back(depth, speed, acceleration, parameters):
-    """(distance inside, speed inward) of a disc `depth` beyond a wall; speed and acceleration are outward.
+    """(distance inside, speed inward, time since then) of a disc `depth` beyond a wall; speed, acceleration outward.
 
-    A disc that moves inward, and was not carried out by its flight, is put at the wall and pays for that.
+    A disc that moves inward, and was not carried out by its flight, is put at the wall and pays for that. Of one that
+    rests, which the wall has pressed ever since, the time is the mean over what it was pressed by.
     """
     zero, two = real(parameters, 0), real(parameters, 2)
     at_wall = np.sqrt(max(speed * speed - two * acceleration * depth, zero))
     if speed + at_wall <= zero:
-        return zero, at_wall
+        return zero, at_wall, zero
     time = min(two * depth / (speed + at_wall), parameters.dt)
     inward = parameters.wall_restitution * at_wall
     inside = (inward - acceleration * time / two) * time
     inward -= acceleration * time
     if inside < zero:  # it does not leave the wall any more: it rests there
-        return zero, max(inward, zero)
-    return inside, inward
+        return zero, max(inward, zero), depth / speed
+    return inside, inward, time

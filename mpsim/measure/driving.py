@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.features import FEATURES
 from mpsim.scene.scene import Scene
 
 
@@ -31,9 +32,15 @@ def has_fields(scene: Scene) -> bool:
     return scene.gravity is not None or scene.acceleration is not None
 
 
+def is_inelastic(scene: Scene) -> bool:
+    """Whether a restitution below 1 takes energy: of two discs, or of a disc and what it can meet besides discs."""
+    has_surfaces = not all(scene.periodic) or any(each.excludes and each.is_in(scene) for each in FEATURES)
+    return scene.restitution < 1 or (scene.wall_restitution < 1 and has_surfaces)
+
+
 def has_losses(scene: Scene) -> bool:
-    """Whether contacts lose energy, between discs or with a wall."""
-    return scene.restitution < 1 or (scene.wall_restitution < 1 and not all(scene.periodic))
+    """Whether contacts take energy from the motion of the discs."""
+    return is_inelastic(scene) or scene.dissipates
 
 
 def conserves_energy(scene: Scene) -> bool:

@@ -78,6 +78,8 @@ class TrajectoryDeviation:
 def kinetic_energy(state: State, scene: Scene) -> float:
     """Kinetic energy, sum of m v^2 / 2 over the discs [mass length^2/time^2], >= 0. `scene`: that of the state.
 
+    Of discs that spin that of rotation too, which `rotational_energy` is alone.
+
     Raises:
         InputError: if the state is not finite, or holds more or fewer discs than the scene has masses.
 
@@ -86,7 +88,34 @@ def kinetic_energy(state: State, scene: Scene) -> float:
     13.0
     """
     velocity = _velocity(state)
-    return 0.5 * float((_masses("kinetic_energy", scene, state) * velocity**2).sum())
+    translation = 0.5 * float((_masses("kinetic_energy", scene, state) * velocity**2).sum())
+    return translation if state.spin is None else translation + rotational_energy(state, scene)
+
+
+def rotational_energy(state: State, scene: Scene) -> float:
+    """Kinetic energy of rotation, sum of m a^2 spin^2 / 4 over the discs [mass length^2/time^2]; 0 of smooth ones.
+
+    The moment of inertia of a uniform disc of radius a is m a^2 / 2. `scene`: that of the state. In equilibrium, which
+    perfectly rough discs come to, it is half of the energy of translation: one degree of freedom of three.
+
+    Raises:
+        InputError: if the state is not finite, or holds more or fewer discs than the scene has masses or radii.
+
+    >>> places, rest = [[1, 1], [5, 5]], np.zeros((2, 2))
+    >>> scene = Scene(width=9, height=9, position=places, velocity=rest, radius=0.5, friction=0.5, spin=[4, 0])
+    >>> rotational_energy(State(scene.position, scene.velocity, spin=scene.spin), scene)
+    1.0
+    """
+    masses, radii = _masses("rotational_energy", scene, state)[:, 0], _radii("rotational_energy", scene, state)
+    return energy_of_spins(state, masses, radii)
+
+
+def energy_of_spins(state: State, masses: NDArray[np.float64], radii: NDArray[np.float64]) -> float:
+    """`rotational_energy` for masses, shape (N,) or (1,), and radii, shape (N,), of the discs present."""
+    if state.spin is None:
+        return 0.0
+    spin = checks.finite_array("state.spin", state.spin, (len(state.present),), "(N,)")[state.present]
+    return 0.25 * float((masses * (radii * spin) ** 2).sum())
 
 
 def potential_energy(state: State, scene: Scene) -> float:

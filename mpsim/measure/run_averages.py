@@ -20,7 +20,7 @@ from mpsim.features import FEATURES
 from mpsim.kernels import records
 from mpsim.measure import observables
 from mpsim.measure.counted import COMPONENTS, COUNTED, Counts, Run
-from mpsim.measure.driving import conserves_energy, has_fields, has_losses
+from mpsim.measure.driving import conserves_energy, has_fields, has_losses, is_inelastic
 from mpsim.measure.statistics import Measure, block_average
 from mpsim.scene.scene import Scene
 
@@ -112,7 +112,7 @@ _REFUSALS: tuple[_Refusal, ...] = (
     ),
     _Refusal(
         _VIRIALS,
-        has_losses,
+        is_inelastic,
         "losses (a restitution below 1), as the virial takes the kinetic energy for constant",
         "Use 'pressure', the impulses on the walls.",
     ),

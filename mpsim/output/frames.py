@@ -24,7 +24,7 @@ class Frame:
         periodic: whether x, and whether y, is periodic.
         position: shape (N, 2) [length], in the precision of the run and the coordinates of the scene.
         source: the file, for error texts.
-        known: what else the file holds of time, velocity, radius, mass, image and ids; each is also an attribute,
+        known: what else the file holds of time, velocity, radius, mass, image, spin and ids; each is also an attribute,
             which raises TrajectoryError where the file lacks it.
 
     >>> corner = Frame(0, (4.0, 2.0), (0.0, 0.0), (True, False), np.array([[1.0, 1.0]]), Path("run.xyz"),
@@ -69,6 +69,11 @@ class Frame:
         return self._get("image")
 
     @property
+    def spin(self) -> NDArray[np.floating]:
+        """Angular velocities, shape (N,) [1/time], in the precision of the run; smooth discs have none."""
+        return self._get("spin")
+
+    @property
     def unwrapped(self) -> NDArray[np.float64]:
         """Positions as if there were no periodic borders, shape (N, 2) [length]: position + image * box."""
         return self.position.astype(np.float64) + self.image * np.array(self.box)
@@ -80,10 +85,11 @@ class Frame:
 
     @property
     def state(self) -> State:
-        """Positions, velocities, image counts and walls as a State, which knows its digest."""
+        """Positions, velocities, image counts, spins and walls as a State, which knows its digest."""
         (width, height), (left, low) = self.box, self.origin
         walls = (left, left + width, low, low + height)
-        return State(self.position, self.velocity, image=self.known.get("image"), box=walls)
+        kept = {name: self.known.get(name) for name in ("image", "spin")}
+        return State(self.position, self.velocity, **kept, box=walls)
 
     def _get(self, name: str) -> Any:
         if name not in self.known:
@@ -105,6 +111,7 @@ WRITTEN_AS = {
     "radius": "the column radius:R:1 (extended XYZ) or particles/diameter (GSD)",
     "mass": "the column masses:R:1 (extended XYZ) or particles/mass (GSD)",
     "image": "the column map_shift:I:3 (extended XYZ) or particles/image (GSD)",
+    "spin": "the column spin:R:1 (extended XYZ) or log/particles/mpsim/spin (GSD)",
 }
 
 

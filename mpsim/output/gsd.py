@@ -59,6 +59,8 @@ class GsdWriter:
         if "image" in frame.known:
             made.particles.image = np.pad(frame.image.astype(np.int32), ((0, 0), (0, 1)))
             made.log["particles/mpsim/image"] = frame.image
+        if "spin" in frame.known:
+            made.log["particles/mpsim/spin"] = frame.spin
         made.log["mpsim/time"] = np.array([frame.time])
         made.log["mpsim/box"] = size
         made.log["mpsim/origin"] = np.array(frame.origin)
@@ -162,7 +164,7 @@ class GsdReader:
         real = np.float32 if self._chunk(index, "log/mpsim/single")[0] else np.float64
         none: dict[str, Any] = {"position": np.zeros((0, 2), real), "velocity": np.zeros((0, 2), real)}
         none |= {"radius": np.zeros(0), "ids": np.zeros(0, np.int64)}
-        names = {**_PER_DISC, "image": "image"}
+        names = {**_PER_DISC, "image": "image", "spin": "spin"}
         found = {ours: self._chunk(index, f"log/particles/mpsim/{name}") for name, ours in names.items()}
         known: dict[str, Any] = {name: array for name, array in found.items() if array is not None} or none
         known["time"] = float(self._chunk(index, "log/mpsim/time")[0])

@@ -13,7 +13,7 @@ from mpsim.core import atomic, checks, untrusted
 from mpsim.core.errors import InputError, OutputError, reason_of
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
-from mpsim.measure.observables import overlap
+from mpsim.measure.observables import energy_of_spins, overlap
 from mpsim.output.ownership import Ownership
 
 MOST_BYTES = 2**30
@@ -74,8 +74,9 @@ class Recorder:
         self._last = sim.frame
         here = ~sim.absorbed
         state, radii, masses = sim.state, sim.radii[here], sim.masses[here]
+        energy = 0.5 * float((masses[:, None] * state.velocity[here].astype(np.float64) ** 2).sum())
+        energy += energy_of_spins(state, masses, radii)
         state = State(state.position[here], state.velocity[here])
-        energy = 0.5 * float((masses[:, None] * state.velocity.astype(np.float64) ** 2).sum())
         depth = overlap(state, sim.scene, radii)
         count = len(radii)
         rate = 2 * met / (count * frames * sim.settings.dt) if count and frames > 0 else math.nan

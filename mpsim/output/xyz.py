@@ -26,6 +26,9 @@ PROPERTIES = "species:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1:velo:R:3:moment
 IMAGES = ":map_shift:I:3"
 """Columns that are written as well where an axis is periodic: borders crossed, by the name that OVITO knows."""
 
+SPINS = ":spin:R:1"
+"""The column that is written as well where discs spin."""
+
 _DISC = "X %r %r 0.0 %r %r %r %r %r 0.0 %r %r 0.0 %d"
 
 _KEY = re.compile(r'([A-Za-z_][\w-]*)\s*=\s*(?:"([^"]*)"|\{([^}]*)\}|(\S+))')
@@ -38,6 +41,7 @@ _NAMES = {
     "mass": "mass",
     "masses": "mass",
     "map_shift": "image",
+    "spin": "spin",
     "id": "ids",
 }
 """Columns that are read, and the attributes of a Frame that they are."""
@@ -123,8 +127,7 @@ class XyzReader:
         position = known.pop("position")
         if "float32" in keys.get("precision", ""):
             position = position.astype(np.float32)
-            if "velocity" in known:
-                known["velocity"] = known["velocity"].astype(np.float32)
+            known |= {name: known[name].astype(np.float32) for name in ("velocity", "spin") if name in known}
         for key in ("Time", "time"):
             if key in keys:
                 known["time"] = _number(keys[key], where, key)
@@ -153,6 +156,9 @@ def text_of(frame: Frame) -> str:
     if "image" in frame.known:
         properties, disc = properties + IMAGES, disc + " %d %d 0"
         columns += [*frame.image.T]
+    if "spin" in frame.known:
+        properties, disc = properties + SPINS, disc + " %r"
+        columns.append(frame.spin.astype(np.float64))
     lines = [
         f'{len(mass)}\nLattice="{width!r} 0.0 0.0 0.0 {height!r} 0.0 0.0 0.0 1.0" Origin="{left!r} {low!r} 0.0" '
         f'Properties={properties} Time={frame.time!r} pbc="{wraps}" Frame={frame.frame} '

@@ -21,9 +21,11 @@ from mpsim.features.capsules import CapsuleIndex
 from mpsim.features.edges import MovingWall, check_boundary
 from mpsim.features.emitters import Emitter, check_emitters
 from mpsim.features.feature import Deepest
+from mpsim.features.friction import check_friction
 from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles
 from mpsim.features.piston import Piston, check_piston
 from mpsim.scene import placement, starts
+from mpsim.scene.continuing import continue_from
 
 LARGEST_COUNT = 100_000_000
 """More discs than this is taken for a mistake (a scene of this size needs some 10 GB)."""
@@ -43,6 +45,12 @@ class Scene:
         acceleration: one per disc, shape (N, 2) [length/time^2].
         restitution: of two discs, from 0 (no normal velocity is left) to 1 (elastic) [dimensionless].
         wall_restitution: of a disc and a wall or an obstacle, likewise.
+        friction: of two discs, the coefficient of Coulomb: no tangential impulse is more than this times the normal
+            one, >= 0, infinite for discs that never slide [dimensionless]. With it discs spin.
+        wall_friction: of a disc and a wall or an obstacle, likewise.
+        tangential_restitution: of contacts that do not slide: the slip of the surfaces after them is minus this times
+            that before, from -1 (smooth) over 0 (they stick) to 1 (perfectly rough) [dimensionless].
+        spin: angular velocity at the start, counter-clockwise, of all discs or one each, shape (N,) [1/time]; None: 0.
         boundary: "walls" or "periodic", or one for x and one for y. A periodic axis is at least two diameters long.
         obstacles: FixedDisc and Polyline objects, in the box.
         emitters: Emitter objects, which add discs while the scene runs.
@@ -59,6 +67,10 @@ class Scene:
     (2, 0.131)
     """
 
+    friction: float = 0.0
+    wall_friction: float = 0.0
+    tangential_restitution: float = 0.0
+    spin: NDArray[np.float64] | None = None
     _others: Callable[[int], "Scene"] | None = None
     _capsules: tuple[tuple[Obstacle, ...], NDArray[np.float64]] | None = None  # with what they were made from
     _among: CapsuleIndex | None = None
@@ -76,6 +88,10 @@ class Scene:
         acceleration: ArrayLike | None = None,
         restitution: float = 1.0,
         wall_restitution: float = 1.0,
+        friction: float = 0.0,
+        wall_friction: float = 0.0,
+        tangential_restitution: float = 0.0,
+        spin: ArrayLike | None = None,
         boundary: str | Sequence[str] = "walls",
         obstacles: Sequence[Obstacle] | Obstacle = (),
         emitters: Sequence[Emitter] | Emitter = (),
@@ -100,6 +116,7 @@ class Scene:
             self.acceleration = checks.finite_array("acceleration", acceleration, (count, 2), rows)
         self.restitution: float = checks.fraction("restitution", restitution)
         self.wall_restitution: float = checks.fraction("wall_restitution", wall_restitution)
+        vars(self).update(check_friction(friction, wall_friction, tangential_restitution, spin, count))
         self.boundary: tuple[str, str] = check_boundary(boundary)
         self.obstacles: tuple[Obstacle, ...] = check_obstacles(obstacles, self.width, self.height)
         self.emitters: tuple[Emitter, ...] = check_emitters(emitters)
@@ -119,6 +136,11 @@ class Scene:
             radius: one each, shape (N,) [length].
         """
         return next(filter(None, (feature.deepest(self, position, radius) for feature in FEATURES)), None)
+
+    @property
+    def dissipates(self) -> bool:
+        """Whether a feature lets contacts take energy from the motion of the discs, their restitutions aside."""
+        return any(feature.dissipates(self) for feature in FEATURES)
 
     @property
     def moving_wall(self) -> MovingWall | None:
@@ -328,9 +350,9 @@ class Scene:
         return math.pi * float((self.radii / width * (self.radii / height)).sum())
 
     def starting_from(self, state: State) -> "Scene":
-        """The same scene with the positions and velocities of a state, to continue from there.
+        """The same scene with the positions, velocities and spins of a state, to continue from there.
 
-        Absorbed discs are left out, with their radii, masses and accelerations. The piston starts where the state has
+        Absorbed discs are left out, with all that they have of their own. The piston starts where the state has
         it. Counts of periods start at 0.
 
         Args:
@@ -344,40 +366,10 @@ class Scene:
         >>> scene.starting_from(State(np.array([[2.0, 2.0]]), np.array([[0.0, 0.0]]))).position.tolist()
         [[2.0, 2.0]]
         """
-        if len(state.position) != self.count:
-            raise InputError(
-                f"a state for starting_from must hold the scene's {self.count} discs; got {len(state.position)}. "
-                "Make a new Scene for another number of discs."
-            )
-        other, shape, meaning = copy.copy(self), (self.count, 2), f"({self.count}, 2)"
-        position = checks.finite_array("position", state.position, shape, meaning)
-        velocity = checks.finite_array("velocity", state.velocity, shape, meaning)
-        if state.box is not None:
-            for feature in FEATURES:
-                setattr(other, feature.argument, feature.continued(self, state.box))
-        other._keep(state.present)
-        low, high = other.limits(other.radius)
-        inside = np.clip(position[state.present], low, high)
-        rounding = 8 * checks.resolution(position[state.present]) * max(self.width, self.height)
-        moved = np.abs(inside - position[state.present])
-        other.position = np.where(moved <= rounding, inside, position[state.present])
-        other.velocity = velocity[state.present]
-        for array in (other.position, other.velocity):
-            array.flags.writeable = False
+        other = copy.copy(self)
+        continue_from(other, state)
         other.check_inside("position", other.position, other.radius)
         return other
-
-    def _keep(self, kept: NDArray[np.bool_]) -> None:
-        """Keep the radii, masses and accelerations of the discs of a mask, shape (count,), and drop the others."""
-        if kept.all():
-            return
-        count = int(kept.sum())
-        if isinstance(self.radius, np.ndarray):
-            self.radius = checks.one_or_each("radius", self.radius[kept], count, "[length]")
-        if self.mass is not None:
-            self.mass = checks.masses(self.mass[kept], count)
-        if self.acceleration is not None:
-            self.acceleration = checks.finite_array("acceleration", self.acceleration[kept], (count, 2), "(N, 2)")
 
     def overlaps_at_start(self) -> str:
         """Overlaps in words, for a warning: between discs, through periodic borders too, and with obstacles.

@@ -57,8 +57,9 @@ def state_in(block: SharedBlock, scene: Scene, count: int) -> State:
     for axis, wrap in enumerate((arrays.get("wrap_x"), arrays.get("wrap_y"))):
         if wrap is not None:  # a contact may have moved a disc through the border; the next step brings it back
             wrap_places(position[:, axis], image, axis, wrap)
-    image = None if image is None else image.T
-    return State(position, velocity, present=~absorbed_in(block, count), image=image, box=box_now(scene, arrays))
+    image, present = None if image is None else image.T, ~absorbed_in(block, count)
+    spin = np.where(present, arrays["spin"][:count], 0) if "spin" in arrays else None
+    return State(position, velocity, present=present, image=image, spin=spin, box=box_now(scene, arrays))
 
 
 def first_not_finite(block: SharedBlock) -> tuple[int, tuple[float, float], tuple[float, float]]:

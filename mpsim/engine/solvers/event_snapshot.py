@@ -6,22 +6,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
+from mpsim.engine.columns import columns_of, has_masses
+from mpsim.engine.feature_arrays import has_radii
 from mpsim.engine.solvers.snapshots import MOST_STEPS, REAL, Shapes, Snapshot, check_periods, demand, shapes_in_each
 from mpsim.kernels.events import state as events
 from mpsim.scene.scene import Scene
 
-KEPT = ("disc", "event", "cell_head", "cell_next", "order", "clock", "counter", "tally", "winding")
+KEPT = ("disc", "event", "cell_head", "cell_next", "order", "clock", "counter", "tally", "winding", "spin")
 """Arrays of the block that a snapshot holds; radii and masses come beside them, the calendar is made anew."""
 
 SLACK = 1e-6
 """Fraction of a cell by which rounding may have put a centre beyond its limit."""
 
 
+def arrays_of(scene: Scene) -> dict[str, bool]:
+    """Which of the optional arrays of the kernels a scene needs."""
+    spins = any(column.name == "spin" for column in columns_of(scene))
+    each = {"tally": True, "radius": has_radii(scene), "mass": has_masses(scene), "winding": any(scene.periodic)}
+    return each | {"spin": spins}
+
+
 def shapes(scene: Scene, count: int) -> Shapes:
     """dtype and shape of every array of a snapshot."""
-    layout = events.layout(count, _cells(scene, count), ["tally", "winding"])
-    names = [name for name in KEPT if name != "winding" or any(scene.periodic)]
-    found: Shapes = {name: (np.dtype(layout[name][0]), layout[name][1]) for name in names}
+    optional = arrays_of(scene)
+    layout = events.layout(count, _cells(scene, count), [name for name in KEPT if optional.get(name)])
+    found: Shapes = {name: (np.dtype(layout[name][0]), layout[name][1]) for name in KEPT if name in layout}
     return found | shapes_in_each(count) | {"seen": (REAL, (events.COUNTED,))}
 
 
@@ -32,6 +41,7 @@ def check(scene: Scene, arrays: Snapshot, frame_end: float) -> None:
     flight = disc[:, [events.X, events.Y, events.VX, events.VY, events.SINCE]]
     demand(np.isfinite(flight).all(), "position, velocity and their time must be finite")
     times = disc[:, [events.IMPACT, events.BORDER, events.LAST]]
+    demand("spin" not in arrays or np.isfinite(arrays["spin"]).all(), "spin must be finite")
     demand(not np.isnan(times).any(), "times of events must not be NaN")
     demand((times[:, :2] >= 0).all(), "no event may lie before the present lap")
     demand(np.isfinite(arrays["tally"]).all() and np.isfinite(arrays["seen"]).all(), "counts must be finite")

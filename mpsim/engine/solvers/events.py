@@ -16,7 +16,7 @@ from mpsim.engine.feature_arrays import has_radii
 from mpsim.engine.frame_count import frames_until
 from mpsim.engine.insertion import NewDiscs
 from mpsim.engine.solvers.base import Capabilities, Choice, Solver
-from mpsim.engine.solvers.event_snapshot import KEPT, check, shapes
+from mpsim.engine.solvers.event_snapshot import KEPT, arrays_of, check, shapes
 from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
 from mpsim.engine.workers.arrays import ArraySpec
@@ -75,7 +75,8 @@ class EventSolver(Solver):
     def start(self) -> None:
         """Make the block with the scene's discs in it, which must not overlap."""
         scene = self._scene
-        discs = scene.position, scene.velocity, self._radii, self._masses
+        spin = np.zeros(self.count) if scene.spin is None else scene.spin
+        discs = scene.position, scene.velocity, self._radii, self._masses, spin
         self._store = self._placed(self._block, self._box, *discs, 0.0)
         # Compiles or loads the kernel, so that no frame time contains it, and no wait for Ctrl-C.
         with interrupts_held_back():  # as the stepped solvers do
@@ -186,7 +187,11 @@ class EventSolver(Solver):
         position, velocity = np.empty((2, self.count, 2))
         image = np.zeros((self.count, 2), np.int64) if any(self._scene.periodic) else None
         events.read_out(self._store, self._box, self._law, self._present, position, velocity, image)
-        return State(position, velocity, image=image, box=self._scene.box)
+        spin = None
+        if self._store.spin is not None:
+            spin = np.empty(self.count)
+            spin[self._store.order] = self._store.spin
+        return State(position, velocity, image=image, spin=spin, box=self._scene.box)
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
         """Append discs at the present time; refused if they overlap.
@@ -197,9 +202,11 @@ class EventSolver(Solver):
         state = self.state()
         places, speeds = np.concatenate([state.position, new.position]), np.concatenate([state.velocity, new.velocity])
         radii, masses = np.concatenate([self._radii, new.radius]), np.concatenate([self._masses, new.mass])
+        given = np.zeros(len(new.position)) if new.spin is None else new.spin
+        spin = given if state.spin is None else np.concatenate([state.spin, given])
         block, box = self._room(len(places))
         with block.closed_on_error():
-            store = self._placed(block, box, places, speeds, radii, masses, self._present)
+            store = self._placed(block, box, places, speeds, radii, masses, spin, self._present)
             if state.image is not None:
                 store.winding[:] = np.concatenate([state.image, new.image])[store.order]
             store.counter[events.GUARDS] = self.guarded  # the guard acts once for the whole run
@@ -278,7 +285,7 @@ class EventSolver(Solver):
     def _room(self, count: int) -> tuple[SharedBlock, Any]:
         """A block for so many discs, which is still to be made, and the box as the kernel takes it."""
         scene = self._scene
-        each = {"tally": True, "radius": has_radii(scene), "mass": has_masses(scene), "winding": any(scene.periodic)}
+        each = arrays_of(scene)
         # A scene has room for two discs along a periodic axis, so that there always are cells.
         cells: Any = events.plan_cells(scene.width, scene.height, 2 * scene.largest_radius, count, scene.periodic)
         shapes = events.layout(count, cells, [name for name in each if each[name]])
@@ -294,6 +301,7 @@ class EventSolver(Solver):
         velocity: NDArray[np.floating],
         radii: NDArray[np.float64],
         masses: NDArray[np.float64],
+        spin: NDArray[np.float64],
         time: float,
     ) -> Any:
         """Make a block, with discs in it that are ready to go; returns its arrays as the kernel takes them."""
@@ -301,7 +309,7 @@ class EventSolver(Solver):
         block.create()
         store = _store_of(block)
         own = radii if has_radii(scene) else None, masses if has_masses(scene) else None
-        status, particle = events.place(position, velocity, *own, time, store, box)
+        status, particle = events.place(position, velocity, *own, time, store, box, spin)
         if status != events.REACHED:
             raise InputError(
                 f"velocity[{particle}] must be below 1e100 for method='event'; got {velocity[particle].tolist()}. "
@@ -377,4 +385,9 @@ def _law_of(scene: Scene, dt: float) -> events.Law:
     ]
     speed = max(speeds)
     # Where nothing moves by itself, a fraction of the time of a frame: speeds are those of what is added later.
-    return events.Law(gravity, restitution, wall_restitution, GUARD * (smallest / speed if speed > 0 else dt))
+    guard = GUARD * (smallest / speed if speed > 0 else dt)
+    friction, wall_friction = (
+        (coefficient, scene.tangential_restitution) if coefficient > 0 else None
+        for coefficient in (scene.friction, scene.wall_friction)
+    )
+    return events.Law(gravity, restitution, wall_restitution, guard, friction, wall_friction)

@@ -53,7 +53,7 @@ class SteppedSolver(Solver):
         """Make the block, write the scene's discs into it, and start the workers."""
         self._fill(self._block)
         scene = self._scene
-        self._write(scene.position, scene.velocity, scene.acceleration)
+        self._write(scene.position, scene.velocity, scene.acceleration, scene.spin)
         self._configure()
         self._prepare()
 
@@ -321,7 +321,7 @@ class SteppedSolver(Solver):
         """Write a snapshot into the present, new block."""
         self._radii, self._masses = snapshot["radii"].copy(), snapshot["masses"].copy()
         self.count = count_in(snapshot)
-        self._write(snapshot["position"], snapshot["velocity"], None)
+        self._write(snapshot["position"], snapshot["velocity"], None, None)
         arrays = self._block.arrays
         frames, steps = snapshot["progress"].tolist()
         arrays["control"].done, arrays["control"].steps = frames, steps
@@ -331,10 +331,16 @@ class SteppedSolver(Solver):
                 column.put(arrays, snapshot[column.name])
         self._configure()
 
-    def _write(self, position: NDArray[Any], velocity: NDArray[Any], acceleration: NDArray[Any] | None) -> None:
+    def _write(
+        self,
+        position: NDArray[Any],
+        velocity: NDArray[Any],
+        acceleration: NDArray[Any] | None,
+        spin: NDArray[np.float64] | None,
+    ) -> None:
         """Write all discs into a new block."""
         image = np.zeros((self.count, 2), np.int64)
-        write_discs(self._block, NewDiscs(position, velocity, acceleration, self._radii, self._masses, image), 0)
+        write_discs(self._block, NewDiscs(position, velocity, acceleration, self._radii, self._masses, image, spin), 0)
 
     def _configure(self) -> None:
         """Write the records `parameters` and `control`, which follow from what is simulated now."""

@@ -9,6 +9,7 @@ from mpsim.engine import columns
 from mpsim.engine.solvers.discs import places_and_speeds
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot, check_periods, demand, shapes_in_each
 from mpsim.engine.workers.shared import SharedBlock
+from mpsim.features import PER_DISC
 from mpsim.scene.scene import Scene
 
 SLACK = 1e-6
@@ -46,8 +47,8 @@ def check(scene: Scene, arrays: Snapshot) -> None:
     """Raise ValueError unless the discs of a snapshot can be in the scene."""
     demand(np.isfinite(arrays["velocity"]).all(), "velocity must be finite")
     _check_places(scene, arrays["position"])
-    if "acceleration" in arrays:
-        demand(np.isfinite(arrays["acceleration"]).all(), "acceleration must be finite")
+    for name in ("acceleration", *PER_DISC):
+        demand(name not in arrays or np.isfinite(arrays[name]).all(), f"{name} must be finite")
     if "exits" in arrays:
         gone, *places = arrays["exits"]
         demand(((gone == 0) | (gone == 1)).all(), "a disc has left or it has not")

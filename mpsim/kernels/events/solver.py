@@ -31,6 +31,7 @@ from mpsim.kernels.events.cells import (
     worst_overlap,
 )
 from mpsim.kernels.events.flight import component, earliest_partner, is_finite, move, note, predict_border
+from mpsim.kernels.events.friction import rub_discs, rub_wall
 from mpsim.kernels.events.state import (
     BACKWARDS,
     BASE,
@@ -162,6 +163,7 @@ def collide(i, j, now, store, box, law):
         disc[i, VY] += push * mass_j * ry
         disc[j, VX] -= push * mass_i * rx
         disc[j, VY] -= push * mass_i * ry
+        rub_discs(law.friction, i, j, rx, ry, push * mass_i * mass_j * math.sqrt(rx * rx + ry * ry), store, box)
         disc[i, LAST] = now
         disc[j, LAST] = now
         store.counter[PAIRS] += 1
@@ -205,6 +207,7 @@ def hit_wall(i, now, side, store, box, law):
     )
     disc[i, X + axis] = length - radius if high else radius
     disc[i, VX + axis] = inward * leaving
+    rub_wall(law.wall_friction, i, axis, inward, speed + leaving, store, box)
     disc[i, LAST] = now
     store.event[i, DEFLECTIONS] += 1
     store.counter[WALLS] += 1

@@ -41,13 +41,18 @@ Box = namedtuple("Box", "width height periodic_x periodic_y columns rows radius"
 
 # What happens in flight and at an impact. gravity: (gx, gy) [length/time^2], restitution between discs and
 # wall_restitution at walls: floats; each None when the scene lacks it, and then costs nothing. contact_time [time]
-# is the guard; it must be > 0 with gravity or with any restitution below 1.
-Law = namedtuple("Law", "gravity restitution wall_restitution contact_time")
-
-# The arrays of `layout`; the last four are None when the scene lacks the feature.
-Store = namedtuple(
-    "Store", "disc event entry cell_head cell_next step_head heap order clock counter radius mass tally winding"
+# is the guard; it must be > 0 with gravity or with any restitution below 1. friction of two discs and wall_friction:
+# (coefficient, tangential restitution), or None likewise.
+Law = namedtuple(
+    "Law", "gravity restitution wall_restitution contact_time friction wall_friction", defaults=(None, None)
 )
+
+# The arrays of `layout`; the last five are None when the scene lacks the feature.
+Store = namedtuple(
+    "Store", "disc event entry cell_head cell_next step_head heap order clock counter radius mass tally winding spin"
+)
+
+OPTIONAL = ("radius", "mass", "tally", "winding", "spin")
 
 
 def plan_cells(width, height, largest_diameter, count, periodic=(False, False)):
@@ -68,7 +73,7 @@ def plan_cells(width, height, largest_diameter, count, periodic=(False, False)):
 def layout(count, cells, features=()):
     """The arrays a run needs: name -> (dtype, shape). The names are those of `Store`.
 
-    count: discs. cells: (columns, rows). features: any of "radius", "mass", "tally", "winding".
+    count: discs. cells: (columns, rows). features: any of OPTIONAL, others are ignored.
     """
     steps = max(64, 1 << (2 * count - 1).bit_length())
     arrays = {
@@ -86,9 +91,9 @@ def layout(count, cells, features=()):
         "mass": (np.float64, (count,)),
         "tally": (np.float64, (TALLIES,)),
         "winding": (np.int64, (count, 2)),
+        "spin": (np.float64, (count,)),
     }
-    optional = {"radius", "mass", "tally", "winding"}
-    return {name: array for name, array in arrays.items() if name not in optional or name in features}
+    return {name: array for name, array in arrays.items() if name not in OPTIONAL or name in features}
 
 
 def first_misplaced(position, velocity, radius, box):
@@ -105,10 +110,11 @@ def first_misplaced(position, velocity, radius, box):
     return REACHED, -1
 
 
-def place(position, velocity, radius, mass, time, store, box):
+def place(position, velocity, radius, mass, time, store, box, spin=None):
     """Put particles into the store at `time`: (status, particle), REACHED or what is wrong with which particle.
 
-    position [length], velocity [length/time]: (N, 2). radius [length], mass: (N,), or None as in the store.
+    position [length], velocity [length/time]: (N, 2). radius [length], mass: (N,), or None as in the store; spin
+    [1/time]: (N,), needed where the store has it.
     `events.schedule` must follow.
     """
     status, particle = first_misplaced(position, velocity, box.radius if radius is None else radius, box)
@@ -130,6 +136,8 @@ def place(position, velocity, radius, mass, time, store, box):
         store.radius[:] = radius[order]
     if mass is not None:
         store.mass[:] = mass[order]
+    if store.spin is not None:
+        store.spin[:] = spin[order]
     store.clock[BASE] = time
     return REACHED, -1
 

@@ -13,6 +13,7 @@ from mpsim.kernels.bouncing import bounce_back
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.features.absorption import is_absent
 from mpsim.kernels.features.acceleration import acceleration_of
+from mpsim.kernels.features.friction import on_fixed
 from mpsim.kernels.features.images import confined, count_flight, wrapped
 from mpsim.kernels.layout import BOTTOM, IMPACT, LEFT, RIGHT, TOP
 from mpsim.kernels.optional import own_or
@@ -81,7 +82,7 @@ def normal_at_touch(rx, ry, squared, reach, vx, vy, dt):
 
 
 @inlined
-def meet_capsule(discs, i, k, capsule, radius, ax, ay, parameters, impact):
+def meet_capsule(discs, i, k, capsule, radius, ax, ay, features, parameters, impact):
     """Contact of the disc in slot i with capsule k, if they overlap: by impact, or pushed out to its surface.
 
     Impact takes the side of a segment, and the plane that touches an end, for a wall: `bounce_back` keeps the energy
@@ -100,16 +101,18 @@ def meet_capsule(discs, i, k, capsule, radius, ax, ay, parameters, impact):
         if not flat:
             nx, ny = normal_at_touch(rx, ry, squared, reach, vx, vy, parameters.dt)
         depth, speed = reach - (rx * nx + ry * ny), -(vx * nx + vy * ny)
-        displacement, inward = bounce_back(depth, max(speed, 0.0), -(ax * nx + ay * ny), parameters)
+        displacement, inward, time = bounce_back(depth, max(speed, 0.0), -(ax * nx + ay * ny), parameters)
         displacement, change = displacement + depth, inward + speed
     else:
         along = vx * nx + vy * ny
         back = 1.0 + np.float64(parameters.wall_restitution)
         displacement, change = reach - distance, -back * along if along < 0 else 0.0
+        time = 0.0
     discs.vx[i] += change * nx
     discs.vy[i] += change * ny
     discs.x[i] += displacement * nx
     discs.y[i] += displacement * ny
+    on_fixed(features.wall_friction, discs, i, nx, ny, change, time, features, parameters)
     return True
 
 
@@ -134,7 +137,7 @@ def meet_capsules(discs, low, high, features, parameters, control):
         met = False
         for entry in range(capsules.near[cell], capsules.near[cell + 1]):
             k = capsules.index[entry]
-            met |= meet_capsule(discs, i, k, capsules.capsule, radius, ax, ay, parameters, impact)
+            met |= meet_capsule(discs, i, k, capsules.capsule, radius, ax, ay, features, parameters, impact)
         if met:
             margin = own_or(discs.radius, i, zero)
             x = confined(discs.x[i], parameters.limit[LEFT], parameters.limit[RIGHT], margin, features.wrap_x)

@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.features import absorption, acceleration, capsules, images, masses, piston, radii
+from mpsim.kernels.features import absorption, acceleration, capsules, friction, images, masses, piston, radii
 from mpsim.kernels.optional import presence_of_any
 
-FEATURES = (acceleration, masses, images, absorption, piston, radii, capsules)
+FEATURES = (acceleration, masses, images, absorption, piston, radii, capsules, friction)
 """Their FIELDS are those of `Features`: of each the name of its array, or the class of a record of several."""
 
 Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
@@ -38,12 +38,14 @@ def features_of(arrays: Mapping[str, Any]) -> Any:
 
 wall_speed, wall_place = piston.wall_speed, piston.wall_place
 is_absent, lets_out = absorption.is_absent, absorption.lets_out
+between_discs, between_disc_and_walls = friction.between_discs, friction.between_disc_and_walls
 
 
 @inlined
 def special_borders(features):
-    """None where all four borders are walls at rest, which the vector code of motion is made for."""
-    return presence_of_any(presence_of_any(features.wrap_x, features.wrap_y), features.moving_wall)
+    """None where all four borders are smooth walls at rest, which the vector code of motion is made for."""
+    walls = presence_of_any(features.moving_wall, features.wall_friction)
+    return presence_of_any(presence_of_any(features.wrap_x, features.wrap_y), walls)
 
 
 # --- the points of a step, in their order -------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.features.acceleration import acceleration_of
-from mpsim.kernels.features.hooks import is_absent
+from mpsim.kernels.features.hooks import between_discs, is_absent
 from mpsim.kernels.features.images import confined, seen_from
 from mpsim.kernels.features.masses import share
 from mpsim.kernels.features.radii import touching_distance
@@ -47,7 +47,8 @@ def shift(discs, i, dx, dy, features, parameters):
 def apply_law(discs, i, j, nx, ny, features, parameters, law):
     """Change the velocities of two discs in contact along the unit vector n from i to j.
 
-    `elastic`: discs that approach part with e times their normal velocity, momentum kept (e = 1: energy too).
+    `elastic`: discs that approach part with e times their normal velocity, momentum kept (e = 1: energy too). With
+    friction their tangential velocities and spins change as well.
     `reflect` (the report's): each velocity is mirrored about the contact line, whether they approach or not.
     Returns the impulse [mass length/time] (for `reflect`, which has two of them, their mean) and the unit vector.
     """
@@ -60,6 +61,7 @@ def apply_law(discs, i, j, nx, ny, features, parameters, law):
         exchanged = approach * parameters.exchange if approach < zero else zero
         change_i = exchanged * share(features.mass, discs.id[i], discs.id[j], one)
         change_j = -(exchanged * share(features.mass, discs.id[j], discs.id[i], one))
+        between_discs(features.friction, discs, i, j, nx, ny, exchanged, features, parameters)
     else:
         change_i = -two * along_i
         change_j = -two * along_j

@@ -10,6 +10,7 @@ from mpsim.kernels.features.hooks import (
     after_flight,
     after_move,
     before_move,
+    between_disc_and_walls,
     is_absent,
     special_borders,
     wall_speed,
@@ -67,21 +68,24 @@ def drift_between_walls(discs, low, high, parameters):
 
 @inlined
 def along_axis(p, v, edges, margin, wrap, moving_wall, parameters):
-    """One step along the axis with these edges: through a periodic border, or up to the walls and back."""
+    """One step along the axis with these edges: through a periodic border, or up to the walls and back.
+
+    Place and velocity after it, and the time since a wall has turned the disc round [time].
+    """
     zero = real(parameters, 0)
     p = wrapped(p, wrap) + v * parameters.dt
     if wrap is not None:
-        return wrapped(p, wrap), v
+        return wrapped(p, wrap), v, zero
     low, high = parameters.limit[edges[0]] + margin, parameters.limit[edges[1]] - margin
     speeds = wall_speed(moving_wall, edges[0], zero), wall_speed(moving_wall, edges[1], zero)
     if p - p != zero:  # not finite: found out by the caller
-        return p, v
+        return p, v, zero
     return reach_wall(p, v, low, high, *speeds, parameters.wall_bounce, parameters.wall_restitution)
 
 
 @compiled
-def general_drift(discs, low, high, features, parameters):
-    """p += v dt with radii, periodic axes or walls that move; returns True if a position or velocity is not finite."""
+def general_drift(discs, low, high, features, parameters, control):
+    """`drift` with radii, periodic axes, rough walls or one that moves; True if a position or velocity is not finite."""
     zero = discs.x.dtype.type(0)
     bad = False
     for first in range(low, high, BLOCK):
@@ -90,27 +94,41 @@ def general_drift(discs, low, high, features, parameters):
             continue
         for i in range(first, last):
             margin = own_or(discs.radius, i, zero)
-            x, vx = along_axis(
+            x, vx, time_x = along_axis(
                 discs.x[i], discs.vx[i], ALONG_X, margin, features.wrap_x, features.moving_wall, parameters
             )
-            y, vy = along_axis(
+            y, vy, time_y = along_axis(
                 discs.y[i], discs.vy[i], ALONG_Y, margin, features.wrap_y, features.moving_wall, parameters
             )
             count_flight(discs, i, x, y, vx * parameters.dt, vy * parameters.dt, features)
+            change_x, change_y = vx - discs.vx[i], vy - discs.vy[i]
             discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x, y, vx, vy
+            between_disc_and_walls(
+                features.wall_friction,
+                discs,
+                i,
+                change_x,
+                change_y,
+                time_x,
+                time_y,
+                True,
+                features,
+                parameters,
+                control,
+            )
             bad |= not ((x - x == zero) & (y - y == zero) & (vx - vx == zero) & (vy - vy == zero))
     return bad
 
 
 @inlined
-def drift(discs, low, high, special, features, parameters):
+def drift(discs, low, high, special, features, parameters, control):
     """p += v dt, walls and borders; returns True if a position or velocity is not finite.
 
-    special: None where all discs have one radius and all borders are walls at rest.
+    special: None where all discs have one radius and all borders are smooth walls at rest.
     """
     if special is None:
         return drift_between_walls(discs, low, high, parameters)
-    return general_drift(discs, low, high, features, parameters)
+    return general_drift(discs, low, high, features, parameters, control)
 
 
 @compiled
@@ -156,11 +174,12 @@ def flight(discs, low, high, accelerated, features, parameters, control, tally, 
     """
     if accelerated is not None:  # noqa: SIM102 - a test of its own, which the compiler drops
         if control.contact == IMPACT:
-            return accelerated_motion(discs, low, high, features, parameters, tally, frame)
+            return accelerated_motion(discs, low, high, features, parameters, control, tally, frame)
     accelerate(discs, low, high, features.gravity, features.acceleration, parameters)
     if tally is not None:
         tally_walls(discs, low, high, features, parameters, tally, frame)
-    return drift(discs, low, high, presence_of_any(discs.radius, special_borders(features)), features, parameters)
+    special = presence_of_any(discs.radius, special_borders(features))
+    return drift(discs, low, high, special, features, parameters, control)
 
 
 @compiled

@@ -5,7 +5,7 @@ import numpy as np
 from mpsim.kernels.bouncing import bounce_back
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.features.acceleration import acceleration_of
-from mpsim.kernels.features.hooks import is_absent, lets_out, wall_place, wall_speed
+from mpsim.kernels.features.hooks import between_disc_and_walls, is_absent, lets_out, wall_place, wall_speed
 from mpsim.kernels.layout import ALONG_X, ALONG_Y, BOTTOM, LEFT, RIGHT, TOP
 from mpsim.kernels.optional import own_or, presence_of_any
 from mpsim.kernels.records import real
@@ -13,33 +13,39 @@ from mpsim.kernels.records import real
 
 @inlined
 def reach_wall(p, v, low, high, low_speed, high_speed, bounce, restitution):
-    """The wall rule along one axis between walls that may move: place and velocity after the step that led to p."""
+    """The wall rule along one axis between walls that may move, for a step that has led to p.
+
+    Place and velocity after it, and the time since the wall has turned the disc round [time].
+    """
+    time = low - low
     if p < low:
         if v < low_speed:
+            time = (low - p) / (low_speed - v)
             v = low_speed - (v - low_speed) * restitution
         p = min(low + bounce * (low - p), high)
     elif p > high:
         if v > high_speed:
+            time = (p - high) / (v - high_speed)
             v = high_speed - (v - high_speed) * restitution
         p = max(high + bounce * (high - p), low)
-    return p, v
+    return p, v, time
 
 
 @inlined
 def bounce_between(p, v, acceleration, low, high, low_speed, high_speed, parameters):
-    """Place and velocity of an accelerated disc that a flight has led to p, between walls that may move."""
+    """Of an accelerated disc that a flight has led to p, between walls that may move: as `reach_wall`."""
     if p < low:
-        inside, inward = bounce_back(low - p, low_speed - v, -acceleration, parameters)
-        return min(low + inside, high), low_speed + inward
+        inside, inward, time = bounce_back(low - p, low_speed - v, -acceleration, parameters)
+        return min(low + inside, high), low_speed + inward, time
     if p > high:
-        inside, inward = bounce_back(p - high, v - high_speed, acceleration, parameters)
-        return max(high - inside, low), high_speed - inward
-    return p, v
+        inside, inward, time = bounce_back(p - high, v - high_speed, acceleration, parameters)
+        return max(high - inside, low), high_speed - inward, time
+    return p, v, low - low
 
 
 @inlined
 def turn_back(p, v, acceleration, accelerated, low, high, low_speed, high_speed, parameters):
-    """Place and velocity of a disc that a flight has led to p; `accelerated` is None where no disc is."""
+    """Of a disc that a flight has led to p, as `reach_wall`; `accelerated` is None where no disc is."""
     if accelerated is None:
         bounce, restitution = parameters.wall_bounce, parameters.wall_restitution
         return reach_wall(p, v, low, high, low_speed, high_speed, bounce, restitution)
@@ -67,24 +73,24 @@ def count_impulses(left, right, bottom, top, disc, features, parameters, tally, 
 
 @inlined
 def bounce_along(p, v, acceleration, edges, margin, wrap, features, parameters, control):
-    """Place and velocity along one axis, and what the low and the high wall have changed it by.
+    """Place and velocity along one axis, what the low and the high wall have changed it by, and how long ago.
 
     At an edge that absorbs, the disc is put on the edge and continues: the next step takes it out.
     """
     zero = real(parameters, 0)
     if wrap is not None:
-        return p, v, zero, zero
+        return p, v, zero, zero, zero
     low = wall_place(features.moving_wall, edges[0], parameters) + margin
     high = wall_place(features.moving_wall, edges[1], parameters) - margin
     if (p < low) & lets_out(features.exits, control, edges[0]):
-        return low, v, zero, zero
+        return low, v, zero, zero, zero
     if (p > high) & lets_out(features.exits, control, edges[1]):
-        return high, v, zero, zero
+        return high, v, zero, zero, zero
     speeds = wall_speed(features.moving_wall, edges[0], zero), wall_speed(features.moving_wall, edges[1], zero)
-    place, turned = turn_back(
+    place, turned, time = turn_back(
         p, v, acceleration, presence_of_any(features.gravity, features.acceleration), low, high, *speeds, parameters
     )
-    return place, turned, turned - v if p < low else zero, v - turned if p > high else zero
+    return place, turned, turned - v if p < low else zero, v - turned if p > high else zero, time
 
 
 @compiled
@@ -95,14 +101,27 @@ def bounce(discs, i, features, parameters, control, tally, frame):
     margin = own_or(discs.radius, i, zero)
     ax = acceleration_of(features.gravity, features.acceleration, 0, disc, zero)
     ay = acceleration_of(features.gravity, features.acceleration, 1, disc, zero)
-    x, vx, left, right = bounce_along(
+    x, vx, left, right, time_x = bounce_along(
         discs.x[i], discs.vx[i], ax, ALONG_X, margin, features.wrap_x, features, parameters, control
     )
-    y, vy, bottom, top = bounce_along(
+    y, vy, bottom, top, time_y = bounce_along(
         discs.y[i], discs.vy[i], ay, ALONG_Y, margin, features.wrap_y, features, parameters, control
     )
     discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x, y, vx, vy
     count_impulses(left, right, bottom, top, disc, features, parameters, tally, frame)
+    between_disc_and_walls(
+        features.wall_friction,
+        discs,
+        i,
+        left - right,
+        bottom - top,
+        time_x,
+        time_y,
+        None,
+        features,
+        parameters,
+        control,
+    )
 
 
 @inlined

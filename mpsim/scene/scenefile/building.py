@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.errors import InputError
+from mpsim.features import NUMBERS, PER_DISC
 from mpsim.scene.scene import LARGEST_COUNT, Scene
 from mpsim.scene.scenefile.limits import MOST_PROBLEMS
 from mpsim.scene.scenefile.part import Problem
@@ -18,7 +19,7 @@ from mpsim.scene.scenefile.schema import Discs, SceneTable
 from mpsim.scene.starts import Taken, demand_area, lattice_sites, random_places, side_for, thermal_velocities
 
 Arguments = dict[str, Any]
-"""Position, velocity, radius, mass and acceleration of a group of discs."""
+"""Position, velocity, radius, mass, acceleration and what features have of each disc, of a group of discs."""
 
 
 class ProblemsError(Exception):
@@ -64,7 +65,8 @@ def build(table: SceneTable, variation: int | None = None) -> Scene:
         value = getattr(table, part.argument)
         single = None if part.several or value is None else value.made()
         parts[part.argument] = made[part.argument][0] if part.several else single
-    plain = {name: getattr(table, name) for name in ("gravity", "restitution", "wall_restitution", "duration")}
+    names = ("gravity", "restitution", "wall_restitution", "duration", *NUMBERS)
+    plain = {name: getattr(table, name) for name in names}
     try:
         scene = Scene(**box, **_joined(groups), **parts, **plain)
         if any(discs.places == "random" or discs.temperature for discs in table.discs):
@@ -135,11 +137,12 @@ def _group(
         "radius": discs.radius,
         "mass": mass,
         "acceleration": acceleration,
+        **{name: getattr(discs, name) for name in PER_DISC},
     }
 
 
 def _demand_one_each(discs: Discs, count: int) -> None:
-    for name in ("radius", "mass"):
+    for name in ("radius", "mass", *PER_DISC):
         value = getattr(discs, name)
         if np.ndim(value) and len(value) != count:
             raise InputError(f"{name} must be one number or {count}, one per disc; got {len(value)}.")
@@ -166,6 +169,11 @@ def _rows(name: str, value: NDArray[np.float64] | None, count: int) -> NDArray[n
     return value
 
 
+def _filled(value: float | NDArray[np.float64] | None, count: int) -> NDArray[np.float64]:
+    """One number per disc; None: zeros."""
+    return np.broadcast_to(0.0 if value is None else value, count)
+
+
 def _joined(groups: list[Arguments]) -> Arguments:
     """The arguments of all groups as those of one."""
     if len(groups) == 1:
@@ -184,6 +192,10 @@ def _joined(groups: list[Arguments]) -> Arguments:
     if any(group["acceleration"] is not None for group in groups):
         rows = [_rows("acceleration", group["acceleration"], len(group["position"])) for group in groups]
         joined["acceleration"] = np.concatenate(rows)
+    for name in PER_DISC:
+        if any(group[name] is not None for group in groups):
+            each = [_filled(group[name], count) for group, count in zip(groups, counts, strict=True)]
+            joined[name] = np.concatenate(each)
     return joined
 
 

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
+from mpsim.features import NUMBERS, PER_DISC
 from mpsim.scene.scene import LARGEST_COUNT, Scene
 from mpsim.scene.scenefile.parts import PARTS
 from mpsim.scene.scenefile.rules import (
@@ -73,8 +74,8 @@ else:
     SettingsTable.__doc__ = "Recommended settings, by the names of Settings."
 
 
-class Discs(Table):
-    """A group of discs: initial positions and velocities, radii, masses."""
+class _DiscsTable(Table):
+    """A group of discs, without what features have of each."""
 
     position: Annotated[
         Numbers | None, array((None, 2), meaning="(N, 2)"), Field(description="centres [[x, y], ...], or a file")
@@ -122,7 +123,7 @@ class Discs(Table):
     ] = None
 
     @model_validator(mode="after")
-    def _fits_together(self) -> "Discs":
+    def _fits_together(self) -> "_DiscsTable":
         if (self.position is None) == (self.places is None):
             got = "neither" if self.position is None else "both"
             raise InputError(f"discs must have either position or places; got {got}.")
@@ -140,6 +141,25 @@ class Discs(Table):
             raise InputError(f"count or spacing must be given for places = {self.places!r}; got neither.")
         return self
 
+
+_PER_DISC: dict[str, Any] = {
+    name: (
+        Annotated[
+            float | Numbers | None,
+            array((), (None,), meaning="() or (N,)"),
+            Field(description=f"{meaning}; one for all, one each, or a file; left out: 0"),
+        ],
+        None,
+    )
+    for name, meaning in PER_DISC.items()
+}
+if TYPE_CHECKING:
+
+    class Discs(_DiscsTable):
+        """A group of discs: made below, where its keys are known."""
+else:
+    Discs = pydantic.create_model("Discs", __base__=_DiscsTable, **_PER_DISC)
+    Discs.__doc__ = "A group of discs: initial positions and velocities, radii, masses."
 
 _SCENE = (Scene, {"width": 1.0, "height": 1.0, "position": (), "velocity": (), "radius": 0.1})
 
@@ -188,6 +208,10 @@ class _SceneTable(Table):
         return self
 
 
+_NUMBERS: dict[str, Any] = {
+    name: (Annotated[float, as_in(_SCENE), Field(description=meaning)], default)
+    for name, (default, meaning) in NUMBERS.items()
+}
 _PARTS: dict[str, Any] = {
     part.argument: (Annotated[part.annotation, Field(description=part.description)], part.default) for part in PARTS
 }
@@ -196,7 +220,7 @@ if TYPE_CHECKING:
     class SceneTable(_SceneTable):
         """A scene file: made below, where its keys are known."""
 else:
-    SceneTable = pydantic.create_model("SceneTable", __base__=_SceneTable, **_PARTS)
+    SceneTable = pydantic.create_model("SceneTable", __base__=_SceneTable, **_NUMBERS, **_PARTS)
     SceneTable.__doc__ = "A scene file."
 
 LEVELS: dict[str, list[type[Table]]] = {

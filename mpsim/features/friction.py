@@ -1,0 +1,101 @@
+"""Friction: rough discs, which spin. Contacts change tangential velocities and spins by the law of Walton and Braun."""
+
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+
+from mpsim.core import checks
+from mpsim.core.columns import Column
+from mpsim.core.errors import InputError
+from mpsim.features.feature import Feature, Floats, SceneLike, Shapes, Spoiled
+from mpsim.kernels.features import friction as kernel
+
+
+class Friction(Feature):
+    """The arguments `friction`, `wall_friction`, `tangential_restitution` and `spin`."""
+
+    argument = "friction"
+    numbers: ClassVar[dict[str, tuple[float, str]]] = {
+        "friction": (0.0, "of two discs, >= 0: their tangential impulse over the normal one is at most this; inf"),
+        "wall_friction": (0.0, "of a disc with walls and with what stands in the box, likewise"),
+        "tangential_restitution": (
+            0.0,
+            "of contacts that do not slide, -1 (smooth) to 1 (rough): the slip turned round over that before",
+        ),
+    }
+    per_disc: ClassVar[dict[str, str]] = {"spin": "angular velocity, counter-clockwise"}
+    law = "elastic"
+    columns: ClassVar[tuple[Column, ...]] = (Column("spin"),)
+    spoils: ClassVar[tuple[Spoiled, ...]] = (
+        Spoiled(
+            ("virial",),
+            "friction, as the virial takes the kinetic energy for constant and leaves tangential impulses out",
+            "Use 'pressure', the impulses on the walls.",
+        ),
+    )
+
+    def is_in(self, scene: SceneLike) -> bool:
+        """Whether discs of the scene may spin."""
+        found: Any = scene
+        return found.friction > 0 or found.wall_friction > 0 or found.spin is not None
+
+    def dissipates(self, scene: SceneLike) -> bool:
+        """Wherever contacts change spins: that takes from the motion of the discs what it does not lose."""
+        found: Any = scene
+        return found.friction > 0 or found.wall_friction > 0
+
+    def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
+        """The law of two discs, and that of a disc and a wall."""
+        return {name: (real, (kernel.SIZE,)) for name in ("friction", "wall_friction") if getattr(scene, name) > 0}
+
+    def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
+        """Coefficients, and what a sticking contact changes: of two discs, each has half of m_eff in its `share`."""
+        found: Any = scene
+        for name, parts in (("friction", 6), ("wall_friction", 3)):
+            if name in arrays:
+                arrays[name][kernel.COEFFICIENT] = getattr(scene, name)
+                arrays[name][kernel.STICKING] = (1 + found.tangential_restitution) / parts
+
+    def description(self, scene: SceneLike) -> str:
+        """Its numbers."""
+        found: Any = scene
+        words = f"{found.friction:g} of discs, {found.wall_friction:g} of walls"
+        return f"{words}, tangential restitution {found.tangential_restitution:g}"
+
+    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
+        """Of two discs."""
+        return {"friction": 0.5}
+
+
+def check_friction(
+    friction: object, wall_friction: object, tangential_restitution: object, spin: Any, count: int
+) -> dict[str, Any]:
+    """What a scene keeps of these arguments, by name: nothing where all have their defaults.
+
+    So the digest of a scene of smooth discs does not depend on what it could have.
+    """
+    kept: dict[str, Any] = {
+        "friction": _coefficient("friction", friction),
+        "wall_friction": _coefficient("wall_friction", wall_friction),
+        "tangential_restitution": checks.between("tangential_restitution", tangential_restitution, -1, 1),
+        "spin": None if spin is None else spins("spin", spin, count),
+    }
+    defaults = {name: default for name, (default, _) in Friction.numbers.items()} | {"spin": None}
+    return {} if all(kept[name] is value or kept[name] == value for name, value in defaults.items()) else kept
+
+
+def spins(name: str, value: Any, count: int) -> Floats:
+    """Angular velocities of so many discs, from one for all or one each."""
+    each = np.full(count, value) if np.ndim(value) == 0 else value
+    return checks.finite_array(name, each, (count,), f"() or ({count},), one per row of position")
+
+
+def _coefficient(name: str, value: object) -> float:
+    """A number >= 0, or infinity for contacts that never slide."""
+    number = checks.number(name, value, "a number >= 0")
+    if math.isnan(number) or number < 0:
+        raise InputError(
+            f"{name} must be a number >= 0, or infinity for contacts that never slide; got {checks.brief(value)}."
+        )
+    return number
