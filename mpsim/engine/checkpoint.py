@@ -329,7 +329,7 @@ def _unpacked(path: Path) -> tuple[dict[str, Any], Arrays]:
 
 
 def _of_format_1(arrays: Arrays) -> Arrays:
-    """Arrays as format 2 has them: the exact solver counted no virials by component, and counts them from there on."""
+    """Arrays as later formats have them: the exact solver counted no virials by component, and does from there on."""
     end = events.VIRIAL_XX  # of the entries that were there already; in `seen` the collisions follow them
     shapes = {"solver.tally": (end,), "solver.seen": (end + 1,)}
     counts = {name: arrays[name] for name, shape in shapes.items() if name in arrays and arrays[name].shape == shape}

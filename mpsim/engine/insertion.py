@@ -44,7 +44,7 @@ def checked(
     acceleration: ArrayLike | None,
     radius: ArrayLike | None,
     mass: ArrayLike | None,
-    spin: ArrayLike | None,
+    spin: ArrayLike | None = None,
 ) -> NewDiscs:
     """What `Simulation.add` was given, as arrays.
 

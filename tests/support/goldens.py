@@ -37,6 +37,8 @@ SIZES = np.array([0.5, 0.375, 0.25])[INDEX % 3]
 GIANTS = np.where(INDEX % 17 == 3, 0.5625, 0.1875)
 MASSES = np.array([0.5, 1.0, 3.0, 1.5])[INDEX % 4]
 PULLS = np.stack([(INDEX % 7 - 3) / 1.0, (INDEX % 5 - 2) / 2], axis=1)
+TURNS = (INDEX % 5 - 2) / 2
+ROUGH: dict[str, Any] = {"friction": 0.5, "wall_friction": 0.25, "tangential_restitution": 0.5, "spin": TURNS}
 CORNER = (7.25, 6.25)
 BY_FRAMES = Emitter((9.5, 6.25), (-0.5, -5.0), every=4)
 BY_TIME = Emitter((10.25, 0.75), (0.25, 5.0), interval=0.3, limit=3)
@@ -164,6 +166,11 @@ def _all_act(state: mpsim.State) -> bool:
     return bool(moved and not state.present.all() and len(state.position) > 32 and state.box and state.box[3] == 6.5)
 
 
+def _spun(state: mpsim.State) -> bool:
+    """Contacts have changed spins."""
+    return state.spin is not None and not np.isin(state.spin, TURNS).all()
+
+
 BARE = Pinned()
 SCENES: dict[str, Pinned] = {
     "bare": BARE,
@@ -217,6 +224,23 @@ SCENES: dict[str, Pinned] = {
         },
         midway=_added(7.25, 3.375, radius=0.375, mass=2.0),
         acts=lambda state: _crossed(0)(state) and len(state.position) > 34,
+    ),
+    "friction": Pinned({"friction": 0.5, "spin": TURNS}, acts=_spun),
+    "friction of walls": Pinned({"wall_friction": 0.25, "tangential_restitution": 0.5}, acts=_spun),
+    "everything rough": Pinned(
+        {**EVERYTHING, **ROUGH},
+        {"substeps": 2, "passes": 2},
+        _added(7.375, 0.625, radius=0.25, mass=2.0, acceleration=(1.0, 2.0), spin=3.0),
+        lambda state: _all_act(state) and _spun(state),
+    ),
+    "rough exact": Pinned(
+        {
+            **{name: EVERYTHING[name] for name in ("gravity", "radius", "mass", "restitution", "wall_restitution")},
+            **ROUGH,
+            "boundary": ("periodic", "walls"),
+        },
+        midway=_added(7.25, 3.375, radius=0.375, mass=2.0, spin=-2.0),
+        acts=lambda state: _crossed(0)(state) and _spun(state),
     ),
 }
 """By name. A periodic axis, a piston and so on are arrays of their own to the kernels."""

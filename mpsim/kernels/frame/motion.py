@@ -85,7 +85,7 @@ def along_axis(p, v, edges, margin, wrap, moving_wall, parameters):
 
 @compiled
 def general_drift(discs, low, high, features, parameters, control):
-    """`drift` with radii, periodic axes, rough walls or one that moves; True if a position or velocity is not finite."""
+    """`drift` with radii, periodic axes, rough walls or one that moves; True if a place or speed is not finite."""
     zero = discs.x.dtype.type(0)
     bad = False
     for first in range(low, high, BLOCK):

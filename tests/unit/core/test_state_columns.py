@@ -20,6 +20,7 @@ VALUES: dict[str, Any] = {
     "velocity": np.array([[0.5, -1.0], [0.0, 0.25]]),
     "image": np.array([[1, 0], [0, -2]]),
     "present": np.array([True, False]),
+    "spin": np.array([1.5, 0.0]),
     "box": (0.0, 4.0, 0.0, 3.0),
 }
 """A value of each, other than what is there when nobody gives one."""
@@ -30,6 +31,7 @@ OTHERS: dict[str, Any] = {
     "velocity": np.array([[0.5, -1.0], [-0.0, 0.25]]),
     "image": np.array([[1, 0], [0, -1]]),
     "present": np.array([False, True]),
+    "spin": np.array([np.nextafter(1.5, 2), 0.0]),
     "box": (0.0, 4.0, 0.0, np.nextafter(3.0, 4)),
 }
 """Another value of each that differs by as little as can be."""
@@ -66,28 +68,32 @@ def test_only_the_box_is_left_out_of_the_digest():
 
 def test_a_new_column_that_does_not_say_whether_it_is_in_the_digest_has_none():
     """The control: a column that somebody forgets."""
-    wider = dataclasses.make_dataclass("Wider", [("spin", Any, None)], bases=(mpsim.State,), init=False, frozen=True)
+    wider = dataclasses.make_dataclass("Wider", [("colour", Any, None)], bases=(mpsim.State,), init=False, frozen=True)
     with pytest.raises(KeyError, match="digested"):
         wider(VALUES["position"], VALUES["velocity"]).digest()
 
 
 def test_a_column_that_says_so_is_in_the_digest():
     column = dataclasses.field(default=1.0, metadata={"digested": lambda value: True})
-    wider = dataclasses.make_dataclass("Wider", [("spin", Any, column)], bases=(mpsim.State,), init=False, frozen=True)
+    wider = dataclasses.make_dataclass(
+        "Wider", [("colour", Any, column)], bases=(mpsim.State,), init=False, frozen=True
+    )
     state, digests = wider(VALUES["position"], VALUES["velocity"]), set()
-    for spin in (np.zeros(2), np.ones(2)):
-        object.__setattr__(state, "spin", spin)
+    for colour in (np.zeros(2), np.ones(2)):
+        object.__setattr__(state, "colour", colour)
         digests.add(state.digest())
     assert len(digests | {mpsim.State(VALUES["position"], VALUES["velocity"]).digest()}) == 3
 
 
 def test_a_frame_of_a_trajectory_has_the_columns_that_say_so_of_the_discs_that_are_present():
     column = dataclasses.field(default=1.0, metadata={"digested": lambda value: True, "in_frames": True})
-    wider = dataclasses.make_dataclass("Wider", [("spin", Any, column)], bases=(mpsim.State,), init=False, frozen=True)
+    wider = dataclasses.make_dataclass(
+        "Wider", [("colour", Any, column)], bases=(mpsim.State,), init=False, frozen=True
+    )
     state = wider(**VALUES)
-    object.__setattr__(state, "spin", np.array([3.0, 4.0]))
+    object.__setattr__(state, "colour", np.array([3.0, 4.0]))
     found = {name: values.tolist() for name, values in in_frame(state).items()}
-    assert found == {"velocity": [[0.5, -1.0]], "image": [[1, 0]], "spin": [3.0]}
+    assert found == {"velocity": [[0.5, -1.0]], "image": [[1, 0]], "spin": [1.5], "colour": [3.0]}
     assert in_frame(mpsim.State(VALUES["position"], VALUES["velocity"])).keys() == {"velocity"}
 
 
@@ -103,14 +109,14 @@ def test_the_file_of_a_state_has_every_column(tmp_path):
 # --- checkpoints
 
 
-def saved(tmp_path, name="everything", **how):
+def saved(tmp_path, name="everything rough", **how):
     """The state in the middle of a run, and the path of its checkpoint."""
     with SCENES[name].start(**how) as sim:
         sim.run(frames=12)
         return sim.state, sim.save(tmp_path / "run")
 
 
-@pytest.mark.parametrize(("name", "method"), [("everything", "grid"), ("everything exact", "event")])
+@pytest.mark.parametrize(("name", "method"), [("everything rough", "grid"), ("rough exact", "event")])
 def test_a_checkpoint_has_every_column_of_the_state(name, method, tmp_path):
     state, path = saved(tmp_path, name, method=method)
     start = mpsim.State(SCENES[name].scene().position, SCENES[name].scene().velocity)
@@ -121,7 +127,9 @@ def test_a_checkpoint_has_every_column_of_the_state(name, method, tmp_path):
             assert moved or (column == "present" and method == "event"), f"{column} is as it was at the start"
 
 
-@pytest.mark.parametrize(("array", "column"), [("exits", "present"), ("image", "image"), ("velocity", "velocity")])
+@pytest.mark.parametrize(
+    ("array", "column"), [("exits", "present"), ("image", "image"), ("velocity", "velocity"), ("spin", "spin")]
+)
 def test_a_checkpoint_that_forgets_a_column_is_noticed(array, column, tmp_path, monkeypatch):
     """The control."""
     state, path = saved(tmp_path, method="grid")
@@ -138,7 +146,7 @@ def test_a_checkpoint_that_forgets_a_column_is_noticed(array, column, tmp_path, 
 
 IN_A_SNAPSHOT = {
     "a.x": "position", "a.y": "position", "a.vx": "velocity", "a.vy": "velocity", "a.radius": "radii", "mass": "masses",
-    "acceleration": "acceleration", "exits": "exits", "image": "image", "control": "progress",
+    "acceleration": "acceleration", "exits": "exits", "image": "image", "spin": "spin", "control": "progress",
     "disc": "disc", "event": "event", "cell_head": "cell_head", "cell_next": "cell_next", "order": "order",
     "clock": "clock", "counter": "counter", "tally": "tally", "winding": "winding", "radius": "radii",
 }  # fmt: skip
@@ -149,7 +157,8 @@ MADE_ANEW = {
     "the other buffer": {"b.x", "b.y", "b.vx", "b.vy", "b.id", "b.cell", "b.radius"},
     "the order in memory, which changes no bit": {"a.id", "a.cell", "start", "outbox", "sent", "team"},
     "times that are measured": {"times"},
-    "from scene and settings": {"parameters", "gravity", "giants", "wrap_x", "piston", "capsules.capsule",
+    "from scene and settings": {"parameters", "gravity", "giants", "wrap_x", "piston", "friction", "wall_friction",
+                                "capsules.capsule",
                                 "capsules.near", "capsules.index", "capsules.grid", "capsules.per_length"},
     "the calendar, from the next events of the discs": {"entry", "step_head", "heap"},
 }  # fmt: skip
@@ -158,7 +167,7 @@ MADE_ANEW = {
 
 def test_each_array_of_the_block_is_in_a_checkpoint_or_made_anew():
     names, kept = set(), set()
-    for name, method in (("everything", "grid"), ("everything exact", "event")):
+    for name, method in (("everything rough", "grid"), ("rough exact", "event")):
         with SCENES[name].start(method=method) as sim:
             names |= set(sim._solver.array_names)
             kept |= sim._solver.snapshot().keys()
@@ -169,7 +178,7 @@ def test_each_array_of_the_block_is_in_a_checkpoint_or_made_anew():
 
 
 def test_a_checkpoint_has_every_argument_of_the_scene(tmp_path):
-    everything, plain = SCENES["everything"].scene(), SCENES["bare"].scene()
+    everything, plain = SCENES["everything rough"].scene(), SCENES["bare"].scene()
     values = {name: getattr(everything, name) for name in inspect.signature(mpsim.Scene).parameters}
     scene = mpsim.Scene(**values | {"duration": 3.5})
     with mpsim.Simulation(scene, mpsim.Settings(method="grid")) as sim:

@@ -20,9 +20,10 @@ def test_a_piston_gives_a_disc_twice_its_speed(v, restitution, expected):
     values = parameters(restitution, dt=0.5)
     piston = np.array([layout.RIGHT, 10.0, -1.0, 2.0, -1.0])
     values.wall_bounce = restitution
-    p, after = along_axis(9.75 - v / 2, v, layout.ALONG_X, 0.0, None, piston, values)
+    p, after, time = along_axis(9.75 - v / 2, v, layout.ALONG_X, 0.0, None, piston, values)
     assert after == expected
     assert p == 9.5 - 0.25 * restitution
+    assert time == (0.25 / (v + 1) if v > -1 else 0)
 
 
 def test_a_piston_stands_where_its_time_says_until_it_stops():
