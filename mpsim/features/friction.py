@@ -81,8 +81,8 @@ def check_friction(
         "tangential_restitution": checks.between("tangential_restitution", tangential_restitution, -1, 1),
         "spin": None if spin is None else spins("spin", spin, count),
     }
-    defaults = {name: default for name, (default, _) in Friction.numbers.items()} | {"spin": None}
-    return {} if all(kept[name] is value or kept[name] == value for name, value in defaults.items()) else kept
+    smooth = kept["spin"] is None and all(kept[name] == default for name, (default, _) in Friction.numbers.items())
+    return {} if smooth else kept
 
 
 def spins(name: str, value: Any, count: int) -> Floats:
