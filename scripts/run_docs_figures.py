@@ -5,6 +5,7 @@ python scripts/run_docs_figures.py --out docs/pictures   as the pages show them
 """
 
 import argparse
+import math
 import re
 import sys
 import tempfile
@@ -36,6 +37,7 @@ WORKERS = (("#0072B2", "#7CC4EC"), ("#D55E00", "#F0B84B"))
 AT_REST = "#EEEEEE"
 PHASE_COLOURS: dict[str, str] = dict(zip(PHASES, ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#BBBBBB"), strict=True))
 FRAME_DISCS = 20_000
+HEAP_TIME = 20.0
 
 
 def dense_gas() -> tuple[mpsim.Scene, Grid]:
@@ -194,7 +196,39 @@ def floors(path: Path) -> None:
     figure.savefig(path, dpi=DPI)
 
 
-PICTURES = {"floors": floors, "passes": passes, "neighbours": neighbours, "frame": frame, "funnel": funnel}
+def stacked(friction: float, rows: int = 12) -> mpsim.Scene:
+    """Grains stacked in a triangle on the floor, touching."""
+    row = np.repeat(np.arange(rows), np.arange(rows, 0, -1))
+    column = np.concatenate([np.arange(rows - each) for each in range(rows)])
+    places = np.stack([10 + 0.5 * column - 0.25 * (rows - row - 1), 0.25 + 0.25 * math.sqrt(3) * row], axis=1)
+    return mpsim.Scene(
+        width=20, height=6, position=places, velocity=np.zeros(places.shape), radius=0.25, gravity=(0, -1),
+        restitution=0.3, wall_restitution=0.3, friction=friction, wall_friction=friction,
+    )  # fmt: skip
+
+
+def heap(path: Path) -> None:
+    """The same stack of grains with friction and without, a while after it was let go."""
+    figure = new_figure(7.2, 5.2)
+    for place, friction in enumerate((0.6, 0.0)):
+        scene = stacked(friction)
+        with mpsim.Simulation(scene, mpsim.Settings(dt=0.01, method="grid", passes=4)) as sim:
+            sim.run(until=HEAP_TIME)
+            position = sim.state.position
+        axes = figure.add_subplot(2, 1, place + 1)
+        draw_discs(axes, position, scene)
+        axes.set_title(f"friction {friction:g}, time {HEAP_TIME:g}" if friction else f"no friction, time {HEAP_TIME:g}")
+    figure.savefig(path, dpi=DPI)
+
+
+PICTURES = {
+    "floors": floors,
+    "passes": passes,
+    "neighbours": neighbours,
+    "frame": frame,
+    "funnel": funnel,
+    "heap": heap,
+}
 
 
 def main() -> int:

@@ -202,8 +202,8 @@ class EventSolver(Solver):
         state = self.state()
         places, speeds = np.concatenate([state.position, new.position]), np.concatenate([state.velocity, new.velocity])
         radii, masses = np.concatenate([self._radii, new.radius]), np.concatenate([self._masses, new.mass])
-        given = np.zeros(len(new.position)) if new.spin is None else new.spin
-        spin = given if state.spin is None else np.concatenate([state.spin, given])
+        given: NDArray[np.floating] = np.zeros(len(new.position)) if new.spin is None else new.spin
+        spin = np.concatenate([np.zeros(self.count) if state.spin is None else state.spin, given])
         block, box = self._room(len(places))
         with block.closed_on_error():
             store = self._placed(block, box, places, speeds, radii, masses, spin, self._present)
@@ -301,7 +301,7 @@ class EventSolver(Solver):
         velocity: NDArray[np.floating],
         radii: NDArray[np.float64],
         masses: NDArray[np.float64],
-        spin: NDArray[np.float64],
+        spin: NDArray[np.floating],
         time: float,
     ) -> Any:
         """Make a block, with discs in it that are ready to go; returns its arrays as the kernel takes them."""

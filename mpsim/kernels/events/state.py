@@ -136,7 +136,7 @@ def place(position, velocity, radius, mass, time, store, box, spin=None):
         store.radius[:] = radius[order]
     if mass is not None:
         store.mass[:] = mass[order]
-    if store.spin is not None:
+    if store.spin is not None and spin is not None:
         store.spin[:] = spin[order]
     store.clock[BASE] = time
     return REACHED, -1
