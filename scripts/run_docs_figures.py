@@ -5,7 +5,6 @@ python scripts/run_docs_figures.py --out docs/pictures   as the pages show them
 """
 
 import argparse
-import math
 import re
 import sys
 import tempfile
@@ -196,27 +195,30 @@ def floors(path: Path) -> None:
     figure.savefig(path, dpi=DPI)
 
 
-def stacked(friction: float, rows: int = 12) -> mpsim.Scene:
-    """Grains stacked in a triangle on the floor, touching."""
-    row = np.repeat(np.arange(rows), np.arange(rows, 0, -1))
-    column = np.concatenate([np.arange(rows - each) for each in range(rows)])
-    places = np.stack([10 + 0.5 * column - 0.25 * (rows - row - 1), 0.25 + 0.25 * math.sqrt(3) * row], axis=1)
+def poured(friction: float) -> mpsim.Scene:
+    """A column of 200 grains of four sizes, which is let go above a floor of grains that are glued to it."""
+    index = np.arange(200)
+    row, column = np.divmod(index, 10)
+    radius = np.array([0.25, 0.2, 0.225, 0.175])[(index * index // 3) % 4]
+    places = np.stack([15 + 0.53 * (column - 4.5) + 0.1 * (row % 2), 0.52 * (row + 1)], axis=1)
     return mpsim.Scene(
-        width=20, height=6, position=places, velocity=np.zeros(places.shape), radius=0.25, gravity=(0, -1),
+        width=30, height=14, position=places, velocity=np.zeros((200, 2)), radius=radius, gravity=(0, -1),
         restitution=0.3, wall_restitution=0.3, friction=friction, wall_friction=friction,
+        obstacles=[mpsim.FixedDisc((place / 2, 0), 0.25) for place in range(61)],
     )  # fmt: skip
 
 
 def heap(path: Path) -> None:
-    """The same stack of grains with friction and without, a while after it was let go."""
-    figure = new_figure(7.2, 5.2)
+    """The same column of grains with friction and without, a while after it was let go."""
+    figure = new_figure(7.2, 3.6)
     for place, friction in enumerate((0.6, 0.0)):
-        scene = stacked(friction)
+        scene = poured(friction)
         with mpsim.Simulation(scene, mpsim.Settings(dt=0.01, method="grid", passes=4)) as sim:
             sim.run(until=HEAP_TIME)
             position = sim.state.position
         axes = figure.add_subplot(2, 1, place + 1)
         draw_discs(axes, position, scene)
+        axes.set_ylim(0, 5)
         axes.set_title(f"friction {friction:g}, time {HEAP_TIME:g}" if friction else f"no friction, time {HEAP_TIME:g}")
     figure.savefig(path, dpi=DPI)
 

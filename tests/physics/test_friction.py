@@ -136,7 +136,7 @@ def test_rotation_takes_energy_from_translation_at_the_known_rate(how, beta, res
     if beta == -1:
         assert np.abs(ratios).max() < 1e-12, "smooth: nothing is exchanged"
         return
-    assert expected[1] > 0.1
+    assert expected[1] > 0.05
     assert (np.abs(mean) < 4 * error + 0.015).all(), f"{mean} +- {error}"  # the mean field is good to some percent
 
 
@@ -144,7 +144,7 @@ def test_rotation_takes_energy_from_translation_at_the_known_rate(how, beta, res
 def test_perfectly_rough_discs_share_their_energy_evenly(how):
     """T_rot / T_tr = 1 for beta_0 = 1, whatever it was at the start: one degree of freedom of three rotates."""
     found = []
-    for seed in range(3):
+    for seed in range(8):
         scene = Scene.random(
             count=150, packing=0.3, radius=0.5, seed=seed, friction=math.inf, tangential_restitution=1.0,
             boundary="periodic", temperature=1.0, spin=6.0 * (seed % 2),
@@ -153,7 +153,7 @@ def test_perfectly_rough_discs_share_their_energy_evenly(how):
             energy = kinetic_energy(sim.state, scene)
             sim.run(until=5.0)
             ratios = []
-            for _ in range(40):
+            for _ in range(60):
                 sim.run(until=sim.time + 0.5)
                 translation, rotation = temperatures(sim.state, scene)
                 ratios.append(rotation / translation)
@@ -184,28 +184,45 @@ def test_no_collision_of_a_gas_between_rough_walls_raises_the_energy():
     assert energies[-1] < 0.8 * energies[0]
 
 
-# --- a heap
+# --- heaps
 
 
-def heap(friction, until=60.0):
-    """Width and height of a heap of 150 grains, dropped in a column of eight onto a rough floor."""
-    row, column = np.divmod(np.arange(150), 8)
-    places = np.stack([30 + 0.53 * (column - 3.5) + 0.1 * (row % 2), 0.26 + 0.52 * row], axis=1)
+def test_a_pyramid_of_three_discs_stands_from_the_friction_on_that_statics_asks_for(found):
+    """The upper disc pushes the lower ones apart along 30 degrees; they do not roll from mu = tan 15 = 0.268 on.
+
+    There is no static friction in the law: the impulses of each step add up to it.
+    """
+    stands, falls = found["pyramid with 0.3"], found["pyramid with 0.24"]
+    assert stands["width"] < 1.05
+    assert stands["height"] == pytest.approx(0.5 + math.sqrt(0.75), abs=0.02)
+    assert falls["width"] > 2
+    assert falls["height"] == pytest.approx(0.5, abs=0.01)
+
+
+def heap(friction):
+    """Width of the middle nine tenths of 200 grains of four sizes, and their mean height.
+
+    They were let go in a column above a floor of grains that are glued to it.
+    """
+    index = np.arange(200)
+    row, column = np.divmod(index, 10)
+    radius = np.array([0.25, 0.2, 0.225, 0.175])[(index * index // 3) % 4]
+    places = np.stack([15 + 0.53 * (column - 4.5) + 0.1 * (row % 2), 0.52 * (row + 1)], axis=1)
     scene = Scene(
-        width=60, height=12, position=places, velocity=np.zeros((150, 2)), radius=0.25, gravity=(0, -1),
+        width=30, height=14, position=places, velocity=np.zeros((200, 2)), radius=radius, gravity=(0, -1),
         restitution=0.3, wall_restitution=0.3, friction=friction, wall_friction=friction,
+        obstacles=[mpsim.FixedDisc((place / 2, 0), 0.25) for place in range(61)],
     )  # fmt: skip
     with simulate(scene, method="grid", dt=0.01, contact="impact", passes=4) as sim:
-        sim.run(until=until)
+        sim.run(until=40.0)
         x, y = sim.state.position.T
-    return float(np.percentile(x, 95) - np.percentile(x, 5)), float(y.max() + 0.25), np.stack([x, y])
+    return float(np.percentile(x, 95) - np.percentile(x, 5)), float(y.mean())
 
 
-@pytest.mark.long
+@pytest.mark.long  # two compilations
 def test_a_heap_with_friction_stands_where_one_without_spreads():
-    width, height, (x, y) = heap(0.6)
-    flat, low, _ = heap(0.0)
-    assert flat > 2 * width
-    assert height > 3 * low
-    slope = math.degrees(math.atan2(height, 2 * np.abs(x[y < 0.3] - np.median(x)).mean()))
-    assert slope > 10
+    (width, height), (flat, low) = heap(0.6), heap(0.0)
+    assert flat > 1.3 * width
+    assert height > 1.2 * low
+    slopes = [math.degrees(math.atan(6 * mean / (wide / 0.9))) for mean, wide in ((height, width), (low, flat))]
+    assert slopes[0] > 15 > slopes[1], f"slopes of triangles of these widths and mean heights: {slopes}"

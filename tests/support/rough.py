@@ -222,6 +222,19 @@ def rolling(how: str, dt: float = 1 / 64) -> dict[str, float]:
     }
 
 
+def pyramid(friction: float) -> dict[str, float]:
+    """Three discs of radius 1/2, one on two that touch, after a time of 10 under gravity 1: how wide and high."""
+    places = [(4.5, 0.5), (5.5, 0.5), (5.0, 0.5 + math.sqrt(0.75))]
+    scene = Scene(
+        width=10, height=4, position=places, velocity=np.zeros((3, 2)), radius=0.5, gravity=(0, -1), restitution=0.3,
+        wall_restitution=0.3, friction=friction, wall_friction=friction,
+    )  # fmt: skip
+    with mpsim.Simulation(scene, mpsim.Settings(dt=0.01, method="naive", passes=4)) as sim:
+        sim.run(until=10.0)
+        x, y = sim.state.position.T
+    return {"width": float(x[1] - x[0]), "height": float(y[2])}
+
+
 def main() -> None:
     """Print all."""
     out = {
@@ -230,7 +243,8 @@ def main() -> None:
         if how != "event" or name in EXACT
     }
     rolls = {f"rolling by {how}": rolling(how) for how in METHODS if how != "event"}
-    json.dump(out | rolls, sys.stdout)
+    pyramids = {f"pyramid with {friction}": pyramid(friction) for friction in (0.24, 0.3)}
+    json.dump(out | rolls | pyramids, sys.stdout)
 
 
 if __name__ == "__main__":
