@@ -19,7 +19,7 @@ PEG = (0.0, 0.0, 0.0, 0.0, 0.5)
 def after_capsule(place, velocity, capsule=FLOOR, impact=True, pull=(0.0, 0.0), restitution=1.0):
     """Place and velocity of a disc of radius 1/2 after its contact with a capsule, if any."""
     discs = discs_of(np.float64, [place[0]], [place[1]], [velocity[0]], [velocity[1]])
-    met = meet_capsule(discs, 0, 0, np.array([capsule]), 0.5, *pull, parameters(restitution), impact)
+    met = meet_capsule(discs, 0, 0, np.array([capsule]), 0.5, *pull, features_of({}), parameters(restitution), impact)
     return met, (discs.x[0], discs.y[0]), (discs.vx[0], discs.vy[0])
 
 
