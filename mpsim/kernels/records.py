@@ -33,7 +33,7 @@ class Record(np.void):
             raise AttributeError(name)
         return self[name]
 
-    def __setattr__(self, name: str, value: object) -> None:
+    def __setattr__(self, name: str, value: Any) -> None:
         self[name] = value
 
 
