@@ -129,7 +129,7 @@ def _compile_lowest_bit(mask):
     return implementation
 
 
-def natural(index):
+def nonnegative(index):
     """The index itself, known to be 0 or more, so that the compiler drops Python's wrap-around of negative ones."""
     return index
 
@@ -144,7 +144,7 @@ def _natural(typing_context, index):
     return types.int64(types.int64), codegen
 
 
-@overload(natural)
+@overload(nonnegative)
 def _compile_natural(index):
     def implementation(index):
         return _natural(index)

@@ -8,7 +8,7 @@ from mpsim.kernels.compiling import inlined
 
 
 @inlined
-def own_or(values, i, shared):
+def value_or(values, i, shared):
     """A disc's own radius or mass, or what stands for it where all discs have the same."""
     if values is None:
         return shared
@@ -24,7 +24,7 @@ def slice_of(values, low, high):
 
 
 @inlined
-def presence(value):
+def present(value):
     """True where there is something, else None, so that what is tested against it can be dropped."""
     if value is None:
         return None
@@ -32,8 +32,8 @@ def presence(value):
 
 
 @inlined
-def presence_of_any(value, other):
-    """`presence` of one of two, or of both."""
+def any_present(value, other):
+    """`present` of one of two, or of both."""
     if value is None:
-        return presence(other)
+        return present(other)
     return True

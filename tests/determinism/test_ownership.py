@@ -14,7 +14,7 @@ from support.scenes import ZOO, crowd, gas, simulate, zoo
 
 from mpsim.engine.workers.worker import kernel_arguments
 from mpsim.kernels import layout
-from mpsim.kernels.features.hooks import after_binning, prepare_step
+from mpsim.kernels.features.hooks import after_binning, prepare_first_step
 from mpsim.kernels.frame.contacts import resolve_columns
 from mpsim.kernels.frame.giants import resolve_giants
 from mpsim.kernels.frame.motion import move
@@ -61,7 +61,7 @@ class Watched:
         self._phase("move", self._move(front))
         assert not control.signals[layout.BAD]
         control.steps += 1
-        prepare_step(self._arrays)
+        prepare_first_step(self._arrays)
         self._phase("sort", self._sort(front, back))
         team = self._arrays["team"]
         for worker in range(self._workers):

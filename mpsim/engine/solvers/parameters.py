@@ -10,7 +10,7 @@ from mpsim.engine.solvers.speed_limit import SpeedLimit
 from mpsim.engine.workers.arrays import Grid
 from mpsim.features.edges import EDGES
 from mpsim.kernels import layout
-from mpsim.kernels.features.hooks import prepare_step
+from mpsim.kernels.features.hooks import prepare_first_step
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -52,7 +52,7 @@ def configure(arrays: dict[str, Any], scene: Scene, settings: Settings, now: Pre
     parameters.wall_bounce = scene.wall_restitution if settings.contact == "impact" else 0.0
     parameters.tally_scale = _tally_scale(scene, settings)
     parameters.fast = now.speed_limit.square(dt, common, smallest, settings.precision)
-    prepare_step(arrays)
+    prepare_first_step(arrays)
     if "giants" in arrays:
         arrays["giants"][0] = np.inf if now.giant is None else now.giant
     control = arrays["control"]

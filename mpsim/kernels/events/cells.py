@@ -7,7 +7,7 @@ from mpsim.kernels.events.state import COLUMN, ROW, X, Y
 
 
 @inlined
-def property_of(values, common, i):
+def value_of(values, common, i):
     """A property of disc i: its own, or the one all discs share."""
     if values is None:
         return common
@@ -73,7 +73,7 @@ def worst_overlap(store, box):
     pair = (-1, -1)
     tests = 0
     for i in range(disc.shape[0]):
-        ri = property_of(store.radius, box.radius, i)
+        ri = value_of(store.radius, box.radius, i)
         for row_ahead in range(store.event[i, ROW] - 1, store.event[i, ROW] + 2):
             row, shift_y = wrapped(row_ahead, box.rows, box.height, box.periodic_y)
             for column_ahead in range(store.event[i, COLUMN] - 1, store.event[i, COLUMN] + 2):
@@ -82,7 +82,7 @@ def worst_overlap(store, box):
                 while j >= 0:
                     rx = (disc[j, X] - disc[i, X]) + shift_x
                     ry = (disc[j, Y] - disc[i, Y]) + shift_y
-                    depth = ri + property_of(store.radius, box.radius, j) - math.sqrt(rx * rx + ry * ry)
+                    depth = ri + value_of(store.radius, box.radius, j) - math.sqrt(rx * rx + ry * ry)
                     if j != i and depth > worst:
                         worst = depth
                         pair = (store.order[i], store.order[j])

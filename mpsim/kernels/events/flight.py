@@ -3,7 +3,7 @@
 import math
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.events.cells import property_of, wrapped
+from mpsim.kernels.events.cells import value_of, wrapped
 from mpsim.kernels.events.state import BORDER, BOTTOM, COLUMN, LEFT, ROW, SIDE, SINCE, VX, VY, X, Y
 
 INFINITY = math.inf
@@ -13,7 +13,7 @@ INFINITY = math.inf
 
 
 @inlined
-def moved(disc, i, now, gravity):
+def state_at(disc, i, now, gravity):
     """Position [length] and velocity [length/time] of disc i at time `now`: (x, y, vx, vy)."""
     flight = now - disc[i, SINCE]
     vx = disc[i, VX]
@@ -28,9 +28,9 @@ def moved(disc, i, now, gravity):
 
 
 @inlined
-def move(disc, i, now, gravity):
+def advance_to(disc, i, now, gravity):
     """Bring the stored state of disc i to time `now`."""
-    x, y, vx, vy = moved(disc, i, now, gravity)
+    x, y, vx, vy = state_at(disc, i, now, gravity)
     disc[i, X] = x
     disc[i, Y] = y
     disc[i, VX] = vx
@@ -47,7 +47,7 @@ def component(gravity, axis):
 
 
 @inlined
-def note(record, key, amount):
+def add_to(record, key, amount):
     """Add to an entry of an optional record."""
     if record is not None:
         record[key] += amount
@@ -64,7 +64,7 @@ def is_finite(disc, i):
 
 
 @inlined
-def flight_to(distance, speed, acceleration):
+def time_to_limit(distance, speed, acceleration):
     """Time until a limit `distance` ahead is met [time], `speed` and `acceleration` positive away from it.
 
     The root of distance + speed t + acceleration t^2/2 = 0 in the form that does not cancel. A rounding-level negative
@@ -78,7 +78,7 @@ def flight_to(distance, speed, acceleration):
 
 
 @inlined
-def leave_axis(place, speed, acceleration, cell, cells, length, periodic, radius, gravity):
+def time_to_leave(place, speed, acceleration, cell, cells, length, periodic, radius, gravity):
     """Time until a centre leaves its cell, or meets a wall, along one axis: (time, 0 low or 1 high)."""
     side = length / cells
     low = cell * side
@@ -90,8 +90,8 @@ def leave_axis(place, speed, acceleration, cell, cells, length, periodic, radius
         # Only one of the two limits lies ahead.
         ahead = high - place if speed > 0.0 else place - low
         return (max(ahead, 0.0) / abs(speed) if speed != 0.0 else INFINITY), (1 if speed > 0.0 else 0)
-    down = flight_to(place - low, speed, acceleration)
-    up = flight_to(high - place, -speed, -acceleration)
+    down = time_to_limit(place - low, speed, acceleration)
+    up = time_to_limit(high - place, -speed, -acceleration)
     return (up, 1) if up < down else (down, 0)
 
 
@@ -100,8 +100,8 @@ def predict_border(i, store, box, gravity):
     """Store when disc i, whose stored state is current, leaves its cell or meets a wall, and on which side."""
     disc = store.disc
     event = store.event
-    radius = property_of(store.radius, box.radius, i)
-    tx, high_x = leave_axis(
+    radius = value_of(store.radius, box.radius, i)
+    tx, high_x = time_to_leave(
         disc[i, X],
         disc[i, VX],
         component(gravity, 0),
@@ -112,7 +112,7 @@ def predict_border(i, store, box, gravity):
         radius,
         gravity,
     )
-    ty, high_y = leave_axis(
+    ty, high_y = time_to_leave(
         disc[i, Y],
         disc[i, VY],
         component(gravity, 1),
@@ -157,8 +157,8 @@ def earliest_partner(i, now, first_column, last_column, first_row, last_row, sto
     Two images of one cell, in a periodic box two cells wide, are visited as two cells.
     """
     disc = store.disc
-    x, y, vx, vy = moved(disc, i, now, gravity)
-    radius = property_of(store.radius, box.radius, i)
+    x, y, vx, vy = state_at(disc, i, now, gravity)
+    radius = value_of(store.radius, box.radius, i)
     best = INFINITY
     partner = -1
     for row_ahead in range(first_row, last_row + 1):
@@ -171,8 +171,8 @@ def earliest_partner(i, now, first_column, last_column, first_row, last_row, sto
                 continue
             j = store.cell_head[row * box.columns + column]
             while j >= 0:
-                xj, yj, vxj, vyj = moved(disc, j, now, gravity)
-                contact = radius + property_of(store.radius, box.radius, j)
+                xj, yj, vxj, vyj = state_at(disc, j, now, gravity)
+                contact = radius + value_of(store.radius, box.radius, j)
                 t = time_to_impact((xj - x) + shift_x, (yj - y) + shift_y, vxj - vx, vyj - vy, contact)
                 if t <= best and (t < best or j < partner):
                     best = t

@@ -7,7 +7,7 @@ m a^2 / 2, so that a tangential impulse J changes the slip of the surfaces by 3 
 import math
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.events.cells import property_of
+from mpsim.kernels.events.cells import value_of
 from mpsim.kernels.events.state import VX, VY
 
 
@@ -25,8 +25,8 @@ def rub_discs(law, i, j, rx, ry, normal_impulse, store, box):
         disc, spin = store.disc, store.spin
         distance = math.sqrt(rx * rx + ry * ry)
         tx, ty = -ry / distance, rx / distance
-        mass_i, mass_j = property_of(store.mass, 1.0, i), property_of(store.mass, 1.0, j)
-        radius_i, radius_j = property_of(store.radius, box.radius, i), property_of(store.radius, box.radius, j)
+        mass_i, mass_j = value_of(store.mass, 1.0, i), value_of(store.mass, 1.0, j)
+        radius_i, radius_j = value_of(store.radius, box.radius, i), value_of(store.radius, box.radius, j)
         slip = (disc[i, VX] - disc[j, VX]) * tx + (disc[i, VY] - disc[j, VY]) * ty
         slip -= radius_i * spin[i] + radius_j * spin[j]
         impulse = tangential_impulse(law, slip, mass_i * mass_j / (mass_i + mass_j), normal_impulse)
@@ -43,7 +43,7 @@ def rub_wall(law, i, axis, inward, pressed, store, box):
     """Friction of disc i on a wall at right angles to an axis, which has changed its velocity inward by `pressed`."""
     if law is not None:
         disc, spin = store.disc, store.spin
-        radius = property_of(store.radius, box.radius, i)
+        radius = value_of(store.radius, box.radius, i)
         along = 1 - axis
         turn = inward if axis == 0 else -inward  # the tangent, the inward normal turned left, points along turn
         slip = turn * disc[i, VX + along] - radius * spin[i]

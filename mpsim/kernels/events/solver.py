@@ -27,10 +27,10 @@ from mpsim.kernels.events.cells import (
     leave_list,
     link_cells,
     nearest_image,
-    property_of,
+    value_of,
     worst_overlap,
 )
-from mpsim.kernels.events.flight import component, earliest_partner, is_finite, move, note, predict_border
+from mpsim.kernels.events.flight import add_to, advance_to, component, earliest_partner, is_finite, predict_border
 from mpsim.kernels.events.friction import rub_discs, rub_wall
 from mpsim.kernels.events.state import (
     BACKWARDS,
@@ -149,15 +149,15 @@ def collide(i, j, now, store, box, law):
     rounding level however far rounding has left |r| from the contact distance.
     """
     disc = store.disc
-    move(disc, i, now, law.gravity)
-    move(disc, j, now, law.gravity)
+    advance_to(disc, i, now, law.gravity)
+    advance_to(disc, j, now, law.gravity)
     rx = nearest_image(disc[i, X] - disc[j, X], box.width, box.periodic_x)
     ry = nearest_image(disc[i, Y] - disc[j, Y], box.height, box.periodic_y)
     b = rx * (disc[i, VX] - disc[j, VX]) + ry * (disc[i, VY] - disc[j, VY])
     if b < 0.0:
         e = effective_restitution(law.restitution, disc[i, LAST], disc[j, LAST], now, law, store.counter)
-        mass_i = property_of(store.mass, 1.0, i)
-        mass_j = property_of(store.mass, 1.0, j)
+        mass_i = value_of(store.mass, 1.0, i)
+        mass_j = value_of(store.mass, 1.0, j)
         push = -(1.0 + e) * b / ((rx * rx + ry * ry) * (mass_i + mass_j))
         disc[i, VX] += push * mass_j * rx
         disc[i, VY] += push * mass_j * ry
@@ -168,9 +168,9 @@ def collide(i, j, now, store, box, law):
         disc[j, LAST] = now
         store.counter[PAIRS] += 1
         virial = -(1.0 + e) * b * mass_i * mass_j / (mass_i + mass_j)
-        note(store.tally, VIRIAL, virial)
-        note(store.tally, VIRIAL_XX, virial * rx * rx / (rx * rx + ry * ry))
-        note(store.tally, VIRIAL_XY, virial * rx * ry / (rx * rx + ry * ry))
+        add_to(store.tally, VIRIAL, virial)
+        add_to(store.tally, VIRIAL_XX, virial * rx * rx / (rx * rx + ry * ry))
+        add_to(store.tally, VIRIAL_XY, virial * rx * ry / (rx * rx + ry * ry))
     store.event[i, DEFLECTIONS] += 1
     store.event[j, DEFLECTIONS] += 1
 
@@ -195,7 +195,7 @@ def rebound(speed, acceleration, contact_time, gravity, counter):
 def hit_wall(i, now, side, store, box, law):
     """Impact of disc i, whose stored state is current, on a wall: its centre is put on the limit exactly."""
     disc = store.disc
-    radius = property_of(store.radius, box.radius, i)
+    radius = value_of(store.radius, box.radius, i)
     axis = side >> 1
     high = side & 1
     length = box.width if axis == 0 else box.height
@@ -211,7 +211,7 @@ def hit_wall(i, now, side, store, box, law):
     disc[i, LAST] = now
     store.event[i, DEFLECTIONS] += 1
     store.counter[WALLS] += 1
-    note(store.tally, side, property_of(store.mass, 1.0, i) * (speed + leaving))
+    add_to(store.tally, side, value_of(store.mass, 1.0, i) * (speed + leaving))
 
 
 @inlined
@@ -227,7 +227,7 @@ def cross(i, side, store, box):
     if cell < 0 or cell >= cells:
         cell -= turn * cells
         store.disc[i, X + axis] -= turn * length
-        note(store.winding, (i, axis), turn)
+        add_to(store.winding, (i, axis), turn)
     event[i, COLUMN + axis] = cell
     enter_list(i, event[i, ROW] * box.columns + event[i, COLUMN], store)
     store.counter[CROSSINGS] += 1
@@ -250,7 +250,7 @@ def block_to_search(i, side, event):
 
 
 @inlined
-def foresee(i, now, side, deflected, store, box, law):
+def predict(i, now, side, deflected, store, box, law):
     """Predict the next event of disc i and enter it in the calendar.
 
     side: the border it has just crossed or -1; deflected: whether its stored state is new as of `now`.
@@ -270,7 +270,7 @@ def foresee(i, now, side, deflected, store, box, law):
 
 
 @inlined
-def meets_wall(i, side, event, box):
+def is_wall(i, side, event, box):
     """Whether the border at `side` of the cell of disc i is a wall."""
     if side < BOTTOM:
         return not box.periodic_x and event[i, COLUMN] == (box.columns - 1 if side == RIGHT else 0)
@@ -286,7 +286,7 @@ def stalled(t, store):
 
 
 @inlined
-def play(i, now, store, box, law):
+def process_event(i, now, store, box, law):
     """The event of disc i at time `now`, and what it makes anew. Returns a disc that is not finite, or -1."""
     disc = store.disc
     event = store.event
@@ -304,9 +304,9 @@ def play(i, now, store, box, law):
             deflected = False
             store.counter[RENEWALS] += 1
     else:
-        move(disc, i, now, law.gravity)
+        advance_to(disc, i, now, law.gravity)
         side = np.int64(event[i, SIDE])
-        if meets_wall(i, side, event, box):
+        if is_wall(i, side, event, box):
             hit_wall(i, now, side, store, box, law)
             side = np.int64(-1)
         else:
@@ -314,7 +314,7 @@ def play(i, now, store, box, law):
     if not is_finite(disc, i):
         return np.int64(i)
     while i >= 0:
-        foresee(i, now, side, deflected, store, box, law)
+        predict(i, now, side, deflected, store, box, law)
         i, other = other, np.int64(-1)
     return np.int64(-1)
 
@@ -349,7 +349,7 @@ def advance(store, box, law, until, max_events):
         budget -= 1
         counter[EVENTS] += 1
         counter[LAP_EVENTS] += 1
-        culprit = play(i, t, store, box, law)
+        culprit = process_event(i, t, store, box, law)
         if culprit >= 0:
             return NOT_FINITE, store.order[culprit]
     return PAUSED, -1
@@ -375,7 +375,7 @@ def schedule(store, box, law):
     fill(store)
     link_cells(store, box)
     for i in range(disc.shape[0]):
-        foresee(np.int64(i), 0.0, np.int64(-1), True, store, box, law)
+        predict(np.int64(i), 0.0, np.int64(-1), True, store, box, law)
 
 
 @compiled

@@ -3,7 +3,7 @@
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.features.acceleration import acceleration_of
 from mpsim.kernels.layout import BOTTOM, IMPACT, LEFT, RIGHT, TOP
-from mpsim.kernels.optional import own_or
+from mpsim.kernels.optional import value_or
 
 FIELDS = {"exits": "exits"}
 """exits: shape (3, capacity), by id: 1 for discs that an edge has absorbed, and where [length]."""
@@ -33,7 +33,7 @@ def absorb(discs, low, high, exits, features, parameters, control):
     late = dt / two if control.contact == IMPACT else zero  # a parabola is as far as its mean velocity leads
     for i in range(low, high):
         disc = discs.id[i]
-        margin = own_or(discs.radius, i, zero)
+        margin = value_or(discs.radius, i, zero)
         ax = acceleration_of(features.gravity, features.acceleration, 0, disc, zero)
         ay = acceleration_of(features.gravity, features.acceleration, 1, disc, zero)
         x = discs.x[i] + (discs.vx[i] + ax * (dt - late)) * dt
@@ -47,7 +47,7 @@ def absorb(discs, low, high, exits, features, parameters, control):
 
 
 @compiled
-def lay_to_rest(discs, low, high, exits):
+def put_back_absorbed(discs, low, high, exits):
     """Undo what a step has done to the absorbed discs of a slice."""
     zero = discs.x.dtype.type(0)
     for i in range(low, high):
@@ -66,9 +66,9 @@ def before_move(exits, discs, low, high, features, parameters, control):
 
 @inlined
 def after_flight(exits, discs, low, high):
-    """`lay_to_rest`, where there are such edges."""
+    """`put_back_absorbed`, where there are such edges."""
     if exits is not None:
-        lay_to_rest(discs, low, high, exits)
+        put_back_absorbed(discs, low, high, exits)
 
 
 @inlined

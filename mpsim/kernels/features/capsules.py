@@ -16,7 +16,7 @@ from mpsim.kernels.features.acceleration import acceleration_of
 from mpsim.kernels.features.friction import on_fixed
 from mpsim.kernels.features.images import confined, count_flight, wrapped
 from mpsim.kernels.layout import BOTTOM, IMPACT, LEFT, RIGHT, TOP
-from mpsim.kernels.optional import own_or
+from mpsim.kernels.optional import value_or
 
 
 class Capsules(NamedTuple):
@@ -82,7 +82,7 @@ def normal_at_touch(rx, ry, squared, reach, vx, vy, dt):
 
 
 @inlined
-def meet_capsule(discs, i, k, capsule, radius, ax, ay, features, parameters, impact):
+def resolve_capsule(discs, i, k, capsule, radius, ax, ay, features, parameters, impact):
     """Contact of the disc in slot i with capsule k, if they overlap: by impact, or pushed out to its surface.
 
     Impact takes the side of a segment, and the plane that touches an end, for a wall: `bounce_back` keeps the energy
@@ -117,7 +117,7 @@ def meet_capsule(discs, i, k, capsule, radius, ax, ay, features, parameters, imp
 
 
 @compiled
-def meet_capsules(discs, low, high, features, parameters, control):
+def resolve_capsules(discs, low, high, features, parameters, control):
     """Contacts of a slice with the capsules near each disc, in the order in which the scene lists them."""
     zero = discs.x.dtype.type(0)
     half = parameters.diameter / discs.x.dtype.type(2)
@@ -131,15 +131,15 @@ def meet_capsules(discs, low, high, features, parameters, control):
         column = min(max(int(discs.x[i] * capsules.per_length[0]), 0), columns - 1)
         row = min(max(int(discs.y[i] * capsules.per_length[1]), 0), rows - 1)
         cell = column * rows + row
-        radius = own_or(discs.radius, i, half)
+        radius = value_or(discs.radius, i, half)
         ax = acceleration_of(features.gravity, features.acceleration, 0, disc, zero)
         ay = acceleration_of(features.gravity, features.acceleration, 1, disc, zero)
         met = False
         for entry in range(capsules.near[cell], capsules.near[cell + 1]):
             k = capsules.index[entry]
-            met |= meet_capsule(discs, i, k, capsules.capsule, radius, ax, ay, features, parameters, impact)
+            met |= resolve_capsule(discs, i, k, capsules.capsule, radius, ax, ay, features, parameters, impact)
         if met:
-            margin = own_or(discs.radius, i, zero)
+            margin = value_or(discs.radius, i, zero)
             x = confined(discs.x[i], parameters.limit[LEFT], parameters.limit[RIGHT], margin, features.wrap_x)
             y = confined(discs.y[i], parameters.limit[BOTTOM], parameters.limit[TOP], margin, features.wrap_y)
             # Out of a thick capsule it may be far beyond the border, where there are no cells.
@@ -151,6 +151,6 @@ def meet_capsules(discs, low, high, features, parameters, control):
 
 @inlined
 def after_move(capsules, discs, low, high, features, parameters, control):
-    """`meet_capsules`, where there are capsules."""
+    """`resolve_capsules`, where there are capsules."""
     if capsules is not None:
-        meet_capsules(discs, low, high, features, parameters, control)
+        resolve_capsules(discs, low, high, features, parameters, control)

@@ -12,9 +12,9 @@ with m_eff = m m' / (m + m') of two discs, m of a disc and a wall. Angular momen
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.features.acceleration import acceleration_of
 from mpsim.kernels.features.images import confined, count_flight, wrapped
-from mpsim.kernels.features.masses import share
+from mpsim.kernels.features.masses import mass_fraction
 from mpsim.kernels.layout import BOTTOM, IMPACT, LEFT, RIGHT, TOP
-from mpsim.kernels.optional import own_or
+from mpsim.kernels.optional import value_or
 from mpsim.kernels.records import real
 
 FIELDS = {"friction": "friction", "wall_friction": "wall_friction", "spin": "spin"}
@@ -37,18 +37,18 @@ def tangential_change(law, slip, pressed):
 def between_discs(friction, discs, i, j, nx, ny, exchanged, features, parameters):
     """Friction of two discs in contact along the unit vector n from i to j.
 
-    exchanged: normal velocity that they exchange, to be multiplied by their `share`, < 0 if they approach.
+    exchanged: normal velocity that they exchange, to be multiplied by their `mass_fraction`, < 0 if they approach.
     """
     if friction is not None:  # noqa: SIM102 - a test of its own, which the compiler drops
         if exchanged < 0:
             one, two = real(parameters, 1), real(parameters, 2)
             vx, vy, spin, disc, other = discs.vx, discs.vy, features.spin, discs.id[i], discs.id[j]
-            radius_i = own_or(discs.radius, i, parameters.diameter / two)
-            radius_j = own_or(discs.radius, j, parameters.diameter / two)
+            radius_i = value_or(discs.radius, i, parameters.diameter / two)
+            radius_j = value_or(discs.radius, j, parameters.diameter / two)
             slip = (vy[j] - vy[i]) * nx - (vx[j] - vx[i]) * ny - (radius_i * spin[disc] + radius_j * spin[other])
             change = tangential_change(friction, slip, -exchanged)
-            change_i = change * share(features.mass, disc, other, one)
-            change_j = change * share(features.mass, other, disc, one)
+            change_i = change * mass_fraction(features.mass, disc, other, one)
+            change_j = change * mass_fraction(features.mass, other, disc, one)
             vx[i] -= change_i * ny
             vy[i] += change_i * nx
             vx[j] += change_j * ny
@@ -68,7 +68,7 @@ def on_fixed(friction, discs, i, nx, ny, pressed, time, features, parameters):
         if pressed > 0:
             zero, two, disc = real(parameters, 0), real(parameters, 2), discs.id[i]
             time = min(time, parameters.dt)
-            radius = own_or(discs.radius, i, parameters.diameter / two)
+            radius = value_or(discs.radius, i, parameters.diameter / two)
             vx = discs.vx[i] - acceleration_of(features.gravity, features.acceleration, 0, disc, zero) * time
             vy = discs.vy[i] - acceleration_of(features.gravity, features.acceleration, 1, disc, zero) * time
             change = tangential_change(friction, vy * nx - vx * ny - radius * features.spin[disc], pressed)
@@ -87,7 +87,7 @@ def on_walls(friction, discs, i, change_x, change_y, time_x, time_y, wraps, feat
     side_y = one if change_y > zero else -one
     on_fixed(friction, discs, i, side_x, zero, abs(change_x), time_x, features, parameters)
     on_fixed(friction, discs, i, zero, side_y, abs(change_y), time_y, features, parameters)
-    margin = own_or(discs.radius, i, zero)
+    margin = value_or(discs.radius, i, zero)
     x = confined(discs.x[i], parameters.limit[LEFT], parameters.limit[RIGHT], margin, features.wrap_x)
     y = confined(discs.y[i], parameters.limit[BOTTOM], parameters.limit[TOP], margin, features.wrap_y)
     discs.x[i], discs.y[i] = x, y

@@ -10,7 +10,7 @@ from typing import Any
 
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.features import absorption, acceleration, capsules, friction, images, masses, piston, radii
-from mpsim.kernels.optional import presence_of_any
+from mpsim.kernels.optional import any_present
 
 FEATURES = (acceleration, masses, images, absorption, piston, radii, capsules, friction)
 """Their FIELDS are those of `Features`: of each the name of its array, or the class of a record of several."""
@@ -44,8 +44,8 @@ between_discs, between_disc_and_walls = friction.between_discs, friction.between
 @inlined
 def special_borders(features):
     """None where all four borders are smooth walls at rest, which the vector code of motion is made for."""
-    walls = presence_of_any(features.moving_wall, features.wall_friction)
-    return presence_of_any(presence_of_any(features.wrap_x, features.wrap_y), walls)
+    walls = any_present(features.moving_wall, features.wall_friction)
+    return any_present(any_present(features.wrap_x, features.wrap_y), walls)
 
 
 # --- the points of a step, in their order -------------------------------------------------------------------------
@@ -77,11 +77,11 @@ def after_binning(discs, low, high, features, control):
 
 
 @inlined
-def before_step(features, parameters, control):
+def prepare_next_step(features, parameters, control):
     """Before the next step: by one worker between the motion and the contacts of a step, when nobody looks at walls."""
-    piston.before_step(features.moving_wall, parameters, control)
+    piston.prepare_next_step(features.moving_wall, parameters, control)
 
 
-def prepare_step(arrays: Mapping[str, Any]) -> None:
-    """`before_step` for the arrays of a block, after the parameters were written anew."""
-    before_step(features_of(arrays), arrays["parameters"], arrays["control"])
+def prepare_first_step(arrays: Mapping[str, Any]) -> None:
+    """`prepare_next_step` for the arrays of a block, after the parameters were written anew."""
+    prepare_next_step(features_of(arrays), arrays["parameters"], arrays["control"])

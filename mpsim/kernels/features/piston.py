@@ -15,7 +15,7 @@ SIZE = 5
 
 
 @inlined
-def before_step(moving_wall, parameters, control):
+def prepare_next_step(moving_wall, parameters, control):
     """Put the wall where it will be at the end of the next step, which the motion of that step will meet.
 
     Its place follows from the number of steps done, not from its last place: no rounding adds up, and a resumed run

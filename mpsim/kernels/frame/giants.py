@@ -6,7 +6,7 @@ otherwise make each cell 400 times as large, and each disc look at hundreds of n
 
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.frame.contacts import resolve_far
-from mpsim.kernels.machine import natural
+from mpsim.kernels.machine import nonnegative
 
 
 @inlined
@@ -44,10 +44,10 @@ def resolve_giants(discs, start, features, parameters, control, tally, frame):
     giants_end = start[(columns + 1) * stride + 1]
     contacts = 0
     for slot in range(start[(columns + 1) * stride], giants_end):
-        i = natural(slot)
-        for image_x in range(first_x, 1 - first_x):
-            for image_y in range(first_y, 1 - first_y):
-                sx, sy = discs.x.dtype.type(image_x * width), discs.x.dtype.type(image_y * height)
+        i = nonnegative(slot)
+        for shift_x in range(first_x, 1 - first_x):
+            for shift_y in range(first_y, 1 - first_y):
+                sx, sy = discs.x.dtype.type(shift_x * width), discs.x.dtype.type(shift_y * height)
                 reach = discs.radius[i] + features.giants[0]
                 left, right = cells_under(discs.x[i] - sx, reach, parameters.cells_per_x, columns)
                 low, high = cells_under(discs.y[i] - sy, reach, parameters.cells_per_y, rows)

@@ -22,7 +22,7 @@ from mpsim.kernels.frame.wall_free import BLOCK, wall_free_motion
 from mpsim.kernels.frame.walls import reach_wall
 from mpsim.kernels.layout import ALONG_X, ALONG_Y, BAD, BOTTOM, IMPACT, LEFT, RIGHT, TOP
 from mpsim.kernels.machine import atomic_store
-from mpsim.kernels.optional import own_or, presence_of_any
+from mpsim.kernels.optional import any_present, value_or
 from mpsim.kernels.records import real
 
 
@@ -93,7 +93,7 @@ def general_drift(discs, low, high, features, parameters, control):
         if wall_free_motion(discs, first, last, None, None, None, None, parameters):
             continue
         for i in range(first, last):
-            margin = own_or(discs.radius, i, zero)
+            margin = value_or(discs.radius, i, zero)
             x, vx, time_x = along_axis(
                 discs.x[i], discs.vx[i], ALONG_X, margin, features.wrap_x, features.moving_wall, parameters
             )
@@ -140,8 +140,8 @@ def tally_walls(discs, low, high, features, parameters, tally, frame):
     for i in range(low, high):
         if is_absent(features.exits, discs.id[i]):
             continue
-        margin = own_or(discs.radius, i, zero)
-        gain = (1 + parameters.wall_restitution) * own_or(features.mass, discs.id[i], one)
+        margin = value_or(discs.radius, i, zero)
+        gain = (1 + parameters.wall_restitution) * value_or(features.mass, discs.id[i], one)
         ux, uy = discs.vx[i], discs.vy[i]
         px = discs.x[i] + ux * dt
         py = discs.y[i] + uy * dt
@@ -178,7 +178,7 @@ def flight(discs, low, high, accelerated, features, parameters, control, tally, 
     accelerate(discs, low, high, features.gravity, features.acceleration, parameters)
     if tally is not None:
         tally_walls(discs, low, high, features, parameters, tally, frame)
-    special = presence_of_any(discs.radius, special_borders(features))
+    special = any_present(discs.radius, special_borders(features))
     return drift(discs, low, high, special, features, parameters, control)
 
 
@@ -187,7 +187,7 @@ def move(discs, low, high, features, parameters, control, mine, tally):
     """Advance a slice. False: a disc is not finite, and nothing may be binned by its position."""
     end_where_fast(discs, low, high, parameters, control, mine)
     before_move(discs, low, high, features, parameters, control)
-    accelerated = presence_of_any(features.gravity, features.acceleration)
+    accelerated = any_present(features.gravity, features.acceleration)
     bad = flight(discs, low, high, accelerated, features, parameters, control, tally, mine.frame)
     after_flight(discs, low, high, features)
     if bad:

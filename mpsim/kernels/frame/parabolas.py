@@ -7,7 +7,7 @@ from mpsim.kernels.features.images import count_flight, wrapped
 from mpsim.kernels.frame.wall_free import BLOCK, wall_free_motion
 from mpsim.kernels.frame.walls import bounce_between, count_impulses
 from mpsim.kernels.layout import ALONG_X, ALONG_Y
-from mpsim.kernels.optional import own_or
+from mpsim.kernels.optional import value_or
 from mpsim.kernels.records import real
 
 
@@ -57,7 +57,7 @@ def move_one(discs, i, features, parameters, control, tally, frame):
     """Advance one accelerated disc. Returns True if it is not finite."""
     zero = discs.x.dtype.type(0)
     disc = discs.id[i]
-    margin = own_or(discs.radius, i, zero)
+    margin = value_or(discs.radius, i, zero)
     ax = acceleration_of(features.gravity, features.acceleration, 0, disc, zero)
     ay = acceleration_of(features.gravity, features.acceleration, 1, disc, zero)
     x, vx, left, right, time_x = along_parabola(

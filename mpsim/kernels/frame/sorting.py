@@ -8,7 +8,7 @@ start[cell] is the first disc of a cell and start[cell + 1] one past its last.
 import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined
-from mpsim.kernels.machine import natural
+from mpsim.kernels.machine import nonnegative
 
 ORDERED_AT_ONCE = 64
 """Discs whose order is looked at together."""
@@ -50,7 +50,7 @@ def count_cells(discs, start, outbox, sent, team, worker, control):
     left = 0
     low, high = mine.low, mine.high
     for i in range(low, high):
-        cell = natural(discs.cell[natural(i)])
+        cell = nonnegative(discs.cell[nonnegative(i)])
         if first_cell <= cell < last_cell:
             start[cell + 1] += 1
         else:
@@ -99,8 +99,8 @@ def counts_to_starts(start, first_cell, last_cell, slot):
 @inlined
 def place(source, i, target, start):
     """Copy disc i to the next free slot of its cell. When all are placed, start[cell + 1] is the cell's end."""
-    cell = natural(source.cell[i])
-    slot = natural(start[cell + 1])
+    cell = nonnegative(source.cell[i])
+    slot = nonnegative(start[cell + 1])
     start[cell + 1] = slot + 1
     target.x[slot] = source.x[i]
     target.y[slot] = source.y[i]
@@ -132,11 +132,11 @@ def place_all(source, target, start, outbox, team, worker, control):
     first_cell, last_cell = cells_of(team, worker, control)
     if mine.outbox == 0:
         for i in range(mine.low, mine.high):
-            place(source, natural(i), target, start)
+            place(source, nonnegative(i), target, start)
     else:
         for i in range(mine.low, mine.high):
             if first_cell <= source.cell[i] < last_cell:
-                place(source, natural(i), target, start)
+                place(source, nonnegative(i), target, start)
     for other in range(control.workers):
         for k in range(team[other].low, team[other].low + team[other].outbox):
             if first_cell <= source.cell[outbox[k]] < last_cell:
@@ -168,7 +168,7 @@ def is_out_of_order(discs, low, high):
 @compiled
 def order_by_id(discs, low, high):
     """Insertion sort by id inside each cell. Discs that stay in a cell are in order already, so this seldom acts."""
-    for block in range(natural(low) + 1, high, ORDERED_AT_ONCE):
+    for block in range(nonnegative(low) + 1, high, ORDERED_AT_ONCE):
         end = min(block + ORDERED_AT_ONCE, high)
         if is_out_of_order(discs, block, end):
             for i in range(block, end):

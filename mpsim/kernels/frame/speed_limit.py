@@ -10,7 +10,7 @@ import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.layout import FASTEST_SCALE
-from mpsim.kernels.optional import own_or, slice_of
+from mpsim.kernels.optional import slice_of, value_or
 from mpsim.kernels.records import real
 
 MOST = 2.0**40
@@ -24,7 +24,7 @@ def any_fast(discs, low, high, parameters):
     limit, one = parameters.fast, real(parameters, 1)
     fast = False
     for i in range(high - low):
-        own = own_or(radius, i, one)
+        own = value_or(radius, i, one)
         fast |= vx[i] * vx[i] + vy[i] * vy[i] > limit * (own * own)
     return fast
 
@@ -34,7 +34,7 @@ def note_fastest(discs, low, high, parameters, mine):
     """Note the disc of a slice that is farthest beyond the limit, the one with the lowest number among equals."""
     limit = np.float64(parameters.fast)
     for i in range(low, high):
-        vx, vy, own = np.float64(discs.vx[i]), np.float64(discs.vy[i]), np.float64(own_or(discs.radius, i, 1.0))
+        vx, vy, own = np.float64(discs.vx[i]), np.float64(discs.vy[i]), np.float64(value_or(discs.radius, i, 1.0))
         square = vx * vx + vy * vy
         if square > limit * own * own:
             ratio = MOST

@@ -27,7 +27,7 @@ nothing but the state in particle order: not on the workers, nor on the memory o
 """
 
 from mpsim.kernels.compiling import compiled, inlined
-from mpsim.kernels.features.hooks import after_binning, before_step
+from mpsim.kernels.features.hooks import after_binning, prepare_next_step
 from mpsim.kernels.frame.contacts import resolve_all_pairs, resolve_columns
 from mpsim.kernels.frame.giants import resolve_giants
 from mpsim.kernels.frame.motion import move
@@ -52,7 +52,7 @@ from mpsim.kernels.waiting import await_command, barrier
 
 
 @compiled
-def record(times, mine, phase, since):
+def add_time(times, mine, phase, since):
     """Add the time since `since` to a phase of the current frame; returns the time now."""
     moment = now(mine.clock)
     times[mine.frame, phase] += moment - since
@@ -60,29 +60,29 @@ def record(times, mine, phase, since):
 
 
 @compiled
-def enter(mine, phase):
+def set_phase(mine, phase):
     """Note which phase this worker is in, for the report of a death."""
     mine.phase = phase
 
 
 @compiled
-def meet(control, mine, times, since):
+def wait_for_all(control, mine, times, since):
     """Barrier, its waiting time recorded. Returns the time now; the abort word says whether to continue."""
     if control.workers > 1:
-        enter(mine, WAIT)
+        set_phase(mine, WAIT)
         barrier(control, mine)
-        return record(times, mine, WAIT, since)
+        return add_time(times, mine, WAIT, since)
     return since
 
 
 @inlined
-def meet_giants(giants, discs, start, features, parameters, control, mine, tally, times, worker, moment):
+def contacts_of_giants(giants, discs, start, features, parameters, control, mine, tally, times, worker, moment):
     """Contacts of the discs that are too large for the grid, by worker 0 while the others wait. Returns the time."""
     if giants is not None:
         if worker == 0:
             mine.collisions += resolve_giants(discs, start, features, parameters, control, tally, mine.frame)
-            moment = record(times, mine, ODD, moment)
-        moment = meet(control, mine, times, moment)
+            moment = add_time(times, mine, ODD, moment)
+        moment = wait_for_all(control, mine, times, moment)
     return moment
 
 
@@ -91,45 +91,45 @@ def step(front, back, start, outbox, features, parameters, control, team, sent, 
     """One step of one worker from buffer `front` to buffer `back`. Returns RUNNING, or why to leave the loop."""
     mine = team[worker]
     moment = now(mine.clock)
-    enter(mine, MOVE)
+    set_phase(mine, MOVE)
     if move(front, mine.low, mine.high, features, parameters, control, mine, tally):
         bin_discs(front, mine.low, mine.high, parameters, control)
         after_binning(front, mine.low, mine.high, features, control)
         count_cells(front, start, outbox, sent[worker], team, worker, control)
-    moment = record(times, mine, MOVE, moment)
-    moment = meet(control, mine, times, moment)
+    moment = add_time(times, mine, MOVE, moment)
+    moment = wait_for_all(control, mine, times, moment)
     if control.signals[BAD] != 0:
         return BAD_STATE
     if control.signals[ABORT] != RUNNING:
         return control.signals[ABORT]
-    enter(mine, SORT)
+    set_phase(mine, SORT)
     if worker == 0:
         control.steps += 1
-        before_step(features, parameters, control)
+        prepare_next_step(features, parameters, control)
     slot, end = sort(front, back, start, outbox, team, sent, worker, control)
-    moment = record(times, mine, SORT, moment)
-    moment = meet(control, mine, times, moment)
+    moment = add_time(times, mine, SORT, moment)
+    moment = wait_for_all(control, mine, times, moment)
     mine.low, mine.high = slot, end
     if control.guarded == 0:
         # Neighbouring columns at the same time on different workers: the race of the report, on purpose.
         mine.collisions += resolve_columns(
             back, start, worker, control.columns, control.workers, features, control, parameters, tally, mine.frame
         )
-        moment = record(times, mine, EVEN, moment)
-        meet(control, mine, times, moment)
+        moment = add_time(times, mine, EVEN, moment)
+        wait_for_all(control, mine, times, moment)
         return control.signals[ABORT]
     for turn in range(2 * control.passes):
         parity = turn % 2
         phase = EVEN if parity == 0 else ODD
-        enter(mine, phase)
+        set_phase(mine, phase)
         first = mine.first_column + (mine.first_column + parity) % 2
         mine.collisions += resolve_columns(
             back, start, first, mine.last_column, 2, features, control, parameters, tally, mine.frame
         )
-        moment = record(times, mine, phase, moment)
-        moment = meet(control, mine, times, moment)
+        moment = add_time(times, mine, phase, moment)
+        moment = wait_for_all(control, mine, times, moment)
         if parity == 1:
-            moment = meet_giants(
+            moment = contacts_of_giants(
                 features.giants, back, start, features, parameters, control, mine, tally, times, worker, moment
             )
     return control.signals[ABORT]
@@ -214,16 +214,16 @@ def run_naive(discs, features, parameters, control, team, tally, times):
         end_when_time_is_up(control, mine, started)
         for _ in range(control.substeps):
             moment = now(mine.clock)
-            enter(mine, MOVE)
+            set_phase(mine, MOVE)
             if not move(discs, 0, count, features, parameters, control, mine, tally):
                 return BAD_STATE
-            moment = record(times, mine, MOVE, moment)
+            moment = add_time(times, mine, MOVE, moment)
             control.steps += 1
-            before_step(features, parameters, control)
-            enter(mine, EVEN)
+            prepare_next_step(features, parameters, control)
+            set_phase(mine, EVEN)
             for _turn in range(control.passes):
                 mine.collisions += resolve_all_pairs(discs, features, control, parameters, tally, mine.frame)
-            record(times, mine, EVEN, moment)
+            add_time(times, mine, EVEN, moment)
         mine.frame += 1
     control.done += control.frames
     mine.frame = 0

@@ -2,7 +2,7 @@
 
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.layout import BOTTOM, LEFT, RIGHT, TOP
-from mpsim.kernels.optional import own_or, slice_of
+from mpsim.kernels.optional import slice_of, value_or
 from mpsim.kernels.records import real
 
 BLOCK = 64
@@ -18,7 +18,7 @@ def kicked(v, kick):
 
 
 @inlined
-def eased(v, half_kick):
+def mean_velocity(v, half_kick):
     """The mean velocity of a step that ends with v."""
     if half_kick is None:
         return v
@@ -39,9 +39,9 @@ def wall_free_motion(discs, low, high, kick_x, kick_y, half_x, half_y, parameter
     y_low, y_high = parameters.limit[BOTTOM], parameters.limit[TOP]
     free = True
     for i in range(high - low):
-        margin = own_or(radius, i, zero)
-        px = x[i] + eased(kicked(vx[i], kick_x), half_x) * dt
-        py = y[i] + eased(kicked(vy[i], kick_y), half_y) * dt
+        margin = value_or(radius, i, zero)
+        px = x[i] + mean_velocity(kicked(vx[i], kick_x), half_x) * dt
+        py = y[i] + mean_velocity(kicked(vy[i], kick_y), half_y) * dt
         inside_x = (px >= x_low + margin) & (px < x_high - margin) & (x[i] >= x_low) & (x[i] < x_high)
         inside_y = (py >= y_low + margin) & (py < y_high - margin) & (y[i] >= y_low) & (y[i] < y_high)
         free &= inside_x & inside_y
@@ -49,6 +49,6 @@ def wall_free_motion(discs, low, high, kick_x, kick_y, half_x, half_y, parameter
         for i in range(high - low):
             vx[i] = kicked(vx[i], kick_x)
             vy[i] = kicked(vy[i], kick_y)
-            x[i] += eased(vx[i], half_x) * dt
-            y[i] += eased(vy[i], half_y) * dt
+            x[i] += mean_velocity(vx[i], half_x) * dt
+            y[i] += mean_velocity(vy[i], half_y) * dt
     return free

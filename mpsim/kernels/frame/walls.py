@@ -7,7 +7,7 @@ from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.features.acceleration import acceleration_of
 from mpsim.kernels.features.hooks import between_disc_and_walls, is_absent, lets_out, wall_place, wall_speed
 from mpsim.kernels.layout import ALONG_X, ALONG_Y, BOTTOM, LEFT, RIGHT, TOP
-from mpsim.kernels.optional import own_or, presence_of_any
+from mpsim.kernels.optional import any_present, value_or
 from mpsim.kernels.records import real
 
 
@@ -44,7 +44,7 @@ def bounce_between(p, v, acceleration, low, high, low_speed, high_speed, paramet
 
 
 @inlined
-def turn_back(p, v, acceleration, accelerated, low, high, low_speed, high_speed, parameters):
+def bounce_axis(p, v, acceleration, accelerated, low, high, low_speed, high_speed, parameters):
     """Of a disc that a flight has led to p, as `reach_wall`; `accelerated` is None where no disc is."""
     if accelerated is None:
         bounce, restitution = parameters.wall_bounce, parameters.wall_restitution
@@ -66,7 +66,7 @@ def is_between(p, edges, margin, wrap, moving_wall, parameters):
 def count_impulses(left, right, bottom, top, disc, features, parameters, tally, frame):
     """Add up the impulses on the walls that have changed the velocity of a disc by so much."""
     if tally is not None and not is_absent(features.exits, disc):
-        scale = np.float64(parameters.tally_scale) * own_or(features.mass, disc, real(parameters, 1))
+        scale = np.float64(parameters.tally_scale) * value_or(features.mass, disc, real(parameters, 1))
         for edge, change in ((LEFT, left), (RIGHT, right), (BOTTOM, bottom), (TOP, top)):
             tally[frame].wall[edge] += np.int64(change * scale)
 
@@ -87,8 +87,8 @@ def bounce_along(p, v, acceleration, edges, margin, wrap, features, parameters, 
     if (p > high) & lets_out(features.exits, control, edges[1]):
         return high, v, zero, zero, zero
     speeds = wall_speed(features.moving_wall, edges[0], zero), wall_speed(features.moving_wall, edges[1], zero)
-    place, turned, time = turn_back(
-        p, v, acceleration, presence_of_any(features.gravity, features.acceleration), low, high, *speeds, parameters
+    place, turned, time = bounce_axis(
+        p, v, acceleration, any_present(features.gravity, features.acceleration), low, high, *speeds, parameters
     )
     return place, turned, turned - v if p < low else zero, v - turned if p > high else zero, time
 
@@ -98,7 +98,7 @@ def bounce(discs, i, features, parameters, control, tally, frame):
     """Bounce disc i off the walls that an impact has led it beyond, and count the impulse on them."""
     zero = discs.x.dtype.type(0)
     disc = discs.id[i]
-    margin = own_or(discs.radius, i, zero)
+    margin = value_or(discs.radius, i, zero)
     ax = acceleration_of(features.gravity, features.acceleration, 0, disc, zero)
     ay = acceleration_of(features.gravity, features.acceleration, 1, disc, zero)
     x, vx, left, right, time_x = bounce_along(
@@ -127,7 +127,7 @@ def bounce(discs, i, features, parameters, control, tally, frame):
 @inlined
 def keep_inside(discs, i, features, parameters, control, tally, frame):
     """`bounce`, if an impact has led disc i beyond a wall: seldom, so the bounce is a call."""
-    margin = own_or(discs.radius, i, discs.x.dtype.type(0))
+    margin = value_or(discs.radius, i, discs.x.dtype.type(0))
     free_x = is_between(discs.x[i], ALONG_X, margin, features.wrap_x, features.moving_wall, parameters)
     free_y = is_between(discs.y[i], ALONG_Y, margin, features.wrap_y, features.moving_wall, parameters)
     if not (free_x & free_y):

@@ -25,7 +25,7 @@ def compiled_lowest_bit(mask):
 
 @njit
 def compiled_natural(index):
-    return machine.natural(index)
+    return machine.nonnegative(index)
 
 
 @pytest.mark.parametrize("real", REALS)
@@ -59,7 +59,7 @@ def test_the_lowest_bit_is_its_twin():
 
 def test_natural_changes_nothing():
     assert [compiled_natural(index) for index in (0, 1, 2**40)] == [0, 1, 2**40]
-    assert machine.natural(5) == 5
+    assert machine.nonnegative(5) == 5
 
 
 @njit(nogil=True)

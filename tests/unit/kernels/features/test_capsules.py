@@ -8,10 +8,10 @@ from support.internals import machine_code, parameters
 import mpsim
 from mpsim.features.obstacles import OBSTACLES
 from mpsim.kernels.features import capsules as capsule_kernels
-from mpsim.kernels.features.capsules import meet_capsules
+from mpsim.kernels.features.capsules import resolve_capsules
 from mpsim.kernels.features.hooks import features_of
 
-meet_capsule = machine_code(capsule_kernels.meet_capsule)
+resolve_capsule = machine_code(capsule_kernels.resolve_capsule)
 FLOOR = (0.0, 0.0, 10.0, 0.0, 0.0)
 PEG = (0.0, 0.0, 0.0, 0.0, 0.5)
 
@@ -19,7 +19,9 @@ PEG = (0.0, 0.0, 0.0, 0.0, 0.5)
 def after_capsule(place, velocity, capsule=FLOOR, impact=True, pull=(0.0, 0.0), restitution=1.0):
     """Place and velocity of a disc of radius 1/2 after its contact with a capsule, if any."""
     discs = discs_of(np.float64, [place[0]], [place[1]], [velocity[0]], [velocity[1]])
-    met = meet_capsule(discs, 0, 0, np.array([capsule]), 0.5, *pull, features_of({}), parameters(restitution), impact)
+    met = resolve_capsule(
+        discs, 0, 0, np.array([capsule]), 0.5, *pull, features_of({}), parameters(restitution), impact
+    )
     return met, (discs.x[0], discs.y[0]), (discs.vx[0], discs.vy[0])
 
 
@@ -93,6 +95,6 @@ def test_an_obstacle_never_puts_a_disc_beyond_a_periodic_border():
     wrap = np.array([20.0])
     features = features_of(arrays | {"wrap_x": wrap, "wrap_y": wrap, "image": np.zeros((2, 1), np.int64)})
     discs = discs_of(np.float64, [0.5], [10.0])
-    meet_capsules(discs, 0, 1, features, parameters_of(np.float64, 20, 20), control_of(1))
+    resolve_capsules(discs, 0, 1, features, parameters_of(np.float64, 20, 20), control_of(1))
     assert (discs.x[0], discs.y[0]) == (15.5, 10)
     assert features.image.tolist() == [[-1], [0]]

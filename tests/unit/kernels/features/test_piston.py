@@ -6,7 +6,7 @@ from support.arrays import control_of
 from support.internals import machine_code, parameters
 
 from mpsim.kernels import layout
-from mpsim.kernels.features.piston import NOW, before_step
+from mpsim.kernels.features.piston import NOW, prepare_next_step
 from mpsim.kernels.frame import motion
 
 along_axis = machine_code(motion.along_axis)
@@ -32,6 +32,6 @@ def test_a_piston_stands_where_its_time_says_until_it_stops():
     found = []
     for step in range(4):
         control.steps = step
-        before_step(piston, values, control)
+        prepare_next_step(piston, values, control)
         found.append((values.limit[layout.RIGHT], piston[NOW]))
     assert found == [(9.25, -1), (9.0, -1), (8.9, 0), (8.9, 0)]
