@@ -25,6 +25,8 @@ NAMES = (
     "mixture",
     "pi",
     "piston",
+    "rough-hopper",
+    "rough-sediment",
     "sediment",
 )
 
@@ -72,6 +74,35 @@ def test_no_discs_overlap_at_the_start(name):
 
 def test_gas_is_the_scene_of_the_benchmarks():
     assert mpsim.Scene.load("gas").digest() == benchmark.gas(100).digest()
+
+
+def passed_by(name: str, begin: float, end: float) -> int:
+    """Grains that pass the gap of a hopper between two times: each comes back at the top, through the border."""
+    file = scenefile.load(name)
+    with mpsim.Simulation(file.scene, file.settings) as sim:
+        sim.run(frames=round(begin / file.settings.dt))
+        before = sim.state.image[:, 1].sum()
+        sim.run(frames=round((end - begin) / file.settings.dt))
+        return int(before - sim.state.image[:, 1].sum())
+
+
+def test_rough_grains_pass_a_gap_more_slowly():
+    rough, smooth = passed_by("rough-hopper", 2, 7), passed_by("hopper", 2, 7)
+    assert 150 < rough < 250
+    assert 280 < smooth < 400, "the control"
+
+
+@pytest.mark.parametrize("friction", [0.5, 0.0])
+def test_rough_grains_stand_higher_against_a_wall(friction, tmp_path):
+    text = (PACKAGED / "rough-sediment.toml").read_text()
+    assert text.count("friction = 0.5") == 2
+    (tmp_path / "scene.toml").write_text(text.replace("friction = 0.5", f"friction = {friction}"))
+    file = scenefile.load(tmp_path / "scene.toml")
+    with mpsim.Simulation(file.scene, file.settings) as sim:
+        sim.run(frames=round(16 / file.settings.dt))
+        x, y = sim.state.position.T
+    height = y[x < 2].max()
+    assert (height > 9.2) if friction else (height < 8.8), height
 
 
 def test_the_cradle_hands_one_push_through_the_row():
