@@ -21,8 +21,8 @@ from mpsim.scene.scenefile import SceneFile, load, names
 
 LENGTHS = {
     "brownian": 20.0, "channel": 20.0, "cooling": 60.0, "cradle": 20.0, "dense": 5.0, "galton": 45.0, "gas": 10.0,
-    "growth": 12.0, "hopper": 12.0, "mixture": 10.0, "pi": 12.0, "piston": 200.0, "rough-hopper": 12.0, "rough-sediment": 16.0,
-    "sediment": 8.0,
+    "growth": 12.0, "hopper": 12.0, "mixture": 10.0, "pi": 12.0, "piston": 200.0,
+    "rough-hopper": 12.0, "rough-sediment": 16.0, "sediment": 8.0,
 }  # fmt: skip
 """Time of each scene that is shown; what there is to see happens in it."""
 
