@@ -119,8 +119,13 @@ class Press:
 
 
 def leaves_a_with(frame):
-    """Whether the next instructions load the three None with which `__exit__` is called: no call comes in between."""
+    """Whether the next instructions load the three None with which `__exit__` is called: no call comes in between.
+
+    Where the block returns a value, that is put below them first.
+    """
     code, at = frame.f_code, frame.f_lasti
+    if code.co_code[at] == dis.opmap["SWAP"]:
+        at += 2
     opcodes, (argument, *others) = code.co_code[at : at + 6 : 2], code.co_code[at + 1 : at + 6 : 2]
     same = set(opcodes) == {dis.opmap["LOAD_CONST"]} and set(others) == {argument}
     return same and code.co_consts[argument] is None
