@@ -59,8 +59,8 @@ def features_of(words: str, count: int) -> dict[str, Any]:
 def zoo(words: str, count: int = 40, seed: int = 0, side: float = 8.0, **more: Any) -> mpsim.Scene:
     """Discs dropped anywhere in a square box with the features named in words, so that every frame is full of contacts.
 
-    Words: gravity, acceleration, radii, giants, masses, lossy, obstacles, absorbing, piston, emitters, and periodic
-    (both axes), periodic-x or periodic-y.
+    Words: gravity, acceleration, radii, giants, masses, lossy, rough, obstacles, absorbing, piston, emitters, and
+    periodic (both axes), periodic-x or periodic-y.
     """
     chosen, rng = set(words.split()), np.random.default_rng(seed)
     radius: Any = 0.5
@@ -74,6 +74,13 @@ def zoo(words: str, count: int = 40, seed: int = 0, side: float = 8.0, **more: A
         features["mass"] = rng.choice([0.5, 1.0, 3.0], count)
     if "lossy" in chosen:
         features |= {"restitution": 0.75, "wall_restitution": 0.5}
+    if "rough" in chosen:
+        features |= {
+            "friction": 0.5,
+            "wall_friction": 0.25,
+            "tangential_restitution": 0.5,
+            "spin": rng.normal(size=count),
+        }
     if "obstacles" in chosen:
         low, peg = side / 4, mpsim.FixedDisc((0.7 * side, 0.7 * side), 0.4)
         features["obstacles"] = [
