@@ -69,7 +69,6 @@ class EventSolver(Solver):
         self._seen: Any = np.zeros(events.COUNTED)
         self._clock: Any = np.zeros(2, np.int64)
         self._store: Any = None
-        self._process = psutil.Process()
         self._block, self._box = self._room(scene.count)
 
     def start(self) -> None:
@@ -233,7 +232,7 @@ class EventSolver(Solver):
 
     def resources(self) -> tuple[tuple[int, ...], int]:
         """Resident bytes of this process, and the size of the block."""
-        return (self._process.memory_info().rss,), self._block.nbytes
+        return (psutil.Process().memory_info().rss,), self._block.nbytes
 
     def close(self) -> None:
         """Remove the block. May be called again."""
