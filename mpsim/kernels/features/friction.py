@@ -18,7 +18,7 @@ from mpsim.kernels.optional import value_or
 from mpsim.kernels.records import real
 
 FIELDS = {"friction": "friction", "wall_friction": "wall_friction", "spin": "spin"}
-"""friction, wall_friction: shape (SIZE,), of two discs, and of a disc with walls and obstacles; elements as follows.
+"""friction, wall_friction: shape (SIZE,), of two discs, and of a disc with walls and capsules; elements as follows.
 spin: shape (capacity,), by id, counter-clockwise [1/time]."""
 
 COEFFICIENT = 0  # mu [1]
