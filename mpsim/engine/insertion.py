@@ -80,8 +80,8 @@ def _spins(scene: Scene, precision: str, spin: ArrayLike, count: int) -> Floats:
     """Spins of added discs, shape (count,)."""
     if not any(column.name == "spin" for column in columns_of(scene)):
         raise InputError(
-            f"spin can be given for added discs only in a scene of rough discs; here they are smooth, and got {spin!r}."
-            " Give the scene friction, wall_friction or spin."
+            f"spin can be given for added discs only in a scene of rough discs; here they are smooth, and got "
+            f"{checks.brief(spin)}. Give the scene friction, wall_friction or spin."
         )
     turns = spins("spin", spin, count)
     checks.fitting("spin", turns, precision)

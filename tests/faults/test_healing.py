@@ -8,7 +8,6 @@ import signal
 import threading
 import time
 
-import numpy as np
 import pytest
 from support.internals import block_name, peek
 from support.processes import SHARED_MEMORY, is_gone, wait_until
@@ -469,36 +468,3 @@ def test_a_hundred_deaths_at_random_moments_change_nothing(figures):
         "digest and measures of grid",
         f"the same in {runs} runs with {deaths} deaths, in phases {', '.join(sorted(phases))}",
     )
-
-
-def snapshot_part(sim, seconds):
-    """The part of a run of some seconds that its snapshots take, and their number."""
-    taken = []
-
-    def timed():
-        started = time.perf_counter()
-        kept = take()
-        taken.append(time.perf_counter() - started)
-        return kept
-
-    take, sim._coordinator.snapshot = sim._coordinator.snapshot, timed
-    started = time.perf_counter()
-    while time.perf_counter() - started < seconds:
-        sim.run(frames=500)
-    return sum(taken) / (time.perf_counter() - started), len(taken), np.median(taken)
-
-
-@pytest.mark.long
-def test_snapshots_of_a_hundred_thousand_discs_take_no_more_than_two_percent(figures, monkeypatch):
-    with healing(lattice(400, 250), workers=2) as sim:
-        part, number, each = snapshot_part(sim, 20)
-    assert part < 0.02
-    monkeypatch.setattr(recovery, "SNAPSHOT_FRACTION", 1.0)
-    monkeypatch.setattr(recovery, "SNAPSHOT_SECONDS", 0.0)
-    with healing(lattice(400, 250), workers=2) as sim:
-        control, _, _ = snapshot_part(sim, 5)
-    assert control > 0.02
-    figures.note(
-        "R11", "parallel on 2", "part of the time that snapshots of 100,000 discs take", "at most 2 %",
-        f"{100 * part:.2f} %, {number} of {1000 * each:.2g} ms", f"as often as possible: {100 * control:.0f} %",
-    )  # fmt: skip
