@@ -1,17 +1,21 @@
 """Cost of each feature of a scene per disc and frame, and of the bare scene compared with another version."""
 
+import io
 import os
 import subprocess
 import sys
+import tarfile
+import tempfile
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mpsim.core.errors import FastWarning
+from mpsim.core.errors import FastWarning, InputError
 from mpsim.engine.simulation import Simulation
 from mpsim.features import FEATURES
 from mpsim.scene.scene import Scene
@@ -73,28 +77,13 @@ def scene(name: str, **features: Any) -> Scene:
 
 def scenes() -> dict[str, Scene]:
     """The bare scene, each feature alone, and all that can be combined."""
-    rng = np.random.default_rng(2)
-    count, size = SIDE**2, SIDE * PITCH
-    alone: dict[str, dict[str, Any]] = {
-        "bare": {},
-        "gravity": {"gravity": (0.0, -0.1)},
-        "acceleration per disc": {"acceleration": rng.normal(size=(count, 2)) * 0.1},
-        "restitution": {"restitution": 0.95, "wall_restitution": 0.95},
-        "radii": {"radius": rng.uniform(0.3, 0.5, count)},
-        "masses": {"mass": rng.uniform(0.5, 2.0, count)},
-        "periodic": {"boundary": "periodic"},
-    }
-    features: dict[str, Any] = {}
+    alone: dict[str, dict[str, Any]] = {"bare": {}, "periodic": {"boundary": "periodic"}}
+    together: dict[str, Any] = {"boundary": ("periodic", "walls")}
     for each in FEATURES:
-        examples = each.cost_examples(size, PITCH)
+        examples = each.cost_examples(SIDE * PITCH, PITCH)
         alone |= {name: {each.argument: value} for name, value in examples.items()}
         if examples:
-            features[each.argument] = next(iter(examples.values()))
-    together = {
-        "gravity": (0.0, -0.1), "acceleration": alone["acceleration per disc"]["acceleration"], "restitution": 0.95,
-        "wall_restitution": 0.95, **alone["radii"], **alone["masses"], "boundary": ("periodic", "walls"),
-        **features,
-    }  # fmt: skip
+            together[each.argument] = next(iter(examples.values()))
     found = {name: scene(name, **features) for name, features in alone.items()}
     found |= {"one giant": scene("one giant"), "all together": scene("all together", **together)}
     return found | {f"radii 1 to {spread}, packing 0.5": polydisperse(spread) for spread in SPREADS}
@@ -172,6 +161,10 @@ with mpsim.Simulation(scene, mpsim.Settings(dt={dt}, method="grid", precision="{
 """
 
 
+class OtherVersionError(Exception):
+    """The other version cannot run a script; the text is what it wrote to standard error."""
+
+
 def bare_beside(folder: Path, settings: Settings, turns: int, tick: Callable[[str], None]) -> tuple[list[float], bool]:
     """Cost of the bare scene here over that of another checkout, once per turn, and whether the digests are equal.
 
@@ -186,15 +179,46 @@ def bare_beside(folder: Path, settings: Settings, turns: int, tick: Callable[[st
     ratios, equal = [], True
     for turn in range(turns):
         tick(f"turn {turn + 1}")
-        costs, digests = [], []
-        for top in (TOP, folder) if turn % 2 else (folder, TOP):
-            run = subprocess.run(
-                [sys.executable, "-c", script], cwd=top, env={**os.environ, "PYTHONPATH": str(top)},
-                capture_output=True, text=True, check=True,
-            )  # fmt: skip
-            cost, digest = run.stdout.split()
-            costs.append(float(cost))
-            digests.append(digest)
-        ratios.append(costs[0] / costs[1] if turn % 2 else costs[1] / costs[0])
-        equal &= digests[0] == digests[1]
+        here, there = (output.split() for output in one_turn(script, TOP, folder, turn))
+        ratios.append(float(here[0]) / float(there[0]))
+        equal &= here[1] == there[1]
     return ratios, equal
+
+
+def one_turn(script: str, here: Path, there: Path, turn: int) -> tuple[str, str]:
+    """What a script prints in two checkouts, one right after the other, `there` first in every other turn.
+
+    Raises:
+        OtherVersionError: if it fails there.
+        RuntimeError: if it fails here.
+    """
+    printed = {}
+    for top in (here, there) if turn % 2 else (there, here):
+        environment = {**os.environ, "PYTHONPATH": str(top)}
+        run = subprocess.run(
+            [sys.executable, "-c", script], cwd=top, env=environment, capture_output=True, text=True, check=False
+        )
+        if run.returncode:
+            raise (OtherVersionError if top == there else RuntimeError)(run.stderr.strip())
+        printed[top] = run.stdout
+    return printed[here], printed[there]
+
+
+@contextmanager
+def checkout_of(revision: str) -> Iterator[Path]:
+    """A temporary folder with the package at a git revision.
+
+    Raises:
+        InputError: if there is no such revision in this checkout, or no git.
+    """
+    command = ["git", "archive", revision, "mpsim"]
+    try:
+        done = subprocess.run(command, cwd=TOP, capture_output=True, check=False)
+        why = done.stderr.decode().strip() if done.returncode else ""
+    except OSError as error:
+        done, why = None, str(error)
+    if done is None or done.returncode:
+        raise InputError(f"--before must be a git revision of this checkout; got {revision!r}: {why}")
+    with tempfile.TemporaryDirectory() as folder, tarfile.open(fileobj=io.BytesIO(done.stdout)) as archive:
+        archive.extractall(folder, filter="data")
+        yield Path(folder)

@@ -8,15 +8,13 @@ python scripts/run_bench.py --features --before REVISION and the bare scene besi
 """
 
 import argparse
+import contextlib
 import csv
 import dataclasses
-import io
 import json
 import platform
 import subprocess
 import sys
-import tarfile
-import tempfile
 import time
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -266,10 +264,10 @@ def make_folder(path: Path) -> None:
 
 def features(options: argparse.Namespace, settings: mpsim.Settings, machine_now: dict[str, Any]) -> str:
     """Markdown: cost of each feature, and of the bare scene beside an older version."""
-    before = (
-        archive_of(options.before) if options.before else b""
-    )  # a mistyped revision is an error before the long work
-    with console.status("compiling") as status:
+    with contextlib.ExitStack() as stack:
+        # First, as a mistyped revision is an error before the long work.
+        before = stack.enter_context(feature_cost.checkout_of(options.before)) if options.before else None
+        status = stack.enter_context(console.status("compiling"))
         found = feature_cost.feature_costs(settings, status.update)
         bare = found[0].nanoseconds
         lines = [
@@ -287,7 +285,7 @@ def features(options: argparse.Namespace, settings: mpsim.Settings, machine_now:
             lines.append(f"| {' | '.join(cells)} | {arrays} |")
         lines += ["", f"10,000 discs, packing 0.40, `grid`, {settings.precision}, {settings.contact}."]
         if before:
-            ratios, equal = beside(before, settings, status.update)
+            ratios, equal = feature_cost.bare_beside(before, settings, 10, status.update)
             low, median, high = np.percentile(ratios, [25, 50, 75])
             lines += [
                 "",
@@ -296,24 +294,6 @@ def features(options: argparse.Namespace, settings: mpsim.Settings, machine_now:
             ]
     lines += ["", f"{machine_now['date'][:10]}, commit {machine_now['commit']}, {machine_now['processor']}."]
     return "\n".join(lines) + "\n"
-
-
-def beside(packed: bytes, settings: mpsim.Settings, tick: Any) -> tuple[list[float], bool]:
-    """Cost of the bare scene over that of an older package, a tar archive, unpacked into a temporary folder."""
-    with tempfile.TemporaryDirectory() as folder, tarfile.open(fileobj=io.BytesIO(packed)) as archive:
-        archive.extractall(folder, filter="data")
-        return feature_cost.bare_beside(Path(folder), settings, 10, tick)
-
-
-def archive_of(revision: str) -> bytes:
-    """The package at a git revision, as a tar archive."""
-    command = ["git", "archive", revision, "mpsim"]
-    done = subprocess.run(command, cwd=Path(__file__).parents[1], capture_output=True, check=False)
-    if done.returncode:
-        raise mpsim.InputError(
-            f"--before must be a git revision of this checkout; got {revision!r}: {done.stderr.decode().strip()}"
-        )
-    return done.stdout
 
 
 def main() -> int:

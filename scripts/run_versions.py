@@ -37,6 +37,9 @@ COMPANIONS = {"pyparsing": "<3.3"}
 """What the lowest versions need of packages that mpsim does not name: pyparsing 3.3 warns of names that Matplotlib 3.8
 and 3.9 use, and the tests take warnings for errors."""
 
+PEERS = "peers"
+"""The extra of engines that mpsim is compared with, by scripts/run_peers.py alone: nothing here depends on them."""
+
 SCENES = (
     "naive no features", "no features float32 impact", "everything float32 impact", "everything float64 impact",
     "sub-steps", "event gravity", "event periodic x, sizes, masses, losses",
@@ -62,7 +65,7 @@ def requirements(python: str, extras: bool = True) -> list[Requirement]:
     """What mpsim depends on under a version of Python."""
     texts = list(project()["dependencies"])
     if extras:
-        texts += [text for extra in project()["optional-dependencies"].values() for text in extra]
+        texts += [text for name, extra in project()["optional-dependencies"].items() if name != PEERS for text in extra]
     found = [Requirement(text) for text in texts]
     return [
         each

@@ -185,7 +185,7 @@ def at_cost(table: mpsim.Tradeoff, measure: str, limit: float) -> str:
             found.append((error, text, replace(contact, dt=dt)))
         cheaper = [row for row in rows if row.cost and row.cost.median < limit]
         found += [
-            (row.errors[measure].shown, error_text(measure, row.errors[measure]), row.settings) for row in cheaper
+            (row.errors[measure].magnitude, error_text(measure, row.errors[measure]), row.settings) for row in cheaper
         ]
     if not found:
         return "any"

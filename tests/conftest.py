@@ -1,6 +1,5 @@
 """Options, the watchdog's last resort, and the guard against what a test leaves behind."""
 
-import faulthandler
 import gc
 import os
 import signal
@@ -18,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent))  # for `support`, from every fold
 from support.figures import Figures
 from support.processes import blocks_of, descendants_of, is_gone, wait_until
 from support.script_server import Server
+from support.watchdog import Watchdog
 
 LONGEST_SESSION = {False: 1380, True: 7200}
 """Seconds after which a whole session, default or long, counts as hung: pytest-timeout bounds each single test before,
@@ -41,21 +41,33 @@ def pytest_addoption(parser):
     )
 
 
+def keep_bytecode():
+    """For this process and all that it starts, in a folder outside the tree, whatever the environment says.
+
+    Half of the time of collection goes into the assertions of tests, which pytest rewrites, and hundreds of processes
+    import mpsim.
+    """
+    sys.dont_write_bytecode, sys.pycache_prefix = False, str(Path(tempfile.gettempdir()) / "mpsim-bytecode")
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
+
+
 def pytest_configure(config):
+    keep_bytecode()
     long = config.getoption("--long")
     hypothesis.settings.load_profile("long" if long else "default")
     config.stash[_figures] = Figures()
-    config.stash[_stderr] = os.dup(2)
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as a shell does for what it starts in the background
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    faulthandler.dump_traceback_later(LONGEST_SESSION[long], exit=True, file=config.stash[_stderr])
+    config.stash[_watchdog] = Watchdog(config, LONGEST_SESSION[long])
+    config.pluginmanager.register(config.stash[_watchdog])
 
 
 def pytest_unconfigure(config):
-    faulthandler.dump_traceback_later(LONGEST_EXIT, exit=True, file=config.stash[_stderr])
+    config.stash[_watchdog].stop(LONGEST_EXIT)
 
 
-_stderr = pytest.StashKey()
+_watchdog = pytest.StashKey[Watchdog]()
 _figures = pytest.StashKey[Figures]()
 
 

@@ -12,8 +12,9 @@ from typing import Any
 import click
 
 from mpsim.cli import clean, look, machine, run, scenes, stability, trade
-from mpsim.cli.terminal import Interrupted
+from mpsim.cli.terminal import Compiling, Interrupted
 from mpsim.core.errors import InputError, MpsimError
+from mpsim.kernels.compile_notice import announced_by
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, that of a shell."""
@@ -30,7 +31,7 @@ class Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command."""
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), announced_by(Compiling(ctx.meta)):
             warnings.showwarning = _show_warning
             try:
                 return super().invoke(ctx)

@@ -10,7 +10,7 @@ from mpsim.core.plain import json_text
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.workers.cores import usable_cores
 from mpsim.kernels.compiling import compiled_kernels
-from mpsim.measure.run_averages import NAMES
+from mpsim.measure.registry import NAMES
 from mpsim.scene import scenefile
 from mpsim.scene.settings import LAWS, PRECISIONS, Settings
 from mpsim.studies import benchmark
@@ -31,7 +31,7 @@ All of it, with pictures: python scripts/run_bench.py in a checkout.
 @click.option("--workers", type=click.IntRange(1, terminal.MOST_WORKERS), help="Of parallel; else as many as cores.")
 @click.option("--law", type=click.Choice(LAWS), default="elastic", show_default=True)
 @click.option(
-    "--precision", type=click.Choice(PRECISIONS), default="float32", show_default=True, help="float32: the report's."
+    "--precision", type=click.Choice(PRECISIONS), default="float32", show_default=True, help="float32 as in the report."
 )
 @terminal.json_option
 @terminal.quiet_option
@@ -52,7 +52,7 @@ def bench(count: int, frames: int, workers: int | None, law: str, precision: str
     click.echo(f"{count} discs, {frames} frames, packing {benchmark.PACKING}, {precision}, on {usable_cores()} cores:")
     for row in rows:
         ours = f"median {row['median_seconds'] * 1e6:8.1f} us a frame, mean {row['mean_seconds'] * 1e6:8.1f} us"
-        report = f" (the report's: {row['report_seconds'] * 1e6:.0f} us)" if row["report_seconds"] else ""
+        report = f" (in the report: {row['report_seconds'] * 1e6:.0f} us)" if row["report_seconds"] else ""
         click.echo(f"  {row['method']:8} {row['workers']:2} worker{'s' * (row['workers'] > 1):1} {ours}{report}")
     click.echo(f"grid and parallel gave the same bits: {timings['grid'].digest}")
 

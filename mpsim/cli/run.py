@@ -18,7 +18,7 @@ from mpsim.core.plain import json_text
 from mpsim.engine.frame_count import frames_until
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
-from mpsim.measure.run_averages import NAMES
+from mpsim.measure.registry import NAMES
 from mpsim.output.tables import measure_text
 from mpsim.output.trajectory import FORMATS
 from mpsim.scene import scenefile
@@ -165,8 +165,7 @@ def _advance(folder: RunFolder, sim: Simulation, target: int, as_json: bool, qui
     from mpsim.output.trajectory import Trajectory  # noqa: PLC0415
 
     every, measures = folder.record["every"], folder.record["measures"] or None
-    sim.run(frames=0, measures=measures)  # compiles what is missing, which is no part of the run's time
-    started = time.perf_counter()
+    compiled, started = _compiled(sim, measures)
     with (
         Trajectory.write(folder.trajectory, every, mode="a") as trajectory,
         Recorder(folder[MEASURES], every, sim) as recorder,
@@ -181,7 +180,7 @@ def _advance(folder: RunFolder, sim: Simulation, target: int, as_json: bool, qui
             checkpoint_seconds=CHECKPOINT_SECONDS,
             progress=None if progress is None else lambda done, of: progress(done, of, "frames"),
         )
-        folder.finish(sim, report, time.perf_counter() - started)
+        folder.finish(sim, report, time.perf_counter() - started, compiled + report.compile_seconds)
     final_picture(sim, folder[PICTURE])
     if as_json:
         click.echo(json_text(folder.record))
@@ -190,6 +189,16 @@ def _advance(folder: RunFolder, sim: Simulation, target: int, as_json: bool, qui
         click.echo(line)
     names = (folder.record["trajectory"], MEASURES, TIMINGS, STATE, PICTURE)
     click.echo(f"written to {folder.path}/: {', '.join(names)}; {len(folder.frames)} frames in the trajectory")
+
+
+def _compiled(sim: Simulation, measures: tuple[str, ...] | None) -> tuple[float, float]:
+    """Compile what is missing before there is any progress, whose rate it would spoil.
+
+    Returns:
+        Seconds of compiling since `sim` was made, and the `time.perf_counter` at which a run that has them began.
+    """
+    compiled = sim.run(frames=0, measures=measures).compile_seconds
+    return compiled, time.perf_counter() - compiled
 
 
 @contextlib.contextmanager
@@ -217,8 +226,7 @@ def _without_folder(
     sim: Simulation, file: scenefile.SceneFile, frames: int, measures: tuple[str, ...], as_json: bool, quiet: bool
 ) -> None:
     """Run and print a summary, without writing files."""
-    sim.run(frames=0, measures=measures or None)  # compiles what is missing
-    started = time.perf_counter()
+    compiled, started = _compiled(sim, measures or None)
     try:
         with terminal.progress(quiet) as progress:
             report = sim.run(
@@ -230,7 +238,7 @@ def _without_folder(
         raise terminal.Interrupted(
             f"Interrupted at frame {sim.frame} of {frames}. Nothing is kept without --out FOLDER."
         ) from None
-    part = part_of(sim, report, time.perf_counter() - started)
+    part = part_of(sim, report, time.perf_counter() - started, compiled + report.compile_seconds)
     if as_json:
         found = {"scene": file.name, "scene_digest": sim.scene.digest(), "settings": dataclasses.asdict(sim.settings)}
         click.echo(json_text({**found, "digest": sim.digest(), **part}))
@@ -249,9 +257,10 @@ def summary(part: dict[str, Any], report: Report, sim: Simulation) -> Iterator[s
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield f"{report!r}"[1:-1].removeprefix("Report: ")
+    compiling = f"{part['compile_seconds']:.2f} s compiling, " if part["compile_seconds"] else ""
     yield (
         f"frame {sim.frame}, time {sim.time:g}, {sim.count} discs; {part['wall_seconds']:.2f} s in all, of them "
-        f"{part['frame_seconds']:.2f} s frames and {part['writing_seconds']:.2f} s writing"
+        f"{compiling}{part['frame_seconds']:.2f} s frames and {part['writing_seconds']:.2f} s writing"
     )
     over = f", over frames {part['from_frame'] + 1} to {part['to_frame']}" if part["from_frame"] else ""
     if report.workers > 1:

@@ -166,9 +166,9 @@ class RunFolder:
         self.record["digest"] = sim.digest()
         self.save()
 
-    def finish(self, sim: Simulation, report: Report, wall_seconds: float) -> None:
+    def finish(self, sim: Simulation, report: Report, wall_seconds: float, compile_seconds: float) -> None:
         """Record what a part of the run did, its times, and the last state."""
-        self.record["parts"].append(part_of(sim, report, wall_seconds))
+        self.record["parts"].append(part_of(sim, report, wall_seconds, compile_seconds))
         table = report.to_csv(first_frame=sim.frame - report.frames + 1)
         head, _, lines = table.partition("\n")
         timings = self[TIMINGS]
@@ -189,8 +189,8 @@ class RunFolder:
         return Trajectory(self.trajectory)
 
 
-def part_of(sim: Simulation, report: Report, wall_seconds: float) -> dict[str, Any]:
-    """What one call of `run` did, as plain values."""
+def part_of(sim: Simulation, report: Report, wall_seconds: float, compile_seconds: float) -> dict[str, Any]:
+    """What one call of `run` did, as plain values. Of its wall time `compile_seconds` went into compiling."""
     frame_seconds = float(report.frame_seconds.sum())
     return {
         "from_frame": sim.frame - report.frames,
@@ -198,6 +198,7 @@ def part_of(sim: Simulation, report: Report, wall_seconds: float) -> dict[str, A
         "method": report.method,
         "workers": report.workers,
         "wall_seconds": wall_seconds,
+        "compile_seconds": compile_seconds,
         "frame_seconds": frame_seconds,
         "writing_seconds": report.observing_seconds,
         "waiting": report.waiting,

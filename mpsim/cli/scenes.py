@@ -62,13 +62,8 @@ def description(file: SceneFile) -> dict[str, str]:
     if scene.count:
         mean = float(np.sqrt((scene.velocity**2).sum(axis=1).mean()))
         words["speed"] = f"{mean:.3g} (root mean square)"
-    if scene.gravity is not None:
-        words["gravity"] = f"({scene.gravity[0]:g}, {scene.gravity[1]:g})"
-    if scene.acceleration is not None:
-        words["acceleration"] = "one per disc"
-    if min(scene.restitution, scene.wall_restitution) < 1:
-        words["restitution"] = f"{scene.restitution:g} of discs, {scene.wall_restitution:g} of walls"
-    words |= {feature.argument: feature.description(scene) for feature in FEATURES if feature.is_in(scene)}
+    present = {each.argument: each.description(scene) for each in FEATURES if each.is_in(scene)}
+    words |= {name: text for name, text in present.items() if text}
     words["duration"] = "none recommended" if scene.duration is None else f"{scene.duration:g}"
     words["settings"] = settings_text(file.settings)
     words["read from"] = ", ".join(map(str, file.read))
@@ -97,12 +92,6 @@ def record(file: SceneFile) -> dict[str, Any]:
         "boundary": scene.boundary,
         "count": scene.count,
         "packing": scene.packing,
-        "radius": [float(scene.radii.min(initial=np.inf)), float(scene.radii.max(initial=0.0))],
-        "mass": [float(scene.masses.min(initial=np.inf)), float(scene.masses.max(initial=0.0))],
-        "gravity": None if scene.gravity is None else scene.gravity.tolist(),
-        "acceleration": scene.acceleration is not None,
-        "restitution": scene.restitution,
-        "wall_restitution": scene.wall_restitution,
         **{feature.argument: feature.record(scene) for feature in FEATURES},
         **{name: getattr(scene, name) for name in NUMBERS},
         "duration": scene.duration,

@@ -79,7 +79,7 @@ def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
             click.option("--method", type=click.Choice(METHODS), help="How pairs are found; event is exact."),
             click.option("--workers", type=click.IntRange(1, MOST_WORKERS), help="Processes; else as many as cores."),
             click.option("--contact", type=click.Choice(CONTACTS), help="impact is second order in dt, push first."),
-            click.option("--law", type=click.Choice(LAWS), help="elastic keeps momentum; reflect is the report's."),
+            click.option("--law", type=click.Choice(LAWS), help="elastic keeps momentum; reflect mirrors velocities."),
             click.option("--precision", type=click.Choice(PRECISIONS)),
             click.option("--passes", type=click.IntRange(1, 1000), help="Times contacts are looked for in a step."),
             click.option("--substeps", type=click.IntRange(1, 1_000_000), help="Steps in each frame."),
@@ -106,7 +106,15 @@ def json_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def quiet_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """The option --quiet."""
-    return click.option("-q", "--quiet", is_flag=True, help="Show no progress.")(command)
+    return click.option("-q", "--quiet", is_flag=True, help="Show no progress.", callback=_note_quiet)(command)
+
+
+def _note_quiet(ctx: click.Context, param: click.Parameter, quiet: bool) -> bool:
+    ctx.meta[_QUIET] = quiet  # for what is shown by those whom no command calls
+    return quiet
+
+
+_QUIET = f"{__name__}.quiet"
 
 
 @contextmanager
@@ -138,7 +146,10 @@ def _bar() -> Iterator[Progress]:
         rich_progress.TextColumn("left"),
         rich_progress.TimeRemainingColumn(),
     )
-    with rich_progress.Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as display:
+    with (
+        rich_progress.Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as display,
+        _shown_on(display.console),
+    ):
         task = display.add_task("starting", total=None, rate="")
         pace = _Rate()
 
@@ -148,6 +159,52 @@ def _bar() -> Iterator[Progress]:
             display.update(task, completed=done, total=of, description=what, rate=pace.rate(done, of)[0])
 
         yield show
+
+
+_bars: list[Any] = []
+"""Consoles of the bars that are shown now."""
+
+
+@contextmanager
+def _shown_on(console: Any) -> Iterator[None]:
+    """Note that there is a bar, above which other lines must go."""
+    _bars.append(console)
+    try:
+        yield
+    finally:
+        _bars.remove(console)
+
+
+class Compiling:
+    """Shows that kernels are compiled: a spinner on a terminal, a line elsewhere, nothing under --quiet.
+
+    Args:
+        meta: of the context of the command.
+    """
+
+    def __init__(self, meta: dict[str, Any]):
+        self._meta = meta
+        self._spinner: Any = None
+
+    def begin(self, text: str) -> None:
+        """Show what is being compiled. On standard error."""
+        if self._meta.get(_QUIET):
+            return
+        if not sys.stderr.isatty():
+            click.echo(text, err=True)
+        elif _bars:
+            _bars[-1].print(text, markup=False)
+        else:
+            from rich.console import Console  # noqa: PLC0415 - only on a terminal
+
+            self._spinner = Console(stderr=True).status(text)
+            self._spinner.start()
+
+    def end(self) -> None:
+        """It is compiled: the spinner goes, a line stays."""
+        if self._spinner is not None:
+            self._spinner.stop()
+            self._spinner = None
 
 
 def is_announcement(done: int, of: int) -> bool:

@@ -12,12 +12,12 @@ from mpsim.cli.scenes import settings_text
 from mpsim.core import atomic
 from mpsim.core.errors import OutputError
 from mpsim.core.plain import json_text
+from mpsim.measure.registry import ERRORS
 from mpsim.output.tables import UNITS
 from mpsim.scene import scenefile
-from mpsim.studies import tradeoff as trades
+from mpsim.studies import tradeoff as tradeoffs
 from mpsim.studies import tune as tuning
 from mpsim.studies.independent_starts import KINDS
-from mpsim.studies.replicas import MEASURES
 
 _WORDS = {"1/time": "per unit of time", "diam.": "in diameters"}
 
@@ -36,7 +36,7 @@ starts_option = click.option(
 
 def _budget_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """One option per measure that a budget may be given for."""
-    for name in reversed(MEASURES):
+    for name in reversed(ERRORS):
         unit = _WORDS.get(UNITS.get(name, ""), "relative: 0.01 or 1%")
         text = f"Largest error of {name.replace('_', ' ')}, {unit}."
         kind = terminal.Positive("error", percent=True)
@@ -78,7 +78,7 @@ def tune(
     """
     asked = {name: budget for name, budget in budgets.items() if budget is not None}
     if not asked:
-        options = ", ".join(f"--{name.replace('_', '-')}" for name in MEASURES)
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in ERRORS)
         raise click.UsageError(f"Give at least one budget: {options}.")
     chosen = scenefile.load(scene).scene
     with terminal.progress(quiet) as progress:
@@ -119,9 +119,7 @@ Examples:
 
 @click.command(epilog=TRADEOFF_EXAMPLES, short_help="Measure what settings cost and how wrong they are.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
-@click.option(
-    "--measure", "measures", type=click.Choice(MEASURES), multiple=True, help="An error to look at; else all."
-)
+@click.option("--measure", "measures", type=click.Choice(ERRORS), multiple=True, help="An error to look at; else all.")
 @until_option
 @replicas_option
 @starts_option
@@ -168,7 +166,7 @@ def tradeoff(
     with terminal.progress(quiet) as progress:
         how: dict[str, Any] = {"replicas": replicas, "starts": starts, "seconds": seconds, "path": keep}
         how["progress"] = progress
-        table = trades.tradeoff(chosen, None, until, measures or None, **how)
+        table = tradeoffs.tradeoff(chosen, None, until, measures or None, **how)
     in_json = as_json or (not as_csv and out is not None and out.suffix == ".json")
     if out is not None:
         (table.to_json if in_json else table.to_csv)(out)

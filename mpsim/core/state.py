@@ -1,41 +1,28 @@
-"""State: all discs at one moment. Each column says what it is, and whether it is in the digest and in trajectories."""
+"""State: all discs at one moment. What it has beside places and speeds is declared in `mpsim.core.columns`."""
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
 import hashlib
 import os
-from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from mpsim.core import atomic, checks, untrusted
+from mpsim.core import atomic, checks, columns, untrusted
 from mpsim.core.archive import DAMAGE, ArrayFile
+from mpsim.core.columns import StateColumns
 from mpsim.core.errors import InputError, OutputError, reason_of
 
 Box = tuple[float, float, float, float]
 """Where the walls are: x_low, x_high, y_low, y_high [length]."""
 
 
-def _in_digest(where: Callable[[Any], bool]) -> dict[str, Any]:
-    """Metadata of a field of a state: it enters the digest where `where` holds for its value.
-
-    So a field that only some scenes have does not change the digest of the others.
-    """
-    return {"digested": where}
-
-
-_ALWAYS = _in_digest(lambda value: True)
-_WHERE_COUNTED = _in_digest(lambda image: image is not None)
-_WHERE_ROUGH = _in_digest(lambda spin: spin is not None)
-_WHERE_SOME_LEFT = _in_digest(lambda present: not present.all())
-_FOLLOWS = _in_digest(lambda value: False) | {"reason": "it follows from the scene and the time"}
-_IN_FRAMES = {"in_frames": True}
-"""Metadata of a field that a frame of a trajectory has of the discs that are present, beside their positions."""
+NOT_DIGESTED: dict[str, str] = {"box": "it follows from the scene and the time"}
+"""What the digest of a state leaves out, and why."""
 
 
 @dataclass(frozen=True, init=False)
@@ -44,21 +31,22 @@ class State:
 
     Args:
         position, velocity: as below.
-        present, image, spin, box: as below, by name; None: all present, no counts, smooth discs, unknown.
+        present, image, box: as below, by name; None: all present, no counts, unknown.
+        others: what else discs have, as below, by name, such as spin; None: there is none.
 
     Attributes:
         position: shape (N, 2) [length], in the precision of the run; in [0, length) along a periodic axis.
         velocity: shape (N, 2) [length/time].
         present: shape (N,), bool: False for absorbed discs. They rest where they left, and no observable counts them.
-        image: shape (N, 2), int64: how many periods each disc has moved through each periodic border since the scene
-            began, negative towards lower coordinates, 0 along axes with walls. None where no axis is periodic.
+        image: shape (N, 2), int64, the image flags: how often each disc has crossed each periodic border since the
+            scene began, negative towards lower coordinates, 0 along axes with walls. None where no axis is periodic.
         spin: shape (N,), angular velocity, counter-clockwise [1/time], in the precision of the run; 0 of absorbed
             discs. None where discs are smooth.
         box: (x_low, x_high, y_low, y_high) [length]: where the walls are now, as one of them may have moved,
             and the period of a periodic axis. None where that is unknown: in a state made by hand.
 
     Raises:
-        InputError: if present, image or spin has another shape, or image comes without box, which has the periods.
+        InputError: if one of these has another shape, or image comes without box, which has the periods.
 
     >>> import numpy as np
     >>> state = State(position=np.array([[1.0, 2.0]]), velocity=np.zeros((1, 2)))
@@ -66,13 +54,12 @@ class State:
     ([[1.0, 2.0]], [True])
     """
 
-    # In the order of the digest.
-    position: NDArray[np.floating] = field(metadata=_ALWAYS)
-    velocity: NDArray[np.floating] = field(metadata=_ALWAYS | _IN_FRAMES)
-    image: NDArray[np.int64] | None = field(metadata=_WHERE_COUNTED | _IN_FRAMES)
-    present: NDArray[np.bool_] = field(metadata=_WHERE_SOME_LEFT)
-    spin: NDArray[np.floating] | None = field(metadata=_WHERE_ROUGH | _IN_FRAMES)
-    box: Box | None = field(metadata=_FOLLOWS)
+    position: NDArray[np.floating]
+    velocity: NDArray[np.floating]
+    image: NDArray[np.int64] | None
+    present: NDArray[np.bool_]
+    spin: NDArray[np.floating] | None
+    box: Box | None
 
     def __init__(
         self,
@@ -81,34 +68,25 @@ class State:
         *,
         present: NDArray[np.bool_] | None = None,
         image: NDArray[np.int64] | None = None,
-        spin: NDArray[np.floating] | None = None,
         box: Box | None = None,
+        **others: Unpack[StateColumns],
     ):
         count = len(position)
+        columns.check_names("State.__init__", others, columns.in_state())
         here = np.ones(count, np.bool_) if present is None else np.asarray(present, np.bool_)
         if here.shape != (count,):
             raise InputError(f"present of a state must have shape ({count},), one per disc; got {here.shape}.")
-        if image is not None:
-            image = _counts(image, count)
-            if box is None:
-                raise InputError("image of a state needs box, which has the periods; got None. Give both, or neither.")
-        if spin is not None:
-            spin = np.asarray(spin)
-            if spin.shape != (count,) or spin.dtype.kind != "f":
-                raise InputError(
-                    f"spin of a state must be real numbers of shape ({count},), one per disc; got {spin.dtype} of "
-                    f"shape {spin.shape}. Leave it out where discs are smooth."
-                )
+        given: dict[str, Any] = {**others, "image": image}
+        found = {
+            column.name: None if given.get(column.name) is None else column.of_state(given[column.name], count)
+            for column in columns.in_state()
+        }
+        if image is not None and box is None:
+            raise InputError("image of a state needs box, which has the periods; got None. Give both, or neither.")
         edges = None if box is None else checks.finite_array("box of a state", box, (4,), "(4,)").tolist()
         walls = None if edges is None else tuple(edges)
-        values = {
-            "position": position,
-            "velocity": velocity,
-            "present": here,
-            "image": image,
-            "spin": spin,
-            "box": walls,
-        }
+        counts = found.pop("image")  # which comes before `present` in the digest
+        values = {"position": position, "velocity": velocity, "image": counts, "present": here, **found, "box": walls}
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
@@ -133,16 +111,16 @@ class State:
     def digest(self) -> str:
         """Hex digest of the bits of position and velocity; equal digests mean equal bits.
 
-        Counts of periods and spins are included where there are any, and which discs are present once one has left.
+        Counts of periods and all else that discs have are included where there is any, and which discs are present
+        once one has left.
 
         >>> import numpy as np
         >>> State(np.zeros((1, 2)), np.ones((1, 2))).digest() == State(np.zeros((1, 2)), np.ones((1, 2))).digest()
         True
         """
         digest = hashlib.blake2b(digest_size=16)
-        for each in fields(self):
-            array = getattr(self, each.name)
-            if not each.metadata["digested"](array):  # which every field must say
+        for name, array in self._held().items():  # what only some scenes have changes no digest of others
+            if name in NOT_DIGESTED or (name == "present" and array.all()):
                 continue
             little_endian: DTypeLike = array.dtype.newbyteorder("<")
             digest.update(f"{array.dtype.name} {array.shape} ".encode())
@@ -150,7 +128,7 @@ class State:
         return digest.hexdigest()
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write a NumPy .npz with the arrays position, velocity and present, and image, spin and box if any.
+        """Write a NumPy .npz with the arrays position, velocity and present, and of the other attributes what there is.
 
         An existing file is replaced as a whole or left as it was; a symbolic link is refused.
 
@@ -159,17 +137,19 @@ class State:
             OutputError: if it cannot be written.
         """
         target = _npz(path)
-        arrays: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self)}
-        known = {name: value for name, value in arrays.items() if value is not None}
         try:
             with atomic.atomic_write(target) as file:
-                np.savez(file, **known)
+                np.savez(file, **self._held())
         except OSError as error:
             raise OutputError(
                 f"a state must be in a folder that can be written to; got {str(target)!r} ({error.strerror}). "
                 "Choose another place."
             ) from error
         return target
+
+    def _held(self) -> dict[str, Any]:
+        """What there is of its attributes, by name, in the order of digests and files."""
+        return {name: value for name, value in vars(self).items() if value is not None}
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "State":
@@ -189,9 +169,8 @@ class State:
         source = _npz(path)
         try:
             with untrusted.opened(source) as file, ArrayFile(file) as arrays:
-                known: dict[str, Any] = {
-                    each.name: arrays.read(each.name).copy() for each in fields(cls) if each.name in arrays.names
-                }
+                names = {each.name for each in (*fields(cls), *columns.in_state())}
+                known: dict[str, Any] = {name: arrays.read(name).copy() for name in names if name in arrays.names}
                 state = cls(**known)
         except (OSError, *DAMAGE) as error:
             reason = reason_of(error)
@@ -216,19 +195,8 @@ def in_frame(state: State) -> dict[str, NDArray[Any]]:
     >>> list(in_frame(State(np.zeros((1, 2)), np.ones((1, 2)))))
     ['velocity']
     """
-    values = {each.name: getattr(state, each.name) for each in fields(state) if "in_frames" in each.metadata}
+    values = {name: getattr(state, name) for name in ("velocity", *(column.name for column in columns.in_state()))}
     return {name: value[state.present] for name, value in values.items() if value is not None}
-
-
-def _counts(image: Any, count: int) -> NDArray[np.int64]:
-    """Counts of periods, checked: whole numbers, one pair per disc."""
-    counts = np.asarray(image)
-    if counts.shape != (count, 2) or counts.dtype.kind not in "iu":
-        raise InputError(
-            f"image of a state must hold whole numbers of shape ({count}, 2), one pair per disc; got {counts.dtype} of "
-            f"shape {counts.shape}. Leave it out where periods were not counted."
-        )
-    return counts.astype(np.int64)
 
 
 def _npz(path: str | os.PathLike[str]) -> Path:

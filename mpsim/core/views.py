@@ -1,4 +1,4 @@
-"""What upper packages do for objects of lower ones: pictures of a scene, tables of a trade, files.
+"""What upper packages do for objects of lower ones: pictures of a scene, tables of a trade-off study, files.
 
 An object asks for it by name. mpsim/__init__.py registers the functions when mpsim is imported.
 """

@@ -31,13 +31,12 @@ from mpsim.core.errors import (
     is_of_the_system,
     level_of_caller,
 )
-from mpsim.features import FEATURES, NUMBERS, PER_DISC
-from mpsim.kernels.events import state as events
+from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
 FORMAT = 3
-"""Version of the format. A file of a newer one is refused, by number; one of format 1 lacks the counts of periods and
+"""Version of the format. A file of a newer one is refused, by number; one of format 1 lacks the image flags and
 virials by component, one of format 2 is that of smooth discs."""
 
 HEADER = "mpsim_checkpoint"
@@ -55,7 +54,7 @@ DAMAGED_DISK = (errno.EIO, errno.EBADMSG, errno.EUCLEAN)
 _NO_STATE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
 """What content raises that is no state of a simulation."""
 
-ARRAYS = ("position", "velocity", "radius", "mass", "acceleration", "gravity", *PER_DISC)
+ARRAYS = ("position", "velocity", *PER_DISC, *VECTORS)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -191,7 +190,7 @@ def scene_parts(scene: Scene) -> tuple[dict[str, Any], Arrays]:
         name: getattr(scene, name) for name in ("width", "height", "restitution", "wall_restitution", "boundary")
     }
     arrays = {name: np.asarray(value) for name in ARRAYS if (value := getattr(scene, name)) is not None}
-    plain |= {feature.argument: feature.plain(scene) for feature in FEATURES if not feature.numbers}
+    plain |= {feature.argument: feature.to_plain(scene) for feature in FEATURES if not feature.is_numeric}
     plain |= {name: value for name, (default, _) in NUMBERS.items() if (value := getattr(scene, name)) != default}
     if scene.duration is not None:
         plain["duration"] = scene.duration
@@ -204,7 +203,7 @@ def scene_from(plain: dict[str, Any], arrays: Arrays) -> Scene:
         **plain,
         **{name: value if value.ndim else value.item() for name, value in arrays.items()},
     }
-    values |= {each.argument: each.made(plain[each.argument]) for each in FEATURES if not each.numbers}
+    values |= {each.argument: each.from_plain(plain[each.argument]) for each in FEATURES if not each.is_numeric}
     return Scene(**values)
 
 
@@ -330,7 +329,7 @@ def _unpacked(path: Path) -> tuple[dict[str, Any], Arrays]:
 
 def _of_format_1(arrays: Arrays) -> Arrays:
     """Arrays as later formats have them: the exact solver counted no virials by component, and does from there on."""
-    end = events.VIRIAL_XX  # of the entries that were there already; in `seen` the collisions follow them
+    end = 5  # of the entries that were there already, four walls and the virial; in `seen` the collisions follow them
     shapes = {"solver.tally": (end,), "solver.seen": (end + 1,)}
     counts = {name: arrays[name] for name, shape in shapes.items() if name in arrays and arrays[name].shape == shape}
     return arrays | {name: np.insert(array, end, [0.0, 0.0]) for name, array in counts.items()}

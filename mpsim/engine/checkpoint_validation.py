@@ -7,11 +7,11 @@ import numpy as np
 from mpsim.core import checks
 from mpsim.core.archive import Arrays
 from mpsim.engine.checkpoint import Checkpoint
-from mpsim.engine.columns import has_masses
-from mpsim.engine.feature_arrays import has_radii
 from mpsim.engine.solvers.methods import METHODS, choose
 from mpsim.engine.solvers.snapshots import MOST_STEPS, count_in, demand
 from mpsim.engine.step_limits import MOST_SUBSTEPS
+from mpsim.features.masses import has_masses
+from mpsim.features.radii import has_radii
 from mpsim.scene.scene import LARGEST_COUNT, Scene
 from mpsim.scene.settings import Settings
 

@@ -24,8 +24,8 @@ DEEP = 0.2
 """Overlap from which on discs are pressed, as a fraction of the smaller one's radius, beyond what steps explain."""
 
 STEPS = 4.0
-"""Steps of mean speed that explain an overlap. In gases below the bounds of speed, at packings 0.3 to 0.78, the deepest
-was 3.5 (docs/stability.md)."""
+"""Steps at the rms speed that explain an overlap. In gases below the bounds of speed, at packings 0.3 to 0.78, the
+deepest was 3.5 (docs/stability.md)."""
 
 MEAN_OVERLAP = 0.1
 """Overlap for each disc, on average over all, as a fraction of the smallest radius, from which on they are pressed at

@@ -24,17 +24,17 @@ from mpsim.core.state import State
 from mpsim.engine.access import Access
 from mpsim.engine.batch_size import BatchSizer
 from mpsim.engine.emission import Emission, Insert, Progress
-from mpsim.engine.insertion import NewDiscs
 from mpsim.engine.recovery import RecoverySnapshots, retried_on_new_workers
 from mpsim.engine.report import Report, phase_seconds
 from mpsim.engine.run_record import RunRecord
 from mpsim.engine.shutdown import Closing
 from mpsim.engine.solvers import methods
-from mpsim.engine.solvers.base import Choice, Solver
+from mpsim.engine.solvers.base import Choice, NewDiscs, Solver
 from mpsim.engine.solvers.snapshots import Snapshot, count_in
 from mpsim.engine.step_limits import StepLimits
 from mpsim.engine.workers.arrays import MOST_FRAMES
 from mpsim.engine.workers.system_limits import refusals_named
+from mpsim.kernels.compile_notice import compile_seconds
 from mpsim.measure.run_averages import Run, RunAverages
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -52,7 +52,7 @@ class Coordinator:
         solver: what runs the frames; another one after `auto` has changed the method.
         last_frame: frames done when it was closed.
         emission: what the emitters have done.
-        watch: looks at the speeds.
+        step_limits: whether steps are short enough for the speeds.
     """
 
     def __init__(self, simulation: object, scene: Scene, settings: Settings, access: Access):
@@ -60,6 +60,7 @@ class Coordinator:
         self._settings = settings
         self._access = access
         self.last_frame: int = 0
+        self._compiled_before = compile_seconds()
         self.emission: Emission = Emission(scene, settings, access.notices)
         choice = methods.choose(scene.count, settings)
         solver = methods.METHODS[choice.method].solver
@@ -140,8 +141,9 @@ class Coordinator:
                 "end.",
                 GuardWarning,
             )
+        compiled, self._compiled_before = compile_seconds() - self._compiled_before, compile_seconds()
         counts = (*phase_seconds(record.times), record.collisions, *ran, *resources)
-        return Report(*counts, gathered, guarded, observing_seconds)
+        return Report(*counts, gathered, guarded, observing_seconds, compiled)
 
     def advance(self, most: int, record: RunRecord, recovery: RecoverySnapshots | None) -> None:
         """Run one slice of frames: emitters add discs, the solver runs a command; if a worker dies, go back."""

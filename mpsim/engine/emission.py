@@ -8,15 +8,16 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.core.columns import IMAGE
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import EmitterWarning, InputError
-from mpsim.engine.columns import has_masses
 from mpsim.engine.entry_flight import FlightEnd, end_of_flight
-from mpsim.engine.feature_arrays import has_radii
-from mpsim.engine.insertion import NewDiscs, checked, hindrance
+from mpsim.engine.insertion import checked, hindrance
 from mpsim.engine.notices import Notices, Once
-from mpsim.engine.solvers.base import Solver
+from mpsim.engine.solvers.base import NewDiscs, Solver
 from mpsim.features.emitters import Emitter
+from mpsim.features.masses import has_masses
+from mpsim.features.radii import has_radii
 from mpsim.measure.pairs import lengths_of, to_nearest_image
 from mpsim.scene.scene import LARGEST_COUNT, Scene
 from mpsim.scene.settings import Settings
@@ -149,11 +150,11 @@ class Emission:
             solver.radii,
             positions,
             velocities,
-            None,
             radii if has_radii(scene) else None,
             masses if has_masses(scene) else None,
+            {},
         )
-        return new._replace(image=images)
+        return new._replace(columns={**new.columns, IMAGE.name: images})
 
     def _kind(self, emitter: Emitter) -> tuple[float, float]:
         """Radius and mass of an emitter's discs."""

@@ -25,7 +25,7 @@ MOST_PERIODS = 2.0**53
 
 
 class FlightEnd(NamedTuple):
-    """Where a flight ends: position, velocity, and periods moved through each periodic border, all of shape (2,)."""
+    """Where a flight ends: position, velocity, and image flags, all of shape (2,)."""
 
     position: Floats
     velocity: Floats
@@ -107,5 +107,5 @@ def _clear(scene: Scene, radius: float, places: Floats, time: float) -> NDArray[
     clear: NDArray[np.bool_] = np.all((places >= low) & (places <= high), axis=1)
     if len(scene.capsules):
         wrapped = np.where(periodic, places % size, places)
-        clear &= scene.among.depths(wrapped, np.full(len(places), radius)) == 0
+        clear &= scene.capsule_index.depths(wrapped, np.full(len(places), radius)) == 0
     return clear

@@ -10,7 +10,8 @@ from mpsim.core.state import Box
 from mpsim.engine.columns import columns_of
 from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.features import FEATURES
-from mpsim.kernels import layout
+from mpsim.features.edges import kinds_of
+from mpsim.features.radii import has_radii
 from mpsim.measure.driving import acceleration_bound
 from mpsim.scene.scene import Scene
 
@@ -21,13 +22,6 @@ GIANTS_PER = 500
 
 GIANT = 2.0
 """A giant's radius is more than this times that of the largest disc of the grid: below, larger cells cost less."""
-
-
-def has_radii(scene: Scene) -> bool:
-    """Whether discs of the scene differ in size, those of its emitters included."""
-    return np.ndim(scene.radius) > 0 or any(
-        emitter.radius is not None and emitter.radius != scene.radius for emitter in scene.emitters
-    )
 
 
 def giant_radius(radii: NDArray[np.float64]) -> float | None:
@@ -49,13 +43,8 @@ def feature_specs(scene: Scene, capacity: int, precision: str) -> dict[str, Arra
     """dtype and shape of every array that only this scene's features need."""
     real = np.dtype(precision)
     shapes: dict[str, tuple[int, ...]] = {}
-    if scene.gravity is not None:
-        shapes["gravity"] = (2,)
-    if has_radii(scene):
-        shapes |= {f"{buffer}.radius": (capacity + layout.PADDING,) for buffer in "ab"}
-        shapes["giants"] = (1,)
-    for axis, boundary in zip("xy", scene.boundary, strict=True):
-        if boundary == "periodic":
+    for axis, wraps in zip("xy", scene.periodic, strict=True):
+        if wraps:
             shapes[f"wrap_{axis}"] = (1,)
     specs = {name: ArraySpec(real, shape) for name, shape in shapes.items()}
     for column in columns_of(scene):
@@ -68,8 +57,6 @@ def feature_specs(scene: Scene, capacity: int, precision: str) -> dict[str, Arra
 
 def fill_features(arrays: dict[str, Any], scene: Scene) -> None:
     """Write what does not change with the number of discs."""
-    if scene.gravity is not None:
-        arrays["gravity"][:] = scene.gravity
     for axis, length in (("wrap_x", scene.width), ("wrap_y", scene.height)):
         if axis in arrays:
             arrays[axis][0] = length
@@ -91,7 +78,7 @@ def box_now(scene: Scene, arrays: dict[str, Any]) -> Box:
 def wall_limits(scene: Scene) -> tuple[float, float, float, float]:
     """Least and largest centre along x and y: the walls, a radius inwards where all discs have the same [length]."""
     margin = 0.0 if has_radii(scene) else scene.largest_radius
-    x, y = (margin if word == "walls" else 0.0 for word in scene.boundary)
+    x, y = (margin if kind.has_walls else 0.0 for kind in kinds_of(scene.boundary))
     return x, scene.width - x, y, scene.height - y
 
 

@@ -1,37 +1,23 @@
 """Discs that are added to a simulation: checked against the scene before anything is changed."""
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
+from mpsim.core.columns import MASS, Column, check_names, given
 from mpsim.core.errors import InputError
-from mpsim.engine.columns import columns_of, has_masses
-from mpsim.engine.feature_arrays import has_radii
+from mpsim.engine.columns import columns_of
+from mpsim.engine.solvers.base import NewDiscs
 from mpsim.features import FEATURES, feature
-from mpsim.features.friction import spins
+from mpsim.features.masses import has_masses
+from mpsim.features.radii import has_radii
 from mpsim.scene.scene import Scene
 
 Floats = NDArray[np.float64]
-
-
-class NewDiscs(NamedTuple):
-    """K discs: position, velocity, acceleration and image of shape (K, 2), radius, mass and spin of shape (K,).
-
-    Acceleration and spin are None where none was given; radius and mass are those of all discs in a scene without own
-    ones.
-    image: periodic borders that each has crossed before it entered, as in State.
-    """
-
-    position: Floats
-    velocity: Floats
-    acceleration: Floats | None
-    radius: Floats
-    mass: Floats
-    image: NDArray[np.int64]
-    spin: Floats | None = None
 
 
 def checked(
@@ -41,10 +27,9 @@ def checked(
     present: Floats,
     position: ArrayLike,
     velocity: ArrayLike,
-    acceleration: ArrayLike | None,
     radius: ArrayLike | None,
     mass: ArrayLike | None,
-    spin: ArrayLike | None = None,
+    others: Mapping[str, Any],
 ) -> NewDiscs:
     """What `Simulation.add` was given, as arrays.
 
@@ -52,40 +37,39 @@ def checked(
         scene, precision: of the simulation.
         time: at which they are added [time].
         present: radii of the discs that are there, shape (N,) [length].
-        position, velocity, acceleration, radius, mass, spin: what was given.
+        position, velocity, radius, mass: what was given.
+        others: what was given of other columns, by name; None: nothing.
 
     Raises:
         InputError: naming the argument, its rule and the value received.
+        TypeError: for the name of no column that can be given.
     """
+    check_names("Simulation.add", others, given())
     places = checks.finite_array("position", np.atleast_2d(position), (None, 2), "(2,) or (K, 2)")
-    shape, meaning = (len(places), 2), f"({len(places)}, 2), as position has"
-    speeds = checks.finite_array("velocity", np.atleast_2d(velocity), shape, meaning)
-    kicks = None
-    if acceleration is not None:
-        if scene.acceleration is None:
-            raise InputError(
-                "acceleration can be given for added discs only in a scene that has acceleration per disc; this "
-                f"one has none, and got {acceleration!r}. Give the scene acceleration=numpy.zeros((N, 2))."
-            )
-        kicks = checks.finite_array("acceleration", np.atleast_2d(acceleration), shape, meaning)
-    radii = _one_each("radius", radius, scene.largest_radius, len(places), has_radii(scene))
-    masses = _one_each("mass", mass, 1.0, len(places), has_masses(scene))
+    count = len(places)
+    speeds = checks.finite_array("velocity", np.atleast_2d(velocity), (count, 2), f"({count}, 2), as position has")
+    radii = _one_each("radius", radius, scene.largest_radius, count, has_radii(scene))
+    masses = _one_each("mass", mass, 1.0, count, has_masses(scene))
     _check_room(scene, time, present, "position", places, radii)
     checks.fitting("velocity", speeds, precision)
-    turns = None if spin is None else _spins(scene, precision, spin, len(places))
-    return NewDiscs(places, speeds, kicks, radii, masses, np.zeros(shape, np.int64), turns)
+    brought = {
+        column.name: _brought(scene, precision, column, others[column.name], count)
+        for column in given()
+        if others.get(column.name) is not None
+    }
+    return NewDiscs(places, speeds, radii, {MASS.name: masses, **brought})
 
 
-def _spins(scene: Scene, precision: str, spin: ArrayLike, count: int) -> Floats:
-    """Spins of added discs, shape (count,)."""
-    if not any(column.name == "spin" for column in columns_of(scene)):
+def _brought(scene: Scene, precision: str, column: Column, value: ArrayLike, count: int) -> Floats:
+    """What was given of a column, as `Column.one_each`."""
+    if column not in columns_of(scene):
         raise InputError(
-            f"spin can be given for added discs only in a scene of rough discs; here they are smooth, and got "
-            f"{checks.brief(spin)}. Give the scene friction, wall_friction or spin."
+            f"{column.name} can be given for added discs only in a scene {column.scenes}, and got "
+            f"{checks.brief(value)}. {column.remedy}"
         )
-    turns = spins("spin", spin, count)
-    checks.fitting("spin", turns, precision)
-    return turns
+    values = column.one_each(value, count)
+    checks.fitting(column.name, values, precision)
+    return values
 
 
 def _check_room(scene: Scene, time: float, present: Floats, name: str, position: Floats, radius: Floats) -> None:

@@ -5,9 +5,10 @@ import math
 import numpy as np
 
 from mpsim.core import checks
+from mpsim.core.columns import given
 from mpsim.core.errors import InputError
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.features import PER_DISC
+from mpsim.features import VECTORS
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -43,9 +44,9 @@ def check_precision(scene: Scene, settings: Settings) -> None:
         checks.not_vanishing("radius", smallest, 1e4 * math.sqrt(tiny), precision)
     checks.not_vanishing("dt / substeps", settings.dt / settings.substeps, tiny, precision)
     checks.fitting("dt", np.array([settings.dt]), precision)
-    for name in ("velocity", "gravity", "acceleration", *PER_DISC):
-        if getattr(scene, name) is not None:
-            checks.fitting(name, getattr(scene, name), precision)
+    for name in ("velocity", *VECTORS, *(column.name for column in given())):
+        if (values := getattr(scene, name, None)) is not None:
+            checks.fitting(name, values, precision)
     product = 8 * scene.largest_radius * float(np.abs(scene.velocity).max(initial=0.0))
     most = math.sqrt(float(np.finfo(precision).max))
     if product > most and computes_contact_times(settings):
@@ -54,7 +55,6 @@ def check_precision(scene: Scene, settings: Settings) -> None:
             f"{product / 8:.3g}. Use other units{_or_double(precision)}."
         )
     if scene.mass is not None:
-        checks.fitting("mass", scene.mass, precision)
         lightest = float(scene.mass.min(initial=1.0))
         checks.not_vanishing("mass", lightest, tiny / float(np.finfo(precision).eps), precision)
     spacing = spacing_of(scene, precision)
@@ -97,7 +97,7 @@ def coarseness(scene: Scene, settings: Settings) -> str | None:
     square = (speed * scene.smallest_radius) ** 2
     if computes_contact_times(settings) and 0 < square < VANISHING * float(np.finfo(precision).tiny):
         words.append(
-            f"the square of mean speed {speed:.3g} times radius {scene.smallest_radius:.3g} is lost, so that times of "
+            f"the square of rms speed {speed:.3g} times radius {scene.smallest_radius:.3g} is lost, so that times of "
             f"contacts cannot be told. Use other units{_or_double(precision)}"
         )
     dt = settings.dt / settings.substeps
@@ -105,13 +105,13 @@ def coarseness(scene: Scene, settings: Settings) -> str | None:
     if has_steps and 0 < displacement < STEP_SPACINGS * spacing:
         effect = "most discs do not move at all" if displacement < spacing / 2 else "rounding changes each step"
         words.append(
-            f"a disc of mean speed {speed:.3g} moves {displacement:.3g} in a step, {displacement / spacing:.2g} of the "
+            f"a disc of rms speed {speed:.3g} moves {displacement:.3g} in a step, {displacement / spacing:.2g} of the "
             f"distance {spacing:.3g} between coordinates: {effect}. Use larger steps, or {_finer(precision)}"
         )
     pull = 0.0 if scene.gravity is None else float(np.abs(scene.gravity).max())
     if has_steps and 0 < pull * dt < float(np.finfo(precision).eps) * speed:
         words.append(
-            f"gravity changes a velocity by {pull * dt:.3g} in a step, which rounding loses beside a mean speed of "
+            f"gravity changes a velocity by {pull * dt:.3g} in a step, which rounding loses beside an rms speed of "
             f"{speed:.3g}. Use larger steps{_or_double(precision)}"
         )
     return ". ".join(words) + "." if words else None

@@ -18,7 +18,7 @@ from mpsim.measure.run_averages import Measures
 
 @dataclass(frozen=True)
 class Report:
-    """What one `run` took. Compilation and the start of workers are never part of it.
+    """What one `run` took. Compilation and the start of workers are in no frame's time.
 
     Attributes:
         frame_seconds: wall time of each frame, shape (frames,), float64 [s].
@@ -32,6 +32,8 @@ class Report:
         measures: name -> Measure(value, error, samples), for those that the run was asked for.
         guarded: collisions of the exact solver in which its guard suppressed the loss of energy.
         observing_seconds: time that observers took (`run(observe=...)`), between frames and in no frame's time [s].
+        compile_seconds: time that the process has compiled kernels since the last report of this simulation, for the
+            first one since it was made, in no frame's time [s]. 0 where all were in the cache.
     """
 
     frame_seconds: NDArray[np.float64]
@@ -44,6 +46,7 @@ class Report:
     measures: Measures
     guarded: int
     observing_seconds: float = 0.0
+    compile_seconds: float = 0.0
 
     @property
     def frames(self) -> int:
@@ -102,9 +105,10 @@ class Report:
         if not self.frames:
             return f"<Report: 0 frames by {self.method}{workers}>"
         median = np.median(self.frame_seconds) * 1e6
+        compiled = f"{self.compile_seconds:.1f} s of compiling before, " if self.compile_seconds else ""
         return (
             f"<Report: {self.frames} frames by {self.method}{workers}, "
-            f"median {median:.3g} us a frame, {self.collisions} collisions>"
+            f"median {median:.3g} us a frame, {compiled}{self.collisions} collisions>"
         )
 
 

@@ -8,10 +8,12 @@ import os
 import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mpsim.core.columns import GivenColumns
 from mpsim.core.errors import CheckpointError, FastWarning, InputError, OverlapWarning
 from mpsim.core.state import State
 from mpsim.engine import checkpoint as checkpoint_file
@@ -256,7 +258,7 @@ class Simulation:
         *,
         radius: ArrayLike | None = None,
         mass: ArrayLike | None = None,
-        spin: ArrayLike | None = None,
+        **others: Unpack[GivenColumns],
     ) -> None:
         """Add one disc, or several.
 
@@ -266,14 +268,16 @@ class Simulation:
             acceleration: as position, only in a scene that has it; left out it is zero [length/time^2].
             radius, mass: one or one each; needed in a scene whose discs have one each, and only there. No disc may be
                 larger than the largest of the scene [length], [mass].
-            spin: one or one each, only in a scene of rough discs; left out it is zero [1/time].
+            others: what else discs of the scene have, by name, such as spin [1/time] in a scene of rough discs: one or
+                one each; left out it is zero.
 
         Raises:
             InputError: naming the argument, its rule and the value received; then nothing was added.
             TooFastError: as settings.on_fast says; then nothing was added either.
         """
         now = (self._settings.precision, self.time, self.radii)
-        new = insertion.checked(self._scene, *now, position, velocity, acceleration, radius, mass, spin)
+        brought = {"acceleration": acceleration, **others}
+        new = insertion.checked(self._scene, *now, position, velocity, radius, mass, brought)
         substeps = self._coordinator.look(new)
         self._access.notices.give()  # where a filter makes an error of a warning, nothing is added
         self._coordinator.insert(new, substeps)

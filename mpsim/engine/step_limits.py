@@ -18,10 +18,9 @@ from collections.abc import Iterator
 
 from mpsim.core.errors import FastWarning, OverlapWarning, ResolutionWarning, TooFastError
 from mpsim.engine.compression import SELDOM, is_crowded, may_be_pressed, pressed
-from mpsim.engine.insertion import NewDiscs
 from mpsim.engine.notices import Notices, Once
 from mpsim.engine.precision_check import coarseness
-from mpsim.engine.solvers.base import Solver
+from mpsim.engine.solvers.base import NewDiscs, Solver
 from mpsim.engine.solvers.speed_limit import SpeedLimit
 from mpsim.engine.solvers.speeds import Speeds, sides_at, speeds_of
 from mpsim.engine.speed_estimates import (
@@ -30,6 +29,7 @@ from mpsim.engine.speed_estimates import (
     speeds_of_emitters,
     speeds_of_pushed,
 )
+from mpsim.kernels.layout import LAWS
 from mpsim.measure.driving import acceleration_bound
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -131,7 +131,7 @@ class StepLimits:
         scene = self._scene
         speeds = speeds_of(scene.velocity, scene.radii, scene)
         ahead = [speeds, speeds_after_fall(speeds, scene), speeds_of_emitters(scene), speeds_of_pushed(speeds, scene)]
-        if self._settings.law == "elastic":
+        if LAWS[self._settings.law].exchanges_energy:
             ahead.append(speeds_in_equilibrium(speeds, scene))
         return next(filter(None, (self._complaint(each, 0) for each in ahead)), None)
 
@@ -144,7 +144,7 @@ class StepLimits:
         """Number of frames until the next check; very large if there is none."""
         if self._fast.given and not self._looks_for_pressed(count):
             return 2**62
-        return min(every - frame % every for every in self._periods(frame, count))
+        return min(every - frame % every for every in self._intervals(frame, count))
 
     def is_due(self, frame: int, count: int) -> bool:
         """Whether to check speeds before this frame, or to lift the limit, as the warning has been given."""
@@ -152,7 +152,7 @@ class StepLimits:
 
     def _is_look(self, frame: int, count: int, rarer: int) -> bool:
         """Whether this frame is one of every so many looks, for any reason to look."""
-        return any(frame % (rarer * every) == 0 for every in self._periods(frame, count))
+        return any(frame % (rarer * every) == 0 for every in self._intervals(frame, count))
 
     def _looks_for_pressed(self, count: int) -> bool:
         """Whether so many discs are to be looked at for what presses them into each other."""
@@ -269,7 +269,7 @@ class StepLimits:
             return f"{when} discs fill the box more densely than they can be packed, so that they overlap."
         if not fraction > BOUND and collisions > COLLISIONS:
             return (
-                f"{when} a disc collides some {collisions:.3g} times in one step (mean speed "
+                f"{when} a disc collides some {collisions:.3g} times in one step (rms speed "
                 f"{speeds.mean_speed:.3g}, step {dt:.3g}); above {COLLISIONS:g} many collisions that follow from "
                 "others are missed."
             )
@@ -282,15 +282,15 @@ class StepLimits:
             f"one step (speed {speeds.speed:.3g}, step {dt:.3g}); above {BOUND:g} {lost}."
         )
 
-    def _periods(self, frame: int, count: int) -> list[int]:
+    def _intervals(self, frame: int, count: int) -> list[int]:
         """Frames between two looks, for each reason that there is for them."""
-        periods = [LOOK_LARGE_EVERY if count >= LARGE else LOOK_EVERY]
+        intervals = [LOOK_LARGE_EVERY if count >= LARGE else LOOK_EVERY]
         if self._often:
-            periods.append(ADAPT_EVERY)
+            intervals.append(ADAPT_EVERY)
         if self._acceleration > 0:
             bound = BOUND * self._scene.smallest_radius / self._settings.dt * self._settings.substeps
             frames = GAIN * bound / (self._acceleration * self._settings.dt)
-            periods.append(max(math.ceil(min(frames, LOOK_EVERY)), ADAPT_EVERY))
+            intervals.append(max(math.ceil(min(frames, LOOK_EVERY)), ADAPT_EVERY))
         if frame <= self._squeezed:
-            periods.append(self._squeezing)
-        return periods
+            intervals.append(self._squeezing)
+        return intervals

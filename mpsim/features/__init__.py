@@ -2,17 +2,35 @@
 
 from mpsim.features.absorption import Absorption
 from mpsim.features.emitters import Emitter, Emitters
-from mpsim.features.feature import Feature
+from mpsim.features.feature import Feature, PerDisc
+from mpsim.features.fields import Acceleration, Gravity
 from mpsim.features.friction import Friction
+from mpsim.features.masses import Masses
 from mpsim.features.obstacles import OBSTACLES, FixedDisc, Polyline
 from mpsim.features.piston import PISTON, Piston
+from mpsim.features.radii import Radii
+from mpsim.features.restitution import Restitution
 
-__all__ = ["FEATURES", "NUMBERS", "PER_DISC", "Emitter", "Feature", "FixedDisc", "Piston", "Polyline"]
+__all__ = ["FEATURES", "NUMBERS", "PER_DISC", "VECTORS", "Emitter", "Feature", "FixedDisc", "Piston", "Polyline"]
 
-FEATURES: tuple[Feature, ...] = (OBSTACLES, PISTON, Absorption(), Emitters(), Friction())
+FEATURES: tuple[Feature, ...] = (
+    Radii(),
+    Masses(),
+    Gravity(),
+    Acceleration(),
+    Restitution(),
+    OBSTACLES,
+    PISTON,
+    Absorption(),
+    Emitters(),
+    Friction(),
+)
 
 NUMBERS: dict[str, tuple[float, str]] = {name: each for feature in FEATURES for name, each in feature.numbers.items()}
 """Arguments of Scene that are a number of a feature: default and meaning."""
 
-PER_DISC: dict[str, str] = {name: meaning for feature in FEATURES for name, meaning in feature.per_disc.items()}
-"""Arguments of Scene that are a number of each disc of a feature, None where the scene has none: their meaning."""
+VECTORS: dict[str, str] = {name: meaning for feature in FEATURES for name, meaning in feature.vectors.items()}
+"""Arguments of Scene that are (x, y) of a feature, None where the scene has none: their meaning."""
+
+PER_DISC: dict[str, PerDisc] = {name: each for feature in FEATURES for name, each in feature.all_per_disc.items()}
+"""Arguments of Scene that are a value for each disc of a feature, None where the scene has none."""

@@ -3,9 +3,9 @@
 from typing import Any, ClassVar
 
 from mpsim.core import checks
-from mpsim.core.columns import Column
+from mpsim.core.columns import EXITS, Column
 from mpsim.features.edges import EDGES, demand_wall
-from mpsim.features.feature import NEED_ALL_DISCS, Feature, SceneLike, Spoiled
+from mpsim.features.feature import NEED_ALL_DISCS, Feature, Invalidation, SceneLike
 
 
 class Absorption(Feature):
@@ -13,9 +13,10 @@ class Absorption(Feature):
 
     argument = "absorbing"
     not_exact = "absorbing edges"
-    columns: ClassVar[tuple[Column, ...]] = (Column("exits", (3,)),)  # whether a disc has left, and where
-    spoils: ClassVar[tuple[Spoiled, ...]] = (
-        Spoiled(
+    removes_discs = True
+    columns: ClassVar[tuple[Column, ...]] = (EXITS,)
+    invalidates: ClassVar[tuple[Invalidation, ...]] = (
+        Invalidation(
             NEED_ALL_DISCS,
             "absorbing edges, as the number of discs changes",
             "Run until none leaves any more, and measure in a scene without those edges that is made of sim.state.",

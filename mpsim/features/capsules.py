@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mpsim.core.errors import InputError
 from mpsim.features.edges import MovingWall
-from mpsim.features.packing_bounds import largest_of, most_equal
+from mpsim.features.packing_bounds import largest_capsules, largest_number
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -34,7 +34,7 @@ MOST_COMPARED = 2**31
 MOST_PAIRS = 1_000_000
 """Pairs of a capsule and a cell or disc that are handled together: about 100 MB."""
 
-FEW = 64
+FEW_DISCS = 64
 """Number of discs up to which comparing each with every capsule is quicker than making a grid."""
 
 
@@ -181,7 +181,7 @@ def depths(
 class CapsuleIndex:
     """Capsules in a box, for repeated queries of how deep a few discs overlap them.
 
-    The first FEW discs are compared with every capsule, as in `depths`; then a grid is made and kept.
+    The first FEW_DISCS discs are compared with every capsule, as in `depths`; then a grid is made and kept.
 
     Args:
         capsules: shape (K, 5) [length].
@@ -200,7 +200,7 @@ class CapsuleIndex:
     def depths(self, position: Floats, radius: Floats) -> Floats:
         """The same as `depths`, to the bit."""
         self._asked += len(position)
-        if not len(self.capsules) or len(position) > FEW or self._asked <= FEW:
+        if not len(self.capsules) or len(position) > FEW_DISCS or self._asked <= FEW_DISCS:
             return depths(position, radius, self.capsules, self.size, self.periodic)
         largest = float(radius.max(initial=0.0))
         if self._grid is None or largest > self._reach:
@@ -234,7 +234,7 @@ def _disc_pairs(
     position: Floats, capsules: Floats, size: tuple[float, float], reach: float
 ) -> Iterator[tuple[Integers, Integers]]:
     """Discs and capsules that may overlap, in chunks of pairs: indices of both."""
-    if len(position) <= FEW:
+    if len(position) <= FEW_DISCS:
         every = np.arange(len(position))
         for chosen in _chunks(np.full(len(capsules), len(position))):
             index = np.arange(len(capsules))[chosen]
@@ -358,7 +358,7 @@ RADII = 16
 """Largest number of radii for which discs of that size and above are checked against the room among capsules."""
 
 
-def check_among(
+def check_room_among(
     capsules: Floats,
     name: str,
     radius: Floats,
@@ -381,9 +381,9 @@ def check_among(
     Raises:
         InputError: with the number for which there is room.
     """
-    radii, largest = np.unique(radius[number > 0]), largest_of(capsules)
+    radii, largest = np.unique(radius[number > 0]), largest_capsules(capsules)
     for least in radii[:: math.ceil(len(radii) / RADII) or 1].tolist():
-        count, most = float(number[radius >= least].sum()), most_equal(least, low, high, largest)
+        count, most = float(number[radius >= least].sum()), largest_number(least, low, high, largest)
         if count > most * (1 + 1e-9):
             kind = f"radius {least:g}" + (" or more" if len(radii) > 1 else "")
             raise InputError(

@@ -1,4 +1,4 @@
-"""The edges of the box: walls, periodic borders, edges that absorb discs."""
+"""The boundaries of the box: of which kinds they are, its edges, and walls that move."""
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
@@ -10,6 +10,41 @@ from mpsim.core.errors import InputError
 
 EDGES = ("left", "right", "bottom", "top")
 """The walls of the box: x = 0, x = width, y = 0, y = height."""
+
+
+class Boundary(NamedTuple):
+    """A kind of boundary, of both ends of an axis.
+
+    Attributes:
+        wraps: whether discs that leave at one end enter at the other.
+        has_walls: whether they bounce at the ends, which no disc reaches beyond.
+        least_diameters: of the largest disc, for which the axis has room at least: two where discs meet others through
+            it, so that none meets its own image.
+        largest_radius: what that allows, in words.
+        not_exact: what the exact solver cannot do, in words; "": its files follow this kind.
+    """
+
+    wraps: bool
+    has_walls: bool
+    least_diameters: int
+    largest_radius: str
+    not_exact: str
+
+
+BOUNDARIES = {
+    "walls": Boundary(wraps=False, has_walls=True, least_diameters=1, largest_radius="half the box", not_exact=""),
+    "periodic": Boundary(
+        wraps=True,
+        has_walls=False,
+        least_diameters=2,
+        largest_radius="a quarter of a periodic axis",
+        not_exact="",
+    ),
+}
+"""Every kind by the word for it in a scene. Other modules ask for its facts, never for the word."""
+
+WALLED = ("walls", "walls")
+"""The boundary of a scene that does not say."""
 
 
 class MovingWall(NamedTuple):
@@ -37,20 +72,32 @@ class MovingWall(NamedTuple):
 
 
 def check_boundary(boundary: object) -> tuple[str, str]:
-    """Boundary of x and of y, each "walls" or "periodic"; one word stands for both."""
+    """Boundary of x and of y, each one of BOUNDARIES; one word stands for both."""
     each_of: Any = boundary
     pair = (each_of, each_of) if isinstance(each_of, str) else tuple(each_of)
     if len(pair) != 2:
         raise InputError(f"boundary must be one word or one for x and one for y; got {boundary!r}.")
-    x, y = (checks.choice("boundary", word, ("walls", "periodic")) for word in pair)
+    x, y = (checks.choice("boundary", word, BOUNDARIES) for word in pair)
     return x, y
 
 
+def kinds_of(boundary: tuple[str, str]) -> tuple[Boundary, Boundary]:
+    """The kinds of boundary of x and of y."""
+    x, y = boundary
+    return BOUNDARIES[x], BOUNDARIES[y]
+
+
+def wraps_of(boundary: tuple[str, str]) -> tuple[bool, bool]:
+    """Whether x, and whether y, wraps."""
+    x, y = kinds_of(boundary)
+    return x.wraps, y.wraps
+
+
 def demand_wall(name: str, edge: str, boundary: tuple[str, str]) -> None:
-    """Refuse an edge along a periodic axis, where there is no wall."""
+    """Refuse an edge at which there is no wall."""
     axis = 0 if edge in ("left", "right") else 1
-    if boundary[axis] == "periodic":
+    if not kinds_of(boundary)[axis].has_walls:
         raise InputError(
-            f"{name} must name a wall; got {edge!r}, and boundary is periodic along {'xy'[axis]}. "
+            f"{name} must name a wall; got {edge!r}, and boundary is {boundary[axis]} along {'xy'[axis]}. "
             "Make that axis 'walls', or choose another edge."
         )

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.features.capsules import check_clear
-from mpsim.features.feature import NEED_ALL_DISCS, Feature, SceneLike, Spoiled
+from mpsim.features.feature import NEED_ALL_DISCS, Feature, Invalidation, SceneLike
 
 LARGEST_EMITTERS = 1_000_000
 """More emitters than this are taken for a mistake."""
@@ -101,10 +101,11 @@ class Emitters(Feature):
 
     argument = "emitters"
     kinds: ClassVar[tuple[type[Any], ...]] = (Emitter,)
+    adds_discs = True
     drives = "emitters"
     relief = "let fewer discs enter"
-    spoils: ClassVar[tuple[Spoiled, ...]] = (
-        Spoiled(
+    invalidates: ClassVar[tuple[Invalidation, ...]] = (
+        Invalidation(
             NEED_ALL_DISCS,
             "emitters, as the number of discs changes",
             "Run until they have ended, and measure in a scene without them that is made of sim.state.",

@@ -5,6 +5,7 @@ feature has to answer is asked of all in that list. The methods here are those o
 """
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -22,15 +23,23 @@ Shapes = dict[str, tuple[DTypeLike, tuple[int, ...]]]
 
 
 class SceneLike(Protocol):
-    """What features see of a scene, besides their own argument; see `mpsim.Scene`."""
+    """What features see of a scene, which is on the floor above: attributes of `mpsim.Scene`."""
 
     width: float
     height: float
     radius: float | Floats
     mass: Floats | None
-    boundary: tuple[str, str]
-    absorbing: tuple[str, ...]
+    gravity: Floats | None
+    acceleration: Floats | None
+    restitution: float
     wall_restitution: float
+    friction: float
+    wall_friction: float
+    tangential_restitution: float
+    spin: Floats | None
+    boundary: tuple[str, str]
+    emitters: tuple[Any, ...]
+    absorbing: tuple[str, ...]
 
     @property
     def count(self) -> int:
@@ -40,6 +49,11 @@ class SceneLike(Protocol):
     @property
     def radii(self) -> Floats:
         """Radius of each disc, shape (N,) [length]."""
+        ...
+
+    @property
+    def masses(self) -> Floats:
+        """Mass of each disc, shape (N,) [mass]."""
         ...
 
     @property
@@ -63,7 +77,7 @@ class SceneLike(Protocol):
         ...
 
     @property
-    def among(self) -> CapsuleIndex:
+    def capsule_index(self) -> CapsuleIndex:
         """The same, indexed for repeated queries of overlap."""
         ...
 
@@ -80,7 +94,7 @@ class SceneLike(Protocol):
         ...
 
 
-class Spoiled(NamedTuple):
+class Invalidation(NamedTuple):
     """Measures that a feature makes meaningless, the reason in words, and what to do instead."""
 
     measures: tuple[str, ...]
@@ -90,6 +104,24 @@ class Spoiled(NamedTuple):
 
 NEED_ALL_DISCS = ("virial", "collision_rate", "contact_rate", "energy_drift", "momentum_drift")
 """Measures that mean nothing where the number of discs changes."""
+
+
+class PerDisc(NamedTuple):
+    """An argument of Scene with a value for each disc.
+
+    Attributes:
+        check: makes what a scene keeps of the value given and the number of discs.
+        meaning: for the docs of scene files; "" where the name says it.
+        components: names of the components of a vector; () of a number.
+        unit: of a number that must be > 0; "" for any number.
+        default: of a disc for which a scene file gives none, in a vector of each component; None if it is required.
+    """
+
+    check: Callable[[Any, int], Any]
+    meaning: str = ""
+    components: tuple[str, ...] = ()
+    unit: str = ""
+    default: float | None = 0.0
 
 
 class NewDiscs(NamedTuple):
@@ -112,8 +144,9 @@ class Feature:
         argument: its name, also the key in scene files and checkpoints.
         kinds: dataclasses of its value; () if the value is words.
         several: whether its value is a tuple of them.
-        numbers: where it is numbers instead, these arguments of Scene, `argument` among them: default and meaning.
-        per_disc: further arguments, with a number for each disc or None, of which a state has a column: their meaning.
+        numbers: where it is numbers instead, these arguments of Scene: default and meaning.
+        vectors: likewise (x, y) or None: meaning.
+        per_disc: likewise a value for each disc, or None: those that are no columns, or need more than these declare.
         law: the only one of the settings that it goes with; "" for any.
         meaning: what it is, for the docs of scene files.
         keys: of a single value: the meaning of its fields, for the docs of scene files.
@@ -121,16 +154,19 @@ class Feature:
         not_exact: what `event` cannot do, for the text of its refusal.
         drives: what sets discs at rest in motion, for the text that asks for such a thing.
         relief: what makes room for discs that are pressed, for the text of the warning.
-        spoils: measures that it makes meaningless.
+        invalidates: measures that it makes meaningless.
         excludes: whether it keeps discs out of regions of the box.
-        columns: numbers that it has of each disc; a scene with the feature has them.
+        adds_discs, removes_discs: whether the number of discs grows, or falls, while the scene runs.
+        columns: numbers that it has of each disc, as `mpsim.core.columns` declares them; a scene with the feature has
+            them. Those that are given are further arguments, None where the scene gives none.
     """
 
     argument: ClassVar[str]
     kinds: ClassVar[tuple[type[Any], ...]] = ()
     several: ClassVar[bool] = True
     numbers: ClassVar[dict[str, tuple[float, str]]] = {}
-    per_disc: ClassVar[dict[str, str]] = {}
+    vectors: ClassVar[dict[str, str]] = {}
+    per_disc: ClassVar[dict[str, PerDisc]] = {}
     law: ClassVar[str] = ""
     meaning: ClassVar[str] = ""
     keys: ClassVar[dict[str, str]] = {}
@@ -138,8 +174,10 @@ class Feature:
     not_exact: ClassVar[str] = ""
     drives: ClassVar[str] = ""
     relief: ClassVar[str] = ""
-    spoils: ClassVar[tuple[Spoiled, ...]] = ()
+    invalidates: ClassVar[tuple[Invalidation, ...]] = ()
     excludes: ClassVar[bool] = False
+    adds_discs: ClassVar[bool] = False
+    removes_discs: ClassVar[bool] = False
     columns: ClassVar[tuple[Column, ...]] = ()
 
     def of(self, scene: SceneLike) -> Any:
@@ -150,6 +188,17 @@ class Feature:
         """Whether the scene has it."""
         value = self.of(scene)
         return value is not None and value != ()
+
+    @property
+    def all_per_disc(self) -> dict[str, PerDisc]:
+        """`per_disc`, and those of its columns that are given."""
+        given = {column.name: PerDisc(column.one_each, column.meaning) for column in self.columns if column.given}
+        return given | self.per_disc
+
+    @property
+    def is_numeric(self) -> bool:
+        """Whether its arguments are numbers, of the scene or of each disc."""
+        return bool(self.numbers or self.vectors or self.per_disc)
 
     # --- the scene
 
@@ -198,8 +247,12 @@ class Feature:
 
     # --- people
 
+    def brief(self, scene: SceneLike) -> str:
+        """What the repr of a scene says of it; "" for nothing."""
+        return self.argument if self.is_in(scene) else ""
+
     def description(self, scene: SceneLike) -> str:
-        """In words, for a scene that has it."""
+        """In words, for a scene that has it; "" if that is said of the discs."""
         return str(self.of(scene))
 
     def record(self, scene: SceneLike) -> Any:
@@ -212,13 +265,16 @@ class Feature:
         return None if value is None else dataclasses.asdict(value)
 
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        """Values to time, by name, in a square box of a side with discs on a lattice of a pitch [length]."""
+        """Values of the argument to time, by name, in a square box of a side with discs on a lattice of a pitch.
+
+        The discs have radius 0.5 [length], thermal velocities and mass 1.
+        """
         return {}
 
     # --- files
 
-    def plain(self, scene: SceneLike) -> Any:
-        """Its value as plain values, from which `made` restores it bit for bit."""
+    def to_plain(self, scene: SceneLike) -> Any:
+        """Its value as plain values, from which `from_plain` restores it bit for bit."""
         value = self.of(scene)
         if not self.kinds:
             return value
@@ -226,14 +282,24 @@ class Feature:
             return [_fields(each) for each in value]
         return None if value is None else _fields(value)
 
-    def made(self, plain: Any) -> Any:
-        """The value that `plain` was made from."""
+    def from_plain(self, plain: Any) -> Any:
+        """The value of which `to_plain` has made plain values."""
         if not self.kinds or plain is None:
             return plain
         kinds: dict[str, Any] = {kind.__name__: kind for kind in self.kinds}
         if not self.several:
             return kinds[plain[0]](**plain[1])
         return [kinds[kind](**fields) for kind, fields in plain]
+
+
+def lattice_sites(side: float, pitch: float) -> int:
+    """Number of discs on a square lattice of a pitch in a square box of a side [length]."""
+    return round(side / pitch) ** 2
+
+
+def extent(values: Floats) -> list[float]:
+    """The least and the largest of positive numbers; inf and 0 of none."""
+    return [float(values.min(initial=np.inf)), float(values.max(initial=0.0))]
 
 
 def _fields(value: object) -> list[Any]:

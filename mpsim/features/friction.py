@@ -6,9 +6,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mpsim.core import checks
-from mpsim.core.columns import Column
+from mpsim.core.columns import SPIN, Column
 from mpsim.core.errors import InputError
-from mpsim.features.feature import Feature, Floats, SceneLike, Shapes, Spoiled
+from mpsim.features.feature import Feature, Invalidation, SceneLike, Shapes
 from mpsim.kernels.features import friction as kernel
 
 
@@ -21,14 +21,14 @@ class Friction(Feature):
         "wall_friction": (0.0, "of a disc with walls and with what stands in the box, likewise"),
         "tangential_restitution": (
             0.0,
-            "of contacts that do not slide, -1 (smooth) to 1 (rough): the slip turned round over that before",
+            "of contacts that do not slide, -1 (smooth) to 1 (rough): "
+            "minus the ratio of tangential velocity after to before",
         ),
     }
-    per_disc: ClassVar[dict[str, str]] = {"spin": "angular velocity, counter-clockwise"}
     law = "elastic"
-    columns: ClassVar[tuple[Column, ...]] = (Column("spin"),)
-    spoils: ClassVar[tuple[Spoiled, ...]] = (
-        Spoiled(
+    columns: ClassVar[tuple[Column, ...]] = (SPIN,)
+    invalidates: ClassVar[tuple[Invalidation, ...]] = (
+        Invalidation(
             ("virial",),
             "friction, as the virial takes the kinetic energy for constant and leaves tangential impulses out",
             "Use 'pressure', the impulses on the walls.",
@@ -37,31 +37,27 @@ class Friction(Feature):
 
     def is_in(self, scene: SceneLike) -> bool:
         """Whether discs of the scene may spin."""
-        found: Any = scene
-        return found.friction > 0 or found.wall_friction > 0 or found.spin is not None
+        return scene.friction > 0 or scene.wall_friction > 0 or scene.spin is not None
 
     def dissipates(self, scene: SceneLike) -> bool:
-        """Wherever contacts change spins: that takes from the motion of the discs what it does not lose."""
-        found: Any = scene
-        return found.friction > 0 or found.wall_friction > 0
+        """Wherever contacts change spins: that converts translational into rotational energy, and slip into heat."""
+        return scene.friction > 0 or scene.wall_friction > 0
 
     def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
         """The law of two discs, and that of a disc and a wall."""
         return {name: (real, (kernel.SIZE,)) for name in ("friction", "wall_friction") if getattr(scene, name) > 0}
 
     def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
-        """Coefficients, and what a sticking contact changes: of two discs, each has half of m_eff in its `share`."""
-        found: Any = scene
+        """Coefficients, and what a sticking contact changes; in `mass_fraction` each of two discs has 2 m_eff / m."""
         for name, parts in (("friction", 6), ("wall_friction", 3)):
             if name in arrays:
                 arrays[name][kernel.COEFFICIENT] = getattr(scene, name)
-                arrays[name][kernel.STICKING] = (1 + found.tangential_restitution) / parts
+                arrays[name][kernel.STICKING] = (1 + scene.tangential_restitution) / parts
 
     def description(self, scene: SceneLike) -> str:
         """Its numbers."""
-        found: Any = scene
-        words = f"{found.friction:g} of discs, {found.wall_friction:g} of walls"
-        return f"{words}, tangential restitution {found.tangential_restitution:g}"
+        words = f"{scene.friction:g} of discs, {scene.wall_friction:g} of walls"
+        return f"{words}, tangential restitution {scene.tangential_restitution:g}"
 
     def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
         """Of two discs."""
@@ -79,16 +75,10 @@ def check_friction(
         "friction": _coefficient("friction", friction),
         "wall_friction": _coefficient("wall_friction", wall_friction),
         "tangential_restitution": checks.between("tangential_restitution", tangential_restitution, -1, 1),
-        "spin": None if spin is None else spins("spin", spin, count),
+        "spin": None if spin is None else SPIN.one_each(spin, count),
     }
     smooth = kept["spin"] is None and all(kept[name] == default for name, (default, _) in Friction.numbers.items())
     return {} if smooth else kept
-
-
-def spins(name: str, value: Any, count: int) -> Floats:
-    """Angular velocities of so many discs, from one for all or one each."""
-    each = np.full(count, value) if np.ndim(value) == 0 else value
-    return checks.finite_array(name, each, (count,), f"() or ({count},), one per row of position")
 
 
 def _coefficient(name: str, value: object) -> float:

@@ -16,7 +16,7 @@ from mpsim.core.errors import InputError
 from mpsim.core.garbage import garbage_collection_paused
 from mpsim.features import capsules
 from mpsim.features.capsules import Deepest
-from mpsim.features.feature import Feature, Floats, NewDiscs, SceneLike, Shapes, Spoiled
+from mpsim.features.feature import Feature, Floats, Invalidation, NewDiscs, SceneLike, Shapes
 
 LARGEST_OBSTACLES = 1_000_000
 """More obstacles than this are taken for a mistake."""
@@ -197,8 +197,8 @@ class Obstacles(Feature):
     kinds: ClassVar[tuple[type[Any], ...]] = (FixedDisc, Polyline)
     not_exact = "obstacles"
     excludes = True
-    spoils: ClassVar[tuple[Spoiled, ...]] = (
-        Spoiled(
+    invalidates: ClassVar[tuple[Invalidation, ...]] = (
+        Invalidation(
             ("virial", "momentum_drift"),
             "obstacles, whose impulses are not counted",
             "Use 'energy_drift' for the health of a run, 'pressure' for the load on the walls.",
@@ -216,7 +216,7 @@ class Obstacles(Feature):
     def deepest(self, scene: SceneLike, position: Floats, radius: Floats) -> Deepest | None:
         """Overlaps within the rounding of the box's coordinates do not count; images of obstacles do."""
         size = (scene.width, scene.height)
-        depth = scene.among.depths(position, radius)
+        depth = scene.capsule_index.depths(position, radius)
         number = int((depth > 8 * np.finfo(np.float64).eps * max(size)).sum())
         if not number:
             return None

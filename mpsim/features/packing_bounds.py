@@ -64,7 +64,7 @@ def shortest_box(radius: Floats, number: Floats, across: float, walls: bool) -> 
     return length
 
 
-def most_equal(radius: float, low: tuple[float, float], high: tuple[float, float], capsules: Floats) -> float:
+def largest_number(radius: float, low: tuple[float, float], high: tuple[float, float], capsules: Floats) -> float:
     """Upper bound on the number of equal discs between four walls and among capsules.
 
     Folkman and Graham (Canad. Math. Bull. 12, 745, 1969; for regions with holes Graham, Witsenhausen and Zassenhaus,
@@ -79,21 +79,21 @@ def most_equal(radius: float, low: tuple[float, float], high: tuple[float, float
         capsules: shape (K, 5): ax, ay, bx, by, radius [length].
 
     >>> peg = np.array([[2, 3, 2, 3, 1.9]])
-    >>> round(most_equal(0.5, (0, 0), (6, 6), peg[:0]), 2), round(most_equal(0.5, (0, 0), (6, 6), peg), 2)
+    >>> round(largest_number(0.5, (0, 0), (6, 6), peg[:0]), 2), round(largest_number(0.5, (0, 0), (6, 6), peg), 2)
     (39.87, 25.23)
     """
-    return _most_equal(radius, low, high, largest_of(capsules).tobytes())
+    return _largest_number(radius, low, high, largest_capsules(capsules).tobytes())
 
 
-def largest_of(capsules: Floats) -> Floats:
+def largest_capsules(capsules: Floats) -> Floats:
     """The HOLES longest and thickest capsules, shape (K, 5), the largest first."""
     extent = np.hypot(*(capsules[:, 2:4] - capsules[:, :2]).T) + capsules[:, 4]
     return np.asarray(capsules[np.argsort(-extent, kind="stable")[:HOLES]], np.float64)
 
 
 @functools.lru_cache(maxsize=64)
-def _most_equal(radius: float, low: tuple[float, float], high: tuple[float, float], capsules: bytes) -> float:
-    """`most_equal` for few capsules, cached: emitters and insertions ask for it repeatedly."""
+def _largest_number(radius: float, low: tuple[float, float], high: tuple[float, float], capsules: bytes) -> float:
+    """`largest_number` for few capsules, cached: emitters and insertions ask for it repeatedly."""
     diameter, sides = 2 * radius, np.subtract(high, low) - 2 * radius
     if (sides < 0).any():
         return 0.0
@@ -110,7 +110,7 @@ def _most_equal(radius: float, low: tuple[float, float], high: tuple[float, floa
             break
         lows, highs = ends[counted, :2], ends[counted, 2:]
         beside = ((lows > ends[index, 2:] + touch) | (highs < ends[index, :2] - touch)).any(axis=1)
-        if all(apart(holes[index], holes[counted[other]]) for other in np.flatnonzero(~beside)):
+        if all(are_separated(holes[index], holes[counted[other]]) for other in np.flatnonzero(~beside)):
             counted.append(index)
             most -= loss
     return most
@@ -142,7 +142,7 @@ def clipped(polygon: Floats, low: Floats, high: Floats) -> Floats:
     return polygon
 
 
-def apart(one: Floats, other: Floats) -> bool:
+def are_separated(one: Floats, other: Floats) -> bool:
     """Whether a side of one of two convex polygons, shapes (K, 2), anticlockwise, separates them."""
     for polygon, beyond in ((one, other), (other, one)):
         along = np.roll(polygon, -1, axis=0) - polygon

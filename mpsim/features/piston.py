@@ -11,9 +11,9 @@ import numpy as np
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
-from mpsim.features.capsules import check_among
+from mpsim.features.capsules import check_room_among
 from mpsim.features.edges import EDGES, MovingWall, demand_wall
-from mpsim.features.feature import Feature, Floats, NewDiscs, SceneLike, Shapes, Spoiled
+from mpsim.features.feature import Feature, Floats, Invalidation, NewDiscs, SceneLike, Shapes
 from mpsim.features.packing_bounds import shortest_box
 from mpsim.kernels.features import piston as kernel
 
@@ -105,8 +105,8 @@ class PistonFeature(Feature):
     not_exact = "a piston"
     drives = "a piston"
     relief = "let a piston stop earlier"
-    spoils: ClassVar[tuple[Spoiled, ...]] = (
-        Spoiled(
+    invalidates: ClassVar[tuple[Invalidation, ...]] = (
+        Invalidation(
             ("pressure", "virial", "energy_drift"),
             "moving walls (a piston), which do work and change the box",
             "Run until the piston rests, and measure in a scene without it, made of sim.state, in a box of that size.",
@@ -118,7 +118,6 @@ class PistonFeature(Feature):
         piston: Piston | None = self.of(scene)
         if piston is None:
             return
-        emitters: Any = getattr(scene, "emitters", ())
         largest = scene.largest_radius
         length = scene.width if piston.wall in ("left", "right") else scene.height
         left = piston.stop if piston.wall in ("right", "top") else length - piston.stop
@@ -127,7 +126,7 @@ class PistonFeature(Feature):
                 f"stop of the piston must leave room for the largest disc, of diameter {2 * largest:g}; got "
                 f"{piston.stop:g}, which leaves {left:g}. Let it stop earlier."
             )
-        ending = [emitter for emitter in emitters if emitter.limit is not None]
+        ending = [emitter for emitter in scene.emitters if emitter.limit is not None]
         radii = np.array([emitter.radius or largest for emitter in ending], float)
         number = np.concatenate([np.ones(scene.count), np.array([emitter.limit for emitter in ending], float)])
         _check_end(scene, "stop of the piston", np.concatenate([scene.radii, radii]), number)
@@ -220,4 +219,4 @@ def _check_end(scene: SceneLike, name: str, radius: Floats, number: Floats) -> N
         )
     if len(scene.capsules) and not any(scene.periodic):
         x_low, y_low, x_high, y_high = *low.tolist(), *high.tolist()
-        check_among(scene.capsules, name, radius, number, (x_low, y_low), (x_high, y_high), wall)
+        check_room_among(scene.capsules, name, radius, number, (x_low, y_low), (x_high, y_high), wall)

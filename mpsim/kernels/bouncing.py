@@ -19,14 +19,15 @@ from mpsim.kernels.records import real
 def bounce_back(depth, speed, acceleration, parameters):
     """(distance inside, speed inward, time since then) of a disc `depth` beyond a wall; speed, acceleration outward.
 
-    A disc that moves inward, and was not carried out by its flight, is put at the wall and pays for that. Of one that
-    rests, which the wall has pressed ever since, the time is the mean over what it was pressed by.
+    A disc that moves inward, and was not carried out by its flight, is projected onto the wall, losing the
+    corresponding kinetic energy. For one that comes to rest on the wall, which has acted on it ever since, the time is
+    the mean over the impulses of the wall.
     """
     zero, two = real(parameters, 0), real(parameters, 2)
     at_wall = np.sqrt(max(speed * speed - two * acceleration * depth, zero))
     if speed + at_wall <= zero:
         return zero, at_wall, zero
-    time = min(two * depth / (speed + at_wall), parameters.dt)
+    time = min(two * depth / (speed + at_wall), parameters.dt + (depth - depth))  # in the type of depth, uncompiled too
     inward = parameters.wall_restitution * at_wall
     inside = (inward - acceleration * time / two) * time
     inward -= acceleration * time

@@ -20,10 +20,11 @@ from typing import Any
 
 import llvmlite
 import numba
-from numba import config, njit
+from numba import config, njit, types
 from numba.extending import register_jitable
 
 from mpsim.core.deferred_signals import interrupts_held_back
+from mpsim.kernels import compile_notice
 
 logger = logging.getLogger("mpsim")
 
@@ -77,8 +78,10 @@ wrapper that would make each a first-class function, which none is used as."""
 
 def _cached(dispatcher: Any) -> Any:
     """Keep the machine code of a function in mpsim's own cache folder."""
-    if not JIT_DISABLED:
-        _hold_interrupts_while_compiling(dispatcher)
+    if JIT_DISABLED:
+        return dispatcher
+    _watch_compiling(dispatcher)
+    _type_without_literals(dispatcher)
     if _FOLDER is not None:
         # Numba reads this setting only while a function's cache is set up, so other users' functions keep theirs.
         users_folder, config.CACHE_DIR = config.CACHE_DIR, str(_FOLDER)
@@ -86,32 +89,52 @@ def _cached(dispatcher: Any) -> Any:
             dispatcher.enable_caching()
         finally:
             config.CACHE_DIR = users_folder
-        _forgive_damage(dispatcher._cache)
+    _watch_loading(dispatcher._cache)
     return dispatcher
 
 
-def _hold_interrupts_while_compiling(dispatcher: Any) -> None:
-    """Make Ctrl-C wait for the end of a compilation or load, whose callbacks from LLVM cannot pass an exception on."""
-    compile_signature = dispatcher.compile
+def _watch_compiling(dispatcher: Any) -> None:
+    """Make Ctrl-C wait for the end of a compilation or load, whose callbacks from LLVM cannot pass an exception on.
+
+    And have it announced and timed, if it is a compilation.
+    """
+    compile_signature, name = dispatcher.compile, dispatcher.py_func.__name__
 
     def compile_undisturbed(signature: Any) -> Any:
-        with interrupts_held_back():
+        with interrupts_held_back(), compile_notice.asked_for(name, signature, _FOLDER is not None):
             return compile_signature(signature)
 
     dispatcher.compile = compile_undisturbed
 
 
-def _forgive_damage(cache: Any) -> None:
-    """Let a damaged cache file (a full disk, a killed process) be a reason to compile anew, not to fail."""
+def _type_without_literals(dispatcher: Any) -> None:
+    """Compile a kernel once for all constants that its callers hand over, not anew for each, as Numba would."""
+    call_template = dispatcher.get_call_template
+
+    def call_template_without_literals(args: Any, kws: Any) -> Any:
+        unliteral = {name: types.unliteral(each) for name, each in kws.items()}
+        return call_template(tuple(types.unliteral(each) for each in args), unliteral)
+
+    dispatcher.get_call_template = call_template_without_literals
+
+
+def _watch_loading(cache: Any) -> None:
+    """Let a damaged cache file (a full disk, a killed process) be a reason to compile anew, not to fail.
+
+    And notice what is not in the cache, and will be compiled.
+    """
     load = cache.load_overload
 
     def load_or_recompile(signature: Any, target_context: Any) -> Any:
         try:
-            return load(signature, target_context)
+            found = load(signature, target_context)
         except Exception as error:  # whatever a damaged pickle may raise
             logger.warning("mpsim: a file of the kernel cache is damaged (%r); that kernel is compiled anew.", error)
             cache.flush()
-            return None
+            found = None
+        if found is None:
+            compile_notice.not_cached()
+        return found
 
     cache.load_overload = load_or_recompile
 

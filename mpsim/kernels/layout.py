@@ -26,6 +26,24 @@ class Discs(NamedTuple):
     radius: Any
 
 
+class Changes(NamedTuple):
+    """Discs that change cells in a step, int32; each worker has sections of its own.
+
+    slot, old_cell, new_cell, id: of the discs of the slice that have changed cells, by slot; behind them those that
+    come from other workers, without old cells. next_arrival, first_arrival: linked lists of the entries that arrive in
+    own cells, one list for every few cells, in the order (cell, id); -1 ends a list.
+    outbox: slots of discs that have left a worker's columns.
+    """
+
+    slot: Any
+    old_cell: Any
+    new_cell: Any
+    id: Any
+    next_arrival: Any
+    first_arrival: Any
+    outbox: Any
+
+
 WHOLE = ("id", "cell")
 """Columns of `Discs` that are int32; the others are of the precision of the run."""
 
@@ -40,10 +58,10 @@ ALONG_Y = (BOTTOM, TOP)
 # Indices of `control.signals`, int64 words that processes wait on: a cache line (8 words) each.
 COMMAND = 0  # number of the last command; changes when workers are to run frames
 ARRIVED = 8  # arrivals at barriers since the pool started
-ABORT = 16  # 0, or what has happened to a process, so that everybody must leave the frame loop wherever he is
+ABORT = 16  # 0, or what has happened to a process: every worker must then leave the frame loop, wherever it is
 MAIL = 24  # number of messages that wait in the workers' pipes to be read
-BAD = 32  # 1: a disc is not finite. Set while moving, read after the barrier that follows: everybody leaves there
-ANNOUNCED = 40  # number of the command that is about to be given: nobody may go to sleep before it
+BAD = 32  # 1: a disc is not finite. Set while moving, read after the barrier that follows: every worker leaves there
+ANNOUNCED = 40  # number of the command that is about to be given: no worker may go to sleep before it
 SIGNALS = 48
 
 # The index of a worker's own `signals`.
@@ -73,13 +91,37 @@ DEPTH_SCALE = 2.0**32
 FASTEST_SCALE = 2.0**20
 """Speeds are reported in units of the limit, so many to one."""
 
-# Collision laws.
-REFLECT = 0
-ELASTIC = 1
 
-# Contacts.
-PUSH = 0
-IMPACT = 1
+class ContactLaw(NamedTuple):
+    """A law by which a contact changes the velocities of two discs: how contacts are resolved, not what a scene has.
+
+    It keeps kinetic energy; restitution and friction are features of a scene.
+
+    Attributes:
+        number: in `control.law`.
+        exchanges_energy: whether discs give each other energy, so that collisions bring their speeds to equilibrium.
+        not_exact: what the exact solver cannot do, in words; "": its impacts follow the law.
+    """
+
+    number: int
+    exchanges_energy: bool
+    not_exact: str
+
+
+REFLECT, ELASTIC = range(2)
+LAWS = {
+    "reflect": ContactLaw(
+        REFLECT,
+        exchanges_energy=False,
+        not_exact="law='reflect', which acts on discs that separate",
+    ),
+    "elastic": ContactLaw(ELASTIC, exchanges_energy=True, not_exact=""),
+}
+"""By the word for it in `Settings`; what each does is written in `frame/laws.py`."""
+
+PUSH, IMPACT = range(2)
+CONTACTS = {"push": PUSH, "impact": IMPACT}
+"""When a contact acts, by the word in `Settings`: the number in `control.contact`. The exact solver needs none."""
 
 SLICE = 100_000_000
 """Nanoseconds after which a command ends with the frame it is in, however many frames it was given: a machine that has

@@ -21,6 +21,9 @@ from numba.extending import intrinsic, overload
 LANES = 8
 """Discs tested by one vector instruction. Results do not depend on it: lanes past the range are masked off."""
 
+RUN = 16
+"""Elements copied, or added to, by one vector operation. Nothing depends on it."""
+
 _WORD = ir.IntType(64)
 _HINT = {"x86_64": ("llvm.x86.sse2.pause", []), "aarch64": ("llvm.aarch64.hint", [1])}.get(platform.machine())
 """LLVM's name of the spin-loop hint on this processor, with its operands; None where there is none."""
@@ -45,8 +48,8 @@ def overlap_lanes(x, y, radius, start, xi, yi, reach):
     return mask
 
 
-def _vector(context, signature):
-    return ir.VectorType(context.get_value_type(signature.args[0].dtype), LANES)
+def _vector(context, signature, lanes=LANES):
+    return ir.VectorType(context.get_value_type(signature.args[0].dtype), lanes)
 
 
 def _load(context, builder, array_type, array, start, vector):
@@ -55,9 +58,15 @@ def _load(context, builder, array_type, array, start, vector):
     return builder.load(pointer, align=array_type.dtype.bitwidth // 8)
 
 
+def _store(context, builder, array_type, array, start, values):
+    data = context.make_array(array_type)(context, builder, array).data
+    pointer = builder.bitcast(builder.gep(data, [start]), values.type.as_pointer())
+    builder.store(values, pointer, align=array_type.dtype.bitwidth // 8)
+
+
 def _broadcast(builder, scalar, vector):
     lane = builder.insert_element(ir.Constant(vector, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
-    zeros = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    zeros = ir.Constant(ir.VectorType(ir.IntType(32), vector.count), [0] * vector.count)
     return builder.shuffle_vector(lane, lane, zeros)
 
 
@@ -148,6 +157,87 @@ def _natural(typing_context, index):
 def _compile_natural(index):
     def implementation(index):
         return _natural(index)
+
+    return implementation
+
+
+def changed_lanes(before, after, start):
+    """Bit k is set where element `start + k` of two arrays of whole numbers differs. Reads LANES elements of each."""
+    mask = 0
+    for lane in range(LANES):
+        if before[start + lane] != after[start + lane]:
+            mask |= 1 << lane
+    return mask
+
+
+@intrinsic
+def _changed_lanes(typing_context, before, after, start):
+    def codegen(context, builder, signature, args):
+        vector = _vector(context, signature)
+        one, other = (_load(context, builder, signature.args[k], args[k], args[2], vector) for k in (0, 1))
+        differ = builder.icmp_signed("!=", one, other)
+        return builder.zext(builder.bitcast(differ, ir.IntType(LANES)), _WORD)
+
+    return types.int64(before, after, types.int64), codegen
+
+
+@overload(changed_lanes)
+def _compile_changed_lanes(before, after, start):
+    def implementation(before, after, start):
+        return _changed_lanes(before, after, start)
+
+    return implementation
+
+
+def copy_lanes(source, first, target, slot):
+    """Copy RUN elements of `source` from `first` on to `target` from `slot` on."""
+    target[slot : slot + RUN] = source[first : first + RUN]
+
+
+@intrinsic
+def _copy_lanes(typing_context, source, first, target, slot):
+    def codegen(context, builder, signature, args):
+        vector = _vector(context, signature, RUN)
+        values = _load(context, builder, signature.args[0], args[0], args[1], vector)
+        _store(context, builder, signature.args[2], args[2], args[3], values)
+        return context.get_dummy_value()
+
+    return types.void(source, types.int64, target, types.int64), codegen
+
+
+@overload(copy_lanes)
+def _compile_copy_lanes(source, first, target, slot):
+    def implementation(source, first, target, slot):
+        _copy_lanes(source, first, target, slot)
+
+    return implementation
+
+
+def add_to_lanes(array, start, number, value):
+    """Add `value` to as many elements from `start` on, RUN at most. Reads and writes back those up to RUN."""
+    array[start : start + min(number, RUN)] += value
+
+
+@intrinsic
+def _add_to_lanes(typing_context, array, start, number, value):
+    def codegen(context, builder, signature, args):
+        vector = _vector(context, signature, RUN)
+        element = vector.element
+        lanes = ir.Constant(vector, [ir.Constant(element, k) for k in range(RUN)])
+        number = _broadcast(builder, builder.trunc(args[2], element), vector)
+        value = _broadcast(builder, builder.trunc(args[3], element), vector)
+        added = builder.select(builder.icmp_signed("<", lanes, number), value, ir.Constant(vector, None))
+        values = _load(context, builder, signature.args[0], args[0], args[1], vector)
+        _store(context, builder, signature.args[0], args[0], args[1], builder.add(values, added))
+        return context.get_dummy_value()
+
+    return types.void(array, types.int64, types.int64, types.int64), codegen
+
+
+@overload(add_to_lanes)
+def _compile_add_to_lanes(array, start, number, value):
+    def implementation(array, start, number, value):
+        _add_to_lanes(array, start, number, value)
 
     return implementation
 

@@ -1,7 +1,8 @@
 """What a scene may lack, looked up in one line. For each of these None means "as if it were not there".
 
 Numba compiles a function anew for a None argument and drops what is tested against it, if the test is of one argument
-alone: not of an attribute, nor of several at once. So each accessor is the value itself, a constant, or nothing at all.
+alone: not of an attribute, nor of several at once. So each accessor is the value itself, a constant, or nothing at all,
+and a second condition stands in an `if` of its own inside the test against None (ruff's SIM102 would join the two).
 """
 
 from mpsim.kernels.compiling import inlined

@@ -63,7 +63,7 @@ def parameters_in(precision: DTypeLike) -> np.dtype[Any]:
             ("cells_per_y", real),  # rows per length along y [1/length]
             ("wall_bounce", real),  # fraction of the distance beyond a wall that a disc is put inside: 0, at the wall
             ("tally_scale", real),  # a power of two: tallies are multiples of 1 / tally_scale [mass length/time]
-            ("exchange", real),  # (1 + e) / 2, e the restitution of two discs: the normal velocity they exchange
+            ("half_one_plus_e", real),  # (1 + e) / 2, e the restitution of two discs
             ("wall_restitution", real),
             ("fast", real),  # square of the speed (per radius, where discs have their own) that ends a command
         ]
@@ -78,12 +78,13 @@ CONTROL = _record(
         ("rows", np.int64),
         ("cells", np.int64),  # of the grid with all ghosts: one less than the length of `start`
         ("live", np.int64),  # which of the two buffers holds the state: 0 or 1
+        ("in_order", np.int64),  # 1: the discs lie in the order of the grid, and `start` tells where; 0: in any order
         ("frames", np.int64),  # to run in this command; lowered when their time is up, or a disc is too fast
         ("substeps", np.int64),
         ("law", np.int64),
         ("contact", np.int64),
         ("passes", np.int64),  # times that contacts are looked for in one step
-        ("guarded", np.int64),  # 1: odd/even passes; 0: the demonstration of what goes wrong without them
+        ("race_free", np.int64),  # 1: odd/even passes; 0: the demonstration of what goes wrong without them
         ("absorbing", np.int64, (4,)),  # by edge: 1 where it absorbs discs
         ("workers", np.int64),
         ("done", np.int64),  # frames finished since the start, in all commands
@@ -99,6 +100,7 @@ MEMBER = _record(
         ("frame", np.int64),  # frames finished in this command
         ("phase", np.int64),  # it is in, an index of PHASES
         ("collisions", np.int64),  # contacts resolved in this command
+        ("leavers", np.int64),  # discs of the slice that left their cells in this frame and are listed, or -1
         ("outbox", np.int64),  # discs that left this worker's columns in this frame
         ("kept", np.int64),  # discs that stayed in them
         ("arrivals", np.int64),  # barriers this worker has passed

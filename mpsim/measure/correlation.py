@@ -142,8 +142,8 @@ def _demand_uniform(states: Sequence[State], scene: Scene) -> None:
     for what, present in reasons.items():
         if present:
             raise InputError(
-                f"pair_correlation needs a uniform density; this scene has {what}, which gathers discs in some places. "
-                "Make a scene of these discs without it, and measure there once it has settled."
+                f"pair_correlation needs a uniform density; this scene has {what}, which makes the density "
+                "non-uniform. Make a scene of these discs without it, and measure there once it has settled."
             )
     gone = sum(int((~state.present).sum()) for state in states)
     if gone:

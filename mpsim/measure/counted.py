@@ -5,7 +5,6 @@ is counted.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.features.edges import EDGES
-from mpsim.measure.driving import has_fields
+from mpsim.measure.driving import has_body_force
 from mpsim.measure.statistics import FEWEST_EVENTS, Measure, block_average, ratio_average
 from mpsim.scene.scene import Scene
 
@@ -83,7 +82,7 @@ def _alternation(pressure: float, mass: float, run: Run) -> float:
     Discs carry it at their speed v, and collisions transfer it over a diameter, together at v P V / (N k T).
     """
     scene = run.scene
-    if has_fields(scene) or not (pressure > 0 and run.speed > 0):
+    if has_body_force(scene) or not (pressure > 0 and run.speed > 0):
         return 0.0
     passed = pressure * scene.width * scene.height / (run.count * mass * run.speed)
     return max(_free(scene)) / (passed * run.dt)
@@ -176,19 +175,17 @@ def _diameter(run: Run) -> float:
     return 2 * run.scene.largest_radius
 
 
-def collision_rate(counts: Counts, run: Run) -> Measure:
-    """Collisions per disc and time [1/time]; each counts for both discs."""
-    unit = 2 / (run.dt * max(run.count, 1))
-    return block_average(counts["collisions"] * unit, event=unit, constant=True)
-
-
 def contact_rate(counts: Counts, run: Run) -> Measure:
     """Contacts in which velocities changed, per disc and time [1/time]; each counts for both discs.
 
-    Equal to `collision_rate` unless discs rest on each other. Such a contact is permanent, and a stepped method
-    resolves it again in each step: in a heap this is a number of contacts per step, which grows as 1 / dt.
+    These are collisions unless discs rest on each other. Such a contact is permanent, and a stepped method resolves it
+    again in each step: in a heap this is a number of contacts per step, which grows as 1 / dt.
+
+    It goes by two names: `collision_rate` is refused in scenes where discs come to rest on each other, and is a
+    physical rate wherever it is given; `contact_rate` is given in all of them.
     """
-    return collision_rate(counts, run)
+    unit = 2 / (run.dt * max(run.count, 1))
+    return block_average(counts["collisions"] * unit, event=unit, constant=True)
 
 
 def overlap(counts: Counts, run: Run) -> Measure:
@@ -200,18 +197,6 @@ def largest_overlap(counts: Counts, run: Run) -> Measure:
     """Largest depth of an overlap detected in the whole run [length]; an extreme value, so without an error."""
     return Measure(float(counts["deepest"].max(initial=0.0)), float("nan"), len(counts), settled=False)
 
-
-COUNTED: dict[str, Callable[[Counts, Run], Measure]] = {
-    "pressure": pressure,
-    "pressure_virial": pressure_virial,
-    "pressure_xx": pressure_xx,
-    "pressure_yy": pressure_yy,
-    "pressure_xy": pressure_xy,
-    "collision_rate": collision_rate,
-    "contact_rate": contact_rate,
-    "overlap": overlap,
-    "largest_overlap": largest_overlap,
-}
 
 COMPONENTS: tuple[str, ...] = ("pressure_xx", "pressure_yy", "pressure_xy")
 """Measures that need the flow of momentum along the run."""

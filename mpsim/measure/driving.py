@@ -1,4 +1,4 @@
-"""What changes the energy of the discs of a scene: fields, moving walls, emitters, absorbing edges, losses."""
+"""What changes the number of discs of a scene, or their energy: features, fields, moving walls, losses."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,8 @@ def strongest_field(scene: Scene) -> float:
     return max(gravity_strength(scene), _largest(scene.acceleration))
 
 
-def has_fields(scene: Scene) -> bool:
-    """Whether gravity, or accelerations of the discs, are given, zeros included."""
+def has_body_force(scene: Scene) -> bool:
+    """Whether the scene gives gravity, or accelerations of the discs, even if they are zero."""
     return scene.gravity is not None or scene.acceleration is not None
 
 
@@ -43,7 +43,17 @@ def has_losses(scene: Scene) -> bool:
     return is_inelastic(scene) or scene.dissipates
 
 
+def adds_discs(scene: Scene) -> bool:
+    """Whether discs enter while the scene runs."""
+    return any(each.adds_discs and each.is_in(scene) for each in FEATURES)
+
+
+def removes_discs(scene: Scene) -> bool:
+    """Whether discs may leave while the scene runs."""
+    return any(each.removes_discs and each.is_in(scene) for each in FEATURES)
+
+
 def conserves_energy(scene: Scene) -> bool:
-    """Whether the kinetic energy is constant: no fields, moving walls, emitters, absorbing edges or losses."""
-    driven = acceleration_bound(scene) > 0 or scene.moving_wall is not None or bool(scene.emitters)
-    return not driven and not has_losses(scene) and not scene.absorbing
+    """Whether the kinetic energy is constant: no fields, moving walls or losses, and always the same discs."""
+    driven = acceleration_bound(scene) > 0 or scene.moving_wall is not None or has_losses(scene)
+    return not driven and not adds_discs(scene) and not removes_discs(scene)

@@ -18,7 +18,7 @@ from mpsim.core.state import State
 from mpsim.measure.pairs import close_pairs, lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene
 
-ROUNDINGS = 8
+TOUCHING = 8
 """Overlaps of up to this many units in the last place of the box's size count as touching: the rounding error of two
 coordinates. Less would report discs that were pushed exactly apart, more would hide real overlaps."""
 
@@ -87,8 +87,7 @@ def kinetic_energy(state: State, scene: Scene) -> float:
     >>> kinetic_energy(State(scene.position, scene.velocity), scene)
     13.0
     """
-    velocity = _velocity(state)
-    translation = 0.5 * float((_masses("kinetic_energy", scene, state) * velocity**2).sum())
+    translation = energy_of_velocities(state, _masses("kinetic_energy", scene, state)[:, 0])
     return translation if state.spin is None else translation + rotational_energy(state, scene)
 
 
@@ -108,6 +107,11 @@ def rotational_energy(state: State, scene: Scene) -> float:
     """
     masses, radii = _masses("rotational_energy", scene, state)[:, 0], _radii("rotational_energy", scene, state)
     return energy_of_spins(state, masses, radii)
+
+
+def energy_of_velocities(state: State, masses: NDArray[np.float64]) -> float:
+    """`kinetic_energy` of translation alone, for masses, shape (N,) or (1,), of the discs present."""
+    return 0.5 * float((masses[:, None] * _velocity(state) ** 2).sum())
 
 
 def energy_of_spins(state: State, masses: NDArray[np.float64], radii: NDArray[np.float64]) -> float:
@@ -202,7 +206,7 @@ def temperature(state: State, scene: Scene, *, remove_drift: bool = False) -> fl
 def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None) -> Overlap:
     """Number of overlapping pairs, their largest and mean depth. O(N) by cells of the largest diameter.
 
-    Overlaps within the rounding of the state's precision (ROUNDINGS) count as touching. Along a periodic axis the
+    Overlaps within the rounding of the state's precision (TOUCHING) count as touching. Along a periodic axis the
     nearest images count. Overlaps with capsules are not included.
 
     Args:
@@ -216,7 +220,7 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
     >>> overlap(State(scene.position, scene.velocity), scene)
     Overlap(pairs=1, largest=0.25, mean=0.25, worst=(0, 1))
     """
-    rounding = ROUNDINGS * float(np.finfo(state.position.dtype).eps) * max(scene.width, scene.height)
+    rounding = TOUCHING * float(np.finfo(state.position.dtype).eps) * max(scene.width, scene.height)
     position, numbers = _position(state), np.flatnonzero(state.present)
     radii = _radii("overlap", scene, state) if radii is None else _each("overlap", "radius", radii, state)
     diameter = 2 * float(radii.max(initial=0.0))
@@ -291,18 +295,18 @@ def speed_distribution(state: State, bins: int | ArrayLike = 50) -> SpeedDistrib
 def mean_squared_displacement(before: State, after: State, scene: Scene | None = None) -> float:
     """Mean over the discs of |r(after) - r(before)|^2 [length^2], >= 0, for the same discs in the same order.
 
-    Displacements are unwrapped: states of a simulation count crossings of periodic borders (`State.image`). Discs that
+    Displacements are unwrapped: states of a simulation have image flags (`State.image`). Discs that
     are absent in one of the states are left out.
 
     Args:
-        before, after: the states, both with counts of periods or both without.
-        scene: that of the states. Needed along periodic axes for states without counts, made by hand or read from an
-            old file: the nearest image is taken, which is right if no disc has moved by half of that axis. Without a
-            scene and counts, positions are taken as they are.
+        before, after: the states, both with image flags or both without.
+        scene: that of the states. Needed along periodic axes for states without image flags, made by hand or read from
+            an old file: the nearest image is taken, which is right if no disc has moved by half of that axis. Without a
+            scene and flags, positions are taken as they are.
 
     Raises:
         InputError: if the states have no disc in common or different numbers of them, or are not finite; if only one
-            has counts of periods, as then displacements are unknown.
+            has image flags, as then displacements are unknown.
 
     Source: Einstein (1905): 4 D t after long times in two dimensions, D the diffusion coefficient.
 
@@ -320,7 +324,7 @@ def mean_squared_displacement(before: State, after: State, scene: Scene | None =
     _demand_discs(name, len(common), 1)
     if (before.image is None) != (after.image is None):
         raise InputError(
-            f"{name} needs counts of periods (State.image) in both states or in neither; got them in one. Take both "
+            f"{name} needs image flags (State.image) in both states or in neither; got them in one. Take both "
             "from a simulation, or give the scene's start as State(..., image=numpy.zeros((N, 2), int), box=scene.box)."
         )
     if before.image is None or after.image is None:

@@ -1,9 +1,7 @@
 """Averages along a run: what each measure needs, and how its value and error follow from the frames.
 
-There are three kinds. *Counted* measures are sums that the kernels keep for each frame on request (impulses on walls
-and between discs, overlaps). *Sampled* measures are functions of a state, taken at fixed frames, so that neither the
-number of workers nor the length of a slice can change them. *Drifts* compare the final state with the initial one
-and with the counts in between.
+Which there are, and of which kinds, `registry` says. States are sampled at fixed frames, so that neither the number of
+workers nor the length of a slice can change an average.
 """
 
 from collections.abc import Callable, Iterable
@@ -19,8 +17,9 @@ from mpsim.core.state import State
 from mpsim.features import FEATURES
 from mpsim.kernels import records
 from mpsim.measure import observables
-from mpsim.measure.counted import COMPONENTS, COUNTED, Counts, Run
-from mpsim.measure.driving import conserves_energy, has_fields, has_losses, is_inelastic
+from mpsim.measure.counted import COMPONENTS, Counts, Run
+from mpsim.measure.driving import adds_discs, has_body_force, has_losses, is_inelastic
+from mpsim.measure.registry import COUNTED, DRIFTS, NAMES, OBSERVABLES, SAMPLED
 from mpsim.measure.statistics import Measure, block_average
 from mpsim.scene.scene import Scene
 
@@ -29,56 +28,6 @@ SAMPLES = 200
 
 FLOW_SAMPLES = 1000
 """The same for the flow of momentum, the kinetic part of a pressure, which fluctuates more."""
-
-
-def _of_those_present(mean: Callable[[State, Scene], float]) -> Callable[[State, Scene], float]:
-    """A mean over discs that is NaN once all have left: the run continues, and its average is undefined."""
-    return lambda state, scene: mean(state, scene) if state.present.any() else float("nan")
-
-
-def _of_those_moving(mean: Callable[[State, Scene], float]) -> Callable[[State, Scene], float]:
-    """The same for a mean that is NaN once all discs present have come to rest."""
-    return lambda state, scene: mean(state, scene) if state.velocity[state.present].any() else float("nan")
-
-
-SAMPLED: dict[str, Callable[[State, Scene], float]] = {
-    "kinetic_energy": observables.kinetic_energy,
-    "temperature": _of_those_present(observables.temperature),
-    "speed_kurtosis": _of_those_moving(lambda state, scene: observables.speed_kurtosis(state)),
-}
-
-
-def energy_drift(counts: Counts, run: Run, before: State, after: State) -> float:
-    """Change of kinetic plus potential energy per time, over the larger of both kinetic energies [1/time]."""
-    kinetic = [observables.kinetic_energy(state, run.scene) for state in (before, after)]
-    potential = [observables.potential_energy(state, run.scene) for state in (before, after)]
-    change = kinetic[1] - kinetic[0] + potential[1] - potential[0]
-    return change / (max(kinetic) * run.dt * len(counts)) if max(kinetic) else 0.0
-
-
-def momentum_drift(counts: Counts, run: Run, before: State, after: State) -> float:
-    """Change of momentum that is not due to walls or gravity, per time, over the sum of m |v| [1/time], >= 0.
-
-    Newton's third law keeps it at rounding; `reflect` violates that law. The larger sum of both states is taken.
-    """
-    left, right, bottom, top = counts["wall"].sum(axis=0)
-    time, given = run.dt * len(counts), np.array([left - right, bottom - top])
-    masses = 1.0 if run.scene.mass is None else run.scene.mass
-    if run.scene.gravity is not None:
-        given += (run.count if run.scene.mass is None else run.scene.mass.sum()) * run.scene.gravity * time
-    if run.scene.acceleration is not None:
-        given += (run.scene.acceleration.T * masses).sum(axis=1) * time
-    gained = observables.momentum(after, run.scene) - observables.momentum(before, run.scene)
-    momenta = max(float((masses * np.hypot(*state.velocity.astype(float).T)).sum()) for state in (before, after))
-    return float(np.hypot(*(gained - given))) / (momenta * time) if momenta else 0.0
-
-
-DRIFTS: dict[str, Callable[[Counts, Run, State, State], float]] = {
-    "energy_drift": energy_drift,
-    "momentum_drift": momentum_drift,
-}
-
-NAMES = (*COUNTED, *SAMPLED, *DRIFTS)
 
 
 def _fills(scene: Scene, axis: int) -> bool:
@@ -106,7 +55,7 @@ def _names_of(measures: tuple[str, ...]) -> tuple[str, ...]:
 _REFUSALS: tuple[_Refusal, ...] = (
     _Refusal(
         _VIRIALS,
-        has_fields,
+        has_body_force,
         "gravity and acceleration, which the virial leaves out",
         "Use 'pressure', the impulses on the walls.",
     ),
@@ -141,9 +90,9 @@ _REFUSALS: tuple[_Refusal, ...] = (
         "Use 'pressure_xx', along which they have.",
     ),
     *(
-        _Refusal(_names_of(spoiled.measures), feature.is_in, spoiled.what, spoiled.remedy)
+        _Refusal(_names_of(each.measures), feature.is_in, each.what, each.remedy)
         for feature in FEATURES
-        for spoiled in feature.spoils
+        for each in feature.invalidates
     ),
     _Refusal(
         ("pressure_xy",),
@@ -153,10 +102,9 @@ _REFUSALS: tuple[_Refusal, ...] = (
     ),
     _Refusal(
         ("collision_rate", "missed_collisions"),
-        lambda scene: has_losses(scene) and has_fields(scene),
+        lambda scene: has_losses(scene) and has_body_force(scene),
         "losses under gravity or acceleration, where discs come to rest on each other and are in contact all the time",
-        "Use 'overlap'; or of a run 'contact_rate', the contacts resolved, of which each step makes anew those of "
-        "discs at rest.",
+        "Use 'overlap'; or in a run 'contact_rate', which counts a resting contact once per step.",
     ),
     _Refusal(
         ("energy_drift",),
@@ -177,7 +125,7 @@ def refusal(name: str, scene: Scene, count: int | None = None) -> str | None:
     """Why a measure would be wrong in a scene, or None.
 
     Args:
-        name: of the measure, or of an error of a trade (`replicas.MEASURES`).
+        name: of the measure, or of an error of a trade-off study (`registry.ERRORS`).
         scene: the scene.
         count: number of discs now; None: that of the scene.
 
@@ -189,7 +137,7 @@ def refusal(name: str, scene: Scene, count: int | None = None) -> str | None:
         if ("pressure_virial" if virial else name) in each.measures and each.is_in(scene):
             hint = "Without walls it is the virial: give the scene walls." if virial else each.remedy
             return f"measures may hold {name!r} only without {each.what}; this scene has them. {hint}"
-    grown = count not in (None, scene.count) or bool(scene.emitters)
+    grown = count not in (None, scene.count) or adds_discs(scene)
     weighed = name in ("kinetic_energy", "temperature", *_VIRIALS, *DRIFTS) or virial
     accelerated = name in DRIFTS and scene.acceleration is not None
     if grown and (accelerated or (weighed and (scene.mass is not None or any(e.mass for e in scene.emitters)))):
@@ -297,7 +245,7 @@ class RunAverages:
             elif name in COUNTED:
                 results[name] = COUNTED[name](counts, run)
             elif name in SAMPLED:
-                results[name] = block_average(self._samples[name], constant=_cannot_change(name, run))
+                results[name] = block_average(self._samples[name], constant=OBSERVABLES[name].constant(run))
             elif self._before is None or not len(counts):
                 results[name] = Measure(float("nan"), float("nan"), 1, settled=False)
             else:
@@ -311,7 +259,7 @@ class RunAverages:
         if walls or "pressure_virial" in self._names or "pressure" in self._names:
             state = self._state()
             if walls:
-                run = replace(run, speed=_speed(state))
+                run = replace(run, speed=_speed(state), count=int(state.present.sum()))
             if "pressure_virial" in self._names or not walls:
                 run = replace(run, kinetic_energy=_energy_without_drift(state, run.scene))
         if self._samples.get("flow"):
@@ -319,17 +267,10 @@ class RunAverages:
         return run
 
 
-def _cannot_change(name: str, run: Run) -> bool:
-    """Whether a mean over discs is constant by physics; if not, one that has not changed may still do so.
-
-    Collisions change a kurtosis; they conserve the energy if nothing else changes it.
-    """
-    return conserves_energy(run.scene) and (name != "speed_kurtosis" or run.count == 1)
-
-
 def _speed(state: State) -> float:
-    """Root mean square of one velocity component."""
-    return float(np.sqrt((state.velocity.astype(np.float64) ** 2).mean())) if len(state.velocity) else 0.0
+    """Root mean square of one velocity component of the discs present."""
+    velocity = state.velocity[state.present].astype(np.float64)
+    return float(np.sqrt((velocity**2).mean())) if len(velocity) else 0.0
 
 
 def _flow(state: State, scene: Scene) -> tuple[float, float, float]:

@@ -20,7 +20,7 @@ LEAST = 16
 MOST = 128
 """Largest number: S(0) is then known to 13 %, its root to 7 %."""
 
-BENT = 6.0
+CURVATURE_DEVIANCE = 6.0
 """Deviance by which a curve with one more parameter must fit better: by chance it does in one case of 70."""
 
 AGREED = 3.0
@@ -50,12 +50,12 @@ class AtZero:
     slower: float = 0.0
 
     @property
-    def memory(self) -> float:
+    def correlation_time(self) -> float:
         """Longest correlation time found, as a fraction of the length of the series; 0 if S rises."""
-        return max(_memory(self.slope, self.ordinates), self.slower)
+        return max(_correlation_time(self.slope, self.ordinates), self.slower)
 
 
-def _memory(slope: float, ordinates: int) -> float:
+def _correlation_time(slope: float, ordinates: int) -> float:
     """Correlation time whose spectrum falls with this slope, as a fraction of the length of the series."""
     return math.sqrt(max(slope, 0.0)) / (2 * math.pi * ordinates)
 
@@ -66,9 +66,9 @@ def at_zero(series: NDArray[np.float64]) -> AtZero:
     Ordinates I_k of the periodogram are independent and exponentially distributed with mean S(k / n). A curve is fitted
     to the first K of them by maximum likelihood: S(0) / (1 + r k^2), for an exponential correlation, or S(0) exp(r k^2)
     if S rises. K is the largest of 16, 32, 64, 128 at which the fit is good: a quotient (1 + r k^2) / (1 + s k^2) does
-    not fit better by more than BENT, and fits to fewer ordinates, with standard errors of 1.5 / sqrt(K) in log S(0),
-    agree with it within AGREED. If a quotient fits better at any K, and falls (s > r), there is a slow component
-    besides faster ones, such as white noise: its correlation time counts as well.
+    not fit better by more than CURVATURE_DEVIANCE, and fits to fewer ordinates, with standard errors of 1.5 / sqrt(K)
+    in log S(0), agree with it within AGREED. If a quotient fits better at any K, and falls (s > r), there is a slow
+    component besides faster ones, such as white noise: its correlation time counts as well.
 
     Args:
         series: shape (n,), n >= 3 [any]. Fewer than 2 LEAST + 1 samples have fewer than LEAST ordinates.
@@ -85,11 +85,11 @@ def at_zero(series: NDArray[np.float64]) -> AtZero:
     if not periodogram[:LEAST].any():
         return AtZero(0.0, 0.0, min(LEAST, len(periodogram)))
     found, bent, slower = _fit(periodogram[:LEAST])
-    fits, slowest = [found], slower if bent > BENT else 0.0
+    fits, slowest = [found], slower if bent > CURVATURE_DEVIANCE else 0.0
     while 2 * fits[-1].ordinates <= min(len(periodogram), MOST):
         fit, bent, slower = _fit(periodogram[: 2 * fits[-1].ordinates])
         fits.append(fit)
-        if bent > BENT:
+        if bent > CURVATURE_DEVIANCE:
             slowest = max(slowest, slower)
         elif all(map(_agrees(fit), fits)):
             found = fit
@@ -109,7 +109,7 @@ def _fit(ordinates: NDArray[np.float64]) -> tuple[AtZero, float, float]:
     found = AtZero(float(densities[best]), float(slopes[best]), len(ordinates))
     bent = _likelihood(ordinates, two)[1]
     rise, fall = (float(_COARSE[k]) for k in divmod(int(bent.argmin()), len(_COARSE)))
-    return found, float(deviances[best] - bent.min()), _memory(fall if fall > rise else 0.0, len(ordinates))
+    return found, float(deviances[best] - bent.min()), _correlation_time(fall if fall > rise else 0.0, len(ordinates))
 
 
 @functools.cache

@@ -26,7 +26,7 @@ FEWEST_EVENTS = 16
 """Number of events (samples that are not zero) from which on their scatter says more than their number; and number of
 changes of a series from which on it may have shown its variation."""
 
-ROUNDING = 1e-12
+RELATIVE_ROUNDING = 1e-12
 """Relative fluctuations below this are rounding."""
 
 
@@ -148,9 +148,9 @@ def block_average(
     events = samples[samples != 0]
     if len(events) < FEWEST_EVENTS:
         return _of_few_events(value, events, n, event)
-    if np.ptp(samples) <= ROUNDING * abs(value):
+    if np.ptp(samples) <= RELATIVE_ROUNDING * abs(value):
         return Measure(value, float(np.ptp(samples)) if constant else math.nan, n, settled=constant)
-    changes = np.abs(np.diff(samples)) > ROUNDING * np.abs(samples).max()
+    changes = np.abs(np.diff(samples)) > RELATIVE_ROUNDING * np.abs(samples).max()
     still = np.count_nonzero(changes) < FEWEST_EVENTS
     blocks = samples - value
     while len(blocks) >= MOST_BLOCKS:
@@ -159,7 +159,7 @@ def block_average(
     steep = found.ordinates == spectrum.LEAST and -found.slope > RISING
     if not still and (steep or n < MEMORIES * alternation):
         return Measure(value, float(block_errors(samples)[-1]), n, settled=False, upper=True)
-    if still or found.ordinates < spectrum.LEAST or found.memory * MEMORIES > 1:
+    if still or found.ordinates < spectrum.LEAST or found.correlation_time * MEMORIES > 1:
         return Measure(value, float(block_errors(samples).max()), n, settled=False)
     return Measure(value, math.sqrt(found.density / len(blocks)), n)
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.engine.simulation import Simulation
 from mpsim.measure.pairs import lengths_of, to_nearest_image
-from mpsim.output.frames import Frame, among, differs, frame_of
+from mpsim.output.frames import Frame, differs, frame_of, select
 from mpsim.scene.scene import Scene
 
 NEEDED = {"time": "times", "velocity": "velocities", "radius": "radii", "mass": "masses", "ids": "numbers of discs"}
@@ -39,7 +39,7 @@ def discrepancy(sim: Simulation, first: Frame, last: Frame) -> str | None:
     wrong = _setting(sim, now, last) or _discs(sim, now, last)
     if wrong is None and last.frame == now.frame:
         # The frame may have been written before discs were added at it; they are in the next one.
-        wrong = differs(last, among(now, last.ids))
+        wrong = differs(last, select(now, last.ids))
     if wrong is not None:
         return f"at frame {last.frame} {wrong}"
     if first.frame == 0 and not _begins_as(sim.scene, first):
@@ -86,7 +86,7 @@ def _discs(sim: Simulation, now: Frame, last: Frame) -> str | None:
 def _begins_as(scene: Scene, first: Frame) -> bool:
     """Whether the discs of the scene are in the first frame where they start, as fast as they start."""
     ids = np.arange(scene.count)
-    start = among(first, ids)
+    start = select(first, ids)
     if not checks.equal(start.ids, ids):
         return False
     offset = np.abs(to_nearest_image(start.position - scene.position, lengths_of(scene)))

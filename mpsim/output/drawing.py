@@ -97,7 +97,8 @@ def _draw_box(axes: Axes, scene: Scene) -> None:
         axes.spines[side].set_visible(True)
         axes.spines[side].set_linestyle(":" if scene.periodic[axis] else "-")
     shifts = [
-        (0.0, -length, length) if wraps else (0.0,) for length, wraps in zip(_size(scene), scene.periodic, strict=True)
+        (0.0, -length, length) if wraps else (0.0,)
+        for length, wraps in zip((scene.width, scene.height), scene.periodic, strict=True)
     ]
     shapes: list[Any] = []
     for (ax, ay, bx, by, radius), (x, y) in product(scene.capsules.tolist(), product(*shifts)):
@@ -112,10 +113,6 @@ def _draw_box(axes: Axes, scene: Scene) -> None:
         axes.add_collection(PatchCollection(shapes, facecolor=SOLID_COLOUR, edgecolor=SOLID_COLOUR, linewidth=1))
 
 
-def _size(scene: Scene) -> tuple[float, float]:
-    return scene.width, scene.height
-
-
 def closed_off(scene: Scene, time: float) -> Rectangle | None:
     """The region of the box behind a moving wall at a time, as a shape to be drawn; None if all walls are at rest.
 
@@ -126,7 +123,7 @@ def closed_off(scene: Scene, time: float) -> Rectangle | None:
     wall = scene.moving_wall
     if wall is None:
         return None
-    low, high = (0.0, wall.at(time)) if wall.speed > 0 else (wall.at(time), _size(scene)[wall.axis])
+    low, high = (0.0, wall.at(time)) if wall.speed > 0 else (wall.at(time), (scene.width, scene.height)[wall.axis])
     if wall.axis == 0:
         return Rectangle((low, 0), high - low, scene.height, color=BEHIND_COLOUR)
     return Rectangle((0, low), scene.width, high - low, color=BEHIND_COLOUR)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
+from mpsim.core.columns import Column, in_state
 from mpsim.core.errors import TrajectoryError
 from mpsim.core.state import State, in_frame
 from mpsim.engine.simulation import Simulation
@@ -24,8 +25,8 @@ class Frame:
         periodic: whether x, and whether y, is periodic.
         position: shape (N, 2) [length], in the precision of the run and the coordinates of the scene.
         source: the file, for error texts.
-        known: what else the file holds of time, velocity, radius, mass, image, spin and ids; each is also an attribute,
-            which raises TrajectoryError where the file lacks it.
+        known: what else the file holds of time, velocity, radius, mass, ids and the further columns of a state; each is
+            also an attribute, which raises TrajectoryError where the file lacks it.
 
     >>> corner = Frame(0, (4.0, 2.0), (0.0, 0.0), (True, False), np.array([[1.0, 1.0]]), Path("run.xyz"),
     ...                {"image": np.array([[-2, 0]])})
@@ -85,18 +86,18 @@ class Frame:
 
     @property
     def state(self) -> State:
-        """Positions, velocities, image counts, spins and walls as a State, which knows its digest."""
+        """Positions, velocities, walls and what else there is of a State, which knows its digest."""
         (width, height), (left, low) = self.box, self.origin
         walls = (left, left + width, low, low + height)
-        kept = {name: self.known.get(name) for name in ("image", "spin")}
-        return State(self.position, self.velocity, **kept, box=walls)
+        others: Any = {column.name: self.known.get(column.name) for column in in_state()}
+        return State(self.position, self.velocity, box=walls, **others)
 
     def _get(self, name: str) -> Any:
         if name not in self.known:
             found = ", ".join(["position", *sorted(self.known)])
             raise TrajectoryError(
                 f"{name} must be in a trajectory to be read from it; {str(self.source)!r} holds only {found}. "
-                f"Have the program that wrote it write {WRITTEN_AS[name]}, too."
+                f"Have the program that wrote it write {_written_as(name)}, too."
             )
         return self.known[name]
 
@@ -111,8 +112,25 @@ WRITTEN_AS = {
     "radius": "the column radius:R:1 (extended XYZ) or particles/diameter (GSD)",
     "mass": "the column masses:R:1 (extended XYZ) or particles/mass (GSD)",
     "image": "the column map_shift:I:3 (extended XYZ) or particles/image (GSD)",
-    "spin": "the column spin:R:1 (extended XYZ) or log/particles/mpsim/spin (GSD)",
 }
+"""Where formats have what has a name of its own in them."""
+
+
+def _written_as(name: str) -> str:
+    further = {
+        each.name: f"the column {each.name}:{kind_of(each)} (extended XYZ) or log/particles/mpsim/{each.name} (GSD)"
+        for each in in_state()
+    }
+    return (further | WRITTEN_AS)[name]
+
+
+def kind_of(column: Column) -> str:
+    """Type and width of a column in extended XYZ, where pairs are vectors that have a z as well.
+
+    >>> kind_of(Column("image", "", (2,), integer=True)), kind_of(Column("charge", ""))
+    ('I:3', 'R:1')
+    """
+    return f"{'I' if column.integer else 'R'}:{3 if column.components else 1}"
 
 
 def frame_of(sim: Simulation) -> Frame:
@@ -132,7 +150,7 @@ def frame_of(sim: Simulation) -> Frame:
     return Frame(sim.frame, box, origin, sim.scene.periodic, state.position[here], Path(), known)
 
 
-def among(frame: Frame, ids: NDArray[np.int64]) -> Frame:
+def select(frame: Frame, ids: NDArray[np.int64]) -> Frame:
     """The discs of a frame that are among some numbers."""
     these = np.isin(frame.ids, ids)
     known = {name: value[these] if isinstance(value, np.ndarray) else value for name, value in frame.known.items()}
@@ -145,10 +163,10 @@ def differs(a: Frame, b: Frame) -> str | None:
         if getattr(a, name) != getattr(b, name):
             return f"its {name} is {getattr(a, name)} and not {getattr(b, name)}"
     ours, theirs = ({"position": frame.position, **frame.known} for frame in (a, b))
-    for name in ("ids", "position", *(name for name in WRITTEN_AS if name != "time")):
+    for name in ("ids", "position", "velocity", "radius", "mass", *(column.name for column in in_state())):
         both = (name in ours) + (name in theirs)
         if both == 1 or (both and not checks.equal(ours[name], theirs[name])):
-            return f"its {name} of discs is another"
+            return f"its {name} of the discs differs"
     return None
 
 
@@ -179,7 +197,7 @@ class Writer(Protocol):
         """Append a frame."""
         ...
 
-    def keep(self, frames: int) -> None:
+    def truncate(self, frames: int) -> None:
         """Cut the file after its first frames."""
         ...
 

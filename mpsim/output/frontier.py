@@ -1,4 +1,4 @@
-"""Pictures of a trade: cost against error, and the Pareto front."""
+"""Pictures of a trade-off study: cost against error, and the Pareto front."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -170,13 +170,13 @@ def draw(axes: Axes, table: Tradeoff, measure: str, front: Sequence[Row], size: 
 def _drawable(table: Tradeoff, measure: str) -> list[Row]:
     """Rows that have a place in the picture: those that ran to the end, with an error that is a number."""
     rows = [row for row in table.rows if row.cost is not None and measure in row.errors]
-    return [row for row in rows if np.isfinite(row.errors[measure].shown)]
+    return [row for row in rows if np.isfinite(row.errors[measure].magnitude)]
 
 
 def _place(row: Row, measure: str) -> tuple[float, float]:
     """Error (its bound, where it is not resolved) in the unit of the axis, and cost."""
     assert row.cost is not None
-    return row.errors[measure].shown * _scale(measure), row.cost.median
+    return row.errors[measure].magnitude * _scale(measure), row.cost.median
 
 
 def _scale(measure: str) -> float:
@@ -300,7 +300,7 @@ def _label_front(axes: Axes, table: Tradeoff, measure: str, front: Sequence[Row]
         if error.resolved:
             ends = [axes.transData.transform((end, 1.0))[0] for end in _bar(error, _scale(measure))]
             taken.append(Bbox.from_extents(ends[0], y - 2 * pixels, ends[1], y + 2 * pixels))
-        elif error.shown > 0:
+        elif error.magnitude > 0:
             taken.append(Bbox.from_extents(x - 17 * pixels, y - 4 * pixels, x, y + 4 * pixels))
     line = _along(np.array([_pixel(axes, row, measure) for row in front]).reshape(-1, 2))
     for row in front:

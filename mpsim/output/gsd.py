@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from mpsim.core import atomic
+from mpsim.core.columns import in_state
 from mpsim.core.errors import OutputError, TrajectoryError
 from mpsim.output.frames import Frame
 
 _PER_DISC = {"position": "position", "velocity": "velocity", "radius": "radius", "mass": "mass", "id": "ids"}
-"""Arrays under log/particles/mpsim/, and the attributes of a Frame that they are."""
+"""Arrays under log/particles/mpsim/, and the attributes of a Frame that they are; further columns go by their names."""
 
 
 def library(module: str) -> Any:
@@ -58,9 +59,9 @@ class GsdWriter:
         made.log = {f"particles/mpsim/{name}": getattr(frame, ours) for name, ours in _PER_DISC.items()}
         if "image" in frame.known:
             made.particles.image = np.pad(frame.image.astype(np.int32), ((0, 0), (0, 1)))
-            made.log["particles/mpsim/image"] = frame.image
-        if "spin" in frame.known:
-            made.log["particles/mpsim/spin"] = frame.spin
+        for column in in_state():
+            if column.name in frame.known:
+                made.log[f"particles/mpsim/{column.name}"] = frame.known[column.name]
         made.log["mpsim/time"] = np.array([frame.time])
         made.log["mpsim/box"] = size
         made.log["mpsim/origin"] = np.array(frame.origin)
@@ -72,7 +73,7 @@ class GsdWriter:
         except RuntimeError as error:
             raise OSError(0, str(error)) from error
 
-    def keep(self, frames: int) -> None:
+    def truncate(self, frames: int) -> None:
         """Leave only the first frames. The library cannot shorten a file, so they are copied to another."""
         if frames == len(self._file):
             return
@@ -164,7 +165,7 @@ class GsdReader:
         real = np.float32 if self._chunk(index, "log/mpsim/single")[0] else np.float64
         none: dict[str, Any] = {"position": np.zeros((0, 2), real), "velocity": np.zeros((0, 2), real)}
         none |= {"radius": np.zeros(0), "ids": np.zeros(0, np.int64)}
-        names = {**_PER_DISC, "image": "image", "spin": "spin"}
+        names = {**_PER_DISC, **{column.name: column.name for column in in_state()}}
         found = {ours: self._chunk(index, f"log/particles/mpsim/{name}") for name, ours in names.items()}
         known: dict[str, Any] = {name: array for name, array in found.items() if array is not None} or none
         known["time"] = float(self._chunk(index, "log/mpsim/time")[0])

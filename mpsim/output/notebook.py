@@ -56,6 +56,8 @@ def report_html(report: Report) -> str:
         seconds = {word: float(report.phase_seconds[name].sum()) for name, word in phases_of(report).items()}
         shares = [f"{word} {100 * part / sum(seconds.values()):.0f} %" for word, part in seconds.items()]
         rows.append(("phases", ", ".join(shares)))
+    if report.compile_seconds:
+        rows.append(("compiling before", f"{report.compile_seconds:.1f} s"))
     rows += [(name, measure_text(measure).replace("+-", "±")) for name, measure in report.measures.items()]
     return table(rows, "report.plot() draws it")
 

@@ -29,8 +29,8 @@ class Ownership:
         """From now on refuse every simulation. advice: how to write more to the file."""
         self._closed = advice
 
-    def check(self, sim: Simulation) -> None:
-        """Make sure that it is the same simulation as before.
+    def bind_or_check(self, sim: Simulation) -> None:
+        """Bind to this simulation the first time; from then on make sure that it is the same.
 
         Raises:
             OutputError: if it is another, or after `close`; nothing was written.
@@ -50,11 +50,11 @@ class Ownership:
             )
 
 
-class Claim:
+class FileLock:
     """Keeps other writers from a file, in this process and in others, until it is released or the process ends.
 
     A lock of the system, by `flock`: it holds among those that ask for it, hinders no reader and leaves nothing behind.
-    Without a file, or on a file system without locks, nothing is claimed.
+    Without a file, or on a file system without locks, nothing is locked.
 
     Raises:
         OutputError: if another writer has the file.
@@ -62,11 +62,11 @@ class Claim:
 
     def __init__(self, path: Path):
         self._path = path
-        self._unlock: weakref.finalize[..., Claim] | None = None
+        self._unlock: weakref.finalize[..., FileLock] | None = None
         self.renew()
 
     def renew(self) -> None:
-        """Claim the file that is there now: another may have taken its place."""
+        """Lock the file that is there now: another may have taken its place."""
         self.release()
         try:
             descriptor = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK)  # a pipe must not wait for its other end
@@ -91,7 +91,7 @@ class Claim:
 
 
 def _unlock(descriptor: int, owner: int) -> None:
-    """End a claim, though a fork of its owner may still have the file open; in such a fork, leave it to the owner."""
+    """Unlock a file, though a fork of its owner may still have the file open; in such a fork, leave it to the owner."""
     if os.getpid() == owner:
         with suppress(OSError):  # there was no lock
             fcntl.flock(descriptor, fcntl.LOCK_UN)

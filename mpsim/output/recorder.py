@@ -13,7 +13,7 @@ from mpsim.core import atomic, checks, untrusted
 from mpsim.core.errors import InputError, OutputError, reason_of
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
-from mpsim.measure.observables import energy_of_spins, overlap
+from mpsim.measure.observables import energy_of_spins, energy_of_velocities, overlap
 from mpsim.output.ownership import Ownership
 
 MOST_BYTES = 2**30
@@ -28,9 +28,10 @@ COLUMNS: tuple[str, ...] = (
     "overlap_largest",
     "collision_rate",
 )
-"""Time [time], energy [mass length^2/time^2], depth of the overlaps at that moment [length], collisions per disc and
-time since the row before, or since the run was continued [1/time], each counting for both discs. Absorbed discs are not
-counted."""
+"""Time [time], energy [mass length^2/time^2], depth of the overlaps at that moment [length], and contacts resolved
+per disc and time since the row before, or since the run was continued [1/time], each counting for both discs: the
+`collisions` of a report. The measures `collision_rate` and `contact_rate` leave out contacts that changed no velocity.
+Absorbed discs are not counted."""
 
 
 class Recorder:
@@ -48,7 +49,7 @@ class Recorder:
         self.every: int = checks.whole("every", every, 1, 10**12, "1 writes a row for every frame.")
         self._path = Path(path)
         self._ownership = Ownership("table", self._path, "Make a Recorder for each, with a file of its own.")
-        self._ownership.check(sim)
+        self._ownership.bind_or_check(sim)
         self._since = sim.frame
         self._collisions = 0
         kept = [row for row in _rows(self._path) if int(row[0]) <= sim.frame]
@@ -66,7 +67,7 @@ class Recorder:
 
     def look(self, sim: Simulation, collisions: int) -> None:
         """Write a row for the present frame, unless it is there already."""
-        self._ownership.check(sim)
+        self._ownership.bind_or_check(sim)
         frames, met = sim.frame - self._since, collisions - self._collisions
         self._since, self._collisions = sim.frame, collisions
         if sim.frame <= self._last:
@@ -74,8 +75,7 @@ class Recorder:
         self._last = sim.frame
         here = ~sim.absorbed
         state, radii, masses = sim.state, sim.radii[here], sim.masses[here]
-        energy = 0.5 * float((masses[:, None] * state.velocity[here].astype(np.float64) ** 2).sum())
-        energy += energy_of_spins(state, masses, radii)
+        energy = energy_of_velocities(state, masses) + energy_of_spins(state, masses, radii)
         state = State(state.position[here], state.velocity[here])
         depth = overlap(state, sim.scene, radii)
         count = len(radii)

@@ -1,4 +1,4 @@
-"""Tables of a trade for people: in a terminal, in a notebook, on a page."""
+"""Tables of a trade-off study for people: in a terminal, in a notebook, on a page."""
 
 import html
 import io
@@ -13,15 +13,15 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.measure.statistics import FEWEST_BLOCKS, Measure
 from mpsim.studies import windows
-from mpsim.studies.deviations import FEW, RESOLVED, Deviation
+from mpsim.studies.deviations import FEW_RUNS, RESOLVED, Deviation
 
 if TYPE_CHECKING:
     from mpsim.studies.tradeoff import Row, Tradeoff
 
-UNITS = {"energy_drift": "1/time", "momentum_drift": "1/time", "overlap": "diam.", "largest_overlap": "diam.",
-         "trajectory": "diam."}  # fmt: skip
+UNITS = {name: OBSERVABLES[name].unit for name in ERRORS if OBSERVABLES[name].unit != "%"}
 """Units of errors; those of all others are per cent."""
 
 WIDTH = 220
@@ -68,7 +68,7 @@ def error_text(name: str, error: Deviation) -> str:
 def unresolved_text(errors: Iterable[Deviation]) -> str:
     """What "not resolved" means for some errors, in words: how many standard errors would be, more of few runs."""
     freedom = min((each.freedom for each in errors if each.measurable), default=math.inf)
-    few = f" (of so few runs {windows.quantile(RESOLVED, freedom):.3g})" if freedom + 1 < FEW else ""
+    few = f" (of so few runs {windows.t_from_z(RESOLVED, freedom):.3g})" if freedom + 1 < FEW_RUNS else ""
     return f"not resolved, below {RESOLVED:g} standard errors{few}"
 
 

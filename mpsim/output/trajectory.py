@@ -18,7 +18,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.output.continuation import discrepancy, lacking
 from mpsim.output.frames import Frame, Reader, Writer, frame_of
 from mpsim.output.gsd import GsdReader, GsdWriter
-from mpsim.output.ownership import Claim, Ownership
+from mpsim.output.ownership import FileLock, Ownership
 from mpsim.output.xyz import XyzReader, XyzWriter
 
 logger: logging.Logger = logging.getLogger("mpsim")
@@ -157,7 +157,7 @@ class TrajectoryWriter:
         if self.path.exists() and not self.path.is_file():
             raise OutputError(f"a trajectory must be a file; {str(self.path)!r} is none. Choose another name.")
         if mode != "x":
-            Claim(self.path).release()  # before the file is emptied, if nobody writes it
+            FileLock(self.path).release()  # before the file is emptied, if nobody writes it
         self._unchecked = mode == "a" and self.path.exists() and self.path.stat().st_size > 0
         kind = ENDINGS[self.path.suffix.lower()].writer
         try:
@@ -171,7 +171,7 @@ class TrajectoryWriter:
         except OSError as error:
             raise self._unwritable(error) from error
         try:
-            self._claim = Claim(self.path)
+            self._lock = FileLock(self.path)
         except OutputError:  # another writer was faster
             self._writer.close()
             raise
@@ -179,7 +179,7 @@ class TrajectoryWriter:
     def look(self, sim: Simulation, collisions: int) -> None:
         """Write the present frame, unless it is there already."""
         started = time.perf_counter()
-        self._ownership.check(sim)
+        self._ownership.bind_or_check(sim)
         if self._unchecked:
             self._continue(sim)
             self._unchecked = False
@@ -220,8 +220,8 @@ class TrajectoryWriter:
                     stacklevel=level_of_caller(),
                 )
             self._last = last.frame
-        self._writer.keep(kept)
-        self._claim.renew()
+        self._writer.truncate(kept)
+        self._lock.renew()
 
     def _demand_same_run(self, sim: Simulation, first: Frame, last: Frame) -> None:
         """Refuse to continue a file of another run, or one that does not hold what is written today."""
@@ -256,7 +256,7 @@ class TrajectoryWriter:
         """Close the file. May be called again."""
         self._ownership.close(f"To write more frames, use mpsim.Trajectory.write({str(self.path)!r}, mode='a').")
         self._writer.close()
-        self._claim.release()
+        self._lock.release()
 
 
 def _hint(path: Any) -> str:

@@ -17,38 +17,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import untrusted
+from mpsim.core.columns import IMAGE, MASS, Column, in_state
 from mpsim.core.errors import TrajectoryError, TrajectoryWarning, level_of_caller
-from mpsim.output.frames import Frame
+from mpsim.output.frames import Frame, kind_of
 
 PROPERTIES = "species:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1:velo:R:3:momenta:R:3:id:I:1"
 """Columns that mpsim writes: mass and velo by the names that OVITO knows, masses and momenta by those of ASE."""
-
-IMAGES = ":map_shift:I:3"
-"""Columns that are written as well where an axis is periodic: borders crossed, by the name that OVITO knows."""
-
-SPINS = ":spin:R:1"
-"""The column that is written as well where discs spin."""
 
 _DISC = "X %r %r 0.0 %r %r %r %r %r 0.0 %r %r 0.0 %d"
 
 _KEY = re.compile(r'([A-Za-z_][\w-]*)\s*=\s*(?:"([^"]*)"|\{([^}]*)\}|(\S+))')
 
-_NAMES = {
-    "pos": "position",
-    "velo": "velocity",
-    "vel": "velocity",
-    "radius": "radius",
-    "mass": "mass",
-    "masses": "mass",
-    "map_shift": "image",
-    "spin": "spin",
-    "id": "ids",
+_POSITION, _VELOCITY = Column("position", "centres", (2,)), Column("velocity", "velocities", (2,))
+
+_NAMED: dict[str, Column] = {
+    "pos": _POSITION,
+    "velo": _VELOCITY,
+    "vel": _VELOCITY,
+    "radius": Column("radius", "radii"),
+    "mass": MASS,
+    "masses": MASS,
+    "map_shift": IMAGE,
+    "id": Column("ids", "numbers of the discs", integer=True),
 }
-"""Columns that are read, and the attributes of a Frame that they are."""
-
-_VECTORS = ("position", "velocity", "image")
-
-_WHOLE = ("image", "ids")
+"""Columns that go by the names that OVITO and ASE know; each bears the name of the attribute of a Frame that it is."""
 
 _LONGEST_COUNT = 18
 """Bytes of the line that holds the number of discs at most: a longer one is no trajectory."""
@@ -69,7 +61,7 @@ class XyzWriter:
         self._file.write(text_of(frame).encode())
         self._file.flush()
 
-    def keep(self, frames: int) -> None:
+    def truncate(self, frames: int) -> None:
         """Cut the file after its first frames, and what a kill has left behind the last whole one."""
         offsets, _ = scan(self._path)
         self._file.truncate(offsets[frames])
@@ -127,7 +119,8 @@ class XyzReader:
         position = known.pop("position")
         if "float32" in keys.get("precision", ""):
             position = position.astype(np.float32)
-            known |= {name: known[name].astype(np.float32) for name in ("velocity", "spin") if name in known}
+            reals = ("velocity", *(column.name for column in in_state() if not column.integer))
+            known |= {name: known[name].astype(np.float32) for name in reals if name in known}
         for key in ("Time", "time"):
             if key in keys:
                 known["time"] = _number(keys[key], where, key)
@@ -153,12 +146,12 @@ def text_of(frame: Frame) -> str:
     momenta = (mass[:, None] * velocity).T
     columns: list[Any] = [*frame.position.T, frame.radius, mass, mass, *velocity.T, *momenta, frame.ids]
     properties, disc = PROPERTIES, _DISC
-    if "image" in frame.known:
-        properties, disc = properties + IMAGES, disc + " %d %d 0"
-        columns += [*frame.image.T]
-    if "spin" in frame.known:
-        properties, disc = properties + SPINS, disc + " %r"
-        columns.append(frame.spin.astype(np.float64))
+    for name, column in _of_states().items():
+        if column.name in frame.known:
+            number, zero = (" %d", " 0") if column.integer else (" %r", " 0.0")
+            properties += f":{name}:{kind_of(column)}"
+            disc += 2 * number + zero if column.components else number
+            columns += [*np.atleast_2d(frame.known[column.name].T).astype(column.dtype(np.dtype(np.float64)))]
     lines = [
         f'{len(mass)}\nLattice="{width!r} 0.0 0.0 0.0 {height!r} 0.0 0.0 0.0 1.0" Origin="{left!r} {low!r} 0.0" '
         f'Properties={properties} Time={frame.time!r} pbc="{wraps}" Frame={frame.frame} '
@@ -241,23 +234,28 @@ def _columns(lines: list[str], properties: str, where: str) -> dict[str, Any]:
             f"{where} must have {sum(widths)} columns, as its Properties say; got a line with {len(row)}: "
             f"{' '.join(row)!r:.80}. The file is damaged, or another program has written it wrongly."
         )
-    found, first = {}, 0
+    known, found, first = {**_NAMED, **_of_states()}, {}, 0
     for name, width in zip(parts[::3], widths, strict=True):
-        if name in _NAMES:
-            found[_NAMES[name]] = _read_columns(tokens, slice(first, first + width), name, where)
+        if name in known:
+            found[known[name].name] = _read_columns(tokens, slice(first, first + width), name, known[name], where)
         first += width
     if "position" not in found:
         raise TrajectoryError(f"{where} must have the column pos:R:3, the places; its Properties are {properties:.80}.")
     return found
 
 
-def _read_columns(tokens: list[list[str]], which: slice, name: str, where: str) -> NDArray[Any]:
+def _of_states() -> dict[str, Column]:
+    """Further columns of a state, by their names in a file: their own where OVITO and ASE know none."""
+    names = {column: name for name, column in _NAMED.items()}
+    return {names.get(column, column.name): column for column in in_state()}
+
+
+def _read_columns(tokens: list[list[str]], which: slice, name: str, column: Column, where: str) -> NDArray[Any]:
     """Numbers of shape (N,), or (N, 2) for vectors, of which z is left out."""
-    ours = _NAMES[name]
-    wide, whole = ours in _VECTORS, ours in _WHOLE
+    wide = column.components == (2,)
     try:
-        values = [(int if whole else float)(value) for row in tokens for value in row[which]]
-        table = np.array(values, np.int64 if whole else np.float64)
+        values = [(int if column.integer else float)(value) for row in tokens for value in row[which]]
+        table = np.array(values, column.dtype(np.dtype(np.float64)))
     except (ValueError, OverflowError) as error:
         raise TrajectoryError(
             f"{where} must hold numbers in its column {name}; got this error: {error!s:.120}."

@@ -1,5 +1,6 @@
 """A scene that continues from a state of a run of it: what the discs that are present have by then."""
 
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -8,11 +9,11 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.core.state import State
-from mpsim.features import FEATURES, PER_DISC
+from mpsim.features import FEATURES
 
 
-def continue_from(scene: Any, state: State) -> None:
-    """Let a scene, which is nobody else's yet, start from a state: see `Scene.starting_from`.
+def move_to_state(scene: Any, state: State) -> None:
+    """Change a scene, a copy that nothing else refers to, so that it starts from a state: see `Scene.starting_from`.
 
     Raises:
         InputError: if the number of discs differs, or a number is not finite.
@@ -28,9 +29,10 @@ def continue_from(scene: Any, state: State) -> None:
     for feature in [each for each in FEATURES if each.is_in(scene)]:
         if state.box is not None:
             setattr(scene, feature.argument, feature.continued(scene, state.box))
-        for name in feature.per_disc:
-            if (values := getattr(state, name)) is not None:
-                setattr(scene, name, checks.finite_array(name, values, (count,), f"({count},)"))
+        for column in feature.columns:
+            if column.given and column.in_state and (values := getattr(state, column.name)) is not None:
+                shape = column.rows(count)
+                setattr(scene, column.name, checks.finite_array(column.name, values, shape, f"{shape}"))
     _keep(scene, state.present)
     low, high = scene.limits(scene.radius)
     inside = np.clip(position[state.present], low, high)
@@ -46,13 +48,7 @@ def _keep(scene: Any, kept: NDArray[np.bool_]) -> None:
     """Keep what the discs of a mask, shape (count,), have of their own, and drop the others."""
     if kept.all():
         return
-    count = int(kept.sum())
-    if isinstance(scene.radius, np.ndarray):
-        scene.radius = checks.one_or_each("radius", scene.radius[kept], count, "[length]")
-    if scene.mass is not None:
-        scene.mass = checks.masses(scene.mass[kept], count)
-    if scene.acceleration is not None:
-        scene.acceleration = checks.finite_array("acceleration", scene.acceleration[kept], (count, 2), "(N, 2)")
-    for name in PER_DISC:
-        if (values := getattr(scene, name)) is not None:
-            setattr(scene, name, checks.finite_array(name, values[kept], (count,), "(N,)"))
+    for name, each in chain.from_iterable(feature.all_per_disc.items() for feature in FEATURES):
+        values = getattr(scene, name)
+        if isinstance(values, np.ndarray):
+            setattr(scene, name, each.check(values[kept], int(kept.sum())))

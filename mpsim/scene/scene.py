@@ -18,20 +18,24 @@ from mpsim.core.views import view
 from mpsim.features import FEATURES
 from mpsim.features.absorption import check_edges
 from mpsim.features.capsules import CapsuleIndex
-from mpsim.features.edges import MovingWall, check_boundary
+from mpsim.features.edges import MovingWall, check_boundary, kinds_of, wraps_of
 from mpsim.features.emitters import Emitter, check_emitters
 from mpsim.features.feature import Deepest
+from mpsim.features.fields import check_acceleration, check_gravity
 from mpsim.features.friction import check_friction
 from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles
 from mpsim.features.piston import Piston, check_piston
+from mpsim.features.radii import check_radius
+from mpsim.features.restitution import Restitution
 from mpsim.scene import placement, starts
-from mpsim.scene.continuing import continue_from
+from mpsim.scene.continuing import move_to_state
+from mpsim.scene.old_names import OldNames
 
 LARGEST_COUNT = 100_000_000
 """More discs than this is taken for a mistake (a scene of this size needs some 10 GB)."""
 
 
-class Scene:
+class Scene(OldNames):
     """Discs in a box. Checked when made; its arrays are read-only copies. Features that are not used cost nothing.
 
     Args:
@@ -43,7 +47,7 @@ class Scene:
         mass: one each, shape (N,) [mass], > 0; None: 1 each.
         gravity: (gx, gy), one acceleration for all discs [length/time^2].
         acceleration: one per disc, shape (N, 2) [length/time^2].
-        restitution: of two discs, from 0 (no normal velocity is left) to 1 (elastic) [dimensionless].
+        restitution: of two discs, from 0 (perfectly inelastic) to 1 (elastic) [dimensionless].
         wall_restitution: of a disc and a wall or an obstacle, likewise.
         friction: of two discs, the coefficient of Coulomb: no tangential impulse is more than this times the normal
             one, >= 0, infinite for discs that never slide [dimensionless]. With it discs spin.
@@ -71,9 +75,9 @@ class Scene:
     wall_friction: float = 0.0
     tangential_restitution: float = 0.0
     spin: NDArray[np.float64] | None = None
-    _others: Callable[[int], "Scene"] | None = None
+    _redraw: Callable[[int], "Scene"] | None = None
     _capsules: tuple[tuple[Obstacle, ...], NDArray[np.float64]] | None = None  # with what they were made from
-    _among: CapsuleIndex | None = None
+    _capsule_index: CapsuleIndex | None = None
 
     def __init__(
         self,
@@ -106,14 +110,10 @@ class Scene:
         checks.whole("the number of discs", count, 0, LARGEST_COUNT, "Simulate fewer discs.")
         rows = f"({count}, 2), one row per row of position"
         self.velocity: NDArray[np.float64] = checks.finite_array("velocity", velocity, (count, 2), rows)
-        self.radius: float | NDArray[np.float64] = checks.one_or_each("radius", radius, count, "[length]")
+        self.radius: float | NDArray[np.float64] = check_radius(radius, count)
         self.mass: NDArray[np.float64] | None = None if mass is None else checks.masses(mass, count)
-        self.gravity: NDArray[np.float64] | None = None
-        if gravity is not None:
-            self.gravity = checks.finite_array("gravity", gravity, (2,), "(2,)")
-        self.acceleration: NDArray[np.float64] | None = None
-        if acceleration is not None:
-            self.acceleration = checks.finite_array("acceleration", acceleration, (count, 2), rows)
+        self.gravity: NDArray[np.float64] | None = check_gravity(gravity)
+        self.acceleration: NDArray[np.float64] | None = check_acceleration(acceleration, count)
         self.restitution: float = checks.fraction("restitution", restitution)
         self.wall_restitution: float = checks.fraction("wall_restitution", wall_restitution)
         vars(self).update(check_friction(friction, wall_friction, tangential_restitution, spin, count))
@@ -145,7 +145,11 @@ class Scene:
     @property
     def moving_wall(self) -> MovingWall | None:
         """The wall that a feature of the scene moves; None if all are at rest."""
-        return next(filter(None, (feature.moving_wall(self) for feature in FEATURES)), None)
+        walls = [wall for feature in FEATURES if (wall := feature.moving_wall(self)) is not None]
+        if len(walls) > 1:
+            names = " and ".join(wall.name for wall in walls)
+            raise InputError(f"a scene must have at most one wall that moves; got {names}. Leave one of them out.")
+        return walls[0] if walls else None
 
     def walls_at(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lower left and upper right corner (x, y) of the box at a time: a wall may have moved [length].
@@ -166,7 +170,7 @@ class Scene:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Smallest and largest centre coordinates of discs of a radius at a time, shapes (2,) or (N, 2) [length]."""
         low, high = self.walls_at(time)
-        walls = np.array([word == "walls" for word in self.boundary])
+        walls = np.array([kind.has_walls for kind in kinds_of(self.boundary)])
         margin = np.multiply.outer(np.asarray(radius), walls)
         return low + margin, high - margin
 
@@ -247,19 +251,20 @@ class Scene:
 
     def __getstate__(self) -> dict[str, Any]:
         """All that the scene holds, without how it was made."""
-        return {name: value for name, value in vars(self).items() if name not in ("_others", "_capsules", "_among")}
+        derived = ("_redraw", "_capsules", "_capsule_index")
+        return {name: value for name, value in vars(self).items() if name not in derived}
 
     @property
-    def has_others(self) -> bool:
-        """Whether `another` can make other starts of the same kind."""
-        return self._others is not None
+    def can_redraw(self) -> bool:
+        """Whether `redrawn` can make other starts of the same kind."""
+        return self._redraw is not None
 
-    def drawn_by(self, make: Callable[[int], "Scene"]) -> "Scene":
-        """This scene; from now on `another` calls `make` with a seed."""
-        self._others = make
+    def redraw_with(self, make: Callable[[int], "Scene"]) -> "Scene":
+        """This scene; from now on `redrawn` calls `make` with a seed."""
+        self._redraw = make
         return self
 
-    def another(self, seed: int) -> "Scene":
+    def redrawn(self, seed: int) -> "Scene":
         """Another start of the same kind: drawn at random like this one, with other random numbers.
 
         Args:
@@ -270,16 +275,16 @@ class Scene:
                 velocities.
 
         >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
-        >>> bool((scene.another(3).position == scene.position).any()), scene.another(3).packing == scene.packing
+        >>> bool((scene.redrawn(3).position == scene.position).any()), scene.redrawn(3).packing == scene.packing
         (False, True)
         """
         seed = checks.whole("seed", seed, 0, 2**63 - 1, "Any whole number will do.")
-        if self._others is None:
+        if self._redraw is None:
             raise InputError(
                 "another start needs a scene that was drawn at random, by Scene.random or by a scene file with random "
                 f"places or velocities; got {self!r}, whose discs were given. Make other starts yourself."
             )
-        return self._others(seed)
+        return self._redraw(seed)
 
     @property
     def largest_radius(self) -> float:
@@ -296,7 +301,7 @@ class Scene:
     @property
     def periodic(self) -> tuple[bool, bool]:
         """Whether x, and whether y, is periodic."""
-        return self.boundary[0] == "periodic", self.boundary[1] == "periodic"
+        return wraps_of(self.boundary)
 
     @property
     def box(self) -> Box:
@@ -326,15 +331,15 @@ class Scene:
         return self._capsules[1]
 
     @property
-    def among(self) -> CapsuleIndex:
+    def capsule_index(self) -> CapsuleIndex:
         """The obstacles, indexed for repeated queries of overlap."""
-        found, size = self._among, (self.width, self.height)
+        found, size = self._capsule_index, (self.width, self.height)
         if (
             found is None
             or found.capsules is not self.capsules
             or (found.size, found.periodic) != (size, self.periodic)
         ):
-            found = self._among = CapsuleIndex(self.capsules, size, self.periodic)
+            found = self._capsule_index = CapsuleIndex(self.capsules, size, self.periodic)
         return found
 
     @property
@@ -353,7 +358,7 @@ class Scene:
         """The same scene with the positions, velocities and spins of a state, to continue from there.
 
         Absorbed discs are left out, with all that they have of their own. The piston starts where the state has
-        it. Counts of periods start at 0.
+        it. Image flags start at 0.
 
         Args:
             state: of as many discs as the scene has, absorbed ones included. Coordinates may be beyond a wall by the
@@ -367,7 +372,7 @@ class Scene:
         [[2.0, 2.0]]
         """
         other = copy.copy(self)
-        continue_from(other, state)
+        move_to_state(other, state)
         other.check_inside("position", other.position, other.radius)
         return other
 
@@ -400,10 +405,8 @@ class Scene:
         radii = f"radius {self.largest_radius:g}"
         if np.ndim(self.radius):
             radii = f"radii {self.radii.min(initial=np.inf):g} to {self.radii.max(initial=0):g}"
-        extras = [name for name in ("mass", "gravity", "acceleration") if getattr(self, name) is not None]
-        extras += [each.argument for each in sorted(FEATURES, key=lambda each: each.several) if each.is_in(self)]
-        losses = ("restitution", "wall_restitution")
-        extras += [f"{name} {getattr(self, name):g}" for name in losses if getattr(self, name) < 1]
+        extras = [each.brief(self) for each in sorted(FEATURES, key=lambda each: each.several)]
+        extras += [f"{name} {getattr(self, name):g}" for name in Restitution.numbers if getattr(self, name) < 1]
         axes = "".join(axis for axis, wraps in zip("xy", self.periodic, strict=True) if wraps)
         extras += [f"periodic {axes}"] if axes else []
         low, high = self.walls_at(0.0)
@@ -412,7 +415,7 @@ class Scene:
             size += f" of {self.width:g} x {self.height:g}"
         return (
             f"<Scene: {self.count} discs of {radii} in {size}, "
-            f"packing {self.packing:.3g}{''.join(', ' + name for name in extras)}>"
+            f"packing {self.packing:.3g}{''.join(', ' + text for text in extras if text)}>"
         )
 
     @classmethod
@@ -461,23 +464,23 @@ class Scene:
         """
         count = checks.whole("count", count, 0, LARGEST_COUNT, "Simulate fewer discs.")
         seed = checks.whole("seed", seed, 0, 2**63 - 1, "Any whole number will do.")
-        radius = checks.one_or_each("radius", radius, count, "[length]")
+        radius = check_radius(radius, count)
         masses = None if mass is None else checks.masses(mass, count)
         temperature = checks.non_negative("temperature", temperature, "[mass length^2/time^2]")
         edges = check_boundary(boundary)
         width, height = starts.box_for(count, radius, packing, width, height, edges)
         walls = check_obstacles(obstacles, width, height)
         rng = np.random.default_rng(seed)
-        if isinstance(radius, float) and edges == ("walls", "walls") and not walls:
+        if isinstance(radius, float) and all(kind.has_walls for kind in kinds_of(edges)) and not walls:
             position = placement.random_places(count, width, height, radius, rng)
         else:
-            periodic, radii = (edges[0] == "periodic", edges[1] == "periodic"), np.broadcast_to(radius, count)
-            position = placement.random_polydisperse(radii, width, height, rng, periodic, capsules_of(walls))
+            radii, wraps, capsules = np.broadcast_to(radius, count), wraps_of(edges), capsules_of(walls)
+            position = placement.random_polydisperse(radii, width, height, rng, wraps, capsules)
         velocity = starts.thermal_velocities(count, temperature, masses, rng)
         box: dict[str, Any] = {"width": width, "height": height, "boundary": edges, "obstacles": walls, **others}
         made = cls(position=position, velocity=velocity, radius=radius, mass=masses, **box)
         kind: dict[str, Any] = {"count": count, "radius": radius, "mass": mass, "temperature": temperature, **box}
-        return made.drawn_by(functools.partial(_drawn_again, kind, seed))
+        return made.redraw_with(functools.partial(_drawn_again, kind, seed))
 
 
 def _drawn_again(arguments: dict[str, Any], first: int, seed: int) -> Scene:

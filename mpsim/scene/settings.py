@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 
 from mpsim.core import checks
+from mpsim.kernels import layout
 
 METHODS = ("naive", "grid", "parallel", "event", "auto")
-LAWS = ("reflect", "elastic")
-CONTACTS = ("push", "impact")
+LAWS = tuple(layout.LAWS)
+CONTACTS = tuple(layout.CONTACTS)
 PRECISIONS = ("float32", "float64")
 DEATHS = ("raise", "restart")
 START_METHODS = ("fork", "spawn", "forkserver")

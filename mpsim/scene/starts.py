@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
+from mpsim.features.edges import kinds_of
 from mpsim.scene import placement
 
 LATTICES = ("square", "hexagonal")
@@ -64,7 +65,7 @@ def side_for(packing: float, area: float, largest: float, boundary: tuple[str, s
     Raises:
         InputError: if the side is not finite.
     """
-    side = max(math.sqrt(area / packing), (4 if "periodic" in boundary else 2) * largest)
+    side = max(math.sqrt(area / packing), 2 * max(kind.least_diameters for kind in kinds_of(boundary)) * largest)
     if not math.isfinite(side):
         raise InputError(f"packing must leave the box finite; got {packing:g}. Use a larger one.")
     return side
@@ -243,13 +244,11 @@ def demand_area(name: str, radius: float | NDArray[np.float64]) -> None:
 
 def demand_room(largest: float, width: float, height: float, boundary: tuple[str, str]) -> None:
     """Refuse a box that does not hold its largest disc, along a periodic axis two of them."""
-    for length, word in zip((width, height), boundary, strict=True):
-        diameters = 2 if word == "periodic" else 1
-        if 2 * largest * diameters > length:
-            rule = "a quarter of a periodic axis" if diameters == 2 else "half the box"
+    for length, kind in zip((width, height), kinds_of(boundary), strict=True):
+        if 2 * largest * kind.least_diameters > length:
             raise InputError(
-                f"radius must be at most {rule}, {length / (2 * diameters):g} here; got {largest!r}. "
-                "Use smaller discs or a larger box."
+                f"radius must be at most {kind.largest_radius}, {length / (2 * kind.least_diameters):g} here; "
+                f"got {largest!r}. Use smaller discs or a larger box."
             )
 
 

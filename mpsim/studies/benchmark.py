@@ -104,7 +104,7 @@ def fixed(settings: Settings, frames: int, tick: Tick, count: int = 100) -> Fixe
     scene = gas(count)
     timings, states, early = {}, {}, {}
     for method in METHODS:
-        chosen = _with(settings, method)
+        chosen = replace(settings, method=method)
         with Simulation(scene, chosen) as sim:
             sim.run(frames=50)
             early[method] = sim.state.position
@@ -139,7 +139,7 @@ def growth(settings: Settings, frames: int, tick: Tick) -> dict[str, Timing]:
             velocity=full.velocity[:1],
             radius=full.radius,
         )
-        with Simulation(start, _with(settings, method)) as sim:
+        with Simulation(start, replace(settings, method=method)) as sim:
             reports = []
             for disc in range(1, frames + 1):
                 reports.append(sim.run(frames=1))
@@ -182,7 +182,7 @@ def scaling(settings: Settings, sizes: Sequence[int], seconds: float, tick: Tick
         for method in (*METHODS, "auto"):
             if method == "naive" and count > NAIVE_UP_TO:
                 continue
-            with Simulation(scene, _with(settings, method)) as sim:
+            with Simulation(scene, replace(settings, method=method)) as sim:
                 sim.run(frames=3)
                 frame_time = float(np.median(sim.run(frames=5).frame_seconds))
                 warm_up = min(max(int(0.1 * seconds / frame_time), 2), 2000)
@@ -191,7 +191,7 @@ def scaling(settings: Settings, sizes: Sequence[int], seconds: float, tick: Tick
                 timing = _timing(report, count, sim.digest())
                 timing.bytes_per_disc = report.block_bytes / count
                 _check_state(sim, scene, settings)
-            with Simulation(scene, _with(settings, method)) as sim:
+            with Simulation(scene, replace(settings, method=method)) as sim:
                 sim.run(frames=10)
                 digests[method] = sim.digest()
             timings.append(replace(timing, method=method))
@@ -209,11 +209,6 @@ def crossover(timings: Sequence[Timing]) -> int | None:
             break
         answer = discs
     return answer
-
-
-def _with(settings: Settings, method: str) -> Settings:
-    """The settings for one method; workers only matter to parallel and auto."""
-    return replace(settings, method=method)
 
 
 def _timing(report: Report, discs: int, digest: str) -> Timing:

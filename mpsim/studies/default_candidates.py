@@ -1,11 +1,11 @@
-"""The settings that a trade compares by default."""
+"""The settings that a trade-off study compares by default."""
 
 from dataclasses import replace
 
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
-STEPS = (0.2, 0.1, 0.05, 0.02, 0.01)
+STEP_FRACTIONS = (0.2, 0.1, 0.05, 0.02, 0.01)
 """Steps of the default candidates, in units of the time in which a disc at typical speed moves one diameter."""
 
 
@@ -21,13 +21,13 @@ def families(dt: float = 0.01) -> list[Settings]:
 
 
 def default_candidates(scene: Scene, speed: float) -> list[Settings]:
-    """The exact solver, each family over STEPS, and rows for law, precision, substeps and method.
+    """The exact solver, each family over STEP_FRACTIONS, and rows for law, precision, substeps and method.
 
     Args:
         scene: to be run.
         speed: root mean square of one velocity component [length/time].
     """
-    steps = [step(scene, speed, h) for h in STEPS]
+    steps = [step(scene, speed, h) for h in STEP_FRACTIONS]
     candidates = [Settings(method="event")]
     candidates += [replace(family, dt=dt) for family in families() for dt in steps]
     middle = Settings(dt=steps[2])

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.measure.registry import OBSERVABLES
 from mpsim.measure.statistics import Measure
 from mpsim.studies import windows
 from mpsim.studies.windows import Spans
@@ -19,21 +20,15 @@ in twenty exceeds two standard errors by chance."""
 CERTAIN = 2.0
 """Standard errors that are added to an error when it is compared with a budget."""
 
-FEW = 8
+FEW_RUNS = 8
 """Number of runs below which texts mention it: the quantiles are then far above those of a normal distribution."""
 
 CROSS_VALIDATION = math.sqrt(1 + 2 / math.pi)
 """Factor on the error of a cross-validated choice: if a single mode makes all the noise, of amplitudes a and b in the
 two halves, sign(a) b and sign(b) a are correlated, with E(|a| |b|) = 2/pi of a variance."""
 
-ROUNDING = 1e-9
+SAME_TRAJECTORY = 1e-9
 """Distance below which trajectories count as equal [diameters]."""
-
-RELATIVE = ("pressure", "collision_rate")
-"""Measures whose error is a fraction of the reference's value."""
-
-ABSOLUTE = ("overlap", "largest_overlap", "momentum_drift")
-"""Measures that are 0 in an exact run by definition; the others are differences from the reference."""
 
 
 @dataclass(frozen=True)
@@ -88,12 +83,12 @@ class Deviation:
     @property
     def resolved(self) -> bool:
         """Whether the difference exceeds the noise of both runs."""
-        return abs(self.value) > windows.quantile(RESOLVED, self.freedom) * self.error + self.systematic
+        return abs(self.value) > windows.t_from_z(RESOLVED, self.freedom) * self.error + self.systematic
 
     @property
     def noise(self) -> float:
         """Uncertainty of the error: CERTAIN standard errors, more for few runs, and `systematic`."""
-        return windows.quantile(CERTAIN, self.freedom) * self.error + self.systematic
+        return windows.t_from_z(CERTAIN, self.freedom) * self.error + self.systematic
 
     @property
     def bound(self) -> float:
@@ -106,13 +101,13 @@ class Deviation:
         return self.measurable and self.bound <= budget and windows_too
 
     @property
-    def shown(self) -> float:
+    def magnitude(self) -> float:
         """Size to report for the error: its own if it is resolved, else its bound."""
         return abs(self.value) if self.resolved else self.bound
 
     @property
-    def least(self) -> float:
-        """Size below which another error counts as smaller: its own if it is resolved, else the noise."""
+    def noise_floor(self) -> float:
+        """Below it another error counts as smaller: its own size if it is resolved, else the noise."""
         return abs(self.value) if self.resolved else self.noise
 
     def __repr__(self) -> str:
@@ -125,8 +120,8 @@ class Deviation:
             text += f", largest in a window {Measure(self.largest.value, self.largest.error, 1)!r}"
         if self.resolved:
             return text
-        few = self.freedom + 1 < FEW
-        needed = windows.quantile(RESOLVED, self.freedom)
+        few = self.freedom + 1 < FEW_RUNS
+        needed = windows.t_from_z(RESOLVED, self.freedom)
         return f"not resolved{f' (of so few runs {needed:.2g} standard errors would be)' if few else ''}: {text}"
 
 
@@ -136,7 +131,7 @@ def deviations(
     measures: Sequence[str],
     least: int = 0,
 ) -> dict[str, Deviation]:
-    """Errors of long runs for the named measures of replicas.LONG.
+    """Errors of long runs for the named measures of registry.LONG.
 
     Args:
         found, reference: results of `replicas.long_run`, at least two of each; those of the same index have the same
@@ -148,16 +143,17 @@ def deviations(
     shift = _shift(found, reference)
     for name in measures:
         ours, theirs = (np.array([run[name] for run in runs], dtype=float) for runs in (found, reference))
-        if name == "largest_overlap":
+        kind = OBSERVABLES[name].error
+        if kind == "largest":
             results[name] = Deviation(float(ours.max()), float(ours.max(axis=1).std(ddof=1)), len(ours) - 1)
-        elif name == "overlap":
+        elif kind == "depth":
             met = np.array([run["met"] for run in found], dtype=float)
             results[name] = _depth(ours, met, None if shift is None else least)
-        elif name in ABSOLUTE:
+        elif kind == "mean":
             results[name] = _mean(ours)
-        elif name == "speed_distribution":
+        elif kind == "distribution":
             results[name] = _distance(ours, theirs, None if shift is None else _at_ends(shift), least)
-        elif name in RELATIVE:
+        elif kind == "relative":
             results[name] = _relative(name, ours, theirs, shift, least)
         else:
             results[name] = _difference(ours.mean(axis=1), theirs.mean(axis=1))
@@ -175,7 +171,7 @@ def _if_meaningful(name: str, found: Deviation) -> Deviation:
 
 
 def unmeasurable(name: str, reference: NDArray[np.float64]) -> str:
-    """Why an error of one of RELATIVE would be meaningless, and what to ask for instead; "" if it is not.
+    """Why a relative error would be meaningless, and what to ask for instead; "" if it is not.
 
     Args:
         name: of the measure.
@@ -267,7 +263,9 @@ def _depth(depths: NDArray[np.float64], met: NDArray[np.float64], least: int | N
     least: first piece that may be stationary; None for steps so long that the few pieces are one window.
     """
     if not met.any():
-        return Deviation.unknown("no pair was met in any run. Ask for longer runs (until=...), or another measure.")
+        return Deviation.unknown(
+            "no overlaps occurred in any run. Ask for longer runs (until=...), or another measure."
+        )
     pieces = met.shape[1]
     whole = Spans(((0, pieces),), pieces, stationary=True)
     spans = whole if least is None else windows.spans_of(depths, least, there=met)
@@ -315,16 +313,17 @@ def _cross_validated(mine: NDArray[np.float64], reference: NDArray[np.float64]) 
 
 
 def short_deviations(found: Sequence[dict[str, Any]], measures: Sequence[str]) -> dict[str, Deviation]:
-    """Errors of short runs for the named measures of replicas.SHORT, two runs at least."""
+    """Errors of short runs for the named measures of registry.SHORT, two runs at least."""
     results = {}
     met, exact = np.array([run["collisions"] for run in found], dtype=float).T
     total = exact.sum()
     if "trajectory" in measures:
         distances = np.array([run["trajectory"] for run in found])
         results["trajectory"] = _mean(distances[:, None])
-        if not total and distances.max() < ROUNDING:
+        if not total and distances.max() < SAME_TRAJECTORY:
             results["trajectory"] = Deviation.unknown(
-                f"nobody meets in {len(found)} short runs, so that no step is too long. Ask for a denser scene."
+                f"no collisions occurred in {len(found)} short runs, so that no step is too long. Ask for a denser "
+                "scene."
             )
     if "missed_collisions" in measures:
         missed = (exact - met) * len(found) / total if total else np.zeros(len(found))

@@ -19,14 +19,16 @@ from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.engine.workers.cores import usable_cores
+from mpsim.measure.driving import adds_discs
+from mpsim.measure.registry import LONG, OBSERVABLES, SHORT
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies import cost
 from mpsim.studies.cost import Cost
-from mpsim.studies.deviations import RELATIVE, Deviation, deviations, short_deviations, unmeasurable
+from mpsim.studies.deviations import Deviation, deviations, short_deviations, unmeasurable
 from mpsim.studies.independent_starts import VARIATION, Starts, StartsGiven
 from mpsim.studies.preliminary import PreliminaryRun, preliminary_run
-from mpsim.studies.replicas import LONG, PIECES, SHORT, Plan, Stopped, key_of, long_run, physics_of, quietly, short_runs
+from mpsim.studies.replicas import PIECES, Plan, Stopped, key_of, long_run, physics_of, quietly, short_runs
 from mpsim.studies.saved_results import SavedResults
 from mpsim.studies.windows import spans_of
 
@@ -102,9 +104,15 @@ class Ensemble:
         self.preliminary: PreliminaryRun = preliminary_run(scene, until, self._saved.reference, seconds)
         self.chosen: bool = until is None
         until = _length(self.preliminary, scene, replicas) if until is None else until
-        memory = _memory(self.preliminary, until) if self.starts.same else 0.0
-        speed = self.preliminary.speed * np.sqrt(2)
-        self.plan: Plan = Plan(until, speed, self.preliminary.short, self.preliminary.growth, memory)
+        memory = _usable_decorrelation_time(self.preliminary, until) if self.starts.same else 0.0
+        speed = self.preliminary.thermal_velocity * np.sqrt(2)
+        self.plan: Plan = Plan(
+            until=until,
+            speed=speed,
+            short=self.preliminary.short,
+            rate=self.preliminary.growth,
+            memory=memory,
+        )
         self.measures: tuple[str, ...] = tuple(measures)
         self.replicas = replicas
         self._scene = scene
@@ -213,7 +221,7 @@ class Ensemble:
                 self._progress(done, len(candidates), "timing")
             key = f"cost {key_of(settings)}"
             if key not in self._saved:
-                whole = bool(self._scene.emitters)
+                whole = adds_discs(self._scene)
                 self._saved.put(key, cost.measure(self._scene, settings, self.plan.until, whole))
         self._progress(len(candidates), len(candidates), "timing")
 
@@ -240,7 +248,7 @@ class Ensemble:
             errors = self._long_errors(settings, replicas, first, names)
             if not self.preliminary.exact:
                 own = self._long_errors(self._coarser_reference, self.replicas, 0, names)
-                errors = {name: _widened(each, own[name]) for name, each in errors.items()}
+                errors = {name: _with_systematic(each, own[name]) for name, each in errors.items()}
         if self._asks_for(SHORT):
             key = key_of(self._physics(settings))
             short = [self._saved[f"short {key} {number}"] for number, _ in self._starts(first)]
@@ -303,7 +311,7 @@ class Ensemble:
         """Why the reference does not determine a measure, or ""."""
         if name not in LONG:
             return ""
-        if name not in RELATIVE:
+        if OBSERVABLES[name].error != "relative":
             return self._why_idle(name)
         reference = np.array([run[name] for run in self._reference_runs(self.replicas, 0)], dtype=float)
         reason = unmeasurable(name, reference)
@@ -320,8 +328,8 @@ class Ensemble:
         if len(self._scene.capsules) or any(np.any(run["met"]) or np.any(run.get("pressure", 0.0)) for run in runs):
             return ""
         return (
-            f"nothing is hit in any of {len(runs)} runs of the reference, to {self.plan.until:.3g}, so that no step is "
-            f"too long for {name}. Ask for longer runs (until=...)."
+            f"no collisions occurred in any of {len(runs)} runs of the reference, to {self.plan.until:.3g}, so that no "
+            f"step is too long for {name}. Ask for longer runs (until=...)."
         )
 
     def _asks_for(self, kind: Sequence[str]) -> bool:
@@ -378,7 +386,7 @@ def _finished(futures: Iterable[Future[Any]]) -> Iterator[Future[Any]]:
 
 def _length(first: PreliminaryRun, scene: Scene, replicas: int) -> float:
     """Length of a long run, for PAIRS collisions in all replicas together and decorrelated replicas [time]."""
-    crossing = 2 * scene.smallest_radius / first.speed
+    crossing = 2 * scene.smallest_radius / first.thermal_velocity
     if first.collisions == 0:
         return 100 * crossing
     least = max(2 * crossing, DECORRELATION_TIMES * _decorrelation_time(first)) if first.exact else 2 * crossing
@@ -390,13 +398,13 @@ def _decorrelation_time(first: PreliminaryRun) -> float:
     return math.log(1 / VARIATION) / first.growth
 
 
-def _memory(first: PreliminaryRun, until: float) -> float:
+def _usable_decorrelation_time(first: PreliminaryRun, until: float) -> float:
     """Time in which runs of one start decorrelate [time]; 0 if that is more than half of a run."""
     memory = _decorrelation_time(first)
     return memory if memory < until / 2 else 0.0
 
 
-def _widened(found: Deviation, own: Deviation) -> Deviation:
+def _with_systematic(found: Deviation, own: Deviation) -> Deviation:
     """The error with the uncertainty of a stepped reference: its change when the step is doubled."""
     return dataclasses.replace(found, systematic=abs(own.value)) if own.measurable and found.measurable else found
 
@@ -406,8 +414,8 @@ def _demand_times(scene: Scene) -> None:
     for index, emitter in enumerate(scene.emitters):
         if emitter.every is not None:
             raise InputError(
-                f"a trade needs emitters that count time; emitters[{index}] counts frames (every={emitter.every}), so "
-                "that each dt is another scene. Use Emitter(interval=...)."
+                f"a trade-off study needs emitters that count time; emitters[{index}] counts frames "
+                f"(every={emitter.every}), so that each dt is another scene. Use Emitter(interval=...)."
             )
 
 

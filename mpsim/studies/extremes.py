@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mpsim.scene.scene import Scene
 
@@ -196,9 +197,12 @@ def _places(kind: str) -> Case:
     return Case(partial(degenerate_start, kind), step_for(0.05), 400, compares=False)
 
 
-def degenerate_start(kind: str) -> Scene:
-    """Degenerate starts: coinciding, aligned or touching discs, or discs on the edges of cells and walls."""
-    count, side = 36, 12.0
+_SIDE = 12.0
+
+
+def _degenerate_positions() -> dict[str, NDArray[np.float64]]:
+    """Centres of 36 discs: coinciding, aligned or touching, or on the edges of cells and walls."""
+    count, side = 36, _SIDE
     site = np.stack(np.divmod(np.arange(count), 6), axis=1).astype(float)
     places = {
         "one point": np.full((count, 2), side / 2),
@@ -209,10 +213,18 @@ def degenerate_start(kind: str) -> Scene:
         "wall edges": np.where(site % 2 == 0, RADIUS, side - RADIUS),
         "touching": RADIUS + site,
         "pairs in one place": np.repeat(1.0 + RADIUS + 2 * site[:18], 2, axis=0),
-    }[kind]
-    places = np.clip(places, RADIUS, side - RADIUS)
-    velocity = np.where(np.arange(count)[:, None] % 2, [1.0, -0.5], [-1.0, 0.5])
-    return Scene(width=side, height=side, position=places, velocity=velocity, radius=RADIUS)
+    }
+    return {kind: np.clip(position, RADIUS, side - RADIUS) for kind, position in places.items()}
+
+
+PLACES = tuple(_degenerate_positions())
+
+
+def degenerate_start(kind: str) -> Scene:
+    """A start that is not in general position, one of PLACES."""
+    position = _degenerate_positions()[kind]
+    velocity = np.where(np.arange(len(position))[:, None] % 2, [1.0, -0.5], [-1.0, 0.5])
+    return Scene(width=_SIDE, height=_SIDE, position=position, velocity=velocity, radius=RADIUS)
 
 
 PLACES = (

@@ -1,4 +1,4 @@
-"""Independent starts of a scene, over which a trade averages."""
+"""Independent starts of a scene, over which a trade-off study averages."""
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
@@ -32,7 +32,7 @@ class Starts:
 
     Args:
         scene: the scene.
-        given: "kind": other starts of the same kind (`Scene.another`); "same": this start with small variations
+        given: "kind": other starts of the same kind (`Scene.redrawn`); "same": this start with small variations
             (VARIATION); a function from a number to a Scene, or a list of Scenes; None: "kind" if the scene knows how
             it was made, else "same".
 
@@ -47,7 +47,7 @@ class Starts:
     """
 
     def __init__(self, scene: Scene, given: StartsGiven = None):
-        kind = ("kind" if scene.has_others else "same") if given is None else given
+        kind = ("kind" if scene.can_redraw else "same") if given is None else given
         if isinstance(kind, str) and kind not in KINDS:
             raise InputError(f"starts must be 'kind', 'same', a function or a list of Scenes; got {given!r}.")
         self.same: bool = isinstance(kind, str) and kind == "same"
@@ -57,8 +57,8 @@ class Starts:
             self._make: Callable[[int], Scene] = _of_one_number(kind)
             self.name: str = "starts that were given by a function"
         elif isinstance(kind, str) and kind == "kind":
-            self._made = {0: scene, 1: scene.another(1)}  # which raises if there is no other
-            self._make = scene.another
+            self._made = {0: scene, 1: scene.redrawn(1)}  # which raises if there is no other
+            self._make = scene.redrawn
             self.name = "other starts of the same kind"
         elif isinstance(kind, str):
             self._made, self._make = {0: scene}, functools.partial(varied, scene)

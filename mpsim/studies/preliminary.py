@@ -1,4 +1,4 @@
-"""The preliminary run of a trade: the reference, the speed of the discs, and their collision rate."""
+"""The preliminary run of a trade-off study: the reference, the speed of the discs, and their collision rate."""
 
 import math
 import re
@@ -43,7 +43,7 @@ PRELIMINARY_STEP = 0.05
 """Step of a stepped preliminary run, in the same units."""
 
 RUNS = 20
-"""Approximate number of runs of the reference in a trade, among which its time is divided."""
+"""Approximate number of runs of the reference in a trade-off study, among which its time is divided."""
 
 FRAMES = 100
 """Frames that are timed to measure the time of a step."""
@@ -62,7 +62,7 @@ class PreliminaryRun:
     Attributes:
         reference: settings of the reference, `event` if it can run the scene.
         reference_name: the same in words, with the reason if it cannot.
-        speed: root mean square of one velocity component [length/time].
+        thermal_velocity: root mean square of one velocity component [length/time].
         collisions: of pairs, per time [1/time].
         growth: Lyapunov exponent, at least 1/100 of a crossing time's inverse [1/time].
         short: length of a short run [time].
@@ -75,7 +75,7 @@ class PreliminaryRun:
 
     reference: Settings
     reference_name: str
-    speed: float
+    thermal_velocity: float
     collisions: float
     growth: float
     short: float
@@ -110,7 +110,7 @@ EXACT = "the exact solver"
 class Observation:
     """Results of one run, as in `PreliminaryRun`; guarded: fraction of its collisions in which the guard acted."""
 
-    speed: float
+    thermal_velocity: float
     collisions: float
     starts: tuple[State, ...]
     gap: float
@@ -125,19 +125,20 @@ def preliminary_run(
 
     Args:
         scene: the scene.
-        until: length of the runs of the trade, if it is known [time].
+        until: length of the runs of the trade-off study, if it is known [time].
         earlier: reference_name of an earlier one, which is repeated, however fast the machine is now.
-        seconds: that the whole trade may take, about [s].
+        seconds: that the whole trade-off study may take, about [s].
 
     Raises:
-        InputError: if nothing can move in the scene, or it is too large for a trade.
+        InputError: if nothing can move in the scene, or it is too large for a trade-off study.
     """
     speed = _speed_to_come(scene)
     if speed == 0:
-        drives = " or ".join(feature.drives for feature in FEATURES if feature.drives)
+        *others, last = (feature.drives for feature in FEATURES if feature.drives)
+        drives = f"{', '.join(others)} or {last}"
         raise InputError(
-            f"a trade needs a scene in which something moves; got {scene!r}, all at rest. "
-            f"Give it discs with velocities, gravity, {drives}."
+            f"a trade-off study needs a scene in which something moves; got {scene!r}, all at rest. "
+            f"Give it discs with velocities, {drives}."
         )
     crossing = 2 * scene.smallest_radius / speed
     exact = earlier is None or earlier.startswith(EXACT)
@@ -145,15 +146,15 @@ def preliminary_run(
     settings, reason = Settings(method="event", dt=crossing / 4), ""
     try:
         if not exact:
-            raise _TooSlow
+            raise _NotUsable
         if _comes_to_rest(scene):
-            raise _TooSlow("grains with losses come to rest on each other, and collide without end")
+            raise _NotUsable("grains with losses come to rest on each other, and collide without end")
         found = _observe(scene, settings, crossing, until, limit_seconds)
-    except (MpsimError, _TooSlow) as error:
+    except (MpsimError, _NotUsable) as error:
         exact, reason = False, str(error)
         settings = Settings(dt=PRELIMINARY_STEP * crossing, passes=2, on_fast="substep", workers=1)
         found = _observe_stepped(scene, settings, crossing, until)
-    speed = max(found.speed, _speed_of_fall(scene)) or speed  # at which there is motion to resolve
+    speed = max(found.thermal_velocity, _speed_of_fall(scene)) or speed  # at which there is motion to resolve
     own = 2 * scene.smallest_radius / speed
     reference, cost, growth = settings, found.seconds, 1 / own
     if exact:
@@ -163,19 +164,35 @@ def preliminary_run(
         step_seconds = found.seconds * settings.dt / settings.passes
         dt = _finest(settings, found.seconds, own, until or 0.0, seconds) if earlier is None else _dt_of(earlier)
         reference, cost = replace(settings, dt=dt), found.seconds * settings.dt / dt
-    name = EXACT if exact else f"two passes at dt={reference.dt:.3g}, the finest affordable run, as {EXACT} "
+    name = (
+        EXACT
+        if exact
+        else (
+            f"two passes at dt={reference.dt:.3g}, the finest affordable run, because {EXACT} is not usable: {reason}"
+        )
+    )
     if found.guarded:
         name += f" (whose guard kept the energy in {found.guarded:.1%} of the collisions)"
-    name = earlier or (name if exact else f"{name}cannot: {reason}")
+    name = earlier or name
     short = min(LYAPUNOV_TIMES / growth, 5 * own)
     return PreliminaryRun(
-        reference, name, speed, found.collisions, growth, short, found.starts, found.gap, settings, cost, step_seconds
+        reference=reference,
+        reference_name=name,
+        thermal_velocity=speed,
+        collisions=found.collisions,
+        growth=growth,
+        short=short,
+        starts=found.starts,
+        gap=found.gap,
+        settings=settings,
+        seconds=cost,
+        step_seconds=step_seconds,
     )
 
 
 def _comes_to_rest(scene: Scene) -> bool:
     """Whether discs with losses settle in a field: from some starts the exact solver then never reaches the end."""
-    return driving.has_fields(scene) and driving.has_losses(scene)
+    return driving.has_body_force(scene) and driving.has_losses(scene)
 
 
 def _speed_of_fall(scene: Scene) -> float:
@@ -186,7 +203,7 @@ def _speed_of_fall(scene: Scene) -> float:
 def _speed_to_come(scene: Scene) -> float:
     """Typical speed, including discs of emitters and a moving wall [length/time]."""
     speeds = [typical_speed(scene), *(float(np.hypot(*np.array(each.velocity))) for each in scene.emitters)]
-    if scene.emitters:
+    if driving.adds_discs(scene):
         speeds.append(math.sqrt(2 * driving.gravity_strength(scene) * 2 * scene.largest_radius))
     if (wall := scene.moving_wall) is not None and scene.count:
         speeds.append(abs(wall.speed))
@@ -203,9 +220,9 @@ def _finest(settings: Settings, seconds: float, crossing: float, until: float, l
     if dt > COARSEST * crossing:
         needed = seconds * settings.dt / (COARSEST * crossing) * until * RUNS / usable_cores()
         raise InputError(
-            f"a trade of this scene needs some {needed:.0f} s, as one run of its reference to {until:g} is so long; "
-            f"it may take {limit:g} s. Give it more time (seconds=...), a shorter run (until=...), or a smaller scene "
-            "of the same kind."
+            f"a trade-off study of this scene needs some {needed:.0f} s, as one run of its reference to {until:g} is "
+            f"so long; it may take {limit:g} s. Give it more time (seconds=...), a shorter run (until=...), or a "
+            "smaller scene of the same kind."
         )
     return float(f"{dt:.3g}")
 
@@ -225,10 +242,10 @@ def _affordable(limit: float) -> float:
 def _step_seconds(scene: Scene, dt: float, until: float | None, limit_seconds: float) -> float:
     """Approximate time of one step with one pass on one core [s]; with emitters its mean over the run."""
     with quietly(), Simulation(scene, Settings(dt=dt, workers=1)) as sim:
-        if not scene.emitters or until is None:
+        if until is None or not driving.adds_discs(scene):
             return float(np.median(sim.run(frames=FRAMES).frame_seconds))
         begun = time.thread_time()
-        with suppress(_TooSlow):
+        with suppress(_NotUsable):
             sim.run(until=until, progress=_time_limit(limit_seconds))
         return (time.thread_time() - begun) / sim.frame
 
@@ -239,7 +256,7 @@ def _growth(scene: Scene, crossing: float, limit_seconds: float) -> float:
     try:
         with quietly():
             return max(divergence(scene, progress=_time_limit(limit_seconds)).rate.value, least)
-    except (MpsimError, _TooSlow):
+    except (MpsimError, _NotUsable):
         return least
 
 
@@ -249,22 +266,23 @@ def _time_limit(limit_seconds: float) -> Callable[[int, int], None]:
 
     def progress(done: int, frames: int) -> None:
         if time.thread_time() > end:
-            raise _TooSlow(f"make its preliminary run in {limit_seconds:g} s")
+            raise _NotUsable(f"its preliminary run takes more than {limit_seconds:g} s")
 
     return progress
 
 
-class _TooSlow(Exception):  # noqa: N818 - not an error
-    """A preliminary run takes too long."""
+class _NotUsable(Exception):  # noqa: N818 - not an error
+    """Why a solver cannot be used for this run, in words."""
 
 
 def _observe_stepped(scene: Scene, settings: Settings, crossing: float, until: float | None) -> Observation:
     try:
         return _observe(scene, settings, crossing, until, STEPPED_SECONDS)
-    except _TooSlow:
+    except _NotUsable:
         raise InputError(
-            f"a trade needs a scene whose preliminary run takes less than {STEPPED_SECONDS:g} s; that of {scene!r} "
-            "takes longer. Take a smaller scene of the same kind: errors hardly depend on the number of discs."
+            f"a trade-off study needs a scene whose preliminary run takes less than {STEPPED_SECONDS:g} s; that of "
+            f"{scene!r} takes longer. Take a smaller scene of the same kind: errors hardly depend on the number of "
+            "discs."
         ) from None
 
 

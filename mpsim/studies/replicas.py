@@ -33,7 +33,8 @@ from mpsim.core.errors import (
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers import methods
-from mpsim.measure import run_averages
+from mpsim.measure import driving, run_averages
+from mpsim.measure.registry import ERRORS, LONG, NAMES, OBSERVABLES, SHORT
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.comparison import short_run
@@ -44,32 +45,20 @@ PIECES = 16
 SPEED_LEVELS = np.linspace(0.2, 2.6, 13)
 """Speeds, in units of the reference's root mean square, at which distributions are compared."""
 
-LONG = (
-    "pressure",
-    "collision_rate",
-    "energy_drift",
-    "momentum_drift",
-    "overlap",
-    "largest_overlap",
-    "speed_distribution",
-)
-SHORT = ("trajectory", "missed_collisions")
-MEASURES = (*LONG, *SHORT)
-
 ALONG = "states along one run of the scene"
 """Starts of the short runs, in words."""
 
 
 def available(scene: Scene) -> tuple[str, ...]:
-    """Those of MEASURES that are defined in a scene: no pressure without walls and virial, for example."""
+    """Those of ERRORS that are defined in a scene: no pressure without walls and virial, for example."""
     if not isinstance(scene, Scene):  # which the ensemble checks
-        return MEASURES
-    return tuple(name for name in MEASURES if refusal(name, scene) is None)
+        return ERRORS
+    return tuple(name for name in ERRORS if refusal(name, scene) is None)
 
 
 def refusal(name: str, scene: Scene) -> str | None:
-    """Why one of MEASURES would be wrong in a scene, or None."""
-    if name in SHORT and (scene.emitters or scene.absorbing):
+    """Why one of ERRORS would be wrong in a scene, or None."""
+    if name in SHORT and (driving.adds_discs(scene) or driving.removes_discs(scene)):
         return (
             f"{name!r} compares runs from states along a run, and needs all discs in each; emitters and absorbing "
             "edges change them. Ask for 'overlap', or for an average such as 'pressure'."
@@ -92,7 +81,7 @@ def starts_of(names: Collection[str], starts: str) -> str:
 
 
 def demand_available(names: Iterable[str], scene: Scene) -> None:
-    """Raise InputError for one of MEASURES that the scene cannot have, with the reason."""
+    """Raise InputError for one of ERRORS that the scene cannot have, with the reason."""
     if isinstance(scene, Scene):  # which the ensemble checks
         for reason in filter(None, (refusal(name, scene) for name in names)):
             raise InputError(reason)
@@ -195,7 +184,7 @@ def _stopping_progress(stop: threading.Event | None, seconds: float = math.inf) 
 def _averages(scene: Scene, settings: Settings, plan: Plan, progress: Progress) -> dict[str, Any]:
     if not methods.capabilities_of(settings).has_steps:  # frames only cut the run into pieces
         settings = dataclasses.replace(settings, dt=plan.until / PIECES)
-    counted = [name for name in available(scene) if name in LONG and name != "speed_distribution"]
+    counted = [name for name in available(scene) if name in LONG and name in NAMES]
     pieces = min(PIECES, max(int(plan.until / settings.dt), 1))
     series: dict[str, Any] = {name: [] for name in (*counted, "speed_distribution", "met", "centre")}
     series["seconds"] = 0.0
@@ -209,8 +198,9 @@ def _averages(scene: Scene, settings: Settings, plan: Plan, progress: Progress) 
             series["speed_distribution"].append(_cumulative(sim.state, plan.speed))
             series["centre"].append((before + sim.time) / 2 / plan.until)
             series["seconds"] += float(report.frame_seconds.sum())
-    for name in ("overlap", "largest_overlap"):
-        series[name] = [depth / (2 * scene.smallest_radius) for depth in series[name]]
+    for name in counted:
+        if OBSERVABLES[name].unit == "diam.":
+            series[name] = [length / (2 * scene.smallest_radius) for length in series[name]]
     return series
 
 

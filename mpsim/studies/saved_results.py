@@ -1,4 +1,4 @@
-"""Saved results of a trade: by key, in memory and in a file."""
+"""Saved results of a trade-off study: by key, in memory and in a file."""
 
 import json
 import time
@@ -77,8 +77,8 @@ def _loaded(path: Path, title: dict[str, Any]) -> tuple[str, str, dict[str, Any]
         found, plan, reference, results = kept["title"], kept["plan"], kept["reference"], dict(kept["results"])
     except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
         raise InputError(
-            f"path must be a file of an earlier trade, or none yet; {path} cannot be read as one ({error!s:.200}). "
-            "Remove it, or give another path."
+            f"path must be a file of an earlier trade-off study, or none yet; {path} cannot be read as one "
+            f"({error!s:.200}). Remove it, or give another path."
         ) from None
     if found != title:
         raise _other(path)

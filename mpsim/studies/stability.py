@@ -48,7 +48,7 @@ TOLERANCE = {
 largest; collisions relative to the exact solver's, in addition to noise; distance from the exact solver's positions,
 and deepest overlap at the end, in diameters."""
 
-FEW = 0.25
+FEW_COLLISIONS = 0.25
 """Collisions per disc up to which positions are compared with the exact solver's: most discs have not collided then,
 and the median disc must be where the exact solver has it. With more collisions their number is compared, as a long free
 path amplifies errors of direction."""
@@ -229,7 +229,7 @@ def _errors(trial: Trial, case: Case, scene: Scene, start: State, end: State, co
     if exact is None:
         return errors
     state, met = exact
-    if met <= FEW * scene.count:
+    if met <= FEW_COLLISIONS * scene.count:
         errors["trajectory"] = _median_distance(end, state, scene) / (2 * scene.smallest_radius)
     else:
         errors["collisions"] = max(abs(collisions / met - 1) - 3 / math.sqrt(met), 0.0)

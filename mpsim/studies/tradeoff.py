@@ -1,4 +1,4 @@
-"""The trade between speed and accuracy: cost and errors of many settings on a scene, as a table."""
+"""The trade-off between speed and accuracy: cost and errors of many settings on a scene, as a table."""
 
 import csv
 import dataclasses
@@ -17,6 +17,7 @@ from mpsim.core.plain import json_text
 from mpsim.core.views import view
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.measure.registry import ERRORS
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies import ensemble
@@ -25,7 +26,7 @@ from mpsim.studies.default_candidates import default_candidates
 from mpsim.studies.deviations import Deviation
 from mpsim.studies.ensemble import Ensemble
 from mpsim.studies.independent_starts import StartsGiven
-from mpsim.studies.replicas import MEASURES, available, demand_available, quietly, starts_of
+from mpsim.studies.replicas import available, demand_available, quietly, starts_of
 
 SETTINGS = ("method", "contact", "law", "passes", "substeps", "dt", "precision", "workers")
 """Settings that are columns of the table."""
@@ -107,11 +108,12 @@ class Tradeoff:
         """
         checks.choice("measure", measure, self.measures)
         fit = [row for row in self.rows if row.cost is not None and measure in row.errors]
-        fit.sort(key=lambda row: (row.cost.median if row.cost else math.inf, row.errors[measure].shown))
+        fit.sort(key=lambda row: (row.cost.median if row.cost else math.inf, row.errors[measure].magnitude))
         front: list[Row] = []
         for row in fit:
             error = row.errors[measure]
-            if math.isfinite(error.shown) and (not front or error.shown < front[-1].errors[measure].least):
+            smaller = not front or error.magnitude < front[-1].errors[measure].noise_floor
+            if math.isfinite(error.magnitude) and smaller:
                 front.append(row)
         return front
 
@@ -201,7 +203,7 @@ def tradeoff(
         until: length of one run [time], > 0; None: the scene's duration; without one, long enough to determine the
             pressure to about a thousandth.
         measures: names of errors; None: all that the scene can have.
-        starts: "kind": other starts of the same kind (see `Scene.another`), so that errors hold for the kind; "same":
+        starts: "kind": other starts of the same kind (see `Scene.redrawn`), so that errors hold for the kind; "same":
             this start, each disc displaced by up to a thousandth of a diameter; a function from a number to a Scene, or
             a list of Scenes; None: "kind" where the scene was drawn at random, else "same".
         executor: any concurrent.futures.Executor for the accuracy runs, which are independent; None: threads, one per
@@ -228,15 +230,22 @@ def tradeoff(
     with terminated_by_exit():
         run = Ensemble(scene, until, names, replicas=replicas, seconds=seconds, **how)
         if candidates is None:
-            settings = default_candidates(scene, run.preliminary.speed)
+            settings = default_candidates(scene, run.preliminary.thermal_velocity)
         else:
             settings = _checked(scene, candidates)
         with run:
             run.assess(settings)
             run.time(settings)
     rows = tuple(row_of(run, each) for each in settings)
-    reference, lengths = run.preliminary.reference_name, (run.plan.until, run.plan.short)
-    return Tradeoff(repr(scene), reference, *lengths, names, rows, starts_of(names, run.starts.name))
+    return Tradeoff(
+        scene=repr(scene),
+        reference=run.preliminary.reference_name,
+        until=run.plan.until,
+        short=run.plan.short,
+        measures=names,
+        rows=rows,
+        starts=starts_of(names, run.starts.name),
+    )
 
 
 def row_of(run: Ensemble, settings: Settings) -> Row:
@@ -254,8 +263,8 @@ def _measures(measures: Iterable[str] | None, scene: Scene) -> tuple[str, ...]:
         return available(scene)
     names = [measures] if isinstance(measures, str) else listed("measures", measures, "names of errors")
     if not names:
-        raise InputError(f"measures must name at least one error; got none. Choose from {', '.join(MEASURES)}.")
-    chosen = tuple(dict.fromkeys(checks.choice("measures", name, MEASURES) for name in names))
+        raise InputError(f"measures must name at least one error; got none. Choose from {', '.join(ERRORS)}.")
+    chosen = tuple(dict.fromkeys(checks.choice("measures", name, ERRORS) for name in names))
     demand_available(chosen, scene)
     return chosen
 

@@ -17,13 +17,14 @@ from mpsim.core import checks
 from mpsim.core.deferred_signals import terminated_by_exit
 from mpsim.core.errors import BudgetError, InputError, NotMeasurableError
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.measure.registry import ERRORS
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.default_candidates import families, step
 from mpsim.studies.deviations import Deviation
 from mpsim.studies.ensemble import REFERENCE, CandidateFailed, Ensemble
 from mpsim.studies.independent_starts import StartsGiven
-from mpsim.studies.replicas import MEASURES, PIECES, demand_available, starts_of
+from mpsim.studies.replicas import PIECES, demand_available, starts_of
 from mpsim.studies.tradeoff import Row, label, listed, row_of
 from mpsim.studies.tuned import Trial, Tuned
 
@@ -144,11 +145,11 @@ class Search:
         """
         run, fine = self._run, self._run.preliminary.reference
         self._choose_replicas()
-        typical = Settings(dt=TYPICAL * 2 * self._scene.smallest_radius / run.preliminary.speed)
-        looks = TRIALS * (run.seconds_for(typical, run.replicas) + TIMING)
+        typical = Settings(dt=TYPICAL * 2 * self._scene.smallest_radius / run.preliminary.thermal_velocity)
+        trials = TRIALS * (run.seconds_for(typical, run.replicas) + TIMING)
         verification = run.seconds_for(typical, self._verifying, verify=True)
         references = run.seconds_for(fine, run.replicas, verify=True) - run.seconds_for(fine, run.replicas)
-        needed = references + min(looks, SEARCH * self._seconds) + verification
+        needed = references + min(trials, SEARCH * self._seconds) + verification
         run.announce(f"about {needed:.0f} s: {run.replicas} runs of each candidate, to {run.plan.until:.3g}")
         run.assess([], run.replicas)
         try:
@@ -177,7 +178,7 @@ class Search:
         if not capabilities_of(family).has_steps:
             self._try(family)
             return
-        speed = self._run.preliminary.speed
+        speed = self._run.preliminary.thermal_velocity
         dt, shortest, longest = (step(self._scene, speed, h) for h in (FIRST, SHORTEST, LONGEST))
         longest = min(longest, self._run.plan.until / PIECES)
         dt, shortest = min(dt, longest), min(shortest, longest)
@@ -260,7 +261,7 @@ class Search:
             if trial.inside and other == dataclasses.replace(settings, dt=other.dt) and other.dt > dt:
                 verdict = "inside at first, but not likely to be when verified, as the next longer step was not"
                 self._trials[other] = Trial(trial.row, verdict, False)
-        if dt >= step(self._scene, self._run.preliminary.speed, SHORTEST):
+        if dt >= step(self._scene, self._run.preliminary.thermal_velocity, SHORTEST):
             self._try(dataclasses.replace(settings, dt=dt))
 
     def _try(self, settings: Settings) -> Trial:
@@ -330,13 +331,18 @@ class Search:
             tighter = min(tighter, *(cost / best.row.cost.median for cost in exact)) if exact else tighter
         tried = tuple(sorted(self._trials.values(), key=_cost))
         run = self._run
-        said: dict[str, Any] = {
-            "starts": starts_of(self._budgets, run.starts.name),
-            "until": run.plan.until,
-            "warning": run.warning_of(settings),
-        }
-        reference = run.preliminary.reference_name
-        return Tuned(settings, best.row.cost, errors, self._budgets, reference, tried, tighter, **said)
+        return Tuned(
+            settings=settings,
+            cost=best.row.cost,
+            errors=errors,
+            budgets=self._budgets,
+            reference=run.preliminary.reference_name,
+            tried=tried,
+            tighter=tighter,
+            starts=starts_of(self._budgets, run.starts.name),
+            until=run.plan.until,
+            warning=run.warning_of(settings),
+        )
 
     def _refusal(self) -> BudgetError | NotMeasurableError:
         """Why no candidate meets the budgets, with the smallest error reached."""
@@ -390,10 +396,10 @@ def _budgets(max_error: Mapping[str, float]) -> dict[str, float]:
     if not isinstance(max_error, Mapping) or not max_error:
         raise InputError(
             f"max_error must hold at least one budget, as in {{'pressure': 0.01}}; got {max_error!r}. "
-            f"Choose from {', '.join(MEASURES)}."
+            f"Choose from {', '.join(ERRORS)}."
         )
     return {
-        checks.choice("max_error", name, MEASURES): checks.positive(f"max_error[{name!r}]", budget, "(an error)")
+        checks.choice("max_error", name, ERRORS): checks.positive(f"max_error[{name!r}]", budget, "(an error)")
         for name, budget in max_error.items()
     }
 

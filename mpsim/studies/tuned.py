@@ -79,7 +79,7 @@ class Tuned:
             assert each.row.cost is not None
             lines.append(f"  {each.row.label}, {each.row.cost.median:.3g} ns: {each.verdict}")
         lines += [f"  {each.row.label} failed: {each.row.failure}" for each in self.tried if each.row.cost is None]
-        lines.append(f"half of every budget would cost about {self.tighter:.2g} times as much")
+        lines.append(f"halving all error budgets would cost about {self.tighter:.2g} times as much")
         lines.append(f"errors against {self.reference}; averages over {self.starts}, runs of {self.until:.3g}")
         lines += (
             [f"with these settings mpsim warns: {self.warning} The errors above include it."] if self.warning else []

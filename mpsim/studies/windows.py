@@ -48,7 +48,7 @@ def steady_from(series: Runs, least: int = 0) -> int | None:
     pieces = series.shape[1]
     for first in range(least, min(int(LATEST * pieces), pieces - FEWEST) + 1):
         rest = series[:, first:]
-        if rest.any() and not any(abs(each) > quantile(TREND, len(series) - 1) for each in _contrasts(rest)):
+        if rest.any() and not any(abs(each) > t_from_z(TREND, len(series) - 1) for each in _contrasts(rest)):
             return first
     return None
 
@@ -128,9 +128,12 @@ def alike(series: Runs) -> bool:
     return bool(np.ptp(means) <= SAME * float(np.abs(means).max(initial=0.0)))
 
 
-def quantile(normal: float, freedom: float) -> float:
-    """Quantile of a t-distribution at the level of `normal` in a normal one (Wallace 1959; if anything too large)."""
+def t_from_z(z: float, freedom: float) -> float:
+    """Quantile of a t-distribution with so many degrees of freedom at the level of a standard normal quantile z.
+
+    Source: Wallace, Ann. Math. Stat. 30, 1121 (1959); if anything too large.
+    """
     if math.isinf(freedom):
-        return normal
-    normal *= (8 * freedom + 3) / (8 * freedom + 1)
-    return math.sqrt(freedom * math.expm1(normal**2 / freedom))
+        return z
+    z *= (8 * freedom + 3) / (8 * freedom + 1)
+    return math.sqrt(freedom * math.expm1(z**2 / freedom))

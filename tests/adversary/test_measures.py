@@ -148,8 +148,11 @@ def check_displacements(seed):
 
 
 def drawn_run(seed):
-    """A gas, and settings: exact; or stepped with `push`, where it is plain at which depth discs meet."""
-    scene, rng = any_gas(seed, wrap=0.6), np.random.default_rng([seed, 9])
+    """A gas of smooth discs, whose changes of velocity say who met whom, and settings.
+
+    Exact; or stepped with `push`, where it is plain at which depth discs meet.
+    """
+    scene, rng = any_gas(seed, friction=False, wrap=0.6), np.random.default_rng([seed, 9])
     law = str(rng.choice(["elastic", "reflect"]))
     stepped = {"method": "naive", "contact": "push", "law": law}
     return scene, {

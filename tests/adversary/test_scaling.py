@@ -27,9 +27,9 @@ MOST_POWER = {"float32": 6, "float64": 60}
 
 
 def without_vanishing(scene):
-    """Speeds whose squares would leave the range of float32 in some units are none."""
-    velocity = np.where(np.abs(scene.velocity) < 1e-20, 0.0, scene.velocity)
-    return mpsim.Scene(**features_of(scene) | {"velocity": velocity})
+    """Speeds and spins whose squares would leave the range of float32 in some units are none."""
+    large = lambda speeds: None if speeds is None else np.where(np.abs(speeds) < 1e-20, 0.0, speeds)  # noqa: E731
+    return mpsim.Scene(**features_of(scene) | {"velocity": large(scene.velocity), "spin": large(scene.spin)})
 
 
 def outcome(scene, frames, **settings):
@@ -52,6 +52,8 @@ def check(scene, frames, units, note, **settings):
     note = f"{note}, {units}, {scene!r}, {settings}"
     real = state.position.dtype.type
     expected = {"position": state.position * real(units.length), "velocity": state.velocity * real(units.speed)}
+    if state.spin is not None:
+        expected["spin"] = state.spin * real(1 / units.time)
     if getattr(state, "box", None) is not None:
         expected["box"] = tuple(edge * units.length for edge in state.box)
     others = {field.name: getattr(state, field.name) for field in dataclasses.fields(state)}

@@ -77,6 +77,7 @@ def test_every_disc_stays_inside_and_finite_in_any_scene(run, method):
             assert_inside_and_finite(state, scene, f"{method}, {settings}, after frame {frame + 1}")
 
 
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")
 @given(runs(), st.integers(0, 2**32))
 def test_the_memory_order_never_matters_in_any_scene(run, seed):
 

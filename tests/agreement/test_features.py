@@ -113,11 +113,30 @@ def test_any_features_are_what_the_slow_twin_says_in_thousands_of_scenes():
     assert_clean(run_script(text, env={"NUMBA_DISABLE_JIT": "1"}, bound=500))
 
 
+def check_that_wrong_friction_is_seen():
+    """A twin whose contacts stick a millionth too much, of discs or of walls."""
+    scene = zoo(ZOO["rough and gravity"], 24, seed=1)
+    settings = {"method": "grid", "contact": "impact", "dt": 0.05}
+    for law in ("friction", "wall_friction"):
+        twin = Twin(scene, **settings)
+        coefficient, sticking = getattr(twin, law)
+        setattr(twin, law, (coefficient, sticking * (1 + 1e-6)))
+        twin.run(12)
+        with pytest.raises(AssertionError, match="discs differ"):
+            assert_same_bits(state_after(scene, 12, **settings), twin.state, law)
+
+
+def test_a_twin_with_wrong_friction_is_seen():
+    """The control."""
+    text = "from agreement.test_features import *; check_that_wrong_friction_is_seen()"
+    assert_clean(run_script(text, env={"NUMBA_DISABLE_JIT": "1", "PYTHONWARNINGS": "ignore"}, bound=60))
+
+
 PLAIN = """
 import warnings
 warnings.simplefilter("ignore")
 from support.scenes import digest_after, zoo
-for seed in range(3):
+for seed in range({seeds}):
     scene = zoo({words!r}, 24, seed=seed)
     for precision in ("float64", "float32"):
         for contact in ("impact", "push"):
@@ -125,14 +144,15 @@ for seed in range(3):
 """
 
 
-def test_plain_python_is_compiled():
-    outcomes = [
-        run_script(PLAIN.format(words=EVERYTHING), env={"NUMBA_DISABLE_JIT": flag}, bound=90) for flag in ("0", "1")
-    ]
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize("seeds", long_but([1, 3], 1))
+def test_plain_python_is_compiled(seeds):
+    text = PLAIN.format(words=ZOO["everything rough"], seeds=seeds)
+    outcomes = [run_script(text, env={"NUMBA_DISABLE_JIT": flag}, bound=180) for flag in ("0", "1")]
     assert all(outcome.code == 0 for outcome in outcomes), outcomes[1].err
     compiled, plain = (outcome.out.split() for outcome in outcomes)
     assert plain == compiled
-    assert len(set(compiled)) == 12, "the cases hardly differ: they test little"
+    assert len(set(compiled)) == 4 * seeds, "the cases hardly differ: they test little"
 
 
 # --- workers

@@ -44,7 +44,7 @@ def test_the_bits_are_equal_as_long_as_no_disc_has_two_contacts_in_a_frame(law, 
     scene, dt, contacts = gas(300, 0.03, seed=21), 0.005, 0
     settings = {"law": law, "precision": precision, "dt": dt}
     with simulate(scene, method="naive", **settings) as naive, simulate(scene, method="grid", **settings) as grid:
-        for frame in range(2000):
+        for frame in range(700):
             i, j = contacts_of_next_frame(grid.state, scene, dt)
             if chains(i, j, scene.count).any():
                 break

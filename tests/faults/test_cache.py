@@ -69,14 +69,14 @@ def copy(tmp_path):
 @pytest.mark.long
 @pytest.mark.timeout(150)
 def test_an_edit_in_a_file_that_kernels_call_is_never_answered_from_a_stale_cache(copy):
-    """Half the push in contacts.py: Numba's own cache would go on running the old code, as stepping.py is the same."""
+    """Half the push in laws.py: Numba's own cache would go on running the old code, as stepping.py is the same."""
     edit, digest = copy
     original, folders = digest()
-    edit("contacts.py", r"distance\) / discs\.x\.dtype\.type\(2\)", "distance) / discs.x.dtype.type(4)")
+    edit("laws.py", r"distance\) / discs\.x\.dtype\.type\(2\)", "distance) / discs.x.dtype.type(4)")
     changed, folders_after = digest()
     assert changed != original, "the edited kernel did not run"
     assert len(folders_after) == len(folders) + 1
-    edit("contacts.py", r"distance\) / discs\.x\.dtype\.type\(4\)", "distance) / discs.x.dtype.type(2)")
+    edit("laws.py", r"distance\) / discs\.x\.dtype\.type\(4\)", "distance) / discs.x.dtype.type(2)")
     assert digest() == (original, folders_after)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mpsim
-from mpsim.measure import block_errors, counted, reference
+from mpsim.measure import block_errors, counted, reference, registry
 
 COUNT = 64
 
@@ -17,7 +17,7 @@ def runs(packing, boundary, collisions, seeds, names, monkeypatch):
         series.append(counts)
         return counted.pressure(counts, run)
 
-    monkeypatch.setitem(counted.COUNTED, "pressure", keep)
+    monkeypatch.setitem(registry.COUNTED, "pressure", keep)
     found, rate = [], reference.enskog_rate(packing)
     for seed in range(seeds):
         scene = mpsim.Scene.random(count=COUNT, packing=packing, radius=0.5, seed=seed, boundary=boundary)

@@ -10,7 +10,7 @@ from support.internals import machine_code
 from support.scenes import simulate
 
 from mpsim import Scene
-from mpsim.kernels.events import flight, solver
+from mpsim.kernels.events import flight, records
 from mpsim.measure import reference_motion
 
 time_to_impact = machine_code(flight.time_to_impact)
@@ -64,8 +64,8 @@ def test_a2_impact_with_masses_and_restitution(figures):
     masses, e = (2.0, 5.0), 0.6
     run = Run([[3.0, 5.0], [6.0, 5.4]], [[1.5, 0.1], [-0.5, -0.2]], 10.0, 10.0, mass=masses, restitution=e)
     energy = kinetic(run.state()[1], np.array(masses))
-    while run.count(solver.PAIRS) == 0:
-        assert run.advance(100.0, 1) == (solver.PAUSED, -1)
+    while run.count("pairs") == 0:
+        assert run.advance(100.0, 1) == (records.PAUSED, -1)
     x, v = run.state(run.present())
     n = (x[1] - x[0]) / np.linalg.norm(x[1] - x[0])
     assert abs(np.linalg.norm(x[1] - x[0]) - 1.0) < 1e-14
@@ -87,7 +87,7 @@ def test_a2_impact_with_masses_and_restitution(figures):
 def test_a3_struck_disc_leaves_along_the_line_of_centres(figures):
     run = Run([[3.0, 5.0], [6.0, 5.4]], [[1.0, 0.0], [0.0, 0.0]], 20.0, 20.0)
     run.advance(4.0)
-    assert run.count(solver.PAIRS) == 1
+    assert run.count("pairs") == 1
     v = run.state()[1]
     assert abs(v[0] @ v[1]) < 1e-14
     across = np.array([-0.4, math.sqrt(1.0 - 0.16)])
@@ -124,7 +124,7 @@ def test_a4_cradle(gap, e, figures):
         "A4", "exact", quantity, f"{expected:.6f}", f"within {abs(last - expected):.0e}", f"heavier: {control:.4f}"
     )
     if e is None:
-        assert run.count(solver.PAIRS) == count - 1
+        assert run.count("pairs") == count - 1
         assert np.abs(run.state()[1][:-1]).max() < 1e-14
 
 
@@ -135,10 +135,10 @@ def test_a5_discs_on_a_line(figures):
     start = np.sort(rng.uniform(0.0, free, count))
     speed = rng.normal(size=count)
     position = np.stack([start + np.arange(count) + 0.5, np.full(count, 0.5)], 1)
-    run = Run(position, np.stack([speed, np.zeros(count)], 1), length, 1.0, tally=True)
+    run = Run(position, np.stack([speed, np.zeros(count)], 1), length, 1.0)
     until = 7000.0
     run.advance(until)
-    done = run.count(solver.PAIRS) + run.count(solver.WALLS)
+    done = run.count("pairs") + run.count("walls")
     assert done > 90_000
     found = run.state()[0][:, 0]
     error = np.abs(found - reference_motion.line_gas(position[:, 0], speed, until, length, 0.5)[0]).max()
@@ -148,7 +148,7 @@ def test_a5_discs_on_a_line(figures):
     assert control > 1e-6
     quantity = f"discs on a line after {done} events"
     figures.note("A5", "exact", quantity, "within 1e-9", f"{error:.1e}", f"radius 1e-9 smaller: {control:.0e}")
-    force = (run.store.tally[solver.LEFT] + run.store.tally[solver.RIGHT]) / (2.0 * until)
+    force = (run.store.tally.wall[records.LEFT] + run.store.tally.wall[records.RIGHT]) / (2.0 * until)
     known = reference_motion.line_gas_force((speed**2).sum() / 2, count, length, 0.5)
     naive = (speed**2).sum() / length
     assert abs(force / known - 1.0) < 2e-3
@@ -162,7 +162,7 @@ def test_a6_counts_the_digits_of_pi(k, expected, figures):
     for mass in (100.0**k, 2.0 * 100.0**k):
         run = Run([[3.0, 0.5], [8.0, 0.5]], [[0.0, 0.0], [-1.0, 0.0]], 300.0, 1.0, mass=[1.0, mass])
         run.advance(100.0)
-        counted.append(run.count(solver.PAIRS) + run.count(solver.WALLS))
+        counted.append(run.count("pairs") + run.count("walls"))
     found, control = counted
     assert found == expected
     assert control == math.ceil(math.pi / math.atan(1 / math.sqrt(2.0 * 100.0**k))) - 1
@@ -175,32 +175,32 @@ def test_a7_bouncing_ball_comes_to_rest_and_does_not_hang(figures):
     options = dict(gravity=(0.0, -g), wall_restitution=e, contact_time=guard)
     run = Run([[5.0, 0.5 + height]], [[0.0, 0.0]], 10.0, 10.0, **options)
     end = math.sqrt(2.0 * height / g) * (1.0 + e) / (1.0 - e)
-    while run.count(solver.GUARDS) == 0:
-        assert run.advance(100.0, 1) == (solver.PAUSED, -1)
+    while run.count("guarded") == 0:
+        assert run.advance(100.0, 1) == (records.PAUSED, -1)
     last = run.present()
     assert abs(last - end) < 3.0 * guard
     control = reference_motion.end_of_bouncing(height, g, 0.5001)
     assert abs(last - control) > 100 * guard, "a restitution of 0.5001 must fail"
     figures.note("A7", "exact", "end of the bounces", f"{end:.6f}", f"{last:.6f}", f"e = 0.5001: {control:.6f}")
-    before = run.count(solver.WALLS)
-    assert run.advance(end + 0.05) == (solver.REACHED, -1)
+    before = run.count("walls")
+    assert run.advance(end + 0.05) == (records.REACHED, -1)
     x, _ = run.state()
     # It hovers: half a bounce of at most the guard's duration, and neither sinks nor rises.
     assert 0.0 <= x[0, 1] - 0.5 <= g * guard**2 / 8.0 * 1.01
-    assert 0.05 / guard * 0.99 < run.count(solver.WALLS) - before < 0.05 / guard / e * 1.01
+    assert 0.05 / guard * 0.99 < run.count("walls") - before < 0.05 / guard / e * 1.01
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.3])
 def test_disc_at_rest_on_the_floor_stays_there(speed):
     run = Run([[2.0, 0.5]], [[speed, 0.0]], 10.0, 10.0, gravity=(0.0, -1.0), contact_time=1e-4)
-    assert run.advance(5.0) == (solver.REACHED, -1)
+    assert run.advance(5.0) == (records.REACHED, -1)
     x, _ = run.state()
     assert abs(x[0, 1] - 0.5) < 2e-9
     assert abs(x[0, 0] - 2.0 - 5.0 * speed) < 1e-10
-    assert run.count(solver.GUARDS) > 0
+    assert run.count("guarded") > 0
     # Without the guard's least speed the same start is the endless loop that the solver reports.
     bare = Run([[2.0, 0.5]], [[speed, 0.0]], 10.0, 10.0, gravity=(0.0, -1.0), contact_time=0.0)
-    assert bare.advance(5.0) == (solver.STALLED, 0)
+    assert bare.advance(5.0) == (records.STALLED, 0)
 
 
 def test_a8_energy_over_a_million_collisions(figures):
@@ -208,7 +208,7 @@ def test_a8_energy_over_a_million_collisions(figures):
 
     def drift(restitution):
         run = Run(position, velocity, length, length, radius, restitution=restitution)
-        while run.count(solver.PAIRS) < 1_000_000:
+        while run.count("pairs") < 1_000_000:
             run.advance(1e9, 200_000)
         return abs(kinetic(run.state(run.present())[1]) / kinetic(velocity) - 1.0)
 
@@ -222,19 +222,19 @@ def test_a8_energy_over_a_million_collisions(figures):
 def test_a10_floor_carries_the_weight(figures):
     position, velocity, radius, length = gas(64, 0.3, seed=4)
     g, until = 0.8, 50.0
-    run = Run(position, velocity, length, length, radius, gravity=(0.0, -g), tally=True)
+    run = Run(position, velocity, length, length, radius, gravity=(0.0, -g))
     run.advance(until)
-    tally = run.store.tally
+    wall = run.store.tally.wall
     gained = run.state()[1][:, 1].sum() - velocity[:, 1].sum()
     weight = 64 * g * until + gained
     error, alone = (
-        abs(push / weight - 1.0) for push in (tally[solver.BOTTOM] - tally[solver.TOP], tally[solver.BOTTOM])
+        abs(push / weight - 1.0) for push in (wall[records.BOTTOM] - wall[records.TOP], wall[records.BOTTOM])
     )
     assert error < 1e-12
     assert alone > 1e-6, "the floor without the ceiling must fail"
     quantity = "floor less ceiling over weight, error"
     figures.note("A10", "exact", quantity, "< 1e-12", f"{error:.0e}", f"without ceiling: {alone:.0e}")
-    assert abs((tally[solver.BOTTOM] - tally[solver.TOP]) / (64 * g * until) - 1.0) < 0.02
+    assert abs((wall[records.BOTTOM] - wall[records.TOP]) / (64 * g * until) - 1.0) < 0.02
 
 
 def test_a11_energy_of_350_bounces(figures):
@@ -244,7 +244,7 @@ def test_a11_energy_of_350_bounces(figures):
     def drift(wall_restitution):
         options = dict(gravity=(0.0, -g), wall_restitution=wall_restitution)
         run = Run([[5.0, 6.0]], [[0.1, 0.0]], 10.0, 10.0, **options)
-        while run.count(solver.WALLS) < 350:
+        while run.count("walls") < 350:
             run.advance(1e9, 1)
         x, v = run.state(run.present())
         return abs((kinetic(v) + g * x[0, 1]) / energy - 1.0)

@@ -10,7 +10,6 @@ from support.scenes import gas as scene_of
 from support.scenes import simulate
 
 from mpsim import Scene
-from mpsim.kernels.events import solver
 from mpsim.measure import Measure, independent_average, reference, reference_motion, speed_kurtosis
 
 
@@ -19,9 +18,9 @@ def test_b1_two_discs_in_a_box(figures):
     rates = []
     for seed in range(starts):
         x, v = two_discs(seed, 1.0, radius, False)
-        run = Run(x, v, 1.0, 1.0, radius, tally=True)
+        run = Run(x, v, 1.0, 1.0, radius)
         run.advance(until)
-        rates.append([run.store.tally[:4].sum() / 4.0, run.count(solver.WALLS), run.count(solver.PAIRS)])
+        rates.append([run.store.tally.wall.sum() / 4.0, run.count("walls"), run.count("pairs")])
     exact, wrong = (reference.two_discs(1, 1, r, energy=2.0) for r in (radius, 1.01 * radius))
     names = {"force on a wall": "force_x", "rate of wall hits": "wall_rate", "pair rate": "pair_rate"}
     for (quantity, name), column in zip(names.items(), np.transpose(rates) / until, strict=True):
@@ -40,7 +39,7 @@ def test_b3_two_discs_on_a_torus(figures):
         x, v = two_discs(seed, length, radius, True)
         run = Run(x, v, length, length, radius, periodic=(True, True))
         run.advance(until)
-        rates.append(run.count(solver.PAIRS) / until)
+        rates.append(run.count("pairs") / until)
     speed = 2.0 * math.sqrt(2.0)
     found, expected = independent_average(rates), reference.sinai_rate(length, length, radius, speed)
     assert found.error / expected < 1.5e-3
@@ -54,11 +53,11 @@ def test_b3_two_discs_on_a_torus(figures):
 
 def test_c6_wall_and_pair_counters_agree_exactly(figures):
     position, velocity, radius, length = gas(100, 0.3, seed=6)
-    run = Run(position, velocity, length, length, radius, tally=True)
+    run = Run(position, velocity, length, length, radius)
     until = 60.0
     run.advance(until)
     x, v = run.state()
-    left, right, bottom, top, virial = run.store.tally[: solver.VIRIAL + 1]
+    (left, right, bottom, top), virial = run.store.tally.wall, run.store.tally.virial
     # d/dt sum r.p = 2K + forces: with positions counted from the box centre both walls of an axis push with arm
     # (L - 2R)/2. The left side is what the same two states give directly.
     half = 0.5 * length
@@ -83,7 +82,7 @@ def test_h3_reversed_run_comes_home(figures):
     back.advance(4.0)
     error = np.abs(back.state()[0] - position).max()
     assert error < 1e-8
-    assert back.count(solver.PAIRS) == there.count(solver.PAIRS) > 150
+    assert back.count("pairs") == there.count("pairs") > 150
     missed = np.abs(reversed_by_push(position, velocity, length) - position).max()
     assert missed > 1e-3, "push must not come home, even at T = 0.5"
     quantity = "a run reversed at T = 4 comes home within"
@@ -175,14 +174,14 @@ def bulk(columns, rows, packing, starts, collisions, shape=1.0):
     values = []
     for seed in range(starts):
         place, velocity, width, height = periodic_gas(columns, rows, packing, seed, shape)
-        run = Run(place, velocity, width, height, periodic=(True, True), tally=True)
+        run = Run(place, velocity, width, height, periodic=(True, True))
         rate = count * 4 * packing / math.sqrt(math.pi) * reference.contact_value(min(packing, 0.62))
         until = collisions / rate
         run.advance(until / 10)
-        before = run.store.tally[solver.VIRIAL]
+        before = run.store.tally.virial
         run.advance(until * 1.1)
         temperature = kinetic(velocity) / (count - 1)
-        values.append(1 + (run.store.tally[solver.VIRIAL] - before) / (2 * count * temperature * until))
+        values.append(1 + (run.store.tally.virial - before) / (2 * count * temperature * until))
     return independent_average(values)
 
 

@@ -6,7 +6,7 @@ from support.exact import Run
 from support.scenes import gas, simulate
 
 from mpsim import Scene, measure
-from mpsim.kernels.events import solver
+from mpsim.kernels.events import records
 from mpsim.measure import independent_average, reference, reference_motion
 
 COUNT, PACKING = 50, 0.1
@@ -82,16 +82,16 @@ def test_e2_a_granular_gas_cools_by_haffs_law_in_time(starts, figures):
 def test_e4_inelastic_collapse_ends_with_the_guard(figures):
     start = [[10.0, 0.5], [11.5, 0.5], [13.2, 0.5]], [[1.0, 0.0], [0.0, 0.0], [-1.0, 0.0]]
     run = Run(*start, 40.0, 1.0, restitution=0.05, contact_time=1e-6)
-    assert run.advance(3.0) == (solver.REACHED, -1)
-    assert run.count(solver.GUARDS) > 0
-    assert run.count(solver.PAIRS) < 1000
+    assert run.advance(3.0) == (records.REACHED, -1)
+    assert run.count("guarded") > 0
+    assert run.count("pairs") < 1000
     # Above 7 - 4 sqrt 3 there is no collapse and the guard has nothing to do.
     mild = Run(*start, 40.0, 1.0, restitution=0.2, contact_time=1e-6)
     mild.advance(3.0)
-    assert mild.count(solver.GUARDS) == 0
-    assert mild.count(solver.PAIRS) >= 2
+    assert mild.count("guarded") == 0
+    assert mild.count("pairs") >= 2
     quantity = "collapse of three discs, e = 0.05: losses suppressed"
-    figures.note("E4", "exact", quantity, "> 0, and it ends", run.count(solver.GUARDS), "e = 0.2, no collapse: 0")
+    figures.note("E4", "exact", quantity, "> 0, and it ends", run.count("guarded"), "e = 0.2, no collapse: 0")
 
 
 def potential_energy(radius, starts, until):

@@ -254,6 +254,7 @@ def left_of_porous_wall(seed, pull):
     return np.mean(counts)
 
 
+@pytest.mark.long
 def test_a_gas_on_both_sides_of_a_porous_wall_has_equal_densities(figures):
     """Obstacles leave the measure uniform: each half holds half of the discs in the mean, and all of the energy."""
     found = independent_average([left_of_porous_wall(seed, 0.0) for seed in range(24)])

@@ -42,6 +42,7 @@ def two_discs(dt, contact, starts, until=2000.0):
     return [independent_average(column) for column in np.transpose(rows)]
 
 
+@pytest.mark.long
 def test_b1_two_discs_in_a_box_show_the_bias_of_the_step(figures):
     """dt = 0.02, 0.04 and 0.08 are h = 0.05, 0.1 and 0.2 here, for discs 0.4 wide at kT = 1."""
     for quantity, index, gate in (("force on a wall", 0, 0.006), ("pair rate", 1, 0.02)):
@@ -79,7 +80,7 @@ def test_b5_speeds_of_few_discs_have_the_moments_of_fixed_energy(count, figures)
                 sim.run(until=20)
                 found = []
                 while sim.time < until:
-                    sim.run(frames=25)
+                    sim.run(frames=100)
                     found.append(speed_kurtosis(sim.state))
             values.append(np.mean(found))
         return independent_average(values)
@@ -107,7 +108,7 @@ def compressibilities(packing, contact, dt, law="elastic", method="naive"):
     return independent_average(walls), independent_average(walls - pairs)
 
 
-@pytest.mark.parametrize(("packing", "push_at_002"), [(0.1, -0.006), (0.3, -0.022)])
+@pytest.mark.parametrize(("packing", "push_at_002"), long_but([(0.1, -0.006), (0.3, -0.022)], (0.3, -0.022)))
 def test_c5_pressure_of_a_closed_box(packing, push_at_002, figures):
     """The closed form is good to 0.4 %; the bias of a step is asked for against the exact solver in the same box."""
     side = gas(100, packing, seed=0).width

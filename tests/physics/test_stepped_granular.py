@@ -112,6 +112,7 @@ def check_haff_in_time(starts, figures):
     return amiss
 
 
+@pytest.mark.long
 def test_e2_a_granular_gas_cools_by_haffs_law_in_time(figures):
     amiss = check_haff_in_time(150, figures)
     quantity = "collision rate at packing 0.1, dt = 0.1, bias"

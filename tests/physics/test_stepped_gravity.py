@@ -183,8 +183,8 @@ def potential_share(dt, contact, starts, time=400.0, count=20):
         with simulate(scene, method="naive", dt=dt, contact=contact) as sim:
             sim.run(until=100)
             heights = []
-            for _ in range(400):
-                sim.run(frames=round(time / 400 / dt))
+            for _ in range(100):
+                sim.run(frames=round(time / 100 / dt))
                 heights.append(G * (sim.state.position[:, 1] - 0.02).mean())
             drifts.append(energy_above_floor(sim.state, scene) / energy - 1)
         shares.append(np.mean(heights) / reference.potential_energy_per_disc(energy, count))

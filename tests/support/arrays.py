@@ -3,6 +3,8 @@
 import numpy as np
 
 from mpsim.kernels import layout, records
+from mpsim.kernels.frame.incremental_sort import BUCKET
+from mpsim.kernels.frame.sharing import FEW
 
 
 def discs_of(real, x, y, vx=None, vy=None, ids=None, radius=None) -> layout.Discs:
@@ -23,7 +25,7 @@ def parameters_of(real, width, height, radius=0.5, dt=0.01, columns=1, rows=1):
     values = np.zeros(1, records.parameters_in(real))[0]
     values.dt, values.diameter = dt, 2 * radius
     values.limit[:] = radius, width - radius, radius, height - radius
-    values.exchange, values.wall_restitution, values.tally_scale = 1, 1, 2.0**20
+    values.half_one_plus_e, values.wall_restitution, values.tally_scale = 1, 1, 2.0**20
     values.fast = np.inf
     values.cells_per_x, values.cells_per_y = columns / width, rows / height
     return values
@@ -35,8 +37,15 @@ def control_of(count, columns=1, rows=1, workers=1, law=layout.ELASTIC):
     control.count, control.columns, control.rows = count, columns, rows
     control.cells = (columns + 1) * (rows + 2)
     control.workers, control.law, control.contact = workers, law, layout.PUSH
-    control.substeps, control.passes, control.guarded = 1, 1, 1
+    control.substeps, control.passes, control.race_free = 1, 1, 1
     return control
+
+
+def changes_of(count, cells, workers=1) -> layout.Changes:
+    """The lists of discs that change cells, filled with what would do harm if it were used."""
+    length = {"first_arrival": cells // BUCKET + workers + 1, "outbox": count + layout.PADDING}
+    sizes = (length.get(name, count // FEW + 1) for name in layout.Changes._fields)
+    return layout.Changes(*(np.full(size, 10**9, np.int32) for size in sizes))
 
 
 def team_of(workers) -> np.ndarray:

@@ -20,7 +20,6 @@ from support.scenes import EXACT, ZOO, digest_after, exact_scene, zoo
 FRAMES = 20
 
 WORDS = {"no features": "", "gravity": "gravity", "acceleration": "acceleration"} | ZOO
-WORDS |= {"rough": "rough", "everything rough": WORDS["everything"] + " rough"}
 """Features of the stepped scenes, by name: words for `zoo`."""
 
 

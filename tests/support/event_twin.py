@@ -8,7 +8,10 @@ import math
 
 
 class Twin:
-    """Hard discs as lists of floats. Fields as in a scene; `contact_time` is the guard."""
+    """Hard discs as lists of floats. Fields as in a scene; `contact_time` is the guard.
+
+    friction, wall_friction: (coefficient, tangential restitution).
+    """
 
     def __init__(
         self,
@@ -24,6 +27,9 @@ class Twin:
         contact_time=0.0,
         periodic=(False, False),
         images=2,
+        friction=None,
+        wall_friction=None,
+        spin=None,
     ):
         count = len(position)
         self.x = [[float(a) for a in p] for p in position]
@@ -33,6 +39,8 @@ class Twin:
         self.size = (width, height)
         self.gravity, self.restitution, self.wall_restitution = gravity, restitution, wall_restitution
         self.contact_time, self.periodic = contact_time, periodic
+        self.friction, self.wall_friction = friction, wall_friction
+        self.spin = [0.0] * count if spin is None else [float(w) for w in spin]
         # Between two events a pair may fly past this many boxes.
         self.images = images
         self.time = 0.0
@@ -115,8 +123,14 @@ class Twin:
         t, kind, i, j, shift = self.next_event()
         if kind == "wall":
             self.fly(t)
-            axis, _ = j
-            self.v[i][axis] *= -self.kept(self.wall_restitution, [i])
+            axis, high = j
+            closing = abs(self.v[i][axis])
+            kept = self.kept(self.wall_restitution, [i])
+            self.v[i][axis] *= -kept
+            n = [0.0, 0.0]
+            n[axis] = 1.0 if high else -1.0
+            if self.wall_friction:
+                self.rub(self.wall_friction, i, None, n, (1.0 + kept) * self.mass[i] * closing)
             self.last[i] = self.time
             return
         # The fall is the same for both discs; the image is the one that was predicted.
@@ -130,4 +144,28 @@ class Twin:
         for k in (0, 1):
             self.v[i][k] -= impulse * n[k] / self.mass[i]
             self.v[j][k] += impulse * n[k] / self.mass[j]
+        if self.friction:
+            self.rub(self.friction, i, j, n, impulse)
         self.last[i] = self.last[j] = self.time
+
+    def rub(self, law, i, j, n, pressed):
+        """Tangential impulse of disc i on disc j, or on a wall (None), in the direction n, at the points that touch.
+
+        The surfaces slip at the velocity of the centres and the spins' there: v + spin x arm.
+        """
+        t = [-n[1], n[0]]
+        slip = self.v[i][0] * t[0] + self.v[i][1] * t[1] + self.radius[i] * self.spin[i]
+        inverse = 1.0 / self.mass[i]
+        if j is not None:
+            slip -= self.v[j][0] * t[0] + self.v[j][1] * t[1] - self.radius[j] * self.spin[j]
+            inverse += 1.0 / self.mass[j]
+        coefficient, restitution = law
+        # An impulse along t changes the slip by 1 / m_eff through the centres, and by 2 / m_eff through the spins.
+        turning = -(1.0 + restitution) * slip / (3.0 * inverse)
+        impulse = max(-coefficient * pressed, min(coefficient * pressed, turning))
+        for disc, sign in ((i, 1.0), (j, -1.0)):
+            if disc is not None:
+                for k in (0, 1):
+                    self.v[disc][k] += sign * impulse * t[k] / self.mass[disc]
+                inertia = 0.5 * self.mass[disc] * self.radius[disc] ** 2
+                self.spin[disc] += self.radius[disc] * impulse / inertia

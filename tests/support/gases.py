@@ -10,8 +10,10 @@ from mpsim.features.edges import EDGES
 from support.transforms import features_of
 
 
-def any_gas(seed: int, *, gravity: bool = True, losses: bool = True, wrap: float = 0.3) -> mpsim.Scene:
-    """Up to 24 discs without overlap, dilute to dense, some with radii, masses, gravity, losses, periodic axes.
+def any_gas(
+    seed: int, *, gravity: bool = True, losses: bool = True, friction: bool = True, wrap: float = 0.3
+) -> mpsim.Scene:
+    """Up to 24 discs without overlap, dilute to dense, some with radii, masses, fields, losses, friction, borders.
 
     With the probability `wrap` an axis is periodic. Coordinates are multiples of 2^-20, and so is the box: a mirror
     image has no rounding.
@@ -30,6 +32,8 @@ def any_gas(seed: int, *, gravity: bool = True, losses: bool = True, wrap: float
         falls = "gravity" in features
         features["restitution"] = 0.95 if falls else rng.choice([0.5, 0.9])
         features["wall_restitution"] = 1.0 if falls else rng.choice([0.5, 0.9, 1.0])
+    if losses and friction:
+        features |= any_friction(np.random.default_rng([seed, 80]), count)
     boundary = ["periodic" if wrap and chance(wrap) else "walls" for _ in "xy"]
     area = np.pi * float((np.broadcast_to(radius, count) ** 2).sum())
     side = max(float(np.sqrt(area / rng.choice([0.02, 0.15, 0.4, 0.6]))), 2.5)
@@ -41,6 +45,18 @@ def any_gas(seed: int, *, gravity: bool = True, losses: bool = True, wrap: float
     )
     places = np.round(seeded.position * 2**20) / 2**20
     return mpsim.Scene(**features_of(seeded) | {"radius": radius, "position": places})
+
+
+def any_friction(rng: Any, count: int) -> dict[str, Any]:
+    """Rough discs, rough walls or both, in a third of the scenes."""
+    if rng.random() > 1 / 3:
+        return {}
+    features: dict[str, Any] = {"tangential_restitution": rng.choice([-1.0, -0.5, 0.0, 0.5, 1.0])}
+    for name in ("friction", "wall_friction"):
+        features[name] = rng.choice([0.0, 0.25, 3.0, np.inf])
+    if rng.random() < 0.7:
+        features["spin"] = rng.normal(size=count)
+    return features
 
 
 def any_room(seed: int, *, stepped: bool) -> mpsim.Scene:
@@ -80,8 +96,8 @@ def any_room(seed: int, *, stepped: bool) -> mpsim.Scene:
 def without(scene: mpsim.Scene, gone: np.ndarray) -> mpsim.Scene:
     """The scene without some of its discs."""
     features = features_of(scene)
-    for name in ("position", "velocity", "radius", "mass"):
-        if np.ndim(features[name]):
+    for name in ("position", "velocity", "radius", "mass", "spin"):
+        if np.ndim(features.get(name)):
             features[name] = features[name][~gone]
     return mpsim.Scene(**features)
 

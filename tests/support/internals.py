@@ -7,19 +7,19 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 import mpsim
 from mpsim.engine.solvers.speed_limit import SpeedLimit
 from mpsim.engine.workers.arrays import MOST_FRAMES
 from mpsim.kernels import layout
+from mpsim.kernels.compiling import compiled
 from support.arrays import parameters_of
 
 
 def machine_code(inlined: Callable[..., Any]) -> Callable[..., Any]:
-    """A kernel that is compiled only into its callers, through a caller that only calls it."""
+    """A kernel that is compiled only into its callers, through a caller that only calls it, kept between runs."""
 
-    @njit(error_model="numpy")
+    @compiled
     def call(*arguments):
         return inlined(*arguments)
 
@@ -60,6 +60,7 @@ def scramble(sim: mpsim.Simulation, seed: int) -> None:
         if f"{buffer}.{field}" in _arrays(sim):  # there are radii only where discs differ
             view = _live(sim, field)
             view[:] = view[order]
+    _arrays(sim)["control"].in_order = 0
 
 
 def peek(sim: mpsim.Simulation, worker: int) -> tuple[str, int]:

@@ -28,7 +28,7 @@ RESTITUTION = 0.8
 LATE = 0.05
 """Of a frame, since the contact when a frame ends: so little that a grazing one is not over by then."""
 
-ANGLES = np.radians(np.arange(-85, 86, 10))
+ANGLES = np.radians(np.arange(-85, 86, 12))
 """Between the velocity at impact, relative to what is met, and the normal."""
 
 DT = 0.25

@@ -79,7 +79,7 @@ def zoo(words: str, count: int = 40, seed: int = 0, side: float = 8.0, **more: A
             "friction": 0.5,
             "wall_friction": 0.25,
             "tangential_restitution": 0.5,
-            "spin": rng.normal(size=count),
+            "spin": np.random.default_rng([seed, 1]).normal(size=count),
         }
     if "obstacles" in chosen:
         low, peg = side / 4, mpsim.FixedDisc((0.7 * side, 0.7 * side), 0.4)
@@ -123,6 +123,9 @@ ZOO = {
     "emitters": "emitters",
     "periodic obstacles": "periodic obstacles radii gravity acceleration",
     "everything": "gravity acceleration giants masses lossy obstacles absorbing piston emitters periodic-x",
+    "rough": "rough lossy",
+    "rough and gravity": "rough radii masses gravity obstacles piston periodic-x",
+    "everything rough": "rough gravity acceleration giants masses lossy obstacles absorbing piston emitters periodic-x",
 }
 """Features alone and together, by name: words for `zoo`."""
 

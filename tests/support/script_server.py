@@ -33,6 +33,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import mpsim
+from support.watchdog import end_with_parent
 
 SERVER = "from support.script_server import next_script; exec(*next_script())"
 """A program that loops in `next_script`; a fork of it comes back from there with what it is to execute."""
@@ -84,6 +85,7 @@ def _fork(descriptors: list[int]) -> int:
         warnings.simplefilter("ignore", DeprecationWarning)  # 3.12: fork beside threads, those of linear algebra
         pid = os.fork()
     if pid == 0:
+        end_with_parent()
         os.setsid()
         for descriptor, number in zip(descriptors, (1, 2), strict=True):
             os.dup2(descriptor, number)

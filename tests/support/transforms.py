@@ -59,6 +59,8 @@ class Units:
         for name in ("gravity", "acceleration"):
             if features[name] is not None:
                 features[name] = features[name] * self.acceleration
+        if features.get("spin") is not None:
+            features["spin"] = features["spin"] / self.time
         if scene.piston is not None:
             places = {"stop": scene.piston.stop * self.length}
             start = getattr(scene.piston, "start", None)
@@ -96,7 +98,8 @@ class Image:
 
     Attributes:
         edges: which edge each of left, right, bottom and top becomes.
-        matrix: shape (2, 2), of vectors; its elements are 0, 1 and -1, so nothing is rounded.
+        matrix: shape (2, 2), of vectors; its elements are 0, 1 and -1, so nothing is rounded. Its determinant is the
+            sign that spins take.
         shift: of points, after the matrix [length].
         size: width and height of the image [length].
     """
@@ -130,6 +133,9 @@ class Image:
         for name in ("velocity", "gravity", "acceleration"):
             if features[name] is not None:
                 features[name] = self.vector(features[name])
+        if scene.spin is not None:
+            (a, b), (c, d) = self.matrix.tolist()
+            features["spin"] = scene.spin * (a * d - b * c)
         features["obstacles"] = [self.obstacle(obstacle) for obstacle in scene.obstacles]
         features["absorbing"] = [self.edges[edge] for edge in scene.absorbing]
         features["emitters"] = [
@@ -172,8 +178,8 @@ def turn(scene: mpsim.Scene) -> Image:
 def renumbered(scene: mpsim.Scene, order: np.ndarray) -> mpsim.Scene:
     """The discs in another order, the new disc k the old disc order[k], and obstacles and emitters turned round."""
     features = features_of(scene)
-    for name in ("position", "velocity", "acceleration", "radius", "mass"):
-        if np.ndim(features[name]):
+    for name in ("position", "velocity", "acceleration", "radius", "mass", "spin"):
+        if np.ndim(features.get(name)):
             features[name] = features[name][order]
     for name in ("obstacles", "emitters"):
         features[name] = features[name][::-1]

@@ -80,6 +80,9 @@ class Motion:
         self.diameter = real(2 * scene.largest_radius)
         self.dt = real(settings.dt / settings.substeps)
         self.wall_restitution = real(scene.wall_restitution)
+        self.spin = np.zeros(scene.count, real) if scene.spin is None else scene.spin.astype(real)
+        self.friction = friction_of(scene.friction, (1 + scene.tangential_restitution) / 6, real)
+        self.wall_friction = friction_of(scene.wall_friction, (1 + scene.tangential_restitution) / 3, real)
         size = (scene.width, scene.height)
         periodic = [word == "periodic" for word in scene.boundary]
         self.wrap = [real(length) if wrap else None for length, wrap in zip(size, periodic, strict=True)]
@@ -102,8 +105,9 @@ class Motion:
 
     @property
     def plain(self) -> bool:
-        """Whether nothing but four walls at rest and discs of one size are there."""
-        return not (self.has_radii or self.scene.piston or any(wrap is not None for wrap in self.wrap))
+        """Whether nothing but four smooth walls at rest and discs of one size are there."""
+        special = self.scene.piston or self.wall_friction or any(wrap is not None for wrap in self.wrap)
+        return not (self.has_radii or special)
 
     def radius(self, i: int) -> Any:
         return self.real(self.radii[i])
@@ -152,11 +156,8 @@ class Motion:
         if self.gone[i]:
             self.v[i] = 0
             return
-        for axis in range(2):
-            if self.pulled and self.impact:
-                self.fall(i, axis)
-            else:
-                self.drift(i, axis)
+        advance = self.fall if self.pulled and self.impact else self.drift
+        self.rub_walls(i, [advance(i, axis) for axis in range(2)])
         self.meet_obstacles(i)
 
     def leaves(self, i: int) -> bool:
@@ -170,8 +171,11 @@ class Motion:
                 return True
         return False
 
-    def drift(self, i: int, axis: int) -> None:
-        """v += a dt, p += v dt, and the wall rule."""
+    def drift(self, i: int, axis: int) -> tuple[Any, Any, Any]:
+        """v += a dt, p += v dt, and the wall rule.
+
+        Returns where inwards is from the wall, 1 or -1, by what the wall has changed the velocity, and how long ago.
+        """
         if self.gravity is not None:
             self.v[i, axis] += self.gravity[axis] * self.dt
         if self.scene.acceleration is not None:
@@ -179,55 +183,105 @@ class Motion:
         p = self.wrap_disc(i, axis, self.p[i, axis]) + self.v[i, axis] * self.dt
         if self.wrap[axis] is not None:
             self.p[i, axis] = self.wrap_disc(i, axis, p)
-            return
-        limits = self.inside(i, axis)
+            return 1, self.real(0), self.real(0)
+        limits, v = self.inside(i, axis), self.v[i, axis]
         beyond = p < limits[0]
-        p, self.v[i, axis] = self.reflected(axis, p, self.v[i, axis], limits, self.plain)
+        p, self.v[i, axis], time = self.reflected(axis, p, v, limits, self.plain)
         if self.plain and beyond and p > limits[1]:  # faster than a box per step: it bounces once more
-            p, _ = self.reflected(axis, p, self.real(0), limits, self.plain)
+            p, _, _ = self.reflected(axis, p, self.real(0), limits, self.plain)
         self.p[i, axis] = min(max(p, limits[0]), limits[1])
+        return (1 if beyond else -1), self.v[i, axis] - v, time
 
-    def reflected(self, axis: int, p: Any, v: Any, limits: tuple[Any, Any], plain: bool = False) -> tuple[Any, Any]:
+    def reflected(
+        self, axis: int, p: Any, v: Any, limits: tuple[Any, Any], plain: bool = False
+    ) -> tuple[Any, Any, Any]:
         """Place and velocity beyond a wall, mirrored there: as far inside as it would be outside, or under push on it.
 
-        plain: the walls are known to be at rest.
+        And the time since it has touched the wall. plain: the walls are known to be at rest.
         """
-        back = self.wall_restitution if self.impact else self.real(0)
+        back, time = self.wall_restitution if self.impact else self.real(0), self.real(0)
         for side, sign in ((0, -1), (1, 1)):
             limit, wall = limits[side], self.wall_speeds[axis][side]
             if sign * p > sign * limit:
                 if sign * v > sign * wall:
+                    time = (p - limit) / (v - wall)
                     v = -v * self.wall_restitution if plain else wall - (v - wall) * self.wall_restitution
-                return limit + back * (limit - p), v
-        return p, v
+                return limit + back * (limit - p), v, time
+        return p, v, time
 
-    def fall(self, i: int, axis: int) -> None:
-        """Along the parabola; beyond a wall, bounced off where the parabola crossed it."""
+    def fall(self, i: int, axis: int) -> tuple[Any, Any, Any]:
+        """Along the parabola; beyond a wall, bounced off where the parabola crossed it. Returns as `drift`."""
         pull = self.pull(i, axis)
         v = self.v[i, axis] + pull * self.dt
         p = self.wrap_disc(i, axis, self.p[i, axis]) + (v - pull * self.dt / self.real(2)) * self.dt
+        before, inward, time = v, 1, self.real(0)
         if self.wrap[axis] is None:
-            p, v = self.off_walls(axis, p, v, pull, self.inside(i, axis))
+            inward = 1 if p < self.inside(i, axis)[0] else -1
+            p, v, time = self.off_walls(axis, p, v, pull, self.inside(i, axis))
         self.p[i, axis], self.v[i, axis] = self.wrap_disc(i, axis, p), v
+        return inward, v - before, time
 
-    def off_walls(self, axis: int, p: Any, v: Any, pull: Any, limits: tuple[Any, Any]) -> tuple[Any, Any]:
-        """Place and velocity of an accelerated disc, bounced off the wall that it is beyond, if any."""
+    def off_walls(self, axis: int, p: Any, v: Any, pull: Any, limits: tuple[Any, Any]) -> tuple[Any, Any, Any]:
+        """Place and velocity of an accelerated disc, bounced off the wall that it is beyond, if any, and since when."""
         for side, sign in ((0, -1), (1, 1)):
             limit, wall = limits[side], self.wall_speeds[axis][side]
             if sign * p > sign * limit:
-                way, inward = self.bounced(abs(p - limit), sign * (v - wall), sign * pull)
-                return min(max(limit - sign * way, limits[0]), limits[1]), wall - sign * inward
-        return p, v
+                way, inward, time = self.bounced(abs(p - limit), sign * (v - wall), sign * pull)
+                return min(max(limit - sign * way, limits[0]), limits[1]), wall - sign * inward, time
+        return p, v, self.real(0)
 
-    def bounced(self, depth: Any, speed: Any, pull: Any) -> tuple[Any, Any]:
-        """Way and speed inward of a disc so far beyond a wall, so fast and so pulled outward. Energy tells the rest."""
+    def bounced(self, depth: Any, speed: Any, pull: Any) -> tuple[Any, Any, Any]:
+        """Way and speed inward of a disc so far beyond a wall, so fast and so pulled outward. Energy tells the rest.
+
+        And the time since it has touched the wall; of one that rests there, over which the wall has pressed it.
+        """
         at_wall = np.sqrt(max(speed * speed - self.real(2) * pull * depth, self.real(0)))
         if speed + at_wall <= 0:  # it moves inward already
-            return self.real(0), at_wall
-        time = min(self.real(2) * depth / (speed + at_wall), self.dt)
+            return self.real(0), at_wall, self.real(0)
+        time = min(self.real(2) * depth / (speed + at_wall), type(depth)(self.dt))
         start = self.wall_restitution * at_wall
         way, inward = (start - pull * time / self.real(2)) * time, start - pull * time
-        return (self.real(0), max(inward, self.real(0))) if way < 0 else (way, inward)
+        return (self.real(0), max(inward, self.real(0)), depth / speed) if way < 0 else (way, inward, time)
+
+    # --- friction
+
+    def rub_walls(self, i: int, met: list[tuple[Any, Any, Any]], wraps: bool = True) -> None:
+        """Friction on walls that have changed the velocity along each axis by so much, so long ago.
+
+        A wall that has only taken speed from a disc which moves inwards has not pressed it.
+        """
+        if self.wall_friction is None or not any(change for _, change, _ in met):
+            return
+        for axis, (inward, change, time) in enumerate(met):
+            n = np.zeros(2, self.real)
+            n[axis] = inward
+            self.rub(i, n, inward * change, time if self.impact else self.real(0))
+        for axis in range(2):
+            self.p[i, axis] = self.confined(i, axis, self.p[i, axis])
+            if wraps:
+                self.p[i, axis] = self.wrap_disc(i, axis, self.p[i, axis])
+
+    def rub(self, i: int, n: Any, pressed: Any, time: Any) -> None:
+        """Friction on what is fixed, in the direction -n, whose contact has changed the velocity along n by `pressed`.
+
+        The tangential velocity at that time is changed, and the place by as much as that leads to since.
+        """
+        if self.wall_friction is None or not pressed > 0:
+            return
+        time = min(time, n.dtype.type(self.dt))
+        then = [self.v[i, axis] - self.pull(i, axis) * time for axis in range(2)]
+        radius = self.surface(i)
+        slip = then[1] * n[0] - then[0] * n[1] - radius * self.spin[i]
+        change = limited(self.wall_friction, slip, pressed)
+        self.v[i, 0] += change * n[1]
+        self.v[i, 1] -= change * n[0]
+        self.p[i, 0] += change * n[1] * time
+        self.p[i, 1] -= change * n[0] * time
+        self.spin[i] += self.real(2) * change / radius
+
+    def surface(self, i: int) -> Any:
+        """Distance from the centre of a disc to its surface."""
+        return self.radius(i) if self.has_radii else self.diameter / self.real(2)
 
     # --- the piston
 
@@ -266,7 +320,7 @@ class Motion:
         """Bounce off a segment with a radius, or out of it."""
         a, b = capsule[:2], capsule[2:4]
         r, flat = self.from_segment(self.p[i], a, b)
-        reach = (self.radius(i) if self.has_radii else self.diameter / self.real(2)) + capsule[4]
+        reach = self.surface(i) + capsule[4]
         if not _dot(r, r) < reach * reach:
             return False
         r, v = r.astype(np.float64), self.v[i].astype(np.float64)  # whatever the precision of the run
@@ -275,15 +329,17 @@ class Motion:
             n = r / distance if flat else self.normal_at_touch(r, v, reach)
             pull = [self.pull(i, axis) for axis in range(2)]
             depth, speed = reach - _dot(r, n), max(-_dot(v, n), self.real(0))
-            way, inward = self.bounced(depth, speed, -_dot(pull, n))
+            way, inward, time = self.bounced(depth, speed, -_dot(pull, n))
             way, change = way + depth, inward + -_dot(v, n)
         else:
             n = self.away_from(r, distance, flat, (b - a).astype(np.float64))
             along = _dot(v, n)
             way = reach - distance
             change = -(1.0 + np.float64(self.wall_restitution)) * along if along < 0 else self.real(0)
+            time = 0.0
         self.v[i] += change * n
         self.p[i] += way * n
+        self.rub(i, n, change, time)
         return True
 
     @staticmethod
@@ -312,6 +368,17 @@ class Motion:
         time = -c / (np.sqrt(b * b - _dot(v, v) * c) - b)
         n = r - v * (time if time <= self.dt else self.real(0))
         return n / np.sqrt(_dot(n, n))
+
+
+def friction_of(coefficient: float, sticking: float, real: Any) -> tuple[Any, Any] | None:
+    """Coefficient and tangential change of a contact that sticks, per slip; None where contacts are smooth."""
+    return (real(coefficient), real(sticking)) if coefficient > 0 else None
+
+
+def limited(law: tuple[Any, Any], slip: Any, pressed: Any) -> Any:
+    """Tangential change of velocity: that of a contact that sticks, but at most the coefficient times the normal's."""
+    coefficient, sticking = law
+    return min(max(sticking * slip, -(coefficient * pressed)), coefficient * pressed)
 
 
 def _dot(a: Any, b: Any) -> Any:

@@ -13,7 +13,7 @@ import mpsim
 from support.compare import assert_same_bits
 from support.scenes import simulate
 from support.twin_flight import landing
-from support.twin_motion import EDGES, Motion, segments_of
+from support.twin_motion import EDGES, Motion, limited, segments_of
 
 CELLS_PER_DISC = 2
 """At most so many cells for each disc."""
@@ -82,11 +82,13 @@ class Twin(Motion):
         image, self.image = self.image, kept  # looking changes nothing
         periodic = any(wrap is not None for wrap in self.wrap)
         box = (0, self.scene.width, 0, self.scene.height)  # a piston's place is told by the discs that it pushes
+        is_rough = self.friction or self.wall_friction or self.scene.spin is not None
         return mpsim.State(
             position,
             self.v.copy(),
             present=~self.gone,
             image=image if periodic else None,
+            spin=np.where(self.gone, self.real(0), self.spin) if is_rough else None,
             box=box if periodic else None,
         )
 
@@ -108,6 +110,7 @@ class Twin(Motion):
         self.radii = np.append(self.radii, self.scene.largest_radius if radius is None else radius)
         self.mass = np.append(self.mass, 1.0 if mass is None else mass).astype(self.real)
         self.acceleration = np.append(self.acceleration, np.zeros((1, 2)), axis=0).astype(self.real)
+        self.spin = np.append(self.spin, self.real(0))
         self.gone = np.append(self.gone, False)
         self.image = np.append(self.image, [image], axis=0)
 
@@ -307,23 +310,26 @@ class Twin(Motion):
         work = way[0] * self.pull(i, 0) + way[1] * self.pull(i, 1)
         return work * (self.mass[i] if self.has_masses else self.real(1))
 
-    def keep_inside(self, i: int, axis: int) -> None:
-        """Off the wall that an impact has led a disc beyond; at an edge that absorbs, on the edge."""
-        p, v = self.p[i, axis], self.v[i, axis]
+    def keep_inside(self, i: int, axis: int) -> tuple[Any, Any, Any]:
+        """Off the wall that an impact has led a disc beyond; at an absorbing edge, on the edge. Returns as `drift`."""
+        p, v, inward, time = self.p[i, axis], self.v[i, axis], 1, self.real(0)
         if self.wrap[axis] is None:
             low, high = (
                 limit - speed * self.dt for limit, speed in zip(self.limits[axis], self.wall_speeds[axis], strict=True)
             )
             margin = self.radius(i) if self.has_radii else self.real(0)
             limits = low + margin, high - margin
+            inward = 1 if p < limits[0] else -1
             if self.absorbs(axis, p, limits):
                 p = min(max(p, limits[0]), limits[1])
             elif self.pulled:
-                p, v = self.off_walls(axis, p, v, self.pull(i, axis), limits)
+                p, v, time = self.off_walls(axis, p, v, self.pull(i, axis), limits)
             else:
-                p, v = self.reflected(axis, p, v, limits)
+                p, v, time = self.reflected(axis, p, v, limits)
                 p = min(max(p, limits[0]), limits[1])
+        change = v - self.v[i, axis]
         self.p[i, axis], self.v[i, axis] = p, v
+        return inward, change, time
 
     def absorbs(self, axis: int, place: Any, limits: tuple[Any, Any]) -> bool:
         """Whether a place lies beyond an edge that absorbs."""
@@ -351,8 +357,8 @@ class Twin(Motion):
         self.p[j] += self.v[j] * time
         if self.scene.acceleration is not None:
             self.pay(i, j, before, normalised(*self.apart(i, j, image_x, image_y)))
-        for disc, axis in ((i, 0), (i, 1), (j, 0), (j, 1)):
-            self.keep_inside(disc, axis)
+        for disc in (i, j):
+            self.rub_walls(disc, [self.keep_inside(disc, axis) for axis in range(2)], wraps=False)
         return True
 
     def share(self, i: int, j: int) -> Any:
@@ -368,11 +374,25 @@ class Twin(Motion):
         along_j = self.v[j, 0] * nx + self.v[j, 1] * ny
         if self.settings.law == "elastic":
             exchanged = (along_j - along_i) * self.exchange if along_j < along_i else self.real(0)
+            self.rub_pair(i, j, nx, ny, exchanged)
             self.kick(i, exchanged * self.share(i, j), nx, ny)
             self.kick(j, -(exchanged * self.share(j, i)), nx, ny)
         else:
             self.kick(i, self.real(-2) * along_i, nx, ny)
             self.kick(j, self.real(-2) * along_j, nx, ny)
+
+    def rub_pair(self, i: int, j: int, nx: Any, ny: Any, exchanged: Any) -> None:
+        """Friction of two discs that exchange so much of their normal velocity."""
+        if self.friction is None or not exchanged < 0:
+            return
+        slip = (self.v[j, 1] - self.v[i, 1]) * nx - (self.v[j, 0] - self.v[i, 0]) * ny
+        slip -= self.surface(i) * self.spin[i] + self.surface(j) * self.spin[j]
+        change = limited(self.friction, slip, -exchanged)
+        for disc, other, sign in ((i, j, 1), (j, i, -1)):
+            own = change * self.share(disc, other)
+            self.v[disc, 0] -= sign * own * ny
+            self.v[disc, 1] += sign * own * nx
+            self.spin[disc] += self.real(2) * own / self.surface(disc)
 
     def push(self, i: int, dx: Any, dy: Any) -> None:
         """Move a disc, but not through a wall."""

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from mpsim.features import FEATURES
+
 
 @pytest.fixture(scope="module")
 def script():
@@ -19,3 +21,16 @@ def test_arrays_of_one_feature_count_once(script):
 
 def test_the_other_version_is_compared_with_this_checkout(script):
     assert (script.TOP / "mpsim" / "__init__.py").is_file()
+
+
+def test_the_scenes_follow_from_the_list_of_features(script, monkeypatch):
+    monkeypatch.setattr(script, "SPREADS", ())
+    scenes = script.scenes()
+    timed = [each for each in FEATURES if each.cost_examples(10.0, 1.4)]
+    assert {each.argument for each in FEATURES} - {each.argument for each in timed} == {"emitters"}
+    for feature in timed:
+        assert feature.is_in(scenes["all together"]), feature.argument
+        for name in feature.cost_examples(10.0, 1.4):
+            assert [each.argument for each in FEATURES if each.is_in(scenes[name])] == [feature.argument]
+    monkeypatch.setattr(script, "FEATURES", ())
+    assert set(script.scenes()) == {"bare", "periodic", "one giant", "all together"}

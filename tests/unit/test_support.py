@@ -1,6 +1,7 @@
 """Negative controls of the tests' own tools: each of them must be able to fail."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -17,9 +18,10 @@ from support.processes import (
     descendants_of,
     is_gone,
     run_script,
+    wait_until,
 )
 from support.scenes import gas, lattice
-from support.script_server import Server
+from support.script_server import Server, environment
 
 import mpsim
 
@@ -174,6 +176,53 @@ def test_a_server_of_scripts_that_has_ended_is_an_error_and_the_next_script_star
     with pytest.raises(AssertionError, match=r"server of scripts has ended, with exit code -9"):
         run_script("pass", warm=True)
     assert run_script("print(1)", warm=True).out == "1\n"
+
+
+HANGING = """
+import os, re
+
+def test_fails():
+    assert False
+
+def test_passes():
+    pass
+
+def test_hangs(request):
+    (request.config.rootpath / "pid").write_text(str(os.getpid()))
+    re.match(r"(a+)+$", 40 * "a" + "b")  # for years, in which it lets no thread of this process run
+"""
+WATCHED = """
+from support import watchdog
+
+watchdog.EARLIER = 0.5
+
+def pytest_configure(config):
+    config.pluginmanager.register(watchdog.Watchdog(config, 4))
+"""
+
+
+def test_a_session_that_hangs_ends_with_its_workers_and_names_its_tests(tmp_path):
+    """In a failure pytest takes back the timer of faulthandler: it did so for good."""
+    for name, text in (("test_it.py", HANGING), ("conftest.py", WATCHED), ("pytest.ini", "[pytest]")):
+        (tmp_path / name).write_text(text)
+    command = [sys.executable, "-m", "pytest", "-n", "1", "-p", "no:cacheprovider", str(tmp_path)]
+    ended = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == 1
+    assert wait_until(lambda: is_gone(int((tmp_path / "pid").read_text())), 5)
+    assert re.search(r"failed: test_it.py::test_fails\nrunning for \d+ s: test_it.py::test_hangs\n", ended.stderr)
+    assert re.search(r"test_it.py\W+line \d+ in test_hangs", ended.stderr)
+    assert "test_passes" not in ended.stderr
+
+
+def test_a_warm_script_ends_with_the_server():
+    with Script("import time; print('up', flush=True); time.sleep(1000)", warm=True) as script:
+        script.line()
+        (server,) = Server.pids()
+        os.kill(server, signal.SIGKILL)
+        assert wait_until(lambda: is_gone(script.pid), 5)
+        with pytest.raises(AssertionError, match="server of scripts has ended"):
+            script.finish()
+        script._process.returncode = -signal.SIGKILL
 
 
 def test_a_stopped_process_is_not_gone_and_an_ended_one_is():

@@ -1,19 +1,20 @@
 """What every solver promises: the protocol by which a simulation, its emitters and its limits know a method.
 
-A new method is one file with a class that derives from `Solver`, and one line in `methods.METHODS`. Callers ask for
-`capabilities` (`methods.capabilities_of`), never for a class or a name.
+A new method is one file with a class that derives from `Solver`, a line in `methods.METHODS`, and its name in `METHODS`
+of `scene/settings.py`. Callers ask for `capabilities` (`methods.capabilities_of`), never for a class or a name.
 """
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.core.columns import MASS, Column
 from mpsim.core.state import State
-from mpsim.engine.insertion import NewDiscs
 from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot
 from mpsim.engine.solvers.speed_limit import SpeedLimit
@@ -27,7 +28,7 @@ class Choice:
     """What runs.
 
     Attributes:
-        method: "naive", "grid", "parallel" or "event".
+        method: a name of `methods.METHODS`.
         workers: numbers of workers to choose from while running, the likely best first.
         remark: why there is one worker where there could be more; empty: there is nothing to say.
     """
@@ -49,6 +50,31 @@ class Columns(NamedTuple):
     of_disc: NDArray[np.int64]
     owner: NDArray[np.int64]
     number: int
+
+
+class NewDiscs(NamedTuple):
+    """Discs that enter, K of them.
+
+    Attributes:
+        position, velocity: shape (K, 2) [length], [length/time].
+        radius: shape (K,), that of all discs in a scene without own ones [length].
+        columns: what they bring of columns by id, by name, shape (K, *components): masses always.
+    """
+
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    radius: NDArray[np.float64]
+    columns: Mapping[str, NDArray[Any]]
+
+    @property
+    def mass(self) -> NDArray[np.float64]:
+        """Shape (K,), 1 each in a scene without own ones [mass]."""
+        return self.columns[MASS.name]
+
+    def of(self, column: Column) -> NDArray[Any]:
+        """What they bring of a column, shape (K, *components): zeros of what they do not bring."""
+        brought = self.columns.get(column.name)
+        return np.zeros(column.rows(len(self.position))) if brought is None else brought
 
 
 @dataclass(frozen=True)

@@ -1,16 +1,18 @@
 """Discs in the block of a stepped solver: written, and read back in the order of the scene."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.core import columns
 from mpsim.core.state import State
-from mpsim.engine import columns
 from mpsim.engine.feature_arrays import box_now
-from mpsim.engine.insertion import NewDiscs
+from mpsim.engine.solvers.base import NewDiscs
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.worker import buffers_of
 from mpsim.kernels import layout
-from mpsim.kernels.features.images import wrap_places
+from mpsim.kernels.features.boundary import wrap_places
 from mpsim.scene.scene import Scene
 
 
@@ -26,10 +28,12 @@ def write_discs(block: SharedBlock, new: NewDiscs, first: int) -> None:
     discs.x[first:last], discs.y[first:last] = new.position.T
     discs.vx[first:last], discs.vy[first:last] = new.velocity.T
     discs.id[first:last] = np.arange(first, last)
+    arrays["control"].in_order = 0
     if discs.radius is not None:
         discs.radius[first:last] = new.radius
     for column in columns.COLUMNS:
-        column.enter(arrays, new, first, last)
+        if column.name in arrays:
+            arrays[column.name][..., first:last] = new.of(column).T
 
 
 def places_and_speeds(block: SharedBlock, count: int) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
@@ -53,13 +57,16 @@ def absorbed_in(block: SharedBlock, count: int) -> NDArray[np.bool_]:
 def state_in(block: SharedBlock, scene: Scene, count: int) -> State:
     """Copies in the order of the scene's discs."""
     (position, velocity), arrays = places_and_speeds(block, count), block.arrays
-    image = arrays["image"][:, :count].copy() if "image" in arrays else None
+    found = {each.name: arrays[each.name][..., :count].copy() for each in columns.in_state() if each.name in arrays}
     for axis, wrap in enumerate((arrays.get("wrap_x"), arrays.get("wrap_y"))):
         if wrap is not None:  # a contact may have moved a disc through the border; the next step brings it back
-            wrap_places(position[:, axis], image, axis, wrap)
-    image, present = None if image is None else image.T, ~absorbed_in(block, count)
-    spin = np.where(present, arrays["spin"][:count], 0) if "spin" in arrays else None
-    return State(position, velocity, present=present, image=image, spin=spin, box=box_now(scene, arrays))
+            wrap_places(position[:, axis], found.get(columns.IMAGE.name), axis, wrap)
+    absorbed = absorbed_in(block, count)
+    for column in columns.in_state():
+        if column.name in found and not column.rests:
+            found[column.name][..., absorbed] = 0
+    others: Any = {name: values.T for name, values in found.items()}
+    return State(position, velocity, present=~absorbed, box=box_now(scene, arrays), **others)
 
 
 def first_not_finite(block: SharedBlock) -> tuple[int, tuple[float, float], tuple[float, float]]:

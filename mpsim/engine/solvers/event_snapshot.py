@@ -1,90 +1,142 @@
 """Snapshots of the exact solver: what is in them, and what such a one must be."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.engine.columns import columns_of, has_masses
-from mpsim.engine.feature_arrays import has_radii
+from mpsim.core.columns import Column
+from mpsim.engine.columns import columns_of
 from mpsim.engine.solvers.snapshots import MOST_STEPS, REAL, Shapes, Snapshot, check_periods, demand, shapes_in_each
-from mpsim.kernels.events import state as events
+from mpsim.features.radii import has_radii
+from mpsim.kernels.events import records, state
+from mpsim.kernels.events.cells import plan_cells
 from mpsim.scene.scene import Scene
-
-KEPT = ("disc", "event", "cell_head", "cell_next", "order", "clock", "counter", "tally", "winding", "spin")
-"""Arrays of the block that a snapshot holds; radii and masses come beside them, the calendar is made anew."""
 
 SLACK = 1e-6
 """Fraction of a cell by which rounding may have put a centre beyond its limit."""
 
+_SAVED_AS = {"image": "winding"}
+"""Columns that have another name in a snapshot."""
 
-def arrays_of(scene: Scene) -> dict[str, bool]:
-    """Which of the optional arrays of the kernels a scene needs."""
-    spins = any(column.name == "spin" for column in columns_of(scene))
-    each = {"tally": True, "radius": has_radii(scene), "mass": has_masses(scene), "winding": any(scene.periodic)}
-    return each | {"spin": spins}
+# --- columns
+
+
+def columns_in(scene: Scene) -> list[Column]:
+    """Columns of the exact solver's discs, which lie in its block in the order of its own numbers."""
+    return [Column("radius", "radius", kept=False, in_state=False)] * has_radii(scene) + columns_of(scene)
+
+
+def column_shapes(scene: Scene, count: int) -> Shapes:
+    """dtype and shape of the array of each in the block."""
+    return {each.name: (each.dtype(REAL), (count, *each.components)) for each in columns_in(scene)}
+
+
+def columns_of_discs(scene: Scene, count: int, values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Columns of so many discs, from what is known of them by name; the others are zero."""
+    found: dict[str, NDArray[Any]] = {}
+    for name, (dtype, shape) in column_shapes(scene, count).items():
+        given = values.get(name)
+        found[name] = np.zeros(shape, dtype) if given is None else given
+    return found
+
+
+def _saved_columns(scene: Scene) -> dict[str, str]:
+    """Those that a snapshot holds: name there -> name of the array."""
+    return {_SAVED_AS.get(each.name, each.name): each.name for each in columns_in(scene) if each.kept}
+
+
+def cells_for(scene: Scene, count: int) -> tuple[int, int]:
+    """Columns and rows of cells for so many discs."""
+    return plan_cells(scene.width, scene.height, 2 * scene.largest_radius, count)
+
+
+# --- a snapshot
+
+
+def taken(scene: Scene, arrays: dict[str, Any]) -> Snapshot:
+    """What a snapshot holds of the arrays of a block: no radii and masses, and no calendar, which is made anew."""
+    found = {name: records.numbers(arrays[name]).copy() for name in state.KEPT}
+    return found | {saved: arrays[name].copy() for saved, name in _saved_columns(scene).items()}
+
+
+def put_back(scene: Scene, arrays: dict[str, Any], snapshot: Snapshot) -> None:
+    """Write a snapshot into the arrays of a new block, the calendar aside."""
+    for name in state.KEPT:
+        records.numbers(arrays[name])[...] = snapshot[name]
+    for saved, name in _saved_columns(scene).items():
+        if saved in snapshot:  # counts of periods are not in files of older versions
+            arrays[name][...] = snapshot[saved]
+    for name, values in (("radius", snapshot["radii"]), ("mass", snapshot["masses"])):
+        if name in arrays:
+            arrays[name][...] = values[arrays["order"]]
 
 
 def shapes(scene: Scene, count: int) -> Shapes:
     """dtype and shape of every array of a snapshot."""
-    optional = arrays_of(scene)
-    layout = events.layout(count, _cells(scene, count), [name for name in KEPT if optional.get(name)])
-    found: Shapes = {name: (np.dtype(layout[name][0]), layout[name][1]) for name in KEPT if name in layout}
-    return found | shapes_in_each(count) | {"seen": (REAL, (events.COUNTED,))}
+    layout, columns = state.layout(count, cells_for(scene, count)), column_shapes(scene, count)
+    blank = {name: records.numbers(np.empty(layout[name][1], layout[name][0])) for name in state.KEPT}
+    found: Shapes = {name: (array.dtype, array.shape) for name, array in blank.items()}
+    found |= {saved: columns[name] for saved, name in _saved_columns(scene).items()}
+    totals = records.numbers(np.empty((), records.TOTALS))
+    return found | shapes_in_each(count) | {"seen": (totals.dtype, totals.shape)}
 
 
-def check(scene: Scene, arrays: Snapshot, frame_end: float) -> None:
-    """Raise ValueError unless discs, events and lists of a snapshot go together, before the end of its frame [time]."""
-    disc, count = arrays["disc"], len(arrays["order"])
+# --- one from a file
+
+
+def check(scene: Scene, arrays: Snapshot, dt: float) -> None:
+    """Raise ValueError unless discs, events and lists of a snapshot go together, frames being dt long [time]."""
+    disc, count = records.of_numbers(records.DISC, arrays["disc"]), len(arrays["order"])
     demand(checks.equal(np.sort(arrays["order"]), np.arange(count)), "order must be a permutation")
-    flight = disc[:, [events.X, events.Y, events.VX, events.VY, events.SINCE]]
-    demand(np.isfinite(flight).all(), "position, velocity and their time must be finite")
-    times = disc[:, [events.IMPACT, events.BORDER, events.LAST]]
-    demand("spin" not in arrays or np.isfinite(arrays["spin"]).all(), "spin must be finite")
+    flight = ("position", "velocity", "last_update")
+    demand(all(np.isfinite(disc[name]).all() for name in flight), "position, velocity and their time must be finite")
+    for saved in _saved_columns(scene):
+        demand(saved not in arrays or np.isfinite(arrays[saved]).all(), f"{saved} must be finite")
+    times = np.stack([disc["collision_time"], disc["crossing_time"], disc["last_contact"]])
     demand(not np.isnan(times).any(), "times of events must not be NaN")
-    demand((times[:, :2] >= 0).all(), "no event may lie before the present lap")
+    demand((times[:2] >= 0).all(), "no event may lie before the present lap")
     demand(np.isfinite(arrays["tally"]).all() and np.isfinite(arrays["seen"]).all(), "counts must be finite")
-    _check_clock(arrays, frame_end)
+    progress = records.of_numbers(records.PROGRESS, arrays["progress"])
+    _check_clock(arrays, frame_end=(int(progress.frame) + 1) * dt)
     _check_links(scene, arrays)
     if "winding" in arrays:
         check_periods(scene, arrays["winding"])
 
 
 def _check_clock(arrays: Snapshot, frame_end: float) -> None:
-    clock, counter = arrays["clock"], arrays["counter"]
-    now, base, step, lap = clock[[events.NOW, events.BASE, events.STEP, events.LAP]].tolist()
-    steps = events.layout(len(arrays["order"]), (1, 1))["step_head"][1][0]
-    demand(np.isfinite(clock).all() and base >= 0 and step > 0, "its clock must be finite, its step > 0")
-    demand(np.frexp(step)[0] == 0.5 and lap == step * steps, "its step must be a power of two, its lap all steps")
-    demand(now <= lap and base + now <= frame_end * (1 + 1e-9), "its present must lie in its lap and frame")
-    others = [events.PAIRS, events.WALLS, events.GUARDS, events.EVENTS, events.LAP_EVENTS, events.STALL]
-    demand((counter[others] >= 0).all() and (counter <= MOST_STEPS).all(), "counts must be >= 0")
+    """frame_end: of the frame in hand [time]."""
+    clock = records.of_numbers(records.CLOCK, arrays["clock"])
+    counter = records.of_numbers(records.COUNTER, arrays["counter"])
+    steps = state.layout(len(arrays["order"]), (1, 1))["step_head"][1][0]
+    finite = np.isfinite(arrays["clock"]).all()
+    demand(finite and clock.origin >= 0 and clock.step > 0, "its clock must be finite, its step > 0")
+    whole = np.frexp(clock.step)[0] == 0.5 and clock.lap == clock.step * steps
+    demand(whole, "its step must be a power of two, its lap all steps")
+    in_frame = clock.origin + clock.now <= frame_end * (1 + 1e-9)
+    demand(clock.now <= clock.lap and in_frame, "its present must lie in its lap and frame")
+    counts = (counter[name] for name in ("pairs", "walls", "guarded", "events", "lap_events", "stall"))
+    demand(all(each >= 0 for each in counts) and (arrays["counter"] <= MOST_STEPS).all(), "counts must be >= 0")
 
 
 def _check_links(scene: Scene, arrays: Snapshot) -> None:
     """Whatever one array says of the place of something in another must be a place in it."""
-    disc, event, count = arrays["disc"], arrays["event"], len(arrays["order"])
-    columns, rows = _cells(scene, count)
-    partner, side = event[:, events.PARTNER], event[:, events.SIDE]
+    disc, event = records.of_numbers(records.DISC, arrays["disc"]), records.of_numbers(records.EVENT, arrays["event"])
+    count, cells = len(disc), cells_for(scene, len(disc))
+    partner, side, cell = event["partner"], event["side"], event["cell"]
     demand(((partner >= -1) & (partner < count)).all(), "partners must be discs")
-    meets = disc[:, events.IMPACT] < disc[:, events.BORDER]
+    meets = disc["collision_time"] < disc["crossing_time"]
     demand(((partner >= 0) & (partner != np.arange(count)))[meets].all(), "an impact must have a partner")
     demand(((side >= 0) & (side <= 3)).all(), "a disc leaves its cell by one of four sides")
-    for place, cell, length, cells in (
-        (disc[:, events.X], event[:, events.COLUMN], scene.width, columns),
-        (disc[:, events.Y], event[:, events.ROW], scene.height, rows),
-    ):
-        demand(((cell >= 0) & (cell < cells)).all(), "a disc must be in a cell of the box")
-        beyond = np.abs(place * (cells / length) - (cell + 0.5)) - 0.5
-        demand((beyond <= max(SLACK * cells, 1e-3)).all(), "a disc must be in its cell")
-    cell_of_disc = event[:, events.ROW].astype(np.int64) * columns + event[:, events.COLUMN]
+    for axis, length in enumerate((scene.width, scene.height)):
+        along, place = cell[:, axis], disc["position"][:, axis]
+        demand(((along >= 0) & (along < cells[axis])).all(), "a disc must be in a cell of the box")
+        beyond = np.abs(place * (cells[axis] / length) - (along + 0.5)) - 0.5
+        demand((beyond <= max(SLACK * cells[axis], 1e-3)).all(), "a disc must be in its cell")
+    cell_of_disc = cell[:, 1].astype(np.int64) * cells[0] + cell[:, 0]
     demand(cells_of_lists(arrays["cell_head"], arrays["cell_next"]) == cell_of_disc.tolist(), "lists of cells")
-
-
-def _cells(scene: Scene, count: int) -> tuple[int, int]:
-    found: Any = events.plan_cells(scene.width, scene.height, 2 * scene.largest_radius, count, scene.periodic)
-    return found
 
 
 def cells_of_lists(heads: NDArray[np.int32], following: NDArray[np.int32]) -> list[int]:

@@ -3,13 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.engine.feature_arrays import giant_radius, has_radii
+from mpsim.engine.feature_arrays import giant_radius
 from mpsim.engine.solvers.base import Choice, Columns
 from mpsim.engine.solvers.snapshots import Snapshot
 from mpsim.engine.solvers.stepped import SteppedSolver
 from mpsim.engine.workers.arrays import Grid
 from mpsim.engine.workers.pool import WorkerPool
 from mpsim.engine.workers.worker import kernel_arguments, load_kernels
+from mpsim.features.radii import has_radii
 from mpsim.kernels import layout
 from mpsim.kernels.frame.stepping import run_grid
 from mpsim.scene.scene import Scene

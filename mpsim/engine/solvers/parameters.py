@@ -5,17 +5,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.engine.feature_arrays import has_radii, typical_momentum, wall_limits
+from mpsim.engine.feature_arrays import typical_momentum, wall_limits
 from mpsim.engine.solvers.speed_limit import SpeedLimit
 from mpsim.engine.workers.arrays import Grid
 from mpsim.features.edges import EDGES
+from mpsim.features.radii import has_radii
 from mpsim.kernels import layout
 from mpsim.kernels.features.hooks import prepare_first_step
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-
-_CONTACTS = {"push": layout.PUSH, "impact": layout.IMPACT}
-_LAWS = {"reflect": layout.REFLECT, "elastic": layout.ELASTIC}
 
 
 class Present(NamedTuple):
@@ -47,7 +45,7 @@ def configure(arrays: dict[str, Any], scene: Scene, settings: Settings, now: Pre
     parameters.limit[:] = wall_limits(scene)
     parameters.cells_per_x = grid.columns / scene.width
     parameters.cells_per_y = grid.rows / scene.height
-    parameters.exchange = (1 + scene.restitution) / 2
+    parameters.half_one_plus_e = (1 + scene.restitution) / 2
     parameters.wall_restitution = scene.wall_restitution
     parameters.wall_bounce = scene.wall_restitution if settings.contact == "impact" else 0.0
     parameters.tally_scale = _tally_scale(scene, settings)
@@ -61,10 +59,10 @@ def configure(arrays: dict[str, Any], scene: Scene, settings: Settings, now: Pre
     control.rows = grid.rows
     control.cells = grid.table_size - 1
     control.substeps = now.substeps
-    control.law = _LAWS[settings.law]
-    control.contact = _CONTACTS[settings.contact]
+    control.law = layout.LAWS[settings.law].number
+    control.contact = layout.CONTACTS[settings.contact]
     control.passes = settings.passes
-    control.guarded = int(not settings.unguarded)
+    control.race_free = int(not settings.unguarded)
     control.absorbing[:] = [edge in scene.absorbing for edge in EDGES]
 
 

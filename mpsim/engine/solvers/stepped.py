@@ -8,15 +8,15 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.core import columns
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import DivergedError
 from mpsim.core.state import State
-from mpsim.engine import columns
-from mpsim.engine.feature_arrays import feature_specs, fill_features, has_radii
+from mpsim.engine.columns import given_in
+from mpsim.engine.feature_arrays import feature_specs, fill_features
 from mpsim.engine.frame_count import frames_until
-from mpsim.engine.insertion import NewDiscs
 from mpsim.engine.solvers import stepped_snapshot
-from mpsim.engine.solvers.base import Capabilities, Choice, Solver
+from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Solver
 from mpsim.engine.solvers.discs import absorbed_in, first_not_finite, places_and_speeds, state_in, write_discs
 from mpsim.engine.solvers.parameters import Present, configure
 from mpsim.engine.solvers.slices import Slice, totals
@@ -26,6 +26,7 @@ from mpsim.engine.solvers.speeds import Speeds, speeds_of
 from mpsim.engine.workers.arrays import Grid, block_arrays, grid_for
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.system_limits import resident_bytes
+from mpsim.features.radii import has_radii
 from mpsim.kernels import layout
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -53,7 +54,7 @@ class SteppedSolver(Solver):
         """Make the block, write the scene's discs into it, and start the workers."""
         self._fill(self._block)
         scene = self._scene
-        self._write(scene.position, scene.velocity, scene.acceleration, scene.spin)
+        self._write(scene.position, scene.velocity, given_in(scene))
         self._configure()
         self._prepare()
 
@@ -321,26 +322,20 @@ class SteppedSolver(Solver):
         """Write a snapshot into the present, new block."""
         self._radii, self._masses = snapshot["radii"].copy(), snapshot["masses"].copy()
         self.count = count_in(snapshot)
-        self._write(snapshot["position"], snapshot["velocity"], None, None)
+        self._write(snapshot["position"], snapshot["velocity"], {})
         arrays = self._block.arrays
         frames, steps = snapshot["progress"].tolist()
         arrays["control"].done, arrays["control"].steps = frames, steps
         self.substeps = steps // frames if frames else self._settings.substeps
         for column in columns.COLUMNS:
             if column.name in snapshot:  # in files of older versions there is no image, and it counts from there on
-                column.put(arrays, snapshot[column.name])
+                column.put(arrays[column.name], snapshot[column.name])
         self._configure()
 
-    def _write(
-        self,
-        position: NDArray[Any],
-        velocity: NDArray[Any],
-        acceleration: NDArray[Any] | None,
-        spin: NDArray[np.float64] | None,
-    ) -> None:
-        """Write all discs into a new block."""
-        image = np.zeros((self.count, 2), np.int64)
-        write_discs(self._block, NewDiscs(position, velocity, acceleration, self._radii, self._masses, image, spin), 0)
+    def _write(self, position: NDArray[Any], velocity: NDArray[Any], brought: dict[str, NDArray[Any]]) -> None:
+        """Write all discs into a new block. brought: of columns by id, by name, besides masses."""
+        given = {**brought, columns.MASS.name: self._masses}
+        write_discs(self._block, NewDiscs(position, velocity, self._radii, given), 0)
 
     def _configure(self) -> None:
         """Write the records `parameters` and `control`, which follow from what is simulated now."""

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.engine import columns
+from mpsim.core import columns
+from mpsim.engine.columns import columns_of
 from mpsim.engine.solvers.discs import places_and_speeds
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot, check_periods, demand, shapes_in_each
 from mpsim.engine.workers.shared import SharedBlock
-from mpsim.features import PER_DISC
 from mpsim.scene.scene import Scene
 
 SLACK = 1e-6
@@ -28,7 +28,7 @@ def taken(block: SharedBlock, radii: NDArray[np.float64], masses: NDArray[np.flo
     found: Snapshot = {"position": position, "velocity": velocity, "radii": radii.copy(), "masses": masses.copy()}
     for column in columns.COLUMNS:
         if column.kept and column.name in arrays:
-            found[column.name] = column.take(arrays, count)
+            found[column.name] = column.take(arrays[column.name], count)
     control = arrays["control"]
     found["progress"] = np.array([control.done, control.steps])
     return found
@@ -37,7 +37,7 @@ def taken(block: SharedBlock, radii: NDArray[np.float64], masses: NDArray[np.flo
 def shapes(scene: Scene, real: np.dtype[Any], count: int) -> Shapes:
     """dtype and shape of every array of a snapshot in that precision."""
     found: Shapes = {"position": (real, (count, 2)), "velocity": (real, (count, 2))}
-    for column in columns.columns_of(scene):
+    for column in columns_of(scene):
         if column.kept:
             found[column.name] = column.dtype(real), column.kept_shape(count)
     return found | shapes_in_each(count)
@@ -47,8 +47,9 @@ def check(scene: Scene, arrays: Snapshot) -> None:
     """Raise ValueError unless the discs of a snapshot can be in the scene."""
     demand(np.isfinite(arrays["velocity"]).all(), "velocity must be finite")
     _check_places(scene, arrays["position"])
-    for name in ("acceleration", *PER_DISC):
-        demand(name not in arrays or np.isfinite(arrays[name]).all(), f"{name} must be finite")
+    for column in columns.COLUMNS:
+        if column.name in arrays and (column.in_state or column.given):
+            demand(np.isfinite(arrays[column.name]).all(), f"{column.name} must be finite")
     if "exits" in arrays:
         gone, *places = arrays["exits"]
         demand(((gone == 0) | (gone == 1)).all(), "a disc has left or it has not")

@@ -5,7 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mpsim.features.edges import WALLED, wraps_of
 from mpsim.kernels import layout, records
+from mpsim.kernels.frame.incremental_sort import BUCKET
+from mpsim.kernels.frame.sharing import FEW
 
 MOST_FRAMES = 4096
 """Frames of one command at most: the length of the array of times in the shared block."""
@@ -53,24 +56,25 @@ def grid_for(
     height: float,
     diameter: float,
     precision: str,
-    boundary: tuple[str, str] = ("walls", "walls"),
+    boundary: tuple[str, str] = WALLED,
     outside: bool = False,
 ) -> Grid:
     """The grid of a scene: cells of one diameter, larger where there are fewer discs than cells / CELLS_PER_DISC.
 
     A cell is wider than a diameter by the rounding of a coordinate times the number of cells, so that discs two cells
-    apart can never overlap. Along a periodic axis there are two or more, and an even number of columns: the last one is
-    odd, and meets the first in the odd pass.
+    apart can never overlap. Along an axis that wraps there are two or more, and along x an even number: the last column
+    is odd, and meets the first in the odd pass, in which no other column touches either.
     """
     rounding = 8 * float(np.finfo(precision).eps) * max(width, height)
     side = max(diameter + rounding, math.sqrt(width * height / (CELLS_PER_DISC * max(count, 1))))
-    least = [2 if word == "periodic" else 1 for word in boundary]
-    columns, rows = max(int(width / side), least[0]), max(int(height / side), least[1])
+    wraps_x, wraps_y = wraps_of(boundary)
+    fewest_columns, fewest_rows = 1 + wraps_x, 1 + wraps_y
+    columns, rows = max(int(width / side), fewest_columns), max(int(height / side), fewest_rows)
     # In a box so thin that it has one row (or column), as many cells along it as elsewhere: their number must not grow
     # with the aspect of the box.
     most = CELLS_PER_DISC * max(count, 1)
-    columns, rows = min(columns, max(most // rows, least[0])), min(rows, max(most // columns, least[1]))
-    return Grid(columns - columns % least[0], rows, outside)
+    columns, rows = min(columns, max(most // rows, fewest_columns)), min(rows, max(most // columns, fewest_rows))
+    return Grid(columns - columns % 2 if wraps_x else columns, rows, outside)
 
 
 def block_arrays(
@@ -88,6 +92,9 @@ def block_arrays(
                 dtype = np.dtype(np.int32) if column in layout.WHOLE else real
                 arrays[f"{buffer}.{column}"] = ArraySpec(dtype, (length,))
     arrays["start"] = ArraySpec(np.dtype(np.int32), (grid.table_size,))
+    for name in layout.Changes._fields:
+        arrays[name] = ArraySpec(np.dtype(np.int32), (capacity // FEW + 1,))
+    arrays["first_arrival"] = ArraySpec(np.dtype(np.int32), (grid.table_size // BUCKET + workers + 1,))
     arrays["outbox"] = ArraySpec(np.dtype(np.int32), (length,))
     arrays["parameters"] = ArraySpec(records.parameters_in(precision), ())
     arrays["control"] = ArraySpec(records.CONTROL, ())

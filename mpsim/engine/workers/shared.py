@@ -1,7 +1,7 @@
 """The one shared block of a simulation. Nothing else in mpsim uses multiprocessing.shared_memory.
 
 Ownership: the coordinator creates the block before any worker starts, and it alone unlinks it. Workers attach without
-registering for clean-up, because a registered worker that exits would take the block away from everybody.
+registering for clean-up, because a registered worker that exits would take the block away from all processes.
 If the coordinator is killed, its resource tracker unlinks the block as soon as the last worker has gone. If that is
 killed as well, the block stays; `remove_stale_blocks` finds it.
 """
@@ -193,7 +193,7 @@ class StaleBlock:
 def stale_blocks(folder: Path = FOLDER) -> list[StaleBlock]:
     """Blocks of mpsim whose owner is dead, by name; of this user only.
 
-    A block counts as stale only if both are true: nobody holds the lock that its owner holds while it lives, and no
+    A block counts as stale only if both are true: no process holds the lock that its owner holds while it lives, and no
     process has the owner's number, or only one that was started after the block was made. The lock also knows owners
     in other containers that share this folder, whose process numbers mean nothing here.
     """

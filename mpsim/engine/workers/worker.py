@@ -19,7 +19,7 @@ from mpsim.core.errors import ResourceError
 from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.system_limits import refusal_of_process
-from mpsim.kernels import layout
+from mpsim.kernels import compile_notice, layout
 from mpsim.kernels.features.hooks import features_of
 from mpsim.kernels.frame.stepping import run_grid
 from mpsim.kernels.waiting import add_to_word, load_word, store_word
@@ -29,7 +29,7 @@ NAME = "mpsim-worker-"
 
 LINGER = 2_000_000
 """Nanoseconds for which a worker without a command polls (giving its core away) before it sleeps in its pipe: a loop
-of short runs then needs no system call to wake anybody, and an idle pool costs nothing."""
+of short runs then needs no system call to wake a worker, and an idle pool costs nothing."""
 
 NAP = 0.0005
 """Seconds between two looks for a command that is announced and late."""
@@ -47,7 +47,7 @@ class GridArguments(NamedTuple):
     a: layout.Discs
     b: layout.Discs
     start: Any
-    outbox: Any
+    changes: layout.Changes
     features: Any
     parameters: Any
     control: Any
@@ -67,7 +67,7 @@ def kernel_arguments(block: SharedBlock, worker: int) -> GridArguments:
         a=a,
         b=b,
         start=arrays["start"],
-        outbox=arrays["outbox"],
+        changes=layout.Changes(*(arrays[field] for field in layout.Changes._fields)),
         features=features_of(arrays),
         parameters=arrays["parameters"],
         control=arrays["control"],
@@ -100,6 +100,7 @@ def worker_main(worker: int, connection: Connection, name: str, specs: dict[str,
     """Entry point of worker `worker` (1 or above); ends with its coordinator (a process number), whatever happens."""
     for number in (signal.SIGINT, signal.SIGTERM):  # they may reach the whole group; the coordinator alone decides
         signal.signal(number, signal.SIG_IGN)
+    compile_notice.announce_by(None)  # the coordinator has told of the same kernels
     try:
         _watch(coordinator)
         _serve(worker, connection, SharedBlock.attach(name, specs))

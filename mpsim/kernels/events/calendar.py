@@ -1,4 +1,4 @@
-"""The calendar of the exact solver: which disc has the next event, at a cost that does not grow with their number.
+"""The event calendar: which disc has the next event, at a cost that does not grow with their number.
 
 A ring of lists, one per small step of time, stands in front of a binary heap that sorts only the discs of the current
 step (Paul, J. Comput. Phys. 221, 615, 2007; Smallenburg, arXiv 2201.01100, 2022). One turn of the ring is a lap;
@@ -13,22 +13,6 @@ two long, which makes its subtraction exact for every time that lies in its seco
 import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined
-from mpsim.kernels.events.state import (
-    AFTER,
-    BASE,
-    BEFORE,
-    BORDER,
-    CURSOR,
-    IMPACT,
-    LAP,
-    LAP_EVENTS,
-    LAST,
-    NOW,
-    PLACE,
-    SINCE,
-    STEP,
-    WAITING,
-)
 
 NOWHERE = -1
 
@@ -36,7 +20,7 @@ NOWHERE = -1
 @inlined
 def due(disc, i):
     """The time of the next event of disc i [time]."""
-    return min(disc[i, IMPACT], disc[i, BORDER])
+    return min(disc[i].collision_time, disc[i].crossing_time)
 
 
 @inlined
@@ -57,17 +41,17 @@ def heap_rise(position, i, store):
         if not sooner(store.disc, i, other):
             break
         heap[position] = other
-        store.entry[other, PLACE] = -2 - position
+        store.entry[other].place = -2 - position
         position = parent
     heap[position] = i
-    store.entry[i, PLACE] = -2 - position
+    store.entry[i].place = -2 - position
 
 
 @inlined
 def heap_sink(position, i, store):
     """Settle disc i in the heap at `position` or further from the root."""
     heap = store.heap
-    size = store.counter[WAITING]
+    size = store.counter.waiting
     child = 2 * position + 1
     while child < size:
         if child + 1 < size and sooner(store.disc, heap[child + 1], heap[child]):
@@ -76,44 +60,44 @@ def heap_sink(position, i, store):
         if not sooner(store.disc, other, i):
             break
         heap[position] = other
-        store.entry[other, PLACE] = -2 - position
+        store.entry[other].place = -2 - position
         position = child
         child = 2 * position + 1
     heap[position] = i
-    store.entry[i, PLACE] = -2 - position
+    store.entry[i].place = -2 - position
 
 
 @inlined
 def heap_push(i, store):
     """Add disc i to the heap."""
-    size = store.counter[WAITING]
-    store.counter[WAITING] = size + 1
+    size = store.counter.waiting
+    store.counter.waiting = size + 1
     heap_rise(size, i, store)
 
 
 @inlined
 def heap_remove(position, store):
     """Take the disc at `position` out of the heap; the last one fills the gap."""
-    size = store.counter[WAITING] - 1
-    store.counter[WAITING] = size
+    size = store.counter.waiting - 1
+    store.counter.waiting = size
     if position < size:
         filler = np.int64(store.heap[size])
         heap_sink(position, filler, store)
-        heap_rise(-2 - np.int64(store.entry[filler, PLACE]), filler, store)
+        heap_rise(-2 - np.int64(store.entry[filler].place), filler, store)
 
 
 @inlined
 def list_remove(i, step, store):
     """Take disc i out of the list of its step."""
     entry = store.entry
-    after = entry[i, AFTER]
-    before = entry[i, BEFORE]
+    after = entry[i].after
+    before = entry[i].before
     if before >= 0:
-        entry[before, AFTER] = after
+        entry[before].after = after
     else:
         store.step_head[step] = after
     if after >= 0:
-        entry[after, BEFORE] = before
+        entry[after].before = before
 
 
 @inlined
@@ -121,11 +105,11 @@ def list_insert(i, step, store):
     """Put disc i at the front of the list of a step."""
     entry = store.entry
     after = store.step_head[step]
-    entry[i, AFTER] = after
-    entry[i, BEFORE] = NOWHERE
-    entry[i, PLACE] = step
+    entry[i].after = after
+    entry[i].before = NOWHERE
+    entry[i].place = step
     if after >= 0:
-        entry[after, BEFORE] = i
+        entry[after].before = i
     store.step_head[step] = i
 
 
@@ -133,10 +117,10 @@ def list_insert(i, step, store):
 def insert(i, store):
     """Enter disc i, which has no place: in the heap, in a list, or nowhere if its event lies beyond the lap."""
     t = due(store.disc, i)
-    if not t < store.clock[LAP]:
+    if not t < store.clock.lap:
         return
-    step = np.int64(t / store.clock[STEP])
-    if step <= store.counter[CURSOR]:
+    step = np.int64(t / store.clock.step)
+    if step <= store.counter.cursor:
         heap_push(i, store)
     else:
         list_insert(i, step, store)
@@ -145,8 +129,8 @@ def insert(i, store):
 @inlined
 def reschedule(i, store):
     """Move disc i to where its new time belongs."""
-    place = np.int64(store.entry[i, PLACE])
-    store.entry[i, PLACE] = NOWHERE
+    place = np.int64(store.entry[i].place)
+    store.entry[i].place = NOWHERE
     if place >= 0:
         list_remove(i, place, store)
     elif place <= -2:
@@ -158,29 +142,29 @@ def reschedule(i, store):
 def earliest(store):
     """The disc whose event is next, or -1 when nothing is left in this lap."""
     counter = store.counter
-    cursor = counter[CURSOR]
+    cursor = counter.cursor
     last = store.step_head.size - 1
-    while counter[WAITING] == 0 and cursor < last:
+    while counter.waiting == 0 and cursor < last:
         cursor += 1
         i = store.step_head[cursor]
         store.step_head[cursor] = NOWHERE
         while i >= 0:
-            after = store.entry[i, AFTER]
+            after = store.entry[i].after
             heap_push(i, store)
             i = after
-    counter[CURSOR] = cursor
-    return np.int64(store.heap[0]) if counter[WAITING] > 0 else np.int64(NOWHERE)
+    counter.cursor = cursor
+    return np.int64(store.heap[0]) if counter.waiting > 0 else np.int64(NOWHERE)
 
 
 @compiled
 def fill(store):
     """Empty the calendar and enter every disc."""
     store.step_head[:] = NOWHERE
-    store.counter[CURSOR] = -1
-    store.counter[WAITING] = 0
-    store.counter[LAP_EVENTS] = 0
+    store.counter.cursor = -1
+    store.counter.waiting = 0
+    store.counter.lap_events = 0
     for i in range(store.disc.shape[0]):
-        store.entry[i, PLACE] = NOWHERE
+        store.entry[i].place = NOWHERE
         insert(i, store)
 
 
@@ -192,17 +176,20 @@ def begin_lap(store):
     grows faster, so that a long wait takes few laps.
     """
     clock = store.clock
-    lap = clock[LAP]
-    clock[BASE] += lap
-    clock[NOW] -= lap
+    lap = clock.lap
+    clock.origin += lap
+    clock.now -= lap
     for i in range(store.disc.shape[0]):
-        for column in (SINCE, IMPACT, BORDER, LAST):
-            store.disc[i, column] -= lap
+        disc = store.disc[i]
+        disc.last_update -= lap
+        disc.collision_time -= lap
+        disc.crossing_time -= lap
+        disc.last_contact -= lap
     steps = store.step_head.size
-    events = store.counter[LAP_EVENTS]
-    if 5 * events < 2 * steps and clock[STEP] < 1e200:
-        clock[STEP] *= 2.0 if events > 0 else 16.0
-    elif 5 * events > 8 * steps and clock[STEP] > 1e-200:
-        clock[STEP] *= 0.5
-    clock[LAP] = clock[STEP] * steps
+    events = store.counter.lap_events
+    if 5 * events < 2 * steps and clock.step < 1e200:
+        clock.step *= 2.0 if events > 0 else 16.0
+    elif 5 * events > 8 * steps and clock.step > 1e-200:
+        clock.step *= 0.5
+    clock.lap = clock.step * steps
     fill(store)

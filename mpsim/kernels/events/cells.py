@@ -1,37 +1,31 @@
-"""The cells of the exact solver: lists of discs, images across a periodic border, and the search for overlaps."""
+"""The cells of the exact solver: how many there are, the lists of their discs, and the search for overlaps."""
 
 import math
 
 from mpsim.kernels.compiling import compiled, inlined
-from mpsim.kernels.events.state import COLUMN, ROW, X, Y
+from mpsim.kernels.events.boundary import cell_beyond, neighbour
+from mpsim.kernels.events.features.hooks import radius_of
+from mpsim.kernels.events.records import BOTTOM
+
+
+def plan_cells(width, height, largest_diameter, count):
+    """(columns, rows) of cells for a box [length].
+
+    A cell is at least one diameter wide, and in a dilute scene wide enough for about one disc in two cells. A
+    periodic axis must hold two diameters, or a pair could touch on both sides at once; a scene sees to that.
+    """
+    roomy = math.sqrt(width * height / (2.0 * max(count, 1)))
+    # A hair wider than a diameter: rounding must not let discs two cells apart touch.
+    cell_length = max(largest_diameter * (1.0 + 1e-9), roomy)
+    most = max(2 * count, 4)
+    return min(max(int(width / cell_length), 1), most), min(max(int(height / cell_length), 1), most)
 
 
 @inlined
-def value_of(values, common, i):
-    """A property of disc i: its own, or the one all discs share."""
-    if values is None:
-        return common
-    return values[i]
-
-
-@inlined
-def wrapped(cell, cells, length, periodic):
-    """A neighbouring cell and the shift of its image along one axis: (cell or -1 for none, shift)."""
-    if cell < 0:
-        return (cell + cells, -length) if periodic else (-1, 0.0)
-    if cell >= cells:
-        return (cell - cells, length) if periodic else (-1, 0.0)
-    return cell, 0.0
-
-
-@inlined
-def nearest_image(difference, length, periodic):
-    """One component of a relative position, to the nearest image."""
-    if periodic and difference > 0.5 * length:
-        return difference - length
-    if periodic and difference < -0.5 * length:
-        return difference + length
-    return difference
+def cell_of(i, store, box):
+    """Number of the cell that disc i is in, row by row."""
+    cell = store.event[i].cell
+    return cell[1] * box.columns + cell[0]
 
 
 @inlined
@@ -53,16 +47,43 @@ def enter_list(i, cell, store):
     store.cell_head[cell] = i
 
 
+@inlined
+def cross(i, side, store, box, features):
+    """Cell crossing: disc i, whose stored state is current, goes over to the cell beyond that border."""
+    axis = side >> 1
+    direction = 1 if side & 1 else -1
+    leave_list(i, cell_of(i, store, box), store)
+    store.event[i].cell[axis] = cell_beyond(i, axis, direction, store, box, features)
+    enter_list(i, cell_of(i, store, box), store)
+    store.counter.crossings += 1
+
+
+@inlined
+def block_to_search(i, side, event):
+    """The cells to search for disc i: (first column, last column, first row, last row).
+
+    The nine cells around it; right after it has crossed to `side` (-1: it has not) only the three ahead are new.
+    """
+    column = event[i].cell[0]
+    row = event[i].cell[1]
+    if side < 0:
+        return column - 1, column + 1, row - 1, row + 1
+    direction = 1 if side & 1 else -1
+    if side < BOTTOM:
+        return column + direction, column + direction, row - 1, row + 1
+    return column - 1, column + 1, row + direction, row + direction
+
+
 @compiled
 def link_cells(store, box):
     """Enter every disc of a scene just placed in the list of its cell."""
     store.cell_head[:] = -1
     for i in range(store.disc.shape[0]):
-        enter_list(i, store.event[i, ROW] * box.columns + store.event[i, COLUMN], store)
+        enter_list(i, cell_of(i, store, box), store)
 
 
 @compiled
-def worst_overlap(store, box):
+def worst_overlap(store, box, features):
     """The deepest overlap of a scene just placed: (particle, particle, depth [length]); (-1, -1, 0.0) for none.
 
     Linear in the number of discs: a scene so crowded that the search would not be stops at the worst so far.
@@ -73,16 +94,17 @@ def worst_overlap(store, box):
     pair = (-1, -1)
     tests = 0
     for i in range(disc.shape[0]):
-        ri = value_of(store.radius, box.radius, i)
-        for row_ahead in range(store.event[i, ROW] - 1, store.event[i, ROW] + 2):
-            row, shift_y = wrapped(row_ahead, box.rows, box.height, box.periodic_y)
-            for column_ahead in range(store.event[i, COLUMN] - 1, store.event[i, COLUMN] + 2):
-                column, shift_x = wrapped(column_ahead, box.columns, box.width, box.periodic_x)
+        ri = radius_of(i, box, features)
+        first_column, last_column, first_row, last_row = block_to_search(i, -1, store.event)
+        for row_ahead in range(first_row, last_row + 1):
+            row, shift_y = neighbour(row_ahead, box.rows, box.height, box.periodic_y)
+            for column_ahead in range(first_column, last_column + 1):
+                column, shift_x = neighbour(column_ahead, box.columns, box.width, box.periodic_x)
                 j = store.cell_head[row * box.columns + column] if row >= 0 and column >= 0 else -1
                 while j >= 0:
-                    rx = (disc[j, X] - disc[i, X]) + shift_x
-                    ry = (disc[j, Y] - disc[i, Y]) + shift_y
-                    depth = ri + value_of(store.radius, box.radius, j) - math.sqrt(rx * rx + ry * ry)
+                    rx = (disc[j].position[0] - disc[i].position[0]) + shift_x
+                    ry = (disc[j].position[1] - disc[i].position[1]) + shift_y
+                    depth = ri + radius_of(j, box, features) - math.sqrt(rx * rx + ry * ry)
                     if j != i and depth > worst:
                         worst = depth
                         pair = (store.order[i], store.order[j])

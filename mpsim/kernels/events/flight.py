@@ -1,66 +1,43 @@
-"""Free flight of discs: where one is, when it leaves its cell or meets a wall, when it meets another."""
+"""Free flight: where a disc is at a time, and when it is at a place."""
 
 import math
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.events.cells import value_of, wrapped
-from mpsim.kernels.events.state import BORDER, BOTTOM, COLUMN, LEFT, ROW, SIDE, SINCE, VX, VY, X, Y
 
 INFINITY = math.inf
 
 
-# --- one disc ---
-
-
 @inlined
-def state_at(disc, i, now, gravity):
-    """Position [length] and velocity [length/time] of disc i at time `now`: (x, y, vx, vy)."""
-    flight = now - disc[i, SINCE]
-    vx = disc[i, VX]
-    vy = disc[i, VY]
+def state_at(disc, now, gravity):
+    """Position [length] and velocity [length/time] of a disc, from its stored state, at time `now`: (x, y, vx, vy)."""
+    flight = now - disc.last_update
+    vx = disc.velocity[0]
+    vy = disc.velocity[1]
     if gravity is None:
-        return disc[i, X] + vx * flight, disc[i, Y] + vy * flight, vx, vy
+        return disc.position[0] + vx * flight, disc.position[1] + vy * flight, vx, vy
     gain_x = gravity[0] * flight
     gain_y = gravity[1] * flight
-    x = disc[i, X] + flight * (vx + 0.5 * gain_x)
-    y = disc[i, Y] + flight * (vy + 0.5 * gain_y)
+    x = disc.position[0] + flight * (vx + 0.5 * gain_x)
+    y = disc.position[1] + flight * (vy + 0.5 * gain_y)
     return x, y, vx + gain_x, vy + gain_y
 
 
 @inlined
-def advance_to(disc, i, now, gravity):
-    """Bring the stored state of disc i to time `now`."""
-    x, y, vx, vy = state_at(disc, i, now, gravity)
-    disc[i, X] = x
-    disc[i, Y] = y
-    disc[i, VX] = vx
-    disc[i, VY] = vy
-    disc[i, SINCE] = now
+def advance_to(disc, now, gravity):
+    """Bring the stored state of a disc to time `now`."""
+    x, y, vx, vy = state_at(disc, now, gravity)
+    disc.position[0] = x
+    disc.position[1] = y
+    disc.velocity[0] = vx
+    disc.velocity[1] = vy
+    disc.last_update = now
 
 
 @inlined
-def component(gravity, axis):
-    """One component of the acceleration [length/time^2]."""
-    if gravity is None:
-        return 0.0
-    return gravity[axis]
-
-
-@inlined
-def add_to(record, key, amount):
-    """Add to an entry of an optional record."""
-    if record is not None:
-        record[key] += amount
-
-
-@inlined
-def is_finite(disc, i):
-    """Whether the stored state of disc i holds neither a NaN nor an infinity."""
-    total = disc[i, X] + disc[i, Y] + disc[i, VX] + disc[i, VY] + disc[i, SINCE]
+def is_finite(disc):
+    """Whether the stored state of a disc holds neither a NaN nor an infinity."""
+    total = disc.position[0] + disc.position[1] + disc.velocity[0] + disc.velocity[1] + disc.last_update
     return total - total == 0.0
-
-
-# --- leaving the cell, meeting a wall ---
 
 
 @inlined
@@ -78,60 +55,15 @@ def time_to_limit(distance, speed, acceleration):
 
 
 @inlined
-def time_to_leave(place, speed, acceleration, cell, cells, length, periodic, radius, gravity):
-    """Time until a centre leaves its cell, or meets a wall, along one axis: (time, 0 low or 1 high)."""
-    side = length / cells
-    low = cell * side
-    high = (cell + 1) * side
-    if not periodic:
-        low = max(low, radius)
-        high = min(high, length - radius)
+def time_to_leave(low, high, place, speed, gravity, axis):
+    """Time until a centre between two limits along an axis meets one: (time, 0 low or 1 high)."""
     if gravity is None:
         # Only one of the two limits lies ahead.
         ahead = high - place if speed > 0.0 else place - low
         return (max(ahead, 0.0) / abs(speed) if speed != 0.0 else INFINITY), (1 if speed > 0.0 else 0)
-    down = time_to_limit(place - low, speed, acceleration)
-    up = time_to_limit(high - place, -speed, -acceleration)
+    down = time_to_limit(place - low, speed, gravity[axis])
+    up = time_to_limit(high - place, -speed, -gravity[axis])
     return (up, 1) if up < down else (down, 0)
-
-
-@inlined
-def predict_border(i, store, box, gravity):
-    """Store when disc i, whose stored state is current, leaves its cell or meets a wall, and on which side."""
-    disc = store.disc
-    event = store.event
-    radius = value_of(store.radius, box.radius, i)
-    tx, high_x = time_to_leave(
-        disc[i, X],
-        disc[i, VX],
-        component(gravity, 0),
-        event[i, COLUMN],
-        box.columns,
-        box.width,
-        box.periodic_x,
-        radius,
-        gravity,
-    )
-    ty, high_y = time_to_leave(
-        disc[i, Y],
-        disc[i, VY],
-        component(gravity, 1),
-        event[i, ROW],
-        box.rows,
-        box.height,
-        box.periodic_y,
-        radius,
-        gravity,
-    )
-    if tx <= ty:
-        disc[i, BORDER] = disc[i, SINCE] + tx
-        event[i, SIDE] = LEFT + high_x
-    else:
-        disc[i, BORDER] = disc[i, SINCE] + ty
-        event[i, SIDE] = BOTTOM + high_y
-
-
-# --- pairs ---
 
 
 @inlined
@@ -148,34 +80,3 @@ def time_to_impact(rx, ry, ux, uy, contact):
     if (b < 0.0) & (discriminant >= 0.0):
         return max(gap, 0.0) / (math.sqrt(discriminant) - b)
     return INFINITY
-
-
-@inlined
-def earliest_partner(i, now, first_column, last_column, first_row, last_row, store, box, gravity):
-    """The earliest impact of disc i with the discs of a block of cells: (time from now, partner or -1).
-
-    Two images of one cell, in a periodic box two cells wide, are visited as two cells.
-    """
-    disc = store.disc
-    x, y, vx, vy = state_at(disc, i, now, gravity)
-    radius = value_of(store.radius, box.radius, i)
-    best = INFINITY
-    partner = -1
-    for row_ahead in range(first_row, last_row + 1):
-        row, shift_y = wrapped(row_ahead, box.rows, box.height, box.periodic_y)
-        if row < 0:
-            continue
-        for column_ahead in range(first_column, last_column + 1):
-            column, shift_x = wrapped(column_ahead, box.columns, box.width, box.periodic_x)
-            if column < 0:
-                continue
-            j = store.cell_head[row * box.columns + column]
-            while j >= 0:
-                xj, yj, vxj, vyj = state_at(disc, j, now, gravity)
-                contact = radius + value_of(store.radius, box.radius, j)
-                t = time_to_impact((xj - x) + shift_x, (yj - y) + shift_y, vxj - vx, vyj - vy, contact)
-                if t <= best and (t < best or j < partner):
-                    best = t
-                    partner = j
-                j = store.cell_next[j]
-    return best, partner

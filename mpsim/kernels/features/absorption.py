@@ -1,7 +1,7 @@
-"""Edges that absorb discs. An absorbed disc keeps its number, stays where it left, at rest, and meets nobody."""
+"""Edges that absorb discs. An absorbed disc keeps its number, stays where it left, at rest, and meets no disc."""
 
 from mpsim.kernels.compiling import compiled, inlined
-from mpsim.kernels.features.acceleration import acceleration_of
+from mpsim.kernels.features.acceleration import accelerations_of
 from mpsim.kernels.layout import BOTTOM, IMPACT, LEFT, RIGHT, TOP
 from mpsim.kernels.optional import value_or
 
@@ -30,12 +30,12 @@ def absorb(discs, low, high, exits, features, parameters, control):
     """Absorb the discs of a slice that this step would bring to an absorbing edge."""
     edges, dt = control.absorbing, parameters.dt
     zero, two = discs.x.dtype.type(0), discs.x.dtype.type(2)
-    late = dt / two if control.contact == IMPACT else zero  # a parabola is as far as its mean velocity leads
+    # Under impact a flight follows its parabola, whose mean velocity is v + a dt / 2; under push it is v + a dt.
+    late = dt / two if control.contact == IMPACT else zero
     for i in range(low, high):
         disc = discs.id[i]
         margin = value_or(discs.radius, i, zero)
-        ax = acceleration_of(features.gravity, features.acceleration, 0, disc, zero)
-        ay = acceleration_of(features.gravity, features.acceleration, 1, disc, zero)
+        ax, ay = accelerations_of(discs, i, features)
         x = discs.x[i] + (discs.vx[i] + ax * (dt - late)) * dt
         y = discs.y[i] + (discs.vy[i] + ay * (dt - late)) * dt
         left = edges[LEFT] != 0 and x < parameters.limit[LEFT] + margin
@@ -73,7 +73,7 @@ def after_flight(exits, discs, low, high):
 
 @inlined
 def after_binning(exits, discs, low, high, control):
-    """Bin the absorbed discs of a slice in a cell beyond the grid, where nobody looks for neighbours."""
+    """Bin the absorbed discs of a slice in a cell beyond the grid, where no neighbours are looked for."""
     if exits is not None:
         cell = (control.columns + 1) * (control.rows + 2) + 1
         for i in range(low, high):

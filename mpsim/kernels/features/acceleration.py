@@ -18,6 +18,14 @@ def acceleration_of(gravity, acceleration, axis, disc, zero):
 
 
 @inlined
+def accelerations_of(discs, i, features):
+    """Acceleration of the disc in slot i along x and along y, whatever the scene has of it."""
+    disc, zero = discs.id[i], discs.x.dtype.type(0)
+    ax = acceleration_of(features.gravity, features.acceleration, 0, disc, zero)
+    return ax, acceleration_of(features.gravity, features.acceleration, 1, disc, zero)
+
+
+@inlined
 def accelerate(discs, low, high, gravity, acceleration, parameters):
     """v += a dt, for what the scene has: one acceleration for all, one per disc, or both. None compiles to nothing."""
     if gravity is not None:

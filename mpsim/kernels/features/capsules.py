@@ -12,10 +12,10 @@ import numpy as np
 from mpsim.kernels.bouncing import bounce_back
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.features.absorption import is_absent
-from mpsim.kernels.features.acceleration import acceleration_of
-from mpsim.kernels.features.friction import on_fixed
-from mpsim.kernels.features.images import confined, count_flight, wrapped
-from mpsim.kernels.layout import BOTTOM, IMPACT, LEFT, RIGHT, TOP
+from mpsim.kernels.features.acceleration import accelerations_of
+from mpsim.kernels.features.boundary import put_inside, wrap_disc
+from mpsim.kernels.features.contact_hooks import on_capsule
+from mpsim.kernels.layout import IMPACT
 from mpsim.kernels.optional import value_or
 
 
@@ -92,7 +92,7 @@ def resolve_capsule(discs, i, k, capsule, radius, ax, ay, features, parameters, 
     reach = radius + capsule[k, 4]
     if not offset_x * offset_x + offset_y * offset_y < reach * reach:
         return False
-    # In float64 whatever the run's precision, as between two discs: see `contacts.impact_contact`.
+    # In float64 whatever the run's precision, as between two discs: see `laws.impact_contact`.
     rx, ry, vx, vy = np.float64(offset_x), np.float64(offset_y), np.float64(discs.vx[i]), np.float64(discs.vy[i])
     squared = rx * rx + ry * ry
     distance = np.sqrt(squared)
@@ -112,14 +112,13 @@ def resolve_capsule(discs, i, k, capsule, radius, ax, ay, features, parameters, 
     discs.vy[i] += change * ny
     discs.x[i] += displacement * nx
     discs.y[i] += displacement * ny
-    on_fixed(features.wall_friction, discs, i, nx, ny, change, time, features, parameters)
+    on_capsule(discs, i, nx, ny, change, time, features, parameters)
     return True
 
 
 @compiled
 def resolve_capsules(discs, low, high, features, parameters, control):
     """Contacts of a slice with the capsules near each disc, in the order in which the scene lists them."""
-    zero = discs.x.dtype.type(0)
     half = parameters.diameter / discs.x.dtype.type(2)
     impact = control.contact == IMPACT
     capsules = features.capsules
@@ -132,21 +131,14 @@ def resolve_capsules(discs, low, high, features, parameters, control):
         row = min(max(int(discs.y[i] * capsules.per_length[1]), 0), rows - 1)
         cell = column * rows + row
         radius = value_or(discs.radius, i, half)
-        ax = acceleration_of(features.gravity, features.acceleration, 0, disc, zero)
-        ay = acceleration_of(features.gravity, features.acceleration, 1, disc, zero)
+        ax, ay = accelerations_of(discs, i, features)
         met = False
         for entry in range(capsules.near[cell], capsules.near[cell + 1]):
             k = capsules.index[entry]
             met |= resolve_capsule(discs, i, k, capsules.capsule, radius, ax, ay, features, parameters, impact)
         if met:
-            margin = value_or(discs.radius, i, zero)
-            x = confined(discs.x[i], parameters.limit[LEFT], parameters.limit[RIGHT], margin, features.wrap_x)
-            y = confined(discs.y[i], parameters.limit[BOTTOM], parameters.limit[TOP], margin, features.wrap_y)
-            # Out of a thick capsule it may be far beyond the border, where there are no cells.
-            discs.x[i], discs.y[i] = x, y
-            x, y = wrapped(x, features.wrap_x), wrapped(y, features.wrap_y)
-            count_flight(discs, i, x, y, zero, zero, features)
-            discs.x[i], discs.y[i] = x, y
+            put_inside(discs, i, discs.x[i], discs.y[i], features, parameters)
+            wrap_disc(discs, i, features)  # out of a thick capsule it may be far beyond the border, where no cells are
 
 
 @inlined

@@ -10,10 +10,10 @@ with m_eff = m m' / (m + m') of two discs, m of a disc and a wall. Angular momen
 """
 
 from mpsim.kernels.compiling import compiled, inlined
-from mpsim.kernels.features.acceleration import acceleration_of
-from mpsim.kernels.features.images import confined, count_flight, wrapped
+from mpsim.kernels.features.acceleration import accelerations_of
+from mpsim.kernels.features.boundary import put_inside, wrap_disc
 from mpsim.kernels.features.masses import mass_fraction
-from mpsim.kernels.layout import BOTTOM, IMPACT, LEFT, RIGHT, TOP
+from mpsim.kernels.layout import IMPACT
 from mpsim.kernels.optional import value_or
 from mpsim.kernels.records import real
 
@@ -27,26 +27,23 @@ SIZE = 2
 
 
 @inlined
-def tangential_change(law, slip, pressed):
-    """Change of the tangential velocity by a contact that slips and has changed the normal velocity by `pressed`."""
-    most = law[COEFFICIENT] * pressed
+def tangential_change(law, slip, normal_change):
+    """Change of the tangential velocity by a contact that slips and has changed the normal velocity by so much."""
+    most = law[COEFFICIENT] * normal_change
     return min(max(law[STICKING] * slip, -most), most)
 
 
 @inlined
-def between_discs(friction, discs, i, j, nx, ny, exchanged, features, parameters):
-    """Friction of two discs in contact along the unit vector n from i to j.
-
-    exchanged: normal velocity that they exchange, to be multiplied by their `mass_fraction`, < 0 if they approach.
-    """
-    if friction is not None:  # noqa: SIM102 - a test of its own, which the compiler drops
-        if exchanged < 0:
+def between_discs(friction, discs, i, j, nx, ny, normal_change, features, parameters):
+    """Friction of two discs in contact: arguments as in `contact_hooks`."""
+    if friction is not None:  # noqa: SIM102 - see optional.py
+        if normal_change < 0:
             one, two = real(parameters, 1), real(parameters, 2)
             vx, vy, spin, disc, other = discs.vx, discs.vy, features.spin, discs.id[i], discs.id[j]
             radius_i = value_or(discs.radius, i, parameters.diameter / two)
             radius_j = value_or(discs.radius, j, parameters.diameter / two)
             slip = (vy[j] - vy[i]) * nx - (vx[j] - vx[i]) * ny - (radius_i * spin[disc] + radius_j * spin[other])
-            change = tangential_change(friction, slip, -exchanged)
+            change = tangential_change(friction, slip, -normal_change)
             change_i = change * mass_fraction(features.mass, disc, other, one)
             change_j = change * mass_fraction(features.mass, other, disc, one)
             vx[i] -= change_i * ny
@@ -58,20 +55,20 @@ def between_discs(friction, discs, i, j, nx, ny, exchanged, features, parameters
 
 
 @inlined
-def on_fixed(friction, discs, i, nx, ny, pressed, time, features, parameters):
+def on_fixed(friction, discs, i, nx, ny, normal_change, time, features, parameters):
     """Friction of a disc on what stands still, along the unit vector n from there to the disc.
 
-    pressed: what the contact has changed its velocity along n by. time: since the contact; the disc is moved as far as
-    the change of its velocity leads it from there on [time].
+    normal_change: of its velocity along n. time: since the contact; the disc is moved by the change of its tangential
+    velocity times this [time].
     """
-    if friction is not None:  # noqa: SIM102 - a test of its own, which the compiler drops
-        if pressed > 0:
-            zero, two, disc = real(parameters, 0), real(parameters, 2), discs.id[i]
-            time = min(time, parameters.dt)
+    if friction is not None:  # noqa: SIM102 - see optional.py
+        if normal_change > 0:
+            two, disc = real(parameters, 2), discs.id[i]
+            time = min(time, parameters.dt + (nx - nx))  # in the type of n, in plain Python too
             radius = value_or(discs.radius, i, parameters.diameter / two)
-            vx = discs.vx[i] - acceleration_of(features.gravity, features.acceleration, 0, disc, zero) * time
-            vy = discs.vy[i] - acceleration_of(features.gravity, features.acceleration, 1, disc, zero) * time
-            change = tangential_change(friction, vy * nx - vx * ny - radius * features.spin[disc], pressed)
+            ax, ay = accelerations_of(discs, i, features)
+            vx, vy = discs.vx[i] - ax * time, discs.vy[i] - ay * time
+            change = tangential_change(friction, vy * nx - vx * ny - radius * features.spin[disc], normal_change)
             discs.vx[i] += change * ny
             discs.vy[i] -= change * nx
             discs.x[i] += change * ny * time
@@ -80,35 +77,27 @@ def on_fixed(friction, discs, i, nx, ny, pressed, time, features, parameters):
 
 
 @compiled
-def on_walls(friction, discs, i, change_x, change_y, time_x, time_y, wraps, features, parameters):
-    """`between_disc_and_walls` for one that has met a wall."""
+def on_walls_met(friction, discs, i, x, y, in_flight, features, parameters, control):
+    """`on_walls` for a disc that has met a wall: along each axis at most one, which has changed its velocity inward."""
     zero, one = real(parameters, 0), real(parameters, 1)
-    side_x = one if change_x > zero else -one
-    side_y = one if change_y > zero else -one
-    on_fixed(friction, discs, i, side_x, zero, abs(change_x), time_x, features, parameters)
-    on_fixed(friction, discs, i, zero, side_y, abs(change_y), time_y, features, parameters)
-    margin = value_or(discs.radius, i, zero)
-    x = confined(discs.x[i], parameters.limit[LEFT], parameters.limit[RIGHT], margin, features.wrap_x)
-    y = confined(discs.y[i], parameters.limit[BOTTOM], parameters.limit[TOP], margin, features.wrap_y)
-    discs.x[i], discs.y[i] = x, y
-    if wraps is not None:
-        x, y = wrapped(x, features.wrap_x), wrapped(y, features.wrap_y)
-        count_flight(discs, i, x, y, zero, zero, features)
-        discs.x[i], discs.y[i] = x, y
+    side_x = one if x.low_change > zero else -one
+    side_y = one if y.low_change > zero else -one
+    time_x, time_y = x.time, y.time
+    if control.contact != IMPACT:
+        time_x, time_y = zero, zero
+    on_fixed(friction, discs, i, side_x, zero, max(x.low_change, x.high_change), time_x, features, parameters)
+    on_fixed(friction, discs, i, zero, side_y, max(y.low_change, y.high_change), time_y, features, parameters)
+    put_inside(discs, i, discs.x[i], discs.y[i], features, parameters)
+    if in_flight is not None:
+        wrap_disc(discs, i, features)
 
 
 @inlined
-def between_disc_and_walls(
-    wall_friction, discs, i, change_x, change_y, time_x, time_y, wraps, features, parameters, control
-):
-    """Friction of a disc on the walls that have changed its velocity by (change_x, change_y).
+def on_walls(wall_friction, discs, i, x, y, in_flight, features, parameters, control):
+    """Friction of a disc on the walls that have changed its velocity: arguments as in `contact_hooks`.
 
-    time_x, time_y: since then [time]; contact `push` lets the law act where the frame has ended. wraps: None while
-    contacts are resolved, when coordinates along periodic axes are left alone.
+    Contact `push` lets it act where the frame has ended.
     """
-    if wall_friction is not None:  # noqa: SIM102 - a test of its own, which the compiler drops
-        if (change_x != 0) | (change_y != 0):
-            zero = real(parameters, 0)
-            if control.contact != IMPACT:
-                time_x, time_y = zero, zero
-            on_walls(wall_friction, discs, i, change_x, change_y, time_x, time_y, wraps, features, parameters)
+    if wall_friction is not None:  # noqa: SIM102 - see optional.py
+        if (x.low_change != x.high_change) | (y.low_change != y.high_change):
+            on_walls_met(wall_friction, discs, i, x, y, in_flight, features, parameters, control)

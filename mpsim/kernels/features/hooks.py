@@ -1,7 +1,9 @@
 """Which features there are, what a scene has of them, and at which points of a step they act.
 
-Everybody else walks these lists. A new feature is a file with its FIELDS, an entry in FEATURES, and a line at each
-point where it acts. What acts there takes its own field first, so that it compiles to nothing where that is None.
+A new feature is a file with its FIELDS, an entry in FEATURES, and a line at each point where it acts, here or in
+`contact_hooks.py`. What acts there takes its own field first, so that it compiles to nothing where that is None.
+Callers hand over `features` and know no feature. What all steps need (accelerations, masses, radii, boundaries) is
+read from the files of those features where it is needed.
 """
 
 from collections import namedtuple
@@ -9,10 +11,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.features import absorption, acceleration, capsules, friction, images, masses, piston, radii
+from mpsim.kernels.features import absorption, acceleration, boundary, capsules, friction, masses, piston, radii
 from mpsim.kernels.optional import any_present
 
-FEATURES = (acceleration, masses, images, absorption, piston, radii, capsules, friction)
+FEATURES = (acceleration, masses, boundary, absorption, piston, radii, capsules, friction)
 """Their FIELDS are those of `Features`: of each the name of its array, or the class of a record of several."""
 
 Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
@@ -36,9 +38,29 @@ def features_of(arrays: Mapping[str, Any]) -> Any:
 
 # --- what a feature may answer ------------------------------------------------------------------------------------
 
-wall_speed, wall_place = piston.wall_speed, piston.wall_place
-is_absent, lets_out = absorption.is_absent, absorption.lets_out
-between_discs, between_disc_and_walls = friction.between_discs, friction.between_disc_and_walls
+
+@inlined
+def wall_speed(edge, features, parameters):
+    """Speed of the wall at an edge (LEFT, ...) [length/time]."""
+    return piston.wall_speed(features.moving_wall, edge, parameters)
+
+
+@inlined
+def wall_place(edge, features, parameters):
+    """Where the limit of an edge is while contacts are resolved [length]."""
+    return piston.wall_place(features.moving_wall, edge, parameters)
+
+
+@inlined
+def is_absent(disc, features):
+    """Whether a disc has left, by its id."""
+    return absorption.is_absent(features.exits, disc)
+
+
+@inlined
+def lets_out(edge, features, control):
+    """Whether an edge (LEFT, ...) absorbs discs."""
+    return absorption.lets_out(features.exits, control, edge)
 
 
 @inlined
@@ -59,7 +81,7 @@ def before_move(discs, low, high, features, parameters, control):
 
 @inlined
 def after_flight(discs, low, high, features):
-    """After their flight and its bounces off walls, before anybody looks whether they are finite."""
+    """After their flight and its bounces off walls, before they are checked to be finite."""
     absorption.after_flight(features.exits, discs, low, high)
 
 
@@ -78,7 +100,7 @@ def after_binning(discs, low, high, features, control):
 
 @inlined
 def prepare_next_step(features, parameters, control):
-    """Before the next step: by one worker between the motion and the contacts of a step, when nobody looks at walls."""
+    """Before the next step: by one worker between motion and contacts, when no worker reads the walls."""
     piston.prepare_next_step(features.moving_wall, parameters, control)
 
 

@@ -30,16 +30,16 @@ def prepare_next_step(moving_wall, parameters, control):
 
 
 @inlined
-def wall_speed(moving_wall, edge, zero):
+def wall_speed(moving_wall, edge, parameters):
     """Speed of the wall at an edge (LEFT, ...)."""
     if moving_wall is None:
-        return zero
-    return moving_wall[NOW] if int(moving_wall[WALL]) == edge else zero
+        return real(parameters, 0)
+    return moving_wall[NOW] if int(moving_wall[WALL]) == edge else real(parameters, 0)
 
 
 @inlined
 def wall_place(moving_wall, edge, parameters):
-    """Where the limit of an edge is when contacts are resolved: that of a piston is that of the next step already."""
+    """Where the limit of an edge is while contacts are resolved: `limit` already holds a piston's in the next step."""
     if moving_wall is None:
         return parameters.limit[edge]
-    return parameters.limit[edge] - wall_speed(moving_wall, edge, real(parameters, 0)) * parameters.dt
+    return parameters.limit[edge] - wall_speed(moving_wall, edge, parameters) * parameters.dt

@@ -5,24 +5,9 @@ otherwise make each cell 400 times as large, and each disc look at hundreds of n
 """
 
 from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.features.boundary import period_of
 from mpsim.kernels.frame.contacts import resolve_far
 from mpsim.kernels.machine import nonnegative
-
-
-@inlined
-def first_image(wrap):
-    """Images of a disc along an axis: -1, 0 and 1 periods away where it is periodic, 0 elsewhere."""
-    if wrap is None:
-        return 0
-    return -1
-
-
-@inlined
-def period_of(wrap, zero):
-    """Length of a periodic axis; zero elsewhere."""
-    if wrap is None:
-        return zero
-    return wrap[0]
 
 
 @inlined
@@ -39,8 +24,8 @@ def resolve_giants(discs, start, features, parameters, control, tally, frame):
     columns, rows = control.columns, control.rows
     stride = rows + 2
     zero = discs.x.dtype.type(0)
-    first_x, first_y = first_image(features.wrap_x), first_image(features.wrap_y)
     width, height = period_of(features.wrap_x, zero), period_of(features.wrap_y, zero)
+    first_x, first_y = -1 if width > 0 else 0, -1 if height > 0 else 0  # images: -1, 0 and 1 periods away, or 0 alone
     giants_end = start[(columns + 1) * stride + 1]
     contacts = 0
     for slot in range(start[(columns + 1) * stride], giants_end):

@@ -1,20 +1,30 @@
-"""The grid: discs counted and sorted into cells, column by column, by several workers at once.
+"""The sort of a step: discs in the order (column, row, id), for any number of workers.
 
 Cells are numbered column by column. Each column has an empty ghost cell below its first and above its last row, and
 an empty ghost column follows the last one, so that no neighbour needs a test for the edge of the box.
 start[cell] is the first disc of a cell and start[cell + 1] one past its last.
+
+The order is a function of the discs alone, so it does not matter how it is reached: each worker repairs that of the
+step before where few of its discs have changed cells (`incremental_sort.py`), else makes it anew (`counting_sort.py`).
 """
 
 import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined
-from mpsim.kernels.machine import nonnegative
+from mpsim.kernels.features.hooks import after_binning
+from mpsim.kernels.frame.counting_sort import sort_anew
+from mpsim.kernels.frame.incremental_sort import list_arrivals
+from mpsim.kernels.frame.motion import move_block, note_not_finite
+from mpsim.kernels.frame.sharing import first_slot_of, immigrants_of, section_of
+from mpsim.kernels.layout import Discs
+from mpsim.kernels.machine import LANES, changed_lanes, lowest_bit, nonnegative
+from mpsim.kernels.optional import slice_of
 
-ORDERED_AT_ONCE = 64
-"""Discs whose order is looked at together."""
+BLOCK = 1024
+"""Discs that are moved and binned at a time, so that they are still in the cache."""
 
 
-@compiled
+@inlined
 def bin_discs(discs, low, high, parameters, control):
     """Cell of each disc of a slice."""
     # 32-bit throughout: the loop then is vector code. The last row and column also hold what rounding puts beyond.
@@ -29,161 +39,81 @@ def bin_discs(discs, low, high, parameters, control):
 
 
 @inlined
-def cells_of(team, worker, control):
-    """First cell of a worker's columns and one past the last; the last worker has whatever lies beyond the grid."""
-    stride = control.rows + 2
-    if worker == control.workers - 1:
-        return team[worker].first_column * stride, control.cells
-    return team[worker].first_column * stride, team[worker].last_column * stride
+def list_leavers(discs, cells, low, high, mine, changes):
+    """List the discs of [low, high) whose new cell, in `cells`, is not their old one, and give them the new one.
+
+    Once the list is full, only their number is counted.
+    """
+    first, room = section_of(mine)
+    found = nonnegative(mine.leavers)
+    old = discs.cell[low : high + LANES]  # the last vector may reach beyond
+    for block in range(0, high - low, LANES):
+        mask = changed_lanes(old, cells, block) & ((1 << min(high - low - block, LANES)) - 1)
+        while mask != 0:
+            k = nonnegative(block + lowest_bit(mask))
+            mask &= mask - 1
+            if found < room:
+                changes.slot[first + found] = low + k
+                changes.old_cell[first + found] = old[k]
+                changes.new_cell[first + found] = cells[k]
+                changes.id[first + found] = discs.id[low + k]
+            found += 1
+            old[k] = cells[k]
+    mine.leavers = found
+
+
+@inlined
+def find_cells(discs, spare, low, high, changes, features, parameters, control, mine):
+    """Cell of each disc of [low, high), and the list of those for which it is a new one.
+
+    spare: the other buffer, whose cells are free until the sort.
+    """
+    cells = spare.cell[mine.low : mine.low + high - low + LANES]
+    x, y, vx, vy, numbers = (
+        discs.x[low:high],
+        discs.y[low:high],
+        discs.vx[low:high],
+        discs.vy[low:high],
+        discs.id[low:high],
+    )
+    binned = Discs(x, y, vx, vy, numbers, cells, slice_of(discs.radius, low, high))
+    bin_discs(binned, 0, high - low, parameters, control)
+    after_binning(binned, 0, high - low, features, control)
+    list_leavers(discs, cells, low, high, mine, changes)
 
 
 @compiled
-def count_cells(discs, start, outbox, sent, team, worker, control):
-    """Count own discs per cell, and list those that moved into another worker's columns.
+def move_and_bin(discs, spare, changes, features, parameters, control, mine, tally):
+    """Advance the slice and find the cells of its discs, while they are in the cache. Returns whether all are finite.
 
-    The list lies in the slice's own section of `outbox`; sent[w] says how many of it go to worker w.
+    mine.leavers: how many discs have changed cells and are listed; -1: there is no list.
+    """
+    mine.leavers = 0
+    finite = True
+    for low in range(mine.low, mine.high, BLOCK):
+        high = min(low + BLOCK, mine.high)
+        finite &= move_block(discs, low, high, features, parameters, control, mine, tally)
+        if finite:  # else nothing may be binned by its position
+            find_cells(discs, spare, low, high, changes, features, parameters, control, mine)
+    if not finite:
+        note_not_finite(discs, mine.low, mine.high, control, mine)
+    if control.in_order == 0 or mine.leavers > section_of(mine)[1]:
+        mine.leavers = -1
+    return finite
+
+
+@compiled
+def begin_sort(source, target, start, changes, team, sent, worker, control):
+    """Sort the discs of own columns into the other buffer, or list what `merge_up_to` needs to do it.
+
+    Returns the slice in which they lie there, and whether they are still to be merged.
     """
     mine = team[worker]
-    first_cell, last_cell = cells_of(team, worker, control)
-    start[first_cell + 1 : last_cell + 1] = 0
-    sent[:] = 0
-    left = 0
-    low, high = mine.low, mine.high
-    for i in range(low, high):
-        cell = nonnegative(discs.cell[nonnegative(i)])
-        if first_cell <= cell < last_cell:
-            start[cell + 1] += 1
-        else:
-            outbox[low + left] = i
-            left += 1
-            for other in range(control.workers):
-                first, last = cells_of(team, other, control)
-                sent[other] += first <= cell < last
-    mine.outbox = left
-    mine.kept = high - low - left
-
-
-@compiled
-def count_immigrants(discs, start, outbox, team, worker, control):
-    """Add to the counts the discs that other workers list and that now lie in own columns."""
-    first_cell, last_cell = cells_of(team, worker, control)
-    for other in range(control.workers):
-        for k in range(team[other].low, team[other].low + team[other].outbox):
-            cell = discs.cell[outbox[k]]
-            if first_cell <= cell < last_cell:
-                start[cell + 1] += 1
-
-
-@compiled
-def first_slot_of(team, sent, worker, control):
-    """First slot of a worker's discs after the sort: how many discs the workers before it will hold."""
-    slot = 0
-    for before in range(worker):
-        slot += team[before].kept
-        for other in range(control.workers):
-            slot += sent[other, before]
-    return slot
-
-
-@compiled
-def counts_to_starts(start, first_cell, last_cell, slot):
-    """Exclusive prefix sum: start[cell + 1], a count, becomes the slot of the cell's first disc. Returns the end."""
-    counts = start[first_cell + 1 : last_cell + 1]
-    for cell in range(counts.size):
-        count = counts[cell]
-        counts[cell] = slot
-        slot += count
-    return slot
-
-
-@inlined
-def place(source, i, target, start):
-    """Copy disc i to the next free slot of its cell. When all are placed, start[cell + 1] is the cell's end."""
-    cell = nonnegative(source.cell[i])
-    slot = nonnegative(start[cell + 1])
-    start[cell + 1] = slot + 1
-    target.x[slot] = source.x[i]
-    target.y[slot] = source.y[i]
-    target.vx[slot] = source.vx[i]
-    target.vy[slot] = source.vy[i]
-    target.id[slot] = source.id[i]
-    target.cell[slot] = cell
-    place_radius(source.radius, i, target.radius, slot)
-
-
-@inlined
-def place_radius(source, i, target, slot):
-    """The radius goes along, where each disc has its own."""
-    if source is not None:
-        target[slot] = source[i]
-
-
-@inlined
-def swap_radii(radius, i, j):
-    """Exchange the radii of two discs, where each has its own."""
-    if radius is not None:
-        radius[i], radius[j] = radius[j], radius[i]
-
-
-@compiled
-def place_all(source, target, start, outbox, team, worker, control):
-    """Place the slice's discs that stayed, then those that arrive from other workers."""
-    mine = team[worker]
-    first_cell, last_cell = cells_of(team, worker, control)
-    if mine.outbox == 0:
-        for i in range(mine.low, mine.high):
-            place(source, nonnegative(i), target, start)
-    else:
-        for i in range(mine.low, mine.high):
-            if first_cell <= source.cell[i] < last_cell:
-                place(source, nonnegative(i), target, start)
-    for other in range(control.workers):
-        for k in range(team[other].low, team[other].low + team[other].outbox):
-            if first_cell <= source.cell[outbox[k]] < last_cell:
-                place(source, outbox[k], target, start)
-
-
-@inlined
-def swap(discs, i, j):
-    """Exchange two discs of one cell."""
-    discs.x[i], discs.x[j] = discs.x[j], discs.x[i]
-    discs.y[i], discs.y[j] = discs.y[j], discs.y[i]
-    discs.vx[i], discs.vx[j] = discs.vx[j], discs.vx[i]
-    discs.vy[i], discs.vy[j] = discs.vy[j], discs.vy[i]
-    discs.id[i], discs.id[j] = discs.id[j], discs.id[i]
-    swap_radii(discs.radius, i, j)
-
-
-@inlined
-def is_out_of_order(discs, low, high):
-    """Whether a disc of [low, high) has a lower id than the one before it in the same cell. Vector code."""
-    cells, cells_before = discs.cell[low:high], discs.cell[low - 1 : high - 1]
-    ids, ids_before = discs.id[low:high], discs.id[low - 1 : high - 1]
-    found = np.int32(0)
-    for i in range(high - low):
-        found |= np.int32((cells[i] == cells_before[i]) & (ids[i] < ids_before[i]))
-    return found != 0
-
-
-@compiled
-def order_by_id(discs, low, high):
-    """Insertion sort by id inside each cell. Discs that stay in a cell are in order already, so this seldom acts."""
-    for block in range(nonnegative(low) + 1, high, ORDERED_AT_ONCE):
-        end = min(block + ORDERED_AT_ONCE, high)
-        if is_out_of_order(discs, block, end):
-            for i in range(block, end):
-                k = i
-                while k > low and discs.cell[k] == discs.cell[k - 1] and discs.id[k] < discs.id[k - 1]:
-                    swap(discs, k, k - 1)
-                    k -= 1
-
-
-@compiled
-def sort(source, target, start, outbox, team, sent, worker, control):
-    """Counting sort of the discs of own columns; afterwards the worker's slice is what lies there."""
+    immigrants = immigrants_of(sent, worker, control)
     slot = first_slot_of(team, sent, worker, control)
-    count_immigrants(source, start, outbox, team, worker, control)
-    end = counts_to_starts(start, *cells_of(team, worker, control), slot)
-    place_all(source, target, start, outbox, team, worker, control)
-    order_by_id(target, slot, end)
-    return slot, end
+    end = slot + mine.kept + immigrants
+    if mine.leavers >= 0 and mine.leavers + immigrants <= section_of(mine)[1]:
+        list_arrivals(source, changes, team, worker, control)
+        return slot, end, True
+    sort_anew(source, target, start, changes, team, worker, control, slot, end)
+    return slot, end, False

@@ -1,7 +1,7 @@
 """Which discs are too fast for the step to come: seen while they are moved, reported by the fastest one.
 
 Without a branch and without an order, so that it becomes vector code: whether any disc of a slice is beyond the limit.
-Only then does anybody ask which one.
+Only then are the discs asked one by one.
 """
 
 import math
@@ -49,8 +49,8 @@ def note_fastest(discs, low, high, parameters, mine):
 def end_where_fast(discs, low, high, parameters, control, mine):
     """Make this frame the last of the command if a disc of the slice is too fast for the step to come.
 
-    For all workers, before they move their slices. They write the same number, and nobody compares with it before the
-    barriers of this frame, or he sees that this frame is still to be run.
+    For all workers, before they move their slices. They write the same number, and no worker compares with it
+    before the barriers of this frame, or it sees that this frame is still to be run.
     """
     if parameters.fast < math.inf and any_fast(discs, low, high, parameters):
         note_fastest(discs, low, high, parameters, mine)

@@ -1,16 +1,23 @@
 """The stepped solver: one frame, and many frames in one call.
 
-A frame of the grid has four phases. W workers own contiguous ranges of columns, chosen so that each holds about the
-same number of discs; the discs of a worker's columns are one contiguous slice of the arrays.
+A step of the grid has four phases, and a fifth where there are giants. W workers own contiguous ranges of columns,
+chosen so that each holds about the same number of discs; the discs of a worker's columns are one contiguous slice of
+the arrays.
 
-    move   own slice: v += a dt, p += v dt, walls, cell; count the cells of own columns, list the discs that left
+    move   own slice: v += a dt, p += v dt, walls, cell; list the discs that changed cells, and that left own columns
     ------------------------------------------------------------------------------------------------- barrier
-    sort   own columns: counting sort of the discs into the other buffer, in the order (column, row, id)
+    sort   own columns: the discs into the other buffer, in the order (column, row, id);
+           contacts of own columns among themselves, even and odd, column c with itself and with column c + 1
+           (before these, a barrier where a wall moves, as worker 0 moves it)
     ------------------------------------------------------------------------------------------------- barrier
-    even   own even columns: contacts of column c with itself and with column c + 1
+    even   own last column, if it is even: with a neighbour's first
     ------------------------------------------------------------------------------------------------- barrier
-    odd    own odd columns, likewise
+    odd    own odd columns that had to wait for a neighbour's even one
     ------------------------------------------------------------------------------------------------- barrier
+    giants discs that are too large for the grid, if there are any: worker 0 alone (`giants.py`)
+    ------------------------------------------------------------------------------------------------- barrier
+
+With `passes` above 1 the last three are repeated as often. A frame has `substeps` steps.
 
 Why the passes need no lock, and why workers cannot change the result:
 
@@ -27,11 +34,14 @@ nothing but the state in particle order: not on the workers, nor on the memory o
 """
 
 from mpsim.kernels.compiling import compiled, inlined
-from mpsim.kernels.features.hooks import after_binning, prepare_next_step
+from mpsim.kernels.features.hooks import prepare_next_step
 from mpsim.kernels.frame.contacts import resolve_all_pairs, resolve_columns
 from mpsim.kernels.frame.giants import resolve_giants
 from mpsim.kernels.frame.motion import move
-from mpsim.kernels.frame.sorting import bin_discs, count_cells, sort
+from mpsim.kernels.frame.passes import resolve_inside
+from mpsim.kernels.frame.phases import add_time, set_phase, wait_for_all
+from mpsim.kernels.frame.sharing import list_emigrants
+from mpsim.kernels.frame.sorting import begin_sort, move_and_bin
 from mpsim.kernels.layout import (
     ABORT,
     BAD,
@@ -45,34 +55,9 @@ from mpsim.kernels.layout import (
     RUNNING,
     SLICE,
     SORT,
-    WAIT,
 )
 from mpsim.kernels.machine import atomic_add, atomic_load, now
 from mpsim.kernels.waiting import await_command, barrier
-
-
-@compiled
-def add_time(times, mine, phase, since):
-    """Add the time since `since` to a phase of the current frame; returns the time now."""
-    moment = now(mine.clock)
-    times[mine.frame, phase] += moment - since
-    return moment
-
-
-@compiled
-def set_phase(mine, phase):
-    """Note which phase this worker is in, for the report of a death."""
-    mine.phase = phase
-
-
-@compiled
-def wait_for_all(control, mine, times, since):
-    """Barrier, its waiting time recorded. Returns the time now; the abort word says whether to continue."""
-    if control.workers > 1:
-        set_phase(mine, WAIT)
-        barrier(control, mine)
-        return add_time(times, mine, WAIT, since)
-    return since
 
 
 @inlined
@@ -86,16 +71,22 @@ def contacts_of_giants(giants, discs, start, features, parameters, control, mine
     return moment
 
 
+@inlined
+def wait_for_walls(moving_wall, control, mine, times, moment):
+    """Where a wall moves, all wait until worker 0 has moved it: contacts read its place. Returns the time."""
+    if moving_wall is None:
+        return moment
+    return wait_for_all(control, mine, times, moment)
+
+
 @compiled
-def step(front, back, start, outbox, features, parameters, control, team, sent, tally, times, worker):
+def step(front, back, start, changes, features, parameters, control, team, sent, tally, times, worker):
     """One step of one worker from buffer `front` to buffer `back`. Returns RUNNING, or why to leave the loop."""
     mine = team[worker]
     moment = now(mine.clock)
     set_phase(mine, MOVE)
-    if move(front, mine.low, mine.high, features, parameters, control, mine, tally):
-        bin_discs(front, mine.low, mine.high, parameters, control)
-        after_binning(front, mine.low, mine.high, features, control)
-        count_cells(front, start, outbox, sent[worker], team, worker, control)
+    if move_and_bin(front, back, changes, features, parameters, control, mine, tally):
+        list_emigrants(front, changes, sent[worker], team, worker, control)
     moment = add_time(times, mine, MOVE, moment)
     moment = wait_for_all(control, mine, times, moment)
     if control.signals[BAD] != 0:
@@ -105,33 +96,36 @@ def step(front, back, start, outbox, features, parameters, control, team, sent, 
     set_phase(mine, SORT)
     if worker == 0:
         control.steps += 1
+        control.in_order = 1  # for the next step: this one has read it while it moved
         prepare_next_step(features, parameters, control)
-    slot, end = sort(front, back, start, outbox, team, sent, worker, control)
+    slot, end, merging = begin_sort(front, back, start, changes, team, sent, worker, control)
     moment = add_time(times, mine, SORT, moment)
+    moment = wait_for_walls(features.moving_wall, control, mine, times, moment)
+    even, odd, moment = resolve_inside(
+        front, back, start, changes, slot, end, merging, features, parameters, control, team, tally, times, worker,
+        moment,
+    )  # fmt: skip
     moment = wait_for_all(control, mine, times, moment)
     mine.low, mine.high = slot, end
-    if control.guarded == 0:
+    first, last = mine.first_column, mine.last_column
+    rest = features, parameters, control, mine, tally, times
+    if control.race_free == 0:
         # Neighbouring columns at the same time on different workers: the race of the report, on purpose.
-        mine.collisions += resolve_columns(
-            back, start, worker, control.columns, control.workers, features, control, parameters, tally, mine.frame
-        )
-        moment = add_time(times, mine, EVEN, moment)
+        moment = resolve_columns(EVEN, worker, control.columns, control.workers, back, start, *rest, moment)
         wait_for_all(control, mine, times, moment)
         return control.signals[ABORT]
-    for turn in range(2 * control.passes):
-        parity = turn % 2
-        phase = EVEN if parity == 0 else ODD
-        set_phase(mine, phase)
-        first = mine.first_column + (mine.first_column + parity) % 2
-        mine.collisions += resolve_columns(
-            back, start, first, mine.last_column, 2, features, control, parameters, tally, mine.frame
-        )
-        moment = add_time(times, mine, phase, moment)
+    for _ in range(control.passes):
+        moment = resolve_columns(EVEN, even, last, 2, back, start, *rest, moment)
         moment = wait_for_all(control, mine, times, moment)
-        if parity == 1:
-            moment = contacts_of_giants(
-                features.giants, back, start, features, parameters, control, mine, tally, times, worker, moment
-            )
+        # A first column that is odd meets an even one of a neighbour.
+        moment = resolve_columns(ODD, first, min(first + first % 2, last), 2, back, start, *rest, moment)
+        moment = resolve_columns(ODD, odd, last, 2, back, start, *rest, moment)
+        moment = wait_for_all(control, mine, times, moment)
+        moment = contacts_of_giants(
+            features.giants, back, start, features, parameters, control, mine, tally, times, worker, moment
+        )
+        even = first + first % 2
+        odd = even + 1
     return control.signals[ABORT]
 
 
@@ -139,7 +133,8 @@ def step(front, back, start, outbox, features, parameters, control, team, sent, 
 def end_when_time_is_up(control, mine, started):
     """Make this frame the last of the command once it has run for SLICE. For worker 0, at the start of a frame.
 
-    Everybody else compares with FRAMES after the barriers of this frame, or sees that this frame is still to be run.
+    The other workers compare with `control.frames` after the barriers of this frame, or see that this frame is still to
+    be run.
     The time is that of the last look at the clock, so it costs nothing.
     """
     seconds, nanoseconds = mine.clock[0], mine.clock[1]
@@ -148,7 +143,7 @@ def end_when_time_is_up(control, mine, started):
 
 
 @compiled
-def run_frames(front, back, start, outbox, features, parameters, control, team, sent, tally, times, worker):
+def run_frames(front, back, start, changes, features, parameters, control, team, sent, tally, times, worker):
     """All frames of one command, for one worker. Returns RUNNING if all frames were done."""
     mine = team[worker]
     mine.frame = 0
@@ -157,13 +152,13 @@ def run_frames(front, back, start, outbox, features, parameters, control, team, 
         if worker == 0:
             end_when_time_is_up(control, mine, started)
         for _ in range(control.substeps):
-            outcome = step(front, back, start, outbox, features, parameters, control, team, sent, tally, times, worker)
+            outcome = step(front, back, start, changes, features, parameters, control, team, sent, tally, times, worker)
             if outcome != RUNNING:
                 return outcome
             front, back = back, front
         mine.frame += 1
     if control.workers > 1:
-        barrier(control, mine)  # nobody still writes its times when the coordinator continues
+        barrier(control, mine)  # no worker still writes its times when the coordinator continues
     if worker == 0:
         # In here rather than in Python, where Ctrl-C could come between the frames and the note of where they ended.
         control.live ^= (control.frames * control.substeps) & 1
@@ -173,7 +168,7 @@ def run_frames(front, back, start, outbox, features, parameters, control, team, 
 
 
 @compiled
-def run_grid(a, b, start, outbox, features, parameters, control, team, sent, tally, times, worker, linger):
+def run_grid(a, b, start, changes, features, parameters, control, team, sent, tally, times, worker, linger):
     """Frames of `grid` (one worker) or `parallel`, for one worker.
 
     The coordinator, worker 0, gives the command and does its share of it; as that happens in here, nothing can come
@@ -197,7 +192,7 @@ def run_grid(a, b, start, outbox, features, parameters, control, team, sent, tal
         if control.live == 1:
             front, back = b, a
         outcome = run_frames(
-            front, back, start, outbox, features, parameters, control, team, sent, tally, times, worker
+            front, back, start, changes, features, parameters, control, team, sent, tally, times, worker
         )
         if worker == 0 or outcome != RUNNING:
             return outcome
@@ -222,7 +217,7 @@ def run_naive(discs, features, parameters, control, team, tally, times):
             prepare_next_step(features, parameters, control)
             set_phase(mine, EVEN)
             for _turn in range(control.passes):
-                mine.collisions += resolve_all_pairs(discs, features, control, parameters, tally, mine.frame)
+                mine.collisions += resolve_all_pairs(discs, features, parameters, control, tally, mine.frame)
             add_time(times, mine, EVEN, moment)
         mine.frame += 1
     control.done += control.frames

@@ -8,6 +8,7 @@ import math
 from collections import namedtuple
 
 from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.nearest_image import nearest_image
 
 EMPTY = -1
 
@@ -18,16 +19,6 @@ Crowd = namedtuple(
     "Crowd",
     "x y radius level head following columns rows first largest width height periodic_x periodic_y capsule",
 )
-
-
-@inlined
-def nearest(difference, length, periodic):
-    """One component of a relative position, to the nearest image."""
-    if periodic and difference > 0.5 * length:
-        return difference - length
-    if periodic and difference < -0.5 * length:
-        return difference + length
-    return difference
 
 
 @inlined
@@ -104,8 +95,8 @@ def look(crowd, px, py, radius, mover, scale, slack):
                 j = crowd.head[crowd.first[level] + (c % columns) * rows + r % rows]
                 while j != EMPTY:
                     contact = scale * (radius + crowd.radius[j]) - slack
-                    dx = nearest(crowd.x[j] - px, crowd.width, crowd.periodic_x)
-                    dy = nearest(crowd.y[j] - py, crowd.height, crowd.periodic_y)
+                    dx = nearest_image(crowd.x[j] - px, crowd.width, crowd.periodic_x)
+                    dy = nearest_image(crowd.y[j] - py, crowd.height, crowd.periodic_y)
                     square = dx * dx + dy * dy
                     if j != mover and contact > 0.0 and square < contact * contact:
                         number += 1
@@ -123,8 +114,8 @@ def off_capsules(crowd, px, py, radius):
     for k in range(crowd.capsule.shape[0]):
         ax, ay = crowd.capsule[k, 0], crowd.capsule[k, 1]
         bx, by = crowd.capsule[k, 2] - ax, crowd.capsule[k, 3] - ay
-        rx = nearest(px - ax, crowd.width, crowd.periodic_x)
-        ry = nearest(py - ay, crowd.height, crowd.periodic_y)
+        rx = nearest_image(px - ax, crowd.width, crowd.periodic_x)
+        ry = nearest_image(py - ay, crowd.height, crowd.periodic_y)
         square = bx * bx + by * by
         fraction = min(max((rx * bx + ry * by) / square, 0.0), 1.0) if square > 0.0 else 0.0
         gx, gy = rx - fraction * bx, ry - fraction * by
@@ -225,8 +216,8 @@ def part(crowd, scale, beyond):
     for i in range(crowd.x.size):
         _, j, depth = look(crowd, crowd.x[i], crowd.y[i], crowd.radius[i], i, scale, 0.0)
         if j != EMPTY:
-            dx = nearest(crowd.x[j] - crowd.x[i], crowd.width, crowd.periodic_x)
-            dy = nearest(crowd.y[j] - crowd.y[i], crowd.height, crowd.periodic_y)
+            dx = nearest_image(crowd.x[j] - crowd.x[i], crowd.width, crowd.periodic_x)
+            dy = nearest_image(crowd.y[j] - crowd.y[i], crowd.height, crowd.periodic_y)
             distance = math.sqrt(dx * dx + dy * dy)
             # Two discs at one point part along x.
             nx, ny = (dx / distance, dy / distance) if distance > 0.0 else (1.0, 0.0)

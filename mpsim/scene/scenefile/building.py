@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.errors import InputError
-from mpsim.features import NUMBERS, PER_DISC
+from mpsim.features import NUMBERS, PER_DISC, VECTORS
+from mpsim.features.edges import check_boundary, wraps_of
 from mpsim.scene.scene import LARGEST_COUNT, Scene
 from mpsim.scene.scenefile.limits import MOST_PROBLEMS
 from mpsim.scene.scenefile.part import Problem
@@ -19,7 +20,7 @@ from mpsim.scene.scenefile.schema import Discs, SceneTable
 from mpsim.scene.starts import Taken, demand_area, lattice_sites, random_places, side_for, thermal_velocities
 
 Arguments = dict[str, Any]
-"""Position, velocity, radius, mass, acceleration and what features have of each disc, of a group of discs."""
+"""Position, velocity and what features have of each disc, of a group of discs."""
 
 
 class ProblemsError(Exception):
@@ -43,7 +44,6 @@ def build(table: SceneTable, variation: int | None = None) -> Scene:
     problems: list[Problem] = []
     sides = _box(table, problems)
     made = {part.argument: part.made(getattr(table, part.argument), problems) for part in PARTS if part.several}
-    periodic = table.boundary[0] == "periodic", table.boundary[1] == "periodic"
     taken = Taken(capsules=np.vstack([part.capsules(made[part.argument][0]) for part in PARTS if part.several]))
     groups: list[Arguments] = []
     width, height = sides or (1.0, 1.0)
@@ -54,7 +54,7 @@ def build(table: SceneTable, variation: int | None = None) -> Scene:
             problems.append((f"discs[{index}]", f"all discs must be at most {LARGEST_COUNT:,}; got more. Use fewer."))
             break
         try:
-            groups.append(_group(discs, (width, height), taken, periodic, variation))
+            groups.append(_group(discs, (width, height), taken, wraps_of(check_boundary(table.boundary)), variation))
         except InputError as error:
             problems.append((f"discs[{index}]", str(error)))
     if problems:
@@ -65,12 +65,12 @@ def build(table: SceneTable, variation: int | None = None) -> Scene:
         value = getattr(table, part.argument)
         single = None if part.several or value is None else value.made()
         parts[part.argument] = made[part.argument][0] if part.several else single
-    names = ("gravity", "restitution", "wall_restitution", "duration", *NUMBERS)
+    names = (*VECTORS, *NUMBERS, "duration")
     plain = {name: getattr(table, name) for name in names}
     try:
         scene = Scene(**box, **_joined(groups), **parts, **plain)
         if any(discs.places == "random" or discs.temperature for discs in table.discs):
-            scene.drawn_by(functools.partial(build, table))
+            scene.redraw_with(functools.partial(build, table))
         return scene
     except InputError as error:
         tables = {name: owners for name, (_, owners) in made.items()}
@@ -104,7 +104,7 @@ def _box(table: SceneTable, problems: list[Problem]) -> tuple[float, float] | No
         return None
     assert table.packing is not None
     try:
-        side = side_for(table.packing, area, largest, table.boundary)
+        side = side_for(table.packing, area, largest, check_boundary(table.boundary))
     except InputError as error:
         problems.append(("packing", str(error)))
         return None
@@ -118,34 +118,32 @@ def _group(
     rng = np.random.default_rng(discs.seed if variation is None else [discs.seed, variation])
     if discs.places == "random":
         assert discs.count is not None
-        _demand_one_each(discs, discs.count)
+        own = _own(discs, discs.count)
         position = random_places(discs.radius, discs.count, box, discs.region, taken, rng, periodic)
     else:
         position = _places(discs, box)
+        own = _own(discs, len(position))
     count = len(position)
-    _demand_one_each(discs, count)
-    mass = discs.mass
     if discs.temperature is not None:
-        velocity = thermal_velocities(count, discs.temperature, mass, rng)
+        velocity = thermal_velocities(count, discs.temperature, discs.mass, rng)
     else:
-        velocity = _rows("velocity", discs.velocity, count)
-    acceleration = None if discs.acceleration is None else _rows("acceleration", discs.acceleration, count)
+        velocity = _rows("velocity", np.zeros(2) if discs.velocity is None else discs.velocity, count)
     taken.add(position, np.broadcast_to(discs.radius, count))
-    return {
-        "position": position,
-        "velocity": velocity,
-        "radius": discs.radius,
-        "mass": mass,
-        "acceleration": acceleration,
-        **{name: getattr(discs, name) for name in PER_DISC},
-    }
+    return {"position": position, "velocity": velocity, **own}
 
 
-def _demand_one_each(discs: Discs, count: int) -> None:
-    for name in ("radius", "mass", *PER_DISC):
-        value = getattr(discs, name)
-        if np.ndim(value) and len(value) != count:
+def _own(discs: Discs, count: int) -> Arguments:
+    """What features have of each disc of a group: a number for all, or one each; vectors as rows; None if not given."""
+    own: Arguments = {}
+    for name in PER_DISC:
+        own[name] = value = getattr(discs, name)
+        if value is None:
+            continue
+        if PER_DISC[name].components:
+            own[name] = _rows(name, value, count)
+        elif np.ndim(value) and len(value) != count:
             raise InputError(f"{name} must be one number or {count}, one per disc; got {len(value)}.")
+    return own
 
 
 def _places(discs: Discs, box: tuple[float, float]) -> NDArray[np.float64]:
@@ -158,20 +156,13 @@ def _places(discs: Discs, box: tuple[float, float]) -> NDArray[np.float64]:
     return lattice_sites(discs.places, region, discs.spacing, discs.count)
 
 
-def _rows(name: str, value: NDArray[np.float64] | None, count: int) -> NDArray[np.float64]:
-    """One row per disc; None: zeros."""
-    if value is None:
-        return np.zeros((count, 2))
+def _rows(name: str, value: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """One row per disc, from one for all or one each."""
     if value.ndim == 1:
         return np.tile(value, (count, 1))
     if len(value) != count:
         raise InputError(f"{name} must be one row or {count}, one per disc; got {len(value)}.")
     return value
-
-
-def _filled(value: float | NDArray[np.float64] | None, count: int) -> NDArray[np.float64]:
-    """One number per disc; None: zeros."""
-    return np.broadcast_to(0.0 if value is None else value, count)
 
 
 def _joined(groups: list[Arguments]) -> Arguments:
@@ -182,20 +173,16 @@ def _joined(groups: list[Arguments]) -> Arguments:
         return {"position": (), "velocity": (), "radius": np.empty(0)}
     joined: Arguments = {name: np.concatenate([group[name] for group in groups]) for name in ("position", "velocity")}
     counts = [len(group["position"]) for group in groups]
-    for name in ("radius", "mass"):
-        values = [1.0 if group[name] is None else group[name] for group in groups]
+    for name, each in PER_DISC.items():
+        if all(group[name] is None for group in groups):
+            continue
+        values: list[Any] = [each.default if group[name] is None else group[name] for group in groups]
         if not any(map(np.ndim, values)) and len(set(values)) == 1:
             joined[name] = values[0]  # one number for all, which emitters may then use
         else:
-            each = [np.broadcast_to(value, count) for value, count in zip(values, counts, strict=True)]
-            joined[name] = np.concatenate(each)
-    if any(group["acceleration"] is not None for group in groups):
-        rows = [_rows("acceleration", group["acceleration"], len(group["position"])) for group in groups]
-        joined["acceleration"] = np.concatenate(rows)
-    for name in PER_DISC:
-        if any(group[name] is not None for group in groups):
-            each = [_filled(group[name], count) for group, count in zip(groups, counts, strict=True)]
-            joined[name] = np.concatenate(each)
+            shape = (2,) if each.components else ()
+            every = [np.broadcast_to(value, (count, *shape)) for value, count in zip(values, counts, strict=True)]
+            joined[name] = np.concatenate(every)
     return joined
 
 

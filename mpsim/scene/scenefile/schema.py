@@ -8,7 +8,8 @@ from pydantic import Field, model_validator
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
-from mpsim.features import NUMBERS, PER_DISC
+from mpsim.features import NUMBERS, PER_DISC, VECTORS
+from mpsim.features.feature import PerDisc
 from mpsim.scene.scene import LARGEST_COUNT, Scene
 from mpsim.scene.scenefile.parts import PARTS
 from mpsim.scene.scenefile.rules import (
@@ -74,8 +75,21 @@ else:
     SettingsTable.__doc__ = "Recommended settings, by the names of Settings."
 
 
-class _DiscsTable(Table):
-    """A group of discs, without what features have of each."""
+def _key_of(each: PerDisc) -> tuple[Any, Any]:
+    """Type and default of a key for a value of each disc."""
+    if each.components:
+        rule = array((2,), (None, 2), meaning="(2,) or (N, 2)")
+        forms, otherwise = f"[{', '.join(each.components)}] for all, one row each, or a file", "none"
+    else:
+        rule = array((), (None,), meaning="() or (N,)", unit=each.unit or None)
+        forms, otherwise = "one for all, one each, or a file", f"{each.default:g}" if each.default is not None else ""
+    description = "; ".join(filter(None, (each.meaning, forms, otherwise and f"left out: {otherwise}")))
+    default = ... if each.default is None else None
+    return Annotated[float | Numbers | None, rule, Field(description=description)], default
+
+
+class _Places(Table):
+    """Where the discs of a group are."""
 
     position: Annotated[
         Numbers | None, array((None, 2), meaning="(N, 2)"), Field(description="centres [[x, y], ...], or a file")
@@ -96,16 +110,22 @@ class _DiscsTable(Table):
         Field(description="[x_low, y_low, x_high, y_high], where the centres lie; left out: the box, a radius inside"),
     ] = None
     seed: Annotated[Seed, Field(description="of random places and thermal velocities")] = 0
-    radius: Annotated[
-        float | Numbers,
-        array((), (None,), meaning="() or (N,)", unit="[length]"),
-        Field(description="one for all, one each, or a file"),
-    ]
-    mass: Annotated[
-        float | Numbers | None,
-        array((), (None,), meaning="() or (N,)", unit="[mass]"),
-        Field(description="one for all, one each, or a file; left out: 1"),
-    ] = None
+
+
+if TYPE_CHECKING:
+
+    class _Own(_Places):
+        """And what features have of each: made below, where its keys are known."""
+
+        radius: float | Numbers
+        mass: float | Numbers | None = None
+else:
+    _Own = pydantic.create_model("_Own", __base__=_Places, **{name: _key_of(each) for name, each in PER_DISC.items()})
+
+
+class Discs(_Own):
+    """A group of discs: initial positions and velocities, radii, masses."""
+
     velocity: Annotated[
         Numbers | None,
         array((2,), (None, 2), meaning="(2,) or (N, 2)"),
@@ -116,14 +136,9 @@ class _DiscsTable(Table):
         plain(checks.non_negative, "[mass length^2/time^2]"),
         Field(description="instead of velocity: kT of normally distributed ones, without drift, scaled to be exact"),
     ] = None
-    acceleration: Annotated[
-        Numbers | None,
-        array((2,), (None, 2), meaning="(2,) or (N, 2)"),
-        Field(description="[ax, ay] for all, one row each, or a file; left out: none"),
-    ] = None
 
     @model_validator(mode="after")
-    def _fits_together(self) -> "_DiscsTable":
+    def _fits_together(self) -> "Discs":
         if (self.position is None) == (self.places is None):
             got = "neither" if self.position is None else "both"
             raise InputError(f"discs must have either position or places; got {got}.")
@@ -142,30 +157,11 @@ class _DiscsTable(Table):
         return self
 
 
-_PER_DISC: dict[str, Any] = {
-    name: (
-        Annotated[
-            float | Numbers | None,
-            array((), (None,), meaning="() or (N,)"),
-            Field(description=f"{meaning}; one for all, one each, or a file; left out: 0"),
-        ],
-        None,
-    )
-    for name, meaning in PER_DISC.items()
-}
-if TYPE_CHECKING:
-
-    class Discs(_DiscsTable):
-        """A group of discs: made below, where its keys are known."""
-else:
-    Discs = pydantic.create_model("Discs", __base__=_DiscsTable, **_PER_DISC)
-    Discs.__doc__ = "A group of discs: initial positions and velocities, radii, masses."
-
 _SCENE = (Scene, {"width": 1.0, "height": 1.0, "position": (), "velocity": (), "radius": 0.1})
 
 
-class _SceneTable(Table):
-    """A scene file, without its features."""
+class _Box(Table):
+    """The box of a scene file."""
 
     schema_: Annotated[int, plain(_version), Field(alias="schema", description=f"version of the format, {SCHEMA}")]
     width: Annotated[Positive | None, Field(description="of the box")] = None
@@ -180,11 +176,23 @@ class _SceneTable(Table):
         as_in(_SCENE, words=True),
         Field(description='"walls", "periodic", or one for x and one for y: ["periodic", "walls"]'),
     ] = "walls"
-    gravity: Annotated[Any, as_in(_SCENE), Field(description="[gx, gy], one acceleration for all discs")] = None
-    restitution: Annotated[float, as_in(_SCENE), Field(description="of two discs, 0 to 1")] = 1.0
-    wall_restitution: Annotated[
-        float, as_in(_SCENE), Field(description="of a disc with walls and with what stands in the box")
-    ] = 1.0
+
+
+_NUMBERS: dict[str, Any] = {
+    name: (Annotated[Any, as_in(_SCENE), Field(description=meaning)], default)
+    for name, (default, meaning) in ({name: (None, meaning) for name, meaning in VECTORS.items()} | NUMBERS).items()
+}
+if TYPE_CHECKING:
+
+    class _Physics(_Box):
+        """And what features have of the scene: made below, where its keys are known."""
+else:
+    _Physics = pydantic.create_model("_Physics", __base__=_Box, **_NUMBERS)
+
+
+class _SceneTable(_Physics):
+    """A scene file, without the tables of its features."""
+
     absorbing: Annotated[
         Any,
         as_in(_SCENE, words=True),
@@ -208,10 +216,6 @@ class _SceneTable(Table):
         return self
 
 
-_NUMBERS: dict[str, Any] = {
-    name: (Annotated[float, as_in(_SCENE), Field(description=meaning)], default)
-    for name, (default, meaning) in NUMBERS.items()
-}
 _PARTS: dict[str, Any] = {
     part.argument: (Annotated[part.annotation, Field(description=part.description)], part.default) for part in PARTS
 }
@@ -220,7 +224,7 @@ if TYPE_CHECKING:
     class SceneTable(_SceneTable):
         """A scene file: made below, where its keys are known."""
 else:
-    SceneTable = pydantic.create_model("SceneTable", __base__=_SceneTable, **_NUMBERS, **_PARTS)
+    SceneTable = pydantic.create_model("SceneTable", __base__=_SceneTable, **_PARTS)
     SceneTable.__doc__ = "A scene file."
 
 LEVELS: dict[str, list[type[Table]]] = {

@@ -8,7 +8,8 @@ from typing import Any, BinaryIO
 
 from mpsim.core import atomic
 from mpsim.core.errors import InputError, OutputError
-from mpsim.features import NUMBERS, PER_DISC
+from mpsim.features import NUMBERS, PER_DISC, VECTORS
+from mpsim.features.edges import WALLED
 from mpsim.scene.scene import Scene
 from mpsim.scene.scenefile.limits import MOST_BYTES, MOST_TABLES
 from mpsim.scene.scenefile.parts import PARTS
@@ -66,10 +67,9 @@ def save(
 
 def _scene_lines(scene: Scene) -> list[str]:
     values: dict[str, Any] = {"width": scene.width, "height": scene.height}
-    if scene.boundary != ("walls", "walls"):
+    if scene.boundary != WALLED:
         values["boundary"] = scene.boundary
-    values["gravity"] = scene.gravity
-    values |= {name: getattr(scene, name) for name in ("restitution", "wall_restitution") if getattr(scene, name) != 1}
+    values |= {name: getattr(scene, name) for name in VECTORS}
     values |= {name: value for name, (default, _) in NUMBERS.items() if (value := getattr(scene, name)) != default}
     values["absorbing"] = scene.absorbing or None
     values["duration"] = scene.duration
@@ -79,7 +79,7 @@ def _scene_lines(scene: Scene) -> list[str]:
 def _disc_lines(scene: Scene, target: Path) -> tuple[list[str], Files]:
     """The discs as one group, and the files of its arrays."""
     files: Files = []
-    names = ("position", "velocity", "radius", "mass", "acceleration", *PER_DISC)
+    names = ("position", "velocity", *PER_DISC)
     arrays = {name: value for name in names if (value := getattr(scene, name)) is not None}
     return ["[[discs]]", *array_lines(arrays, target, "", files), ""], files
 

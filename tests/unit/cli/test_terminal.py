@@ -2,6 +2,7 @@
 
 import re
 import sys
+import time
 import warnings
 
 import click
@@ -10,6 +11,7 @@ from support.commands import mpsim_command
 import mpsim
 from mpsim.cli import terminal
 from mpsim.cli.app import main
+from mpsim.kernels import compile_notice
 
 
 def test_scenes_are_completed():
@@ -51,6 +53,65 @@ def test_progress_is_a_bar_on_a_terminal(monkeypatch, capsys):
     assert "2/2" in captured.err
     plain = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", captured.err)
     assert re.search(r"accuracy \[of a kind\] +━+ 2/2 [\d.,]+/s left 0:00:00", plain), "rate and time left"
+
+
+TEXT = "compiling the loops for this scene, once; about 6 s"
+
+
+def on_terminal(monkeypatch):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+
+
+def plain(text):
+    return re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", text)
+
+
+def test_compiling_is_a_spinner_on_a_terminal(monkeypatch, capsys):
+    on_terminal(monkeypatch)
+    shown = terminal.Compiling({})
+    shown.begin(TEXT)
+    time.sleep(0.3)
+    shown.end()
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    frames = set(re.findall(rf"(\S) {TEXT}", plain(captured.err)))
+    assert len(frames) > 1, "it turns"
+    assert captured.err.rstrip().endswith("\x1b[2K"), "and goes"
+
+
+def test_compiling_is_a_line_above_a_bar(monkeypatch, capsys):
+    on_terminal(monkeypatch)
+    with terminal.progress(quiet=False) as progress:
+        progress(1, 2, "accuracy")
+        shown = terminal.Compiling({})
+        shown.begin(TEXT)
+        shown.end()
+        progress(2, 2, "accuracy")
+    assert f"{TEXT}\n" in plain(capsys.readouterr().err).replace("\r", "")
+
+
+@click.command()
+@terminal.quiet_option
+def compile_something(quiet: bool) -> None:
+    with compile_notice.asked_for("run_naive", (), True):
+        compile_notice.not_cached()
+        time.sleep(0.2)
+
+
+def test_compiling_is_a_line_where_nobody_watches_and_nothing_under_quiet(monkeypatch):
+    monkeypatch.setattr(compile_notice, "QUIET_FOR", 0.01)
+    monkeypatch.setitem(main.commands, "compile", compile_something)
+    for arguments in (["compile"], ["-v", "compile"]):
+        assert mpsim_command(*arguments).stderr == f"{TEXT}\n", "once, with -v too"
+    quiet = mpsim_command("compile", "--quiet")
+    assert (quiet.exit_code, quiet.stderr) == (0, "")
+
+
+def test_after_a_command_the_log_has_it_again():
+    before = compile_notice._announcer
+    assert mpsim_command("scenes").exit_code == 0
+    assert compile_notice._announcer is before
 
 
 def test_warnings_are_a_line_without_source(monkeypatch):

@@ -7,9 +7,9 @@ from support.commands import mpsim_command
 
 import mpsim
 from mpsim.cli import trade
+from mpsim.measure.registry import ERRORS
 from mpsim.studies.cost import Cost
 from mpsim.studies.deviations import Deviation
-from mpsim.studies.replicas import MEASURES
 from mpsim.studies.tradeoff import Row, Tradeoff
 from mpsim.studies.tuned import Trial, Tuned
 
@@ -35,7 +35,7 @@ def asked(monkeypatch) -> dict:
         return Tradeoff("a scene", "event", 5.0, 1.0, ("pressure",), (ROW,))
 
     monkeypatch.setattr(trade.tuning, "tune", tune)
-    monkeypatch.setattr(trade.trades, "tradeoff", tradeoff)
+    monkeypatch.setattr(trade.tradeoffs, "tradeoff", tradeoff)
     return calls
 
 
@@ -43,10 +43,10 @@ def asked(monkeypatch) -> dict:
 
 
 def test_budgets_are_options_for_every_measure(asked):
-    options = [word for name in MEASURES for word in (f"--{name.replace('_', '-')}", "5%")]
+    options = [word for name in ERRORS for word in (f"--{name.replace('_', '-')}", "5%")]
     result = mpsim_command("tune", "cradle", *options, "--until", "12.5", "--replicas", "3", "--quiet")
     assert result.exit_code == 0
-    assert asked["budgets"] == dict.fromkeys(MEASURES, 0.05)
+    assert asked["budgets"] == dict.fromkeys(ERRORS, 0.05)
     assert (asked["until"], asked["replicas"], asked["progress"]) == (12.5, 3, None)
     assert asked["scene"].digest() == mpsim.Scene.load("cradle").digest()
 

@@ -7,6 +7,7 @@ import pytest
 from support.scenes import crowd, gas, simulate
 
 import mpsim
+from mpsim.engine import coordinator
 from mpsim.kernels.layout import PHASES
 from mpsim.measure.run_averages import Measures
 
@@ -81,6 +82,26 @@ def test_the_text_of_a_report_and_of_a_simulation_say_what_ran():
         report = sim.run(frames=3)
         assert repr(sim) == "<Simulation: 1000 discs by parallel, frame 3, time 1.5>"
     assert repr(report).startswith("<Report: 3 frames by parallel on 2 workers, median ")
+
+
+def test_a_report_tells_how_long_kernels_were_compiled_before_it(monkeypatch):
+    """Since the simulation was made, or since its last report; nothing where all kernels were there."""
+    with simulate(gas(20, 0.2), method="grid") as sim:
+        sim.run(frames=1)
+    monkeypatch.setattr(coordinator, "compile_seconds", lambda: 100.0)
+    with simulate(gas(20, 0.2), method="grid") as sim:
+        monkeypatch.setattr(coordinator, "compile_seconds", lambda: 112.25)
+        first, second = sim.run(frames=3), sim.run(frames=3)
+    assert (first.compile_seconds, second.compile_seconds) == (12.25, 0.0)
+    assert "us a frame, 12.2 s of compiling before, " in repr(first)
+    assert "compiling" not in repr(second)
+
+
+def test_kernels_that_are_there_cost_no_time():
+    with simulate(gas(20, 0.2), method="grid") as sim:
+        sim.run(frames=1)
+    with simulate(gas(20, 0.2), method="grid") as sim:
+        assert sim.run(frames=1).compile_seconds == 0.0
 
 
 def test_auto_reports_what_it_chose():

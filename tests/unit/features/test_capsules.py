@@ -159,6 +159,6 @@ def test_few_discs_are_as_deep_in_obstacles_that_are_asked_again_and_again(bound
 def test_obstacles_that_are_replaced_are_those_that_are_asked():
     scene = mpsim.Scene(**{**pegs_and_emitters(9, 1), "velocity": []})
     place, radius = np.array([[0.5, 0.5]]), np.array([0.1])
-    assert scene.among.depths(place, radius) > 0
+    assert scene.capsule_index.depths(place, radius) > 0
     scene.obstacles = scene.obstacles[1:]
-    assert scene.among.depths(place, radius) == 0
+    assert scene.capsule_index.depths(place, radius) == 0

@@ -117,7 +117,7 @@ def test_no_packing_that_exists_is_above_the_bound_among_obstacles():
         places = hexagonal(rng, 0, high)
         capsules = capsules_of(obstacles)
         deep = distance(places[:, None], capsules).min(axis=1, initial=np.inf) < 0.5
-        most = room.most_equal(0.5, (0, 0), tuple(high.tolist()), capsules)
+        most = room.largest_number(0.5, (0, 0), tuple(high.tolist()), capsules)
         assert (~deep).sum() <= most
         ratios.append((~deep).sum() / max(most, 1))
     assert np.median(ratios) > 0.5
@@ -129,23 +129,23 @@ def test_channels_as_wide_as_a_disc_count_as_room(gap, above):
     low, thick = gap + 1.0, 2.0
     walls = tuple(mpsim.Polyline([(0, y), (10, y)], thick) for y in (low, low + thick + gap))
     top = low + thick + gap + 1.0 + gap
-    assert 30 <= room.most_equal(0.5, (0, 0), (10, top), capsules_of(walls)) < above
+    assert 30 <= room.largest_number(0.5, (0, 0), (10, top), capsules_of(walls)) < above
 
 
 def test_the_bound_among_many_obstacles_of_many_sizes_of_discs_is_found_without_looking_at_each_pair(monkeypatch):
     """Of 100 pegs there are 4,950 pairs for each of 16 radii, and 100 outlines, of which few meet the box."""
     places = np.stack(np.divmod(np.arange(100), 10), axis=1) + 0.5
-    radius, looks, apart = 0.02 + 0.001 * np.arange(16), [], room.apart
-    monkeypatch.setattr(room, "apart", lambda *polygons: looks.append(polygons) or apart(*polygons))
+    radius, looks, separated = 0.02 + 0.001 * np.arange(16), [], room.are_separated
+    monkeypatch.setattr(room, "are_separated", lambda *polygons: looks.append(polygons) or separated(*polygons))
     pegs = [mpsim.FixedDisc(place, 0.2) for place in places]
     capsules = capsules_of(tuple(pegs))
     arguments = {"position": places[:16] + 0.5, "velocity": 0 * places[:16], "radius": radius, "obstacles": pegs}
     mpsim.Scene(width=10, height=10.5, **arguments, piston=mpsim.Piston("right", -1, 9.9))
     assert len(looks) < 16 * 200
     for each in radius[[0, 15]]:
-        alone = [room.most_equal(each, (0, 0), (9.9, 10.5), one[None]) for one in capsules]
-        free = room.most_equal(each, (0, 0), (9.9, 10.5), capsules[:0])
-        assert room.most_equal(each, (0, 0), (9.9, 10.5), capsules) == pytest.approx(free + sum(alone - free))
+        alone = [room.largest_number(each, (0, 0), (9.9, 10.5), one[None]) for one in capsules]
+        free = room.largest_number(each, (0, 0), (9.9, 10.5), capsules[:0])
+        assert room.largest_number(each, (0, 0), (9.9, 10.5), capsules) == pytest.approx(free + sum(alone - free))
 
 
 def test_of_two_sizes_the_larger_ones_have_no_more_room_than_alone():

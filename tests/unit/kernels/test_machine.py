@@ -19,6 +19,21 @@ def compiled_overlap_lanes(x, y, radius, start, xi, yi, reach):
 
 
 @njit
+def compiled_changed_lanes(before, after, start):
+    return machine.changed_lanes(before, after, start)
+
+
+@njit
+def compiled_copy_lanes(source, first, target, slot):
+    machine.copy_lanes(source, first, target, slot)
+
+
+@njit
+def compiled_add_to_lanes(array, start, number, value):
+    machine.add_to_lanes(array, start, number, value)
+
+
+@njit
 def compiled_lowest_bit(mask):
     return machine.lowest_bit(mask)
 
@@ -48,6 +63,32 @@ def test_discs_exactly_one_diameter_apart_do_not_overlap(real):
     x, y = np.full(8, 3, real), np.full(8, 4, real)
     assert compiled_overlap_lanes(x, y, None, 0, real(0), real(0), real(25)) == 0
     assert compiled_overlap_lanes(x, y, None, 0, real(0), real(0), np.nextafter(real(25), real(26))) == 255
+
+
+def test_the_mask_of_what_has_changed_is_its_twin():
+    rng = np.random.default_rng(2)
+    before = rng.integers(-(2**31), 2**31, 100, np.int32)
+    after = np.where(rng.random(100) < 0.3, before + 1, before).astype(np.int32)
+    masks = {start: machine.changed_lanes(before, after, start) for start in range(100 - machine.LANES)}
+    assert masks == {start: compiled_changed_lanes(before, after, start) for start in masks}
+    assert len(set(masks.values())) > 20
+
+
+@pytest.mark.parametrize("kind", [*REALS, np.int32])
+def test_copying_and_adding_by_vectors_are_their_twins(kind):
+    source = np.arange(60).astype(kind)
+    for first, slot in ((0, 0), (3, 17), (44, 1)):
+        targets = np.full((2, 60), -1, kind)
+        machine.copy_lanes(source, first, targets[0], slot)
+        compiled_copy_lanes(source, first, targets[1], slot)
+        assert targets[0].tolist() == targets[1].tolist()
+        assert (targets[0] >= 0).sum() == machine.RUN
+    for number in (*range(machine.RUN + 1), 2 * machine.RUN) if kind is np.int32 else ():
+        sums = np.stack([source, source])
+        machine.add_to_lanes(sums[0], 5, number, -7)
+        compiled_add_to_lanes(sums[1], 5, number, -7)
+        assert sums[0].tolist() == sums[1].tolist()
+        assert (sums[0] != source).sum() == min(number, machine.RUN)
 
 
 def test_the_lowest_bit_is_its_twin():

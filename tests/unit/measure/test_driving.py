@@ -49,6 +49,6 @@ def test_whatever_gives_or_takes_energy_is_noticed(feature):
 
 def test_fields_of_zero_are_fields_that_change_no_energy():
     still = scene(gravity=(0, 0))
-    assert driving.has_fields(still)
+    assert driving.has_body_force(still)
     assert driving.conserves_energy(still)
-    assert not driving.has_fields(scene())
+    assert not driving.has_body_force(scene())

@@ -31,7 +31,7 @@ def test_states_of_which_only_one_counts_periods_are_refused():
     scene = box_of(position=[[2, 4]], velocity=[[3, 0]], boundary="periodic")
     end, start = after(scene, 4), State(scene.position, scene.velocity)
     for pair in ((start, end), (end, start)):
-        with pytest.raises(InputError, match=r"needs counts of periods \(State.image\) in both states or in neither"):
+        with pytest.raises(InputError, match=r"needs image flags \(State.image\) in both states or in neither"):
             observables.mean_squared_displacement(*pair, scene)
     counted = State(scene.position, scene.velocity, image=np.zeros((1, 2), int), box=scene.box)
     assert observables.mean_squared_displacement(counted, end, scene) == pytest.approx(144)

@@ -6,7 +6,7 @@ from support.compare import assert_same_bits
 from support.scenes import gas, simulate
 
 import mpsim
-from mpsim import Emitter, FixedDisc, InputError, Piston, Scene
+from mpsim import Emitter, FixedDisc, InputError, Piston, Scene, State
 from mpsim.kernels import records
 from mpsim.measure import counted, run_averages
 
@@ -161,3 +161,19 @@ def test_the_virial_of_a_torus_has_no_margins_and_counts_the_largest_diameter():
     assert counted.pressure(counts, run).value == pytest.approx((7 + 3 * 1.0 / (2 * 0.5)) / 80)
     channel = counted.Run(scene_of(boundary=("periodic", "walls")), 2, 0.5, kinetic_energy=7.0)
     assert counted.pressure_virial(counts, channel).value == pytest.approx((14 + 6) / (10 * 8 + 7 * 10))
+
+
+def test_absorbed_discs_do_not_slow_down_those_that_press_on_the_walls():
+    """Without a hit, the error is that of one hit at the speed of the discs present."""
+    errors = []
+    for present in ([True], [True, False]):
+        count = len(present)
+        scene = scene_of(position=[[5, 4], [2, 2]][:count], velocity=np.zeros((count, 2)), absorbing="left")
+        state = State(scene.position, np.array([[0.3, 0.4], [0, 0]])[:count], present=np.array(present))
+        averages = run_averages.RunAverages(("pressure",), 200, lambda state=state: state)
+        averages.take(np.zeros(200, records.COUNTS), 200, scene)
+        found = averages.measures(counted.Run(scene, scene.count, 0.1))["pressure"]
+        assert found.value == 0
+        assert not found.settled
+        errors.append(found.error)
+    assert errors[1] == errors[0] > 0

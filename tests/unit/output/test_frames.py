@@ -202,7 +202,7 @@ def test_images_are_read_back_and_unwrap_the_positions(tmp_path, ending, kind):
     assert found.image.dtype == np.int64
     assert found.unwrapped.tolist() == (frame.position + frame.image * [13.0, 9.5]).tolist()
     changed = {**found.known, "image": found.image + np.eye(len(found.image), 2, dtype=np.int64)}
-    assert differs(dataclasses.replace(found, known=changed), frame) == "its image of discs is another"
+    assert differs(dataclasses.replace(found, known=changed), frame) == "its image of the discs differs"
     if ending == "gsd":
         with gsd.hoomd.open(str(path)) as file:
             theirs = file[0]

@@ -1,5 +1,6 @@
 """Scenes, reports and answers in a notebook; nothing is printed, and Matplotlib is imported for pictures only."""
 
+import dataclasses
 import io
 import sys
 import warnings
@@ -19,7 +20,11 @@ from mpsim.studies.tuned import Tuned
 def test_a_report_in_a_notebook_is_a_small_table():
     with simulate(gas(20, 0.2), method="grid") as sim:
         text = sim.run(frames=10, measures=["temperature"])._repr_html_()
+        report = sim.run(frames=10)
         empty = sim.run(frames=0)._repr_html_()
+    assert "compiling" not in report._repr_html_()
+    cold = dataclasses.replace(report, compile_seconds=6.25)
+    assert "<th>compiling before</th><td>6.2 s</td>" in cold._repr_html_()
     assert text.startswith("<table>")
     for word in (
         "<th>method</th><td>grid, 1 worker</td>",

@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 import mpsim
 from mpsim import Settings
 from mpsim.measure import Measure
+from mpsim.measure.registry import ERRORS
 from mpsim.output import tables
 from mpsim.output.tables import measure_text
 from mpsim.studies.cost import Cost
 from mpsim.studies.deviations import Deviation
-from mpsim.studies.replicas import MEASURES
 from mpsim.studies.tradeoff import Row, Tradeoff
 
 
@@ -120,12 +120,12 @@ def test_units_and_reasons_with_brackets_are_text_not_markup():
 
 @pytest.mark.parametrize("width", [60, 80, 120, 400])
 def test_no_line_is_wider_than_the_terminal_and_nothing_is_lost(width, monkeypatch):
-    errors = dict.fromkeys(MEASURES, (0.01, 0.001))
-    found = made([plain(COARSE, CHEAP, **errors), ROWS[2]], measures=MEASURES)
+    errors = dict.fromkeys(ERRORS, (0.01, 0.001))
+    found = made([plain(COARSE, CHEAP, **errors), ROWS[2]], measures=ERRORS)
     monkeypatch.setenv("COLUMNS", str(width))
     lines = str(found).splitlines()
     assert max(map(len, lines)) <= width
-    for name in MEASURES:
+    for name in ERRORS:
         assert all(word in str(found) for word in name.split("_")), name
     assert sum("1.00(10)" in line for line in lines) >= 1
     assert "…" not in str(found)

@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+from support.selection import long_but
 
 import mpsim
 from mpsim.scene import scenefile
@@ -115,9 +116,12 @@ def test_the_cradle_hands_one_push_through_the_row():
             np.testing.assert_allclose(speeds, [0, 0, 0, 0, 1], atol=1e-9)
 
 
-def test_pi_counts_314_collisions():
-    sim, scene = started("pi")
-    with sim:
+@pytest.mark.parametrize("method", long_but(["its own", "event"], "event"))
+def test_pi_counts_314_collisions(method):
+    """The settings of its file take 420,000 frames."""
+    file = scenefile.load("pi")
+    scene, settings = file.scene, mpsim.Settings(method="event") if method == "event" else file.settings
+    with mpsim.Simulation(scene, settings) as sim:
         report = sim.run(until=scene.duration)
         state = sim.state
     assert report.collisions == 157  # with each other; the others are with the wall:

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from mpsim import Emitter, FixedDisc, InputError, Piston, Polyline, Scene, Settings, Simulation
+from mpsim.features.piston import PISTON
+from mpsim.scene.old_names import NEW_NAMES
 
 PLACES = [[2.0, 2.0], [4.0, 3.0]]
 
@@ -153,3 +155,22 @@ def test_what_is_kept_of_obstacles_is_of_those_that_a_scene_has():
     with Simulation(other, Settings(method="grid")) as sim:
         sim.run(until=4)
         assert sim.digest() == replaced
+
+
+def test_a_second_moving_wall_is_refused(monkeypatch):
+    """It was ignored. The control: one is fine."""
+    moving = scene_of(piston=Piston("left", 0.1, 1.0))
+    assert moving.moving_wall is not None
+    monkeypatch.setattr("mpsim.scene.scene.FEATURES", (PISTON, PISTON))
+    with pytest.raises(InputError, match="at most one wall that moves; got piston and piston"):
+        _ = moving.moving_wall
+
+
+@pytest.mark.parametrize(("old", "new"), NEW_NAMES.items())
+def test_old_names_warn_and_work(old, new):
+    scene = Scene.random(count=3, packing=0.1, radius=0.5)
+    with pytest.warns(DeprecationWarning, match=f"Scene.{old} is now called Scene.{new}") as warned:
+        assert getattr(scene, old) == getattr(scene, new)
+    assert warned[0].filename == __file__
+    with pytest.raises(AttributeError, match="no attribute 'gravty'"):
+        _ = scene.gravty

@@ -9,10 +9,11 @@ from support.scenes import gas
 
 import mpsim
 from mpsim import Settings
+from mpsim.measure.registry import LONG
 from mpsim.studies.cost import CHUNKS, RESTARTS, measure
 from mpsim.studies.deviations import Deviation, deviations, short_deviations
 from mpsim.studies.ensemble import Ensemble
-from mpsim.studies.replicas import LONG, long_run, quietly
+from mpsim.studies.replicas import long_run, quietly
 
 PAIRED = ["pressure", "collision_rate", "speed_distribution"]
 """Measures whose noise is that of many collisions. The energy drift of the exact solver is a handful of roundings,
@@ -66,7 +67,7 @@ def test_mean_overlaps_count_pairs_and_not_pieces():
     found = runs(overlap=[[0.1, 0.0], [0.0, 0.4]], met=[[10, 0], [0, 2]])
     assert deviations(found, found, ["overlap"])["overlap"].value == pytest.approx(0.15)
     never = runs(overlap=[[0.0], [0.0]], met=[[0], [0]])
-    assert "no pair was met in any run" in deviations(never, never, ["overlap"])["overlap"].reason
+    assert "no overlaps occurred in any run" in deviations(never, never, ["overlap"])["overlap"].reason
 
 
 def test_the_largest_overlap_is_the_largest_of_all_runs_and_its_error_their_scatter():

@@ -20,41 +20,41 @@ def touching() -> Scene:
     return Scene(width=3, height=4, position=[[0.5, 2], [1.5, 2], [2.5, 2]], velocity=np.zeros((3, 2)), radius=0.5)
 
 
-# Scene.another
+# Scene.redrawn
 
 
 @pytest.mark.parametrize("name", ["gas", "dense", "mixture", "brownian", "sediment"])
 def test_another_start_is_of_the_same_kind(name):
     scene = Scene.load(name)
-    other = scene.another(1)
+    other = scene.redrawn(1)
     assert not (other.position == scene.position).all()
-    assert other.digest() == scene.another(1).digest() != scene.another(2).digest()
+    assert other.digest() == scene.redrawn(1).digest() != scene.redrawn(2).digest()
     for what in ("count", "width", "height", "packing", "boundary", "restitution", "duration", "largest_radius"):
         assert getattr(other, what) == getattr(scene, what), what
     assert np.array_equal(other.masses, scene.masses)
     energy = [float((each.masses[:, None] * each.velocity**2).sum()) for each in (scene, other)]
     assert energy[1] == pytest.approx(energy[0], rel=1e-9)
     assert other.overlaps_at_start() == ""
-    assert other.another(5).digest() != other.digest(), "another start has others, too"
+    assert other.redrawn(5).digest() != other.digest(), "another start has others, too"
 
 
 def test_a_mixture_keeps_what_its_file_says_of_each_kind():
     scene = Scene.load("mixture")
-    assert not scene.another(3).velocity[:100].any(), "the heavy ones start at rest"
+    assert not scene.redrawn(3).velocity[:100].any(), "the heavy ones start at rest"
 
 
 @pytest.mark.parametrize(
     "scene", [CRADLE, Scene.load("hopper"), gas(5, 0.1).starting_from(mpsim.State(*np.ones((2, 5, 2))))]
 )
 def test_a_scene_that_was_given_has_no_others(scene):
-    assert not scene.has_others
+    assert not scene.can_redraw
     with pytest.raises(InputError, match=r"drawn at random, by Scene.random or by a scene file.*Make other starts"):
-        scene.another(1)
+        scene.redrawn(1)
 
 
 def test_seeds_are_checked():
     with pytest.raises(InputError, match="seed must be a whole number"):
-        gas(5, 0.1).another(-1)
+        gas(5, 0.1).redrawn(-1)
 
 
 def test_how_a_scene_was_made_is_no_part_of_it():
@@ -63,7 +63,7 @@ def test_how_a_scene_was_made_is_no_part_of_it():
         width=scene.width, height=scene.height, position=scene.position, velocity=scene.velocity, radius=scene.radius
     )
     assert plain.digest() == scene.digest()
-    assert not copy.copy(scene).has_others
+    assert not copy.copy(scene).can_redraw
     assert pickle.loads(pickle.dumps(scene)).digest() == scene.digest()
 
 
@@ -109,7 +109,7 @@ def test_a_random_scene_has_starts_of_its_kind_and_a_given_one_its_own():
     assert (same.name, same.same) == ("this start, each disc displaced by up to 0.001 of a diameter", True)
     assert kind[0] is scene
     assert same[0] is CRADLE
-    assert kind[3].digest() == scene.another(3).digest()
+    assert kind[3].digest() == scene.redrawn(3).digest()
     assert same[3].digest() == varied(CRADLE, 3).digest()
     assert Starts(scene, "same")[3].digest() == varied(scene, 3).digest()
 

@@ -43,7 +43,9 @@ def test_a_start_that_compiles_for_minutes_does_not_make_the_exact_solver_too_sl
 
 def test_an_exact_solver_that_runs_for_minutes_is_too_slow(monkeypatch):
     """Negative control. Of a stepped look that takes as long, the error says so."""
-    with pytest.raises(mpsim.InputError, match="a trade needs a scene whose preliminary run takes less than 20 s"):
+    with pytest.raises(
+        mpsim.InputError, match="a trade-off study needs a scene whose preliminary run takes less than 20 s"
+    ):
         reference(Clock(running=10 * preliminary.EXACT_SECONDS), monkeypatch)
 
 

@@ -11,11 +11,12 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 import numpy as np
 import pytest
 from support.scenes import gas
+from support.selection import long_but
 
 import mpsim
 from mpsim import Scene, Settings, tradeoff
+from mpsim.measure.registry import ERRORS
 from mpsim.studies import cost, ensemble, preliminary
-from mpsim.studies.replicas import MEASURES
 
 COARSE, FINE = Settings(dt=0.1, method="grid"), Settings(dt=0.02, method="grid")
 PUSH = Settings(dt=0.05, method="grid", contact="push")
@@ -38,10 +39,10 @@ def errors_of(table):
 
 def test_there_is_a_row_per_candidate_in_their_order_with_a_cost_and_every_error(table):
     assert [row.settings for row in table.rows] == CANDIDATES
-    assert table.measures == MEASURES
+    assert table.measures == ERRORS
     assert table.reference == "the exact solver"
     for row in table.rows:
-        assert tuple(row.errors) == MEASURES
+        assert tuple(row.errors) == ERRORS
         assert 0 < row.cost.low <= row.cost.median <= row.cost.high
         assert row.cost.memory > 0
         assert (row.cost.method, row.cost.workers) == (row.settings.method, 1)
@@ -76,7 +77,7 @@ def test_a_pressure_is_the_difference_of_averages_that_can_be_run_again(quick):
     values = []
     for settings, count in ((PUSH, 2), (Settings(method="event", dt=0.1), 4)):
         found = []
-        for start in [scene, *map(scene.another, range(1, count))]:
+        for start in [scene, *map(scene.redrawn, range(1, count))]:
             with mpsim.Simulation(start, settings) as sim:
                 found.append(sim.run(until=60, measures=["pressure"]).measures["pressure"].value)
         values.append(np.mean(found))
@@ -128,7 +129,7 @@ def dask():
         yield client.get_executor()
 
 
-@pytest.mark.parametrize("elsewhere", ["processes", "dask"])
+@pytest.mark.parametrize("elsewhere", long_but(["processes", "dask"], "processes"))
 def test_any_executor_gives_the_errors_of_threads_to_the_bit(elsewhere, request, quick):
     executor = request.getfixturevalue(elsewhere)
     arguments = (gas(20, 0.3, gravity=(0, -0.5)), [COARSE, REFLECT], 10)
@@ -204,10 +205,10 @@ def lone(velocity, **features):
         (lone([0, 0], gravity=(0, -1)), "the exact solver"),
         (gas(20, 0.3, restitution=0.9, wall_restitution=0.8), "the exact solver"),
         (gas(20, 0.3, gravity=(0.5, -1)), "the exact solver"),
-        (gas(20, 0.3, acceleration=((0.0, -1.0),) * 20), "two passes at dt=.*cannot: .*acceleration per disc"),
+        (gas(20, 0.3, acceleration=((0.0, -1.0),) * 20), "two passes at dt=.*is not usable: .*acceleration per disc"),
         (
             Scene(width=5, height=5, position=[[2, 2], [2.5, 2]], velocity=[[0, 0], [1, 1]], radius=0.5),
-            "two passes at dt=.*finest affordable.*cannot: .*discs 0 and 1 overlap",
+            "two passes at dt=.*finest affordable.*is not usable: .*discs 0 and 1 overlap",
         ),
     ],
     ids=["one disc", "one that falls", "lossy", "gravity", "acceleration", "overlapping"],
@@ -238,7 +239,7 @@ def test_a_scene_that_the_exact_solver_is_too_slow_for_is_compared_with_the_fine
     monkeypatch.setattr(preliminary, "_observe", slow)
     found = tradeoff(gas(20, 0.3), [COARSE], until=2, replicas=2)
     assert re.match(
-        "two passes at dt=.*, the finest affordable run, as the exact solver cannot: make its", found.reference
+        "two passes at dt=.*, the finest affordable run, because the exact solver is not usable: its", found.reference
     )
     monkeypatch.setattr(preliminary, "STEPPED_SECONDS", -1.0)
     with pytest.raises(mpsim.InputError, match=r"preliminary run takes less than -1 s.*Take a smaller scene"):

@@ -40,7 +40,9 @@ class Fake:
 
     def __init__(self, scene, until, measures, *, replicas, seconds, **_):
         reference = EVENT if self.event else Settings(dt=1e-4)
-        self.preliminary = SimpleNamespace(speed=1.0, reference=reference, reference_name="a law", exact=self.event)
+        self.preliminary = SimpleNamespace(
+            thermal_velocity=1.0, reference=reference, reference_name="a law", exact=self.event
+        )
         self.starts = SimpleNamespace(name="starts of a law", number=self.number)
         self.plan = SimpleNamespace(until=10.0)
         self.replicas, self.measures, self.assessed, self.timed = replicas, measures, [], []
@@ -215,7 +217,7 @@ def test_half_of_the_budget_costs_what_the_order_says(order, factor):
     assert found.tighter == pytest.approx(factor, rel=0.02)
     half = faked({"overlap": 0.005}, candidates=[IMPACT], laws={("impact", 1): (3.0, order, 1.0)})
     assert half.cost.median / found.cost.median == pytest.approx(found.tighter, rel=0.25)
-    assert f"half of every budget would cost about {found.tighter:.2g} times as much" in str(found)
+    assert f"halving all error budgets would cost about {found.tighter:.2g} times as much" in str(found)
 
 
 def test_half_of_the_budget_never_costs_more_than_the_exact_solver():
@@ -296,8 +298,10 @@ def test_where_runs_side_by_side_take_longer_than_forecast_there_are_fewer(secon
 
 
 def test_a_measure_that_means_nothing_in_any_run_is_not_a_budget_out_of_reach():
-    reason = "no pair was met in any run. Ask for longer runs (until=...)"
-    with pytest.raises(mpsim.NotMeasurableError, match=r"overlap is not measurable here: no pair was met.*longer runs"):
+    reason = "no overlaps occurred in any run. Ask for longer runs (until=...)"
+    with pytest.raises(
+        mpsim.NotMeasurableError, match=r"overlap is not measurable here: no overlaps occurred.*longer runs"
+    ):
         faked({"overlap": 0.01}, reason=reason, candidates=[IMPACT, PUSH])
     assert len(Fake.firsts) < 6, "and no search goes on for it"
 
@@ -365,7 +369,7 @@ def test_a_real_answer_is_inside_its_budgets_and_was_verified_by_runs_that_did_n
     monkeypatch.setattr(ensemble, "short_runs", short_watched)
     budgets = {"overlap": 0.05, "trajectory": 0.2}
     found = tune(SCENE, budgets, until=5, replicas=2, candidates=[PUSH])
-    numbers = {SCENE.digest(): 0} | {SCENE.another(number).digest(): number for number in range(1, 256)}
+    numbers = {SCENE.digest(): 0} | {SCENE.redrawn(number).digest(): number for number in range(1, 256)}
     runs = [(kind, settings, numbers[which] if kind == "long" else which) for kind, settings, which in runs]
     assert all(found.errors[name].value <= budget for name, budget in budgets.items())
     assert len(runs) == len(set(runs)), "no run is made twice"

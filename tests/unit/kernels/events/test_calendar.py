@@ -7,7 +7,7 @@ import pytest
 from support.exact import Run
 from support.internals import machine_code
 
-from mpsim.kernels.events import calendar, solver
+from mpsim.kernels.events import calendar
 
 earliest, reschedule = map(machine_code, (calendar.earliest, calendar.reschedule))
 
@@ -19,22 +19,22 @@ def test_the_calendar_finds_the_earliest_of_all(steps):
     count = 150
     run = Run(np.full((count, 2), 5.0), np.zeros((count, 2)), 10.0, 10.0, radius=1e-6, steps=steps)
     disc, clock = run.store.disc, run.store.clock
-    clock[solver.LAP], clock[solver.STEP] = 1.0, 1.0 / steps
-    disc[:, solver.BORDER] = math.inf
-    disc[:, solver.IMPACT] = rng.integers(0, 2000, count) / 1024
+    clock.lap, clock.step = 1.0, 1.0 / steps
+    disc["crossing_time"] = math.inf
+    disc["collision_time"] = rng.integers(0, 2000, count) / 1024
     calendar.fill(run.store)
     laps = 0
     for _ in range(6000):
         i = earliest(run.store)
-        expected = np.lexsort((np.arange(count), disc[:, solver.IMPACT]))[0]
+        expected = np.lexsort((np.arange(count), disc["collision_time"]))[0]
         if i < 0:
-            assert disc[expected, solver.IMPACT] >= clock[solver.LAP]
+            assert disc[expected].collision_time >= clock.lap
             calendar.begin_lap(run.store)
             laps += 1
             continue
         assert i == expected
-        now = disc[i, solver.IMPACT]
+        now = disc[i].collision_time
         for j in (i, *rng.integers(0, count, 3)):
-            disc[j, solver.IMPACT] = now + rng.integers(0, 400) / 1024
+            disc[j].collision_time = now + rng.integers(0, 400) / 1024
             reschedule(j, run.store)
     assert laps >= 1

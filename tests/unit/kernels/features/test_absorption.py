@@ -8,8 +8,8 @@ from support.internals import parameters
 from mpsim.kernels import layout, records
 from mpsim.kernels.features.absorption import absorb
 from mpsim.kernels.features.hooks import BARE
+from mpsim.kernels.frame.flight import fly
 from mpsim.kernels.frame.motion import tally_walls
-from mpsim.kernels.frame.parabolas import accelerated_motion
 
 
 def exits_after(edges, velocity, gravity=None, contact=layout.PUSH):
@@ -45,5 +45,5 @@ def test_an_edge_takes_no_impulse_from_a_disc_that_it_has_absorbed(absorbed):
     features = BARE._replace(exits=np.array([[absorbed], [5], [0.75]], float), gravity=np.array([0.0, 0.0]))
     discs = discs_of(np.float64, [5.0], [0.75], [0.0], [-2.0])
     tally_walls(discs, 0, 1, features, values, tally, 0)
-    accelerated_motion(discs, 0, 1, features, values, np.zeros(1, records.CONTROL)[0], tally, 0)
+    fly(discs, 0, 1, True, features, values, np.zeros(1, records.CONTROL)[0], tally, 0)
     assert tally[0].wall[layout.BOTTOM] / values.tally_scale == (0 if absorbed else 8)

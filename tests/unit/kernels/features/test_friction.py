@@ -1,11 +1,14 @@
 """Friction, by numbers that can be checked by hand."""
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from support.internals import machine_code
 
+import mpsim
 from mpsim.kernels.features import friction, hooks
 
 tangential_change = machine_code(friction.tangential_change)
@@ -29,3 +32,11 @@ def test_a_scene_without_friction_has_nothing_of_it_in_the_kernels():
     assert hooks.special_borders(bare) is None, "the vector code of motion"
     rough = bare._replace(wall_friction=np.zeros(2))
     assert hooks.special_borders(rough), "walls that are met one by one"
+
+
+def test_no_other_file_names_friction_or_spins():
+    """One feature stands for all: what acts only at hooks is named in its own file and in those of the hooks."""
+    package = Path(mpsim.__file__).parent / "kernels"
+    files = [*(package / "frame").glob("*.py"), *(package / "features").glob("*.py")]
+    named = {path.name for path in files if re.search(r"features\.(\w*friction|spin)\b", path.read_text())}
+    assert named == {"friction.py", "hooks.py", "contact_hooks.py"}

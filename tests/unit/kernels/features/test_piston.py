@@ -6,10 +6,11 @@ from support.arrays import control_of
 from support.internals import machine_code, parameters
 
 from mpsim.kernels import layout
+from mpsim.kernels.features.hooks import BARE
 from mpsim.kernels.features.piston import NOW, prepare_next_step
-from mpsim.kernels.frame import motion
+from mpsim.kernels.frame import flight
 
-along_axis = machine_code(motion.along_axis)
+fly_along = machine_code(flight.fly_along)
 
 
 @pytest.mark.parametrize(
@@ -20,10 +21,12 @@ def test_a_piston_gives_a_disc_twice_its_speed(v, restitution, expected):
     values = parameters(restitution, dt=0.5)
     piston = np.array([layout.RIGHT, 10.0, -1.0, 2.0, -1.0])
     values.wall_bounce = restitution
-    p, after, time = along_axis(9.75 - v / 2, v, layout.ALONG_X, 0.0, None, piston, values)
-    assert after == expected
-    assert p == 9.5 - 0.25 * restitution
-    assert time == (0.25 / (v + 1) if v > -1 else 0)
+    features = BARE._replace(moving_wall=piston)
+    found = fly_along(9.75 - v / 2, v, 0.0, None, layout.ALONG_X, 0.0, None, features, values)
+    assert found.velocity == expected
+    assert found.position == 9.5 - 0.25 * restitution
+    assert (found.low_change, found.high_change) == (0, v - expected)
+    assert found.time == (0.25 / (v + 1) if v > -1 else 0)
 
 
 def test_a_piston_stands_where_its_time_says_until_it_stops():

@@ -1,44 +1,35 @@
-"""The counting sort: discs in the order (column, row, id) for any number of workers, from any order in memory."""
+"""The sort: discs in the order (column, row, id) for any number of workers, made anew or repaired, to the same bits."""
+
+import itertools
 
 import numpy as np
 import pytest
-from support.arrays import control_of, discs_of, parameters_of, team_of
+from support.arrays import changes_of, control_of, discs_of, parameters_of, team_of
 
 from mpsim.engine.workers.arrays import grid_for
 from mpsim.kernels import layout
-from mpsim.kernels.frame.sorting import bin_discs, count_cells, sort
-
-
-def test_radii_go_along_when_discs_are_sorted():
-    assert "radius" in layout.Discs._fields
-    discs = discs_of(np.float64, [3.0, 1.0], [1.0, 1.0], radius=[0.3, 0.1])
-    back = discs_of(np.float64, [0.0, 0.0], [0.0, 0.0], radius=[0.0, 0.0])
-    control, team = control_of(2, 4, 4), team_of(1)
-    control.cells = 30
-    team[0].last_column, team[0].high = 4, 2
-    start, outbox, sent = np.zeros(31, np.int32), np.zeros(18, np.int32), np.zeros((1, 1), np.int64)
-    discs.cell[:2] = 20, 8
-    start[21], start[9] = 1, 1
-    team[0].kept = 2
-    assert sort(discs, back, start, outbox, team, sent, 0, control) == (0, 2)
-    assert back.radius[:2].tolist() == [0.1, 0.3]
-    assert back.id[:2].tolist() == [1, 0]
+from mpsim.kernels.features.hooks import BARE
+from mpsim.kernels.frame import sharing
+from mpsim.kernels.frame.incremental_sort import first_cursor, merge_up_to
+from mpsim.kernels.frame.sharing import list_emigrants
+from mpsim.kernels.frame.sorting import begin_sort, move_and_bin
 
 
 class Sorting:
     """The arrays of a frame's sort, done for all workers one after the other in this process."""
 
-    def __init__(self, real, count, size, workers, seed):
-        rng = np.random.default_rng(seed)
+    def __init__(self, real, count, size, workers, seed, radii=False):
+        self.rng = rng = np.random.default_rng(seed)
         grid = grid_for(count, *size, 1.0, np.dtype(real).name)
         self.grid, self.count, self.workers = grid, count, workers
         places = 0.5 + rng.random((2, count)) * (np.array(size)[:, None] - 1)
-        self.front = discs_of(real, *places, *rng.normal(size=(2, count)), rng.permutation(count))
-        self.back = discs_of(real, np.zeros(count), np.zeros(count))
+        radius = rng.random(count) / 2 if radii else None
+        self.front = discs_of(real, *places, np.zeros(count), np.zeros(count), rng.permutation(count), radius)
+        self.back = discs_of(real, *np.zeros((2, count)), radius=np.zeros(count) if radii else None)
         self.start = np.full(grid.table_size, -7, np.int32)
         self.start[0] = 0  # as in a new block; no worker writes the start of the first ghost cell
-        self.outbox = np.zeros(count + layout.PADDING, np.int32)
-        self.parameters = parameters_of(real, *size, columns=grid.columns, rows=grid.rows)
+        self.changes = changes_of(count, grid.table_size, workers)
+        self.parameters = parameters_of(real, *size, dt=1.0, columns=grid.columns, rows=grid.rows)
         self.control = control_of(count, grid.columns, grid.rows, workers)
         self.team, self.sent = team_of(workers), np.zeros((workers, workers), np.int64)
         self.deal(rng)
@@ -52,24 +43,49 @@ class Sorting:
             cuts = np.sort(rng.integers(0, most + 1, self.workers - 1))
             self.team[first], self.team[last] = [0, *cuts], [*cuts, most]
 
-    def run(self):
-        """Bin and count on each worker, then sort on each; returns each worker's new slice."""
+    def run(self, columns_at_once=10**6):
+        """Move and bin on each worker, then sort on each. Notes who merged; returns each worker's new slice."""
         for worker in range(self.workers):
             mine = self.team[worker]
-            bin_discs(self.front, mine.low, mine.high, self.parameters, self.control)
+            rest = self.changes, BARE, self.parameters, self.control, mine, None
+            assert move_and_bin(self.front, self.back, *rest)
         for worker in range(self.workers):
-            sent = self.sent[worker]
-            count_cells(self.front, self.start, self.outbox, sent, self.team, worker, self.control)
-        return [
-            sort(self.front, self.back, self.start, self.outbox, self.team, self.sent, worker, self.control)
-            for worker in range(self.workers)
-        ]
+            list_emigrants(self.front, self.changes, self.sent[worker], self.team, worker, self.control)
+        common = self.front, self.back, self.start, self.changes, self.team
+        slices = [begin_sort(*common, self.sent, worker, self.control) for worker in range(self.workers)]
+        self.merged = [merging for _, _, merging in slices]
+        for worker, (slot, end, merging) in enumerate(slices):
+            if merging:
+                cursor, last = first_cursor(self.team, worker, self.control, slot), self.team[worker].last_column
+                for stop in (*range(self.team[worker].first_column + columns_at_once, last, columns_at_once), last):
+                    cursor = merge_up_to(stop, cursor, *common, worker, self.control, end)
+        return [(slot, end) for slot, end, _ in slices]
+
+    def next_frame(self, slices, speed, share=1.0):
+        """What is sorted becomes the front; a share of the discs get velocities, the others rest."""
+        self.front, self.back = self.back, self.front
+        self.team["low"], self.team["high"] = np.transpose(slices)
+        self.control.in_order = 1
+        for velocity in (self.front.vx, self.front.vy):
+            velocity[: self.count] = self.rng.normal(size=self.count) * speed * (self.rng.random(self.count) < share)
 
     def cell_of(self, disc):
         """Column and row of a disc of the front buffer, by the rule in words."""
         column = min(int(self.front.x[disc] * self.parameters.cells_per_x), self.grid.columns - 1)
         row = min(int(self.front.y[disc] * self.parameters.cells_per_y), self.grid.rows - 1)
         return column, row
+
+    def check(self, slices):
+        """The order, every array, the slices and the table of starts are what they are by definition."""
+        order = sorted(range(self.count), key=lambda disc: (*self.cell_of(disc), self.front.id[disc]))
+        for name, front, back in zip(layout.Discs._fields, self.front, self.back, strict=True):
+            assert front is None or back[: self.count].tolist() == front[order].tolist(), f"{name} is not in order"
+        assert slices[0][0] == 0
+        assert slices[-1][1] == self.count
+        assert [low for low, _ in slices[1:]] == [high for _, high in slices[:-1]], "slices must join"
+        stride = self.grid.rows + 2
+        cells = sorted(column * stride + row + 1 for column, row in map(self.cell_of, range(self.count)))
+        assert self.start.tolist() == np.searchsorted(cells, np.arange(self.grid.table_size)).tolist()
 
 
 CASES = [
@@ -85,29 +101,67 @@ def test_discs_are_sorted_by_column_row_and_id(count, size, workers, real):
     for seed in range(3):
         sorting = Sorting(real, count, size, workers, seed)
         slices = sorting.run()
-        order = sorted(range(count), key=lambda disc: (*sorting.cell_of(disc), sorting.front.id[disc]))
-        for name, front, back in zip(layout.Discs._fields, sorting.front, sorting.back, strict=True):
-            in_order = front is None or back[:count].tolist() == front[order].tolist()
-            assert in_order, f"seed {seed}: {name} is not in order"
-        assert slices[0][0] == 0
-        assert slices[-1][1] == count
-        assert [low for low, _ in slices[1:]] == [high for _, high in slices[:-1]], "slices must join"
+        sorting.check(slices)
+        assert not any(sorting.merged), "discs that are in no order yet"
 
 
-@pytest.mark.parametrize("workers", [1, 3])
-def test_the_table_of_starts_is_right_for_every_cell_and_ghost(workers):
-    sorting = Sorting(np.float64, 300, (12, 9), workers, seed=5)
+@pytest.mark.parametrize("radii", [False, True])
+@pytest.mark.parametrize("workers", [1, 2, 5])
+@pytest.mark.parametrize("size", [(60, 50), (300, 10), (10, 300)])
+def test_a_repaired_order_is_the_same(size, workers, radii):
+    """Frame after frame with few discs moving, near and far, so that their order is repaired; and then with many."""
+    sorting = Sorting(np.float64, 1500, size, workers, seed=workers, radii=radii)
+    slices = sorting.run()
+    merged = []
+    for speed, share in ((0.3, 0.03), (40.0, 0.03), (0.01, 1.0), (0.0, 1.0), (3.0, 1.0)):
+        sorting.next_frame(slices, speed, share)
+        slices = sorting.run(columns_at_once=3)
+        sorting.check(slices)
+        merged.append(all(sorting.merged) if speed == 3.0 else any(sorting.merged))
+    assert merged == [True, True, True, True, False]
+
+
+def test_more_arrivals_than_a_list_holds_are_sorted_anew():
+    """All that leave one worker's columns crowd into a neighbour's, whose slice, and so whose list, is small."""
+    sorting = Sorting(np.float64, 800, (80, 8), 2, seed=3)
+    sorting.team["first_column"], sorting.team["last_column"] = (0, 70), (70, sorting.grid.columns)
+    sorting.front.x[:800] = np.where(np.arange(800) < 790, 69.4 + sorting.rng.random(800) / 2, 75)
+    slices = sorting.run()
+    sorting.next_frame(slices, 0.0)
+    sorting.front.vx[:80] = 2.0
+    slices = sorting.run()
+    sorting.check(slices)
+    assert sorting.merged == [True, False]
+
+
+def test_a_slice_that_changes_hands_is_repaired_all_the_same():
+    """Between two commands other workers may get other columns, with the discs that lie in them."""
+    sorting = Sorting(np.float64, 1000, (40, 40), 3, seed=4)
     sorting.run()
-    grid, stride = sorting.grid, sorting.grid.rows + 2
-    cells = [sorting.cell_of(disc) for disc in range(300)]
-    slot = 0
-    for column in range(grid.columns + 1):
-        for row in range(-1, grid.rows + 1):
-            cell = column * stride + row + 1
-            inside = cells.count((column, row))
-            assert sorting.start[cell] == slot, f"column {column}, row {row}"
-            slot += inside
-    assert slot == 300
+    starts = sorting.start[: sorting.grid.table_size : sorting.grid.rows + 2]
+    columns = [0, 5, 30, sorting.grid.columns]
+    sorting.team["first_column"], sorting.team["last_column"] = columns[:-1], columns[1:]
+    sorting.next_frame([(starts[a], starts[b]) for a, b in itertools.pairwise(columns)], 0.05)
+    slices = sorting.run()
+    sorting.check(slices)
+    assert all(sorting.merged)
+
+
+def test_a_list_that_is_full_stays_inside_its_section():
+    """A worker's section of the lists ends where the next one's begins; what would not fit is only counted."""
+    sorting = Sorting(np.float64, 400, (20, 20), 2, seed=5)
+    sorting.team["first_column"], sorting.team["last_column"] = (0, 9), (9, sorting.grid.columns)
+    slices = sorting.run()
+    sorting.next_frame(slices, 5.0)
+    for entries in sorting.changes[:5]:
+        entries[:] = -9
+    mine = sorting.team[0]
+    first, room = sharing.section_of(mine)
+    rest = sorting.changes, BARE, sorting.parameters, sorting.control, mine, None
+    assert move_and_bin(sorting.front, sorting.back, *rest)
+    assert mine.leavers == -1
+    assert (sorting.changes.slot[first : first + room] >= 0).all()
+    assert (sorting.changes.slot[first + room :] == -9).all()
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mpsim.kernels.features.images import wrap_places
+from mpsim.kernels.features.boundary import wrap_places
 
 
 @pytest.mark.parametrize("real", [np.float32, np.float64])

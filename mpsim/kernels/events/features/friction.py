@@ -1,0 +1,72 @@
+"""Friction: the law of Walton and Braun (J. Rheol. 30, 949, 1986) at an impact.
+
+Written for itself: it shares nothing with that of the stepped solvers. Uniform discs have the moment of inertia
+m a^2 / 2, so that a tangential impulse J changes the slip of the surfaces by 3 J / m_eff.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from mpsim.kernels.compiling import inlined
+from mpsim.kernels.events.features.properties import mass_of, radius_of
+
+
+class Friction(NamedTuple):
+    """Of two discs, or of a disc and a wall: tangential impulse over the normal one at most, and restitution."""
+
+    coefficient: float
+    tangential_restitution: float
+
+
+def friction_of(scene: Any) -> Friction | None:
+    """Of two discs."""
+    return Friction(scene.friction, scene.tangential_restitution) if scene.friction > 0 else None
+
+
+def wall_friction_of(scene: Any) -> Friction | None:
+    """Of a disc and a wall."""
+    return Friction(scene.wall_friction, scene.tangential_restitution) if scene.wall_friction > 0 else None
+
+
+FIELDS = {"friction": friction_of, "wall_friction": wall_friction_of, "spin": None}
+"""spin: shape (N,), counter-clockwise [1/time]."""
+
+
+@inlined
+def tangential_impulse(law, slip, mass, normal_impulse):
+    """Impulse against the slip [mass length/time]; mass: the effective one."""
+    sticking = (1.0 + law.tangential_restitution) * mass * abs(slip) / 3.0
+    return -math.copysign(min(sticking, law.coefficient * normal_impulse), slip)
+
+
+@inlined
+def between_discs(friction, i, j, rx, ry, normal_impulse, store, box, features):
+    """Friction of discs i and j, r = r_i - r_j apart."""
+    if friction is not None:
+        one, other, spin = store.disc[i], store.disc[j], features.spin
+        distance = math.sqrt(rx * rx + ry * ry)
+        tx, ty = -ry / distance, rx / distance
+        mass_i, mass_j = mass_of(i, features), mass_of(j, features)
+        radius_i, radius_j = radius_of(i, box, features), radius_of(j, box, features)
+        slip = (one.velocity[0] - other.velocity[0]) * tx + (one.velocity[1] - other.velocity[1]) * ty
+        slip -= radius_i * spin[i] + radius_j * spin[j]
+        impulse = tangential_impulse(friction, slip, mass_i * mass_j / (mass_i + mass_j), normal_impulse)
+        one.velocity[0] += impulse / mass_i * tx
+        one.velocity[1] += impulse / mass_i * ty
+        other.velocity[0] -= impulse / mass_j * tx
+        other.velocity[1] -= impulse / mass_j * ty
+        spin[i] -= 2.0 * impulse / (mass_i * radius_i)
+        spin[j] -= 2.0 * impulse / (mass_j * radius_j)
+
+
+@inlined
+def on_wall(wall_friction, i, axis, inward, normal_change, store, box, features):
+    """Friction of disc i on a wall at right angles to an axis, which has changed its velocity inward by so much."""
+    if wall_friction is not None:
+        velocity, spin, radius = store.disc[i].velocity, features.spin, radius_of(i, box, features)
+        along = 1 - axis
+        sign = inward if axis == 0 else -inward  # of the tangent, which is the inward normal turned left
+        slip = sign * velocity[along] - radius * spin[i]
+        impulse = tangential_impulse(wall_friction, slip, 1.0, max(normal_change, 0.0))
+        velocity[along] += sign * impulse
+        spin[i] -= 2.0 * impulse / radius

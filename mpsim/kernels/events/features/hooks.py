@@ -1,0 +1,69 @@
+"""Which features the exact solver has, what a scene has of them, and at which points of an event they act.
+
+Callers hand over `features`, and know no feature. A new one is a file with its FIELDS, an entry in FEATURES, and a line
+at each point where it acts. What acts there takes its own field first, so that it compiles to nothing where that is
+None.
+
+FIELDS of a feature are those of `Features`: of each name the function that makes its number, or a tuple of several,
+from a scene; or None where the caller gives it: an array of the block with a row for each disc, or a number.
+"""
+
+from collections import namedtuple
+from collections.abc import Mapping
+from typing import Any
+
+from mpsim.kernels.compiling import inlined
+from mpsim.kernels.events.features import friction, gravity, images, properties, restitution
+
+FEATURES = (gravity, properties, restitution, friction, images)
+
+Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
+"""What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it."""
+
+BARE = Features(*[None] * len(Features._fields))
+"""Of a scene without features."""
+
+
+def features_of(scene: Any, given: Mapping[str, Any]) -> Any:
+    """The `Features` of a scene, whose attributes are those of `mpsim.Scene`; given: arrays and numbers by name."""
+    sources = {name: source for feature in FEATURES for name, source in feature.FIELDS.items()}
+    return Features(**{name: source(scene) if source else given.get(name) for name, source in sources.items()})
+
+
+# --- what a feature may answer ------------------------------------------------------------------------------------
+
+radius_of, mass_of = properties.radius_of, properties.mass_of
+
+
+@inlined
+def restitution_between(last_contact, now, features, counter):
+    """Restitution of two discs at an impact; last_contact: the later one that either of them has had [time]."""
+    return restitution.effective_restitution(features.restitution, last_contact, now, features.contact_time, counter)
+
+
+@inlined
+def speed_off_wall(speed, axis, inward, last_contact, now, features, counter):
+    """Speed inward of a disc that has met a wall at right angles to an axis at such a speed outward."""
+    e = restitution.effective_restitution(features.wall_restitution, last_contact, now, features.contact_time, counter)
+    return restitution.speed_off_wall(features.gravity, e * abs(speed), axis, inward, features.contact_time, counter)
+
+
+# --- the points of an event at which they act ---------------------------------------------------------------------
+
+
+@inlined
+def between_discs(i, j, rx, ry, normal_impulse, store, box, features):
+    """After the normal impulse of discs i and j, r = r_i - r_j apart [mass length/time]."""
+    friction.between_discs(features.friction, i, j, rx, ry, normal_impulse, store, box, features)
+
+
+@inlined
+def on_wall(i, axis, inward, normal_change, store, box, features):
+    """After disc i has met a wall at right angles to an axis, which has changed its velocity inward by so much."""
+    friction.on_wall(features.wall_friction, i, axis, inward, normal_change, store, box, features)
+
+
+@inlined
+def through_border(i, axis, direction, features):
+    """After disc i has left through a periodic border, upward (direction = 1) or downward (-1) along the axis."""
+    images.through_border(features.image, i, axis, direction)

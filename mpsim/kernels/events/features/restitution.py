@@ -1,0 +1,51 @@
+"""Restitution: impacts that lose energy, and the guard that ends inelastic collapse (the TC model).
+
+An impact loses no energy when one of its discs had its last contact less than the contact time ago (Luding and
+McNamara, Granular Matter 1, 113, 1998). `counter.guarded` counts how often.
+"""
+
+from typing import Any
+
+from mpsim.kernels.compiling import inlined
+from mpsim.kernels.events.features.gravity import component
+
+
+def restitution_of(scene: Any) -> float | None:
+    """Of two discs."""
+    return scene.restitution if scene.restitution < 1 else None
+
+
+def wall_restitution_of(scene: Any) -> float | None:
+    """Of a disc and a wall."""
+    return scene.wall_restitution if scene.wall_restitution < 1 else None
+
+
+FIELDS = {"restitution": restitution_of, "wall_restitution": wall_restitution_of, "contact_time": None}
+"""contact_time [time]: of the guard, > 0 where there is gravity or any restitution is below 1."""
+
+
+@inlined
+def effective_restitution(restitution, last_contact, now, contact_time, counter):
+    """The restitution of one impact, 1 where the guard acts."""
+    if restitution is None:
+        return 1.0
+    if now - last_contact < contact_time and restitution < 1.0:
+        counter.guarded += 1
+        return 1.0
+    return restitution
+
+
+@inlined
+def speed_off_wall(gravity, speed, axis, inward, contact_time, counter):
+    """Speed inward after a bounce: never so small that gravity brings the disc back in less than `contact_time`.
+
+    A disc at rest on a wall hovers in bounces of that duration, g contact_time^2/8 high at most, and the guard counts
+    them. Without this it would hit the wall infinitely often in no time.
+    """
+    if gravity is None:
+        return speed
+    least = -0.5 * (inward * component(gravity, axis)) * contact_time
+    if speed < least:
+        counter.guarded += 1
+        return least
+    return speed

@@ -1,0 +1,71 @@
+"""Impacts: what becomes of two discs that meet, and of a disc that meets a wall."""
+
+import math
+
+from mpsim.kernels.compiling import inlined
+from mpsim.kernels.events.boundary import along
+from mpsim.kernels.events.features.hooks import (
+    between_discs,
+    mass_of,
+    on_wall,
+    radius_of,
+    restitution_between,
+    speed_off_wall,
+)
+from mpsim.kernels.events.flight import advance_to
+from mpsim.kernels.nearest_image import nearest_image
+
+
+@inlined
+def collide(i, j, now, store, box, features):
+    """Impact of discs i and j at time `now`: momentum is kept, the normal velocity turns round times e.
+
+    dp = -(1+e) m1 m2/(m1+m2) (u.n) n with n = r/|r|, written with r itself and r^2, so that energy is kept at
+    rounding level however far rounding has left |r| from the contact distance.
+    """
+    one, other = store.disc[i], store.disc[j]
+    advance_to(one, now, features.gravity)
+    advance_to(other, now, features.gravity)
+    rx = nearest_image(one.position[0] - other.position[0], box.width, box.periodic_x)
+    ry = nearest_image(one.position[1] - other.position[1], box.height, box.periodic_y)
+    b = rx * (one.velocity[0] - other.velocity[0]) + ry * (one.velocity[1] - other.velocity[1])
+    if b < 0.0:
+        e = restitution_between(max(one.last_contact, other.last_contact), now, features, store.counter)
+        mass_i = mass_of(i, features)
+        mass_j = mass_of(j, features)
+        push = -(1.0 + e) * b / ((rx * rx + ry * ry) * (mass_i + mass_j))
+        one.velocity[0] += push * mass_j * rx
+        one.velocity[1] += push * mass_j * ry
+        other.velocity[0] -= push * mass_i * rx
+        other.velocity[1] -= push * mass_i * ry
+        impulse = push * mass_i * mass_j * math.sqrt(rx * rx + ry * ry)
+        between_discs(i, j, rx, ry, impulse, store, box, features)
+        one.last_contact = now
+        other.last_contact = now
+        store.counter.pairs += 1
+        virial = -(1.0 + e) * b * mass_i * mass_j / (mass_i + mass_j)
+        store.tally.virial += virial
+        store.tally.virial_xx += virial * rx * rx / (rx * rx + ry * ry)
+        store.tally.virial_xy += virial * rx * ry / (rx * rx + ry * ry)
+    store.event[i].collision_count += 1
+    store.event[j].collision_count += 1
+
+
+@inlined
+def hit_wall(i, now, side, store, box, features):
+    """Impact of disc i, whose stored state is current, on a wall: its centre is put on the limit exactly."""
+    disc = store.disc[i]
+    radius = radius_of(i, box, features)
+    axis = side >> 1
+    high = side & 1
+    length, _, _ = along(axis, box)
+    inward = -1.0 if high else 1.0
+    speed = -inward * disc.velocity[axis]
+    leaving = speed_off_wall(speed, axis, inward, disc.last_contact, now, features, store.counter)
+    disc.position[axis] = length - radius if high else radius
+    disc.velocity[axis] = inward * leaving
+    on_wall(i, axis, inward, speed + leaving, store, box, features)
+    disc.last_contact = now
+    store.event[i].collision_count += 1
+    store.counter.walls += 1
+    store.tally.wall[side] += mass_of(i, features) * (speed + leaving)

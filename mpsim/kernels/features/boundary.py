@@ -1,0 +1,218 @@
+"""What the boundary of an axis does to discs: two walls turn them round, or a periodic border lets them through.
+
+An axis is periodic where it has a length in `wrap`; elsewhere it ends at walls. The kernels pass `wrap` on to this
+file, and ask at most whether there is one; `frame/giants.py` asks for the distance of images as well. An image is the
+disc shifted by one length along an axis, in place alone. `engine/feature_arrays.py` writes the lengths. A disc's count
+of periods is changed where its coordinate is wrapped, only by the worker that moves it, so that displacements can be
+unwrapped.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mpsim.kernels.bouncing import bounce_back
+from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.features.absorption import is_absent
+from mpsim.kernels.layout import ALONG_X, ALONG_Y
+from mpsim.kernels.optional import value_or
+from mpsim.kernels.records import real
+
+FIELDS = {"wrap_x": "wrap_x", "wrap_y": "wrap_y", "image": "image"}
+"""wrap_x, wrap_y: length of a periodic axis, shape (1,) [length].
+image: shape (2, capacity), by id: periods that a disc has moved through each periodic border, int64."""
+
+MOST_PERIODS = 2.0**53
+"""Periods of one flight that are counted at most: below, they are whole numbers in float64."""
+
+
+# --- walls --------------------------------------------------------------------------------------------------------
+
+
+class Walls(NamedTuple):
+    """The walls of an axis: least and largest coordinate of a centre [length], and their speeds [length/time]."""
+
+    low: Any
+    high: Any
+    low_speed: Any
+    high_speed: Any
+
+
+class WallContact(NamedTuple):
+    """What a motion has led to along an axis.
+
+    position [length], velocity [length/time]: now. low_change, high_change: what the low and the high wall have changed
+    the velocity by, inwards. time: since then; 0 if no wall has turned the disc round [time].
+    """
+
+    position: Any
+    velocity: Any
+    low_change: Any
+    high_change: Any
+    time: Any
+
+
+@inlined
+def no_contact(p, v, zero):
+    """Of a disc that no wall has touched."""
+    return WallContact(p, v, zero, zero, zero)
+
+
+@inlined
+def reach_wall(p, v, walls, parameters):
+    """The wall rule for a straight motion that has led to p: position, velocity and time of a `WallContact`."""
+    low, high, low_speed, high_speed = walls
+    bounce, restitution = parameters.wall_bounce, parameters.wall_restitution
+    time = low - low
+    if p < low:
+        if v < low_speed:
+            time = (low - p) / (low_speed - v)
+            v = low_speed - (v - low_speed) * restitution
+        p = min(low + bounce * (low - p), high)
+    elif p > high:
+        if v > high_speed:
+            time = (p - high) / (v - high_speed)
+            v = high_speed - (v - high_speed) * restitution
+        p = max(high + bounce * (high - p), low)
+    return p, v, time
+
+
+@inlined
+def reach_wall_on_parabola(p, v, acceleration, walls, parameters):
+    """`reach_wall` for an accelerated motion."""
+    low, high, low_speed, high_speed = walls
+    if p < low:
+        inside, inward, time = bounce_back(low - p, low_speed - v, -acceleration, parameters)
+        return min(low + inside, high), low_speed + inward, time
+    if p > high:
+        inside, inward, time = bounce_back(p - high, v - high_speed, acceleration, parameters)
+        return max(high - inside, low), high_speed - inward, time
+    return p, v, low - low
+
+
+@inlined
+def reach_boundary(p, v, acceleration, accelerated, walls, wrap, parameters):
+    """The `WallContact` of a disc that its motion has led to p, with v; `accelerated` is None if that was straight.
+
+    Along a periodic axis the disc is left alone until the next step begins.
+    """
+    zero = real(parameters, 0)
+    if wrap is not None:
+        return no_contact(p, v, zero)
+    if accelerated is None:
+        place, turned, time = reach_wall(p, v, walls, parameters)
+    else:
+        place, turned, time = reach_wall_on_parabola(p, v, acceleration, walls, parameters)
+    low_change = turned - v if p < walls.low else zero
+    high_change = v - turned if p > walls.high else zero
+    return WallContact(place, turned, low_change, high_change, time)
+
+
+@inlined
+def is_between(p, walls, wrap):
+    """Whether p is not beyond a wall. True for what is not a number."""
+    if wrap is not None:
+        return True
+    return not ((p < walls.low) | (p > walls.high))
+
+
+@inlined
+def confined(p, edges, margin, wrap, parameters):
+    """A coordinate kept between the walls of the axis with these edges, if it has any."""
+    if wrap is not None:
+        return p
+    return min(max(p, parameters.limit[edges[0]] + margin), parameters.limit[edges[1]] - margin)
+
+
+@inlined
+def put_inside(discs, i, x, y, features, parameters):
+    """Put disc i at (x, y), but not beyond a wall."""
+    margin = value_or(discs.radius, i, discs.x.dtype.type(0))
+    discs.x[i] = confined(x, ALONG_X, margin, features.wrap_x, parameters)
+    discs.y[i] = confined(y, ALONG_Y, margin, features.wrap_y, parameters)
+
+
+# --- periodic borders ---------------------------------------------------------------------------------------------
+
+
+@inlined
+def wrapped(coordinate, wrap):
+    """A coordinate brought into [0, length) along a periodic axis. Doing it twice changes nothing."""
+    if wrap is None:
+        return coordinate
+    coordinate -= wrap[0] * np.floor(coordinate / wrap[0])
+    # Just below 0 the sum rounds to the length itself, and a flight of many lengths leaves rounding of either sign.
+    if (coordinate < 0) | (coordinate >= wrap[0]):
+        return wrap[0] - wrap[0]
+    return coordinate
+
+
+@inlined
+def count_periods(image, axis, disc, taken, wrap):
+    """Count the periods that wrapping has taken off a coordinate: `taken` is that length [length].
+
+    So coordinate + image * length has no jump, also where `wrapped` puts a disc just below 0 at 0. A flight that is not
+    finite, or so long that no digit of the place in the box is left, is not counted.
+    """
+    if wrap is not None:  # noqa: SIM102 - see optional.py
+        if taken != 0:
+            periods = np.rint(taken / wrap[0])
+            if abs(periods) < MOST_PERIODS:
+                image[axis, disc] += np.int64(periods)
+
+
+@inlined
+def count_flight(discs, i, x, y, flight_x, flight_y, features):
+    """Count the periods of the disc in slot i, which a flight from its stored place has brought to (x, y)."""
+    disc = discs.id[i]
+    if not is_absent(features.exits, disc):  # it will be put back
+        count_periods(features.image, 0, disc, discs.x[i] + flight_x - x, features.wrap_x)
+        count_periods(features.image, 1, disc, discs.y[i] + flight_y - y, features.wrap_y)
+
+
+@inlined
+def wrap_disc(discs, i, features):
+    """Bring disc i back into the box along periodic axes."""
+    x, y, zero = wrapped(discs.x[i], features.wrap_x), wrapped(discs.y[i], features.wrap_y), discs.x.dtype.type(0)
+    count_flight(discs, i, x, y, zero, zero, features)
+    discs.x[i], discs.y[i] = x, y
+
+
+@compiled
+def wrap_places(places, image, axis, wrap):
+    """`wrapped` for each of many coordinates along an axis, in place; image, shape (2, N), is counted on."""
+    for i in range(places.shape[0]):
+        before = places[i]
+        places[i] = wrapped(before, wrap)
+        count_periods(image, axis, i, before - places[i], wrap)
+
+
+# --- discs seen through a border ----------------------------------------------------------------------------------
+
+
+@inlined
+def images(wrap):
+    """How much farther back a disc is seen through the high and through the low border of a periodic axis [length]."""
+    return wrap[0], -wrap[0]
+
+
+@inlined
+def period_of(wrap, zero):
+    """Distance of one image from the next [length]; zero where there are none."""
+    if wrap is None:
+        return zero
+    return wrap[0]
+
+
+@inlined
+def seen_from(coordinate, image):
+    """A coordinate as seen by discs beyond a border: one of the `images` farther back; None: not through a border."""
+    if image is None:
+        return coordinate
+    return coordinate - image
+
+
+@inlined
+def is_near_border(coordinate, wrap, parameters):
+    """Whether the image of a disc, outside the box along a periodic axis, is near enough to touch what lies in it."""
+    return (coordinate > -parameters.diameter) & (coordinate < wrap[0] + parameters.diameter)

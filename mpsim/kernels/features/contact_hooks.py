@@ -1,0 +1,35 @@
+"""The points of a contact at which features act, after what it has done to normal velocities.
+
+Apart from `hooks.py`, which imports the capsules: their contacts are such points too.
+"""
+
+from mpsim.kernels.compiling import inlined
+from mpsim.kernels.features import friction
+
+
+@inlined
+def between_discs(discs, i, j, nx, ny, normal_change, features, parameters):
+    """Contact of two discs along the unit vector n from i to j.
+
+    normal_change: of the velocities along n, to be multiplied by each disc's `mass_fraction`; < 0 if they approach.
+    """
+    friction.between_discs(features.friction, discs, i, j, nx, ny, normal_change, features, parameters)
+
+
+@inlined
+def on_walls(discs, i, x, y, in_flight, features, parameters, control):
+    """Contact of a disc with the walls of the box that its motion has led it to.
+
+    x, y: what it has met along them, of `WallContact`. in_flight: None while contacts are resolved, when coordinates
+    along periodic axes are left alone.
+    """
+    friction.on_walls(features.wall_friction, discs, i, x, y, in_flight, features, parameters, control)
+
+
+@inlined
+def on_capsule(discs, i, nx, ny, normal_change, time, features, parameters):
+    """Contact of a disc with a capsule, along the unit vector n from there to the disc.
+
+    normal_change: of its velocity along n. time: since the contact [time].
+    """
+    friction.on_fixed(features.wall_friction, discs, i, nx, ny, normal_change, time, features, parameters)

@@ -1,0 +1,13 @@
+"""Images of a disc beyond a periodic border, for exact impacts and for placement."""
+
+from mpsim.kernels.compiling import inlined
+
+
+@inlined
+def nearest_image(difference, length, periodic):
+    """One component of a relative position, to the nearest image."""
+    if periodic and difference > 0.5 * length:
+        return difference - length
+    if periodic and difference < -0.5 * length:
+        return difference + length
+    return difference

@@ -1,0 +1,282 @@
+"""Tables of the page, and the claim of the README, from the record of a study."""
+
+import re
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from peers import accuracy
+from peers.accuracy import Point, longest
+from peers.registry import PEERS
+from peers.turns import LATE, Timing, quartiles, ratios
+
+MARKS = ((10_000, 6.0), (100_000, 7.5), (1_000_000, 7.0))
+"""How many times faster than the yardstick in C++ one process should be, by count."""
+
+FLAT = (1_000_000, 100_000, 1.2)
+"""A disc of the first count should cost at most so many times one of the second."""
+
+TWO_WORKERS = ((10_000, 100_000, 1_000_000), 1.9)
+"""How many times faster than one process two workers should be, from the first count on."""
+
+CONTACTS = ("mpsim-push", "mpsim")
+MAIN = (0.4, 0.02)
+CLAIM_COUNT = 100_000
+
+LARGEST_SPREAD = 0.25
+"""Between the quartiles of the yardstick's times, over their median: beyond it nothing is claimed."""
+
+Cell = dict[str, Any]
+
+
+def title_of(key: str) -> str:
+    """Name of an engine with its threads, for a table."""
+    name, _, threads = key.partition("/")
+    word = {"mpsim": "workers", "mpsim-push": "workers"}.get(name, "threads")
+    return PEERS[name].title + (f", {threads} {word}" if threads != "1" else "")
+
+
+def timing_of(cell: Cell | None, key: str) -> Timing | None:
+    """Times of an engine on a scene, if it has all its turns."""
+    found = (cell or {}).get("times", {}).get(key)
+    return Timing(**found) if isinstance(found, dict) and found["frame"] else None
+
+
+def cell_of(record: dict[str, Any], count: int, packing: float, step: float) -> Cell | None:
+    """The scene with these numbers, or None."""
+    wanted = {"count": count, "packing": packing, "step": step}
+    return next((cell for cell in record["cells"] if all(cell[key] == value for key, value in wanted.items())), None)
+
+
+def nanoseconds(timing: Timing, count: int) -> tuple[float, float, float]:
+    """Quartiles of the cost of a disc and frame [ns]."""
+    low, middle, high = quartiles([1e9 * seconds / count for seconds in timing.frame])
+    return low, middle, high
+
+
+def number(value: float) -> str:
+    """A number with three digits."""
+    return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
+
+
+def entry(timing: Timing, yardstick: Timing | None, count: int) -> str:
+    """Cost of a disc and frame with its quartiles, and how many times faster than the yardstick."""
+    low, middle, high = nanoseconds(timing, count)
+    text = f"{number(middle)} ({number(low)}-{number(high)})"
+    if yardstick:
+        text += f" {number(quartiles(ratios(yardstick, timing))[1])}x"
+    return text
+
+
+def rows_of_frames(record: dict[str, Any], packing: float, step: float) -> tuple[list[str], list[str]]:
+    """Rows of the table of frames at one packing and step, and the reasons for what is missing in them."""
+    cells = [cell for cell in record["cells"] if (cell["packing"], cell["step"]) == (packing, step)]
+    rows = ["| engine | " + " | ".join(f"{cell['count']:,}" for cell in cells) + " |", "|---" * (len(cells) + 1) + "|"]
+    reasons: list[str] = []
+    for name, found in record["peers"].items():
+        if not PEERS[name].steps:
+            continue
+        if found["missing"]:
+            rows.append(f"| {PEERS[name].title} | {found['missing']} |" + " |" * (len(cells) - 1))
+            continue
+        for threads in PEERS[name].threads:
+            key, texts = f"{name}/{threads}", []
+            for cell in cells:
+                timing = timing_of(cell, key)
+                yardstick = timing_of(cell, f"{record['yardstick']}/1")
+                texts.append(entry(timing, yardstick, cell["count"]) if timing else "-")
+                why = cell["times"].get(key, "not run")
+                if why == LATE:
+                    reasons.append(f"{cell['count']:,} discs: {why}")
+                elif not timing:
+                    reasons.append(f"{title_of(key)}, {cell['count']:,} discs: {why}")
+            rows.append(f"| {title_of(key)} | " + " | ".join(texts) + " |")
+    return rows, reasons
+
+
+def frames_section(record: dict[str, Any]) -> list[str]:
+    """Tables of ns per disc and frame, the main one first."""
+    kinds = list(dict.fromkeys((cell["packing"], cell["step"]) for cell in record["cells"]))
+    lines = []
+    for packing, step in kinds:
+        lines += [f"### Packing {packing:g}, v·dt = {step:g} diameters", ""]
+        cells = [cell for cell in record["cells"] if (cell["packing"], cell["step"]) == (packing, step)]
+        if all(found == LATE for cell in cells for found in cell["times"].values()):
+            lines += [f"{LATE.capitalize()}.", ""]
+            continue
+        rows, reasons = rows_of_frames(record, packing, step)
+        lines += [*rows, ""]
+        if reasons:
+            lines += ["Not in this table:", "", *(f"- {reason}" for reason in dict.fromkeys(reasons)), ""]
+    return lines
+
+
+def three(values: Sequence[float]) -> str:
+    """A median with its quartiles."""
+    low, middle, high = quartiles(values)
+    return f"{number(middle)} ({number(low)}-{number(high)})"
+
+
+def marks_section(record: dict[str, Any]) -> list[str]:
+    """What mpsim's frame should reach, and what it has reached, as multiples of the C++ yardstick of the same turn."""
+    if record["yardstick"] != "cpp":
+        return ["The marks are multiples of the yardstick in C++, for which no compiler was found."]
+    found: list[tuple[str, str, Callable[[float], bool], Callable[[str], list[float] | None]]] = []
+    for count, least in MARKS:
+
+        def over(name: str, count: int = count) -> list[float] | None:
+            cell = cell_of(record, count, *MAIN)
+            yardstick, own = timing_of(cell, "cpp/1"), timing_of(cell, f"{name}/1")
+            return ratios(yardstick, own) if yardstick and own else None
+
+        found.append((f"one process over the yardstick, {count:,}", f"≥ {least:g}", lambda x, m=least: x >= m, over))
+
+    def flat(name: str) -> list[float] | None:
+        large, small = (timing_of(cell_of(record, count, *MAIN), f"{name}/1") for count in FLAT[:2])
+        if not large or not small:
+            return None
+        return [a / FLAT[0] / (b / FLAT[1]) for a, b in zip(large.frame, small.frame, strict=True)]
+
+    found.append((f"a disc of {FLAT[0]:,} over one of {FLAT[1]:,}", f"≤ {FLAT[2]:g}", lambda x: x <= FLAT[2], flat))
+    counts, least = TWO_WORKERS
+    for count in counts:
+
+        def two(name: str, count: int = count) -> list[float] | None:
+            cell = cell_of(record, count, *MAIN)
+            one, both = timing_of(cell, f"{name}/1"), timing_of(cell, f"{name}/2")
+            return ratios(one, both) if one and both else None
+
+        found.append((f"two workers over one process, {count:,}", f"≥ {least:g}", lambda x, m=least: x >= m, two))
+    rows = ["| mark | asked | `push` | reached | `impact` | reached |", "|---|---|---|---|---|---|"]
+    for what, asked, good, values in found:
+        texts = []
+        for name in CONTACTS:
+            had = values(name)
+            texts += [three(had), "yes" if good(quartiles(had)[1]) else "no"] if had else ["-", "not measured"]
+        rows.append(f"| {what} | {asked} | " + " | ".join(texts) + " |")
+    return rows
+
+
+def answer(record: dict[str, Any], name: str, limit: float) -> tuple[Point, float] | None:
+    """The point within a limit that costs least, and its cost [ns per disc and unit of time]; None: there is none."""
+    kept = record["accuracy"]
+    exact, count = Point(**kept["exact"]), kept["cost_count"]
+    found = []
+    for series in kept["series"].get(name, []):
+        each = longest([Point(**point) for point in series["points"]], exact, limit)
+        timing = kept.get("costs", {}).get(f"{name} {each.dt:g} {each.knob}") if each else None
+        if each and isinstance(timing, dict) and timing["frame"]:
+            median = quartiles(timing["frame"])[1]
+            found.append((each, accuracy.cost_per_time(median, count, each.dt)))
+    return min(found, key=lambda pair: pair[1], default=None)
+
+
+def why_not(record: dict[str, Any], name: str, limit: float) -> str:
+    """Why an engine has no cost at a limit: the least error that it had, or how it failed."""
+    kept = record["accuracy"]
+    exact = Point(**kept["exact"])
+    ended = [series["ended"] for series in kept["series"].get(name, []) if series["ended"]]
+    points = [Point(**point) for series in kept["series"].get(name, []) for point in series["points"]]
+    if not points:
+        return ended[0] if ended else "not measured"
+    reached = [each for series in kept["series"][name] if (each := longest(points_of(series), exact, limit))]
+    if reached:
+        found = kept.get("costs", {}).get(f"{name} {reached[0].dt:g} {reached[0].knob}", "not timed")
+        return f"reached at v·dt = {reached[0].dt:g}; its frames: {found if isinstance(found, str) else 'not timed'}"
+    best = min(points, key=lambda each: abs(each.error(exact)))
+    text = f"not reached: {best.error(exact):+.1%} ± {best.uncertainty(exact):.1%} at v·dt = {best.dt:g}"
+    return text + (f"; then, {ended[0]}" if ended else "")
+
+
+def accuracy_rows(record: dict[str, Any]) -> list[str]:
+    """Rows of the table of costs at given errors."""
+    kept = record["accuracy"]
+    exact = Point(**kept["exact"])
+    limits = sorted(accuracy.LIMITS)
+    rows = [
+        "| engine | " + " | ".join(f"µs at {limit:.0%} | v·dt | error | drift" for limit in limits) + " |",
+        "|---" * (1 + 4 * len(limits)) + "|",
+    ]
+    for name, found in record["peers"].items():
+        peer = PEERS[name]
+        if not peer.accuracy:
+            continue
+        if found["missing"]:
+            rows.append(f"| {peer.title} | {found['missing']} |" + " |" * (4 * len(limits) - 1))
+            continue
+        if not peer.steps:
+            rows.append(exact_row(record, peer.title, exact, len(limits)))
+            continue
+        texts = []
+        for limit in limits:
+            had = answer(record, name, limit)
+            if had:
+                each, cost = had
+                error = f"{each.error(exact):+.2%} ± {each.uncertainty(exact):.2%}"
+                texts += [number(cost / 1e3), f"{each.dt:g}{peer.effort(each.knob)}", error, f"{each.drift:+.1e}"]
+            else:
+                texts += [why_not(record, name, limit), "", "", ""]
+        rows.append(re.sub(" +", " ", f"| {peer.title} | " + " | ".join(texts) + " |"))
+    return rows
+
+
+def exact_row(record: dict[str, Any], title: str, exact: Point, limits: int) -> str:
+    """The row of the exact solver, which has one cost, no step and no error but that of the sample."""
+    kept = record["accuracy"]
+    timing = kept.get("costs", {}).get("mpsim-event 1 0")
+    cost = "-"
+    if isinstance(timing, dict) and timing["frame"]:
+        cost = number(accuracy.cost_per_time(quartiles(timing["frame"])[1], kept["cost_count"], 1.0) / 1e3)
+    own = f"{cost} | none | exact, ± {exact.scatter / exact.pressure:.2%} | {exact.drift:+.1e}"
+    return f"| {title} | " + " | ".join([own] * limits) + " |"
+
+
+def points_of(series: dict[str, Any]) -> list[Point]:
+    """Points of a series of the record."""
+    return [Point(**point) for point in series["points"]]
+
+
+def next_best(record: dict[str, Any]) -> tuple[str, float] | None:
+    """The cheapest engine but mpsim and the yardsticks at the least limit, and its cost over mpsim's."""
+    if "accuracy" not in record:
+        return None
+    limit = min(accuracy.LIMITS)
+    own = [had[1] for name in CONTACTS if (had := answer(record, name, limit))]
+    others = {
+        name: had[1]
+        for name in record["peers"]
+        if not name.startswith("mpsim") and name not in ("cpp", "numba") and (had := answer(record, name, limit))
+    }
+    if not own or not others:
+        return None
+    best = min(others, key=lambda name: others[name])
+    return PEERS[best].title, others[best] / min(own)
+
+
+def is_busy(record: dict[str, Any]) -> bool:
+    """Whether other work has disturbed the times: before the study, or between turns of the yardstick."""
+    machine = record["machine"]
+    if machine["load_before"] > machine["usable_cores"] / 2:
+        return True
+    timing = timing_of(cell_of(record, CLAIM_COUNT, *MAIN), f"{record['yardstick']}/1")
+    low, middle, high = quartiles(timing.frame) if timing else (1.0, 1.0, 1.0)
+    return (high - low) / middle > LARGEST_SPREAD
+
+
+def claim(record: dict[str, Any]) -> str:
+    """What the README says of speed: medians of this study. Empty if it was disturbed, or has not measured them."""
+    cell = cell_of(record, CLAIM_COUNT, *MAIN)
+    one, two = timing_of(cell, "mpsim-push/1"), timing_of(cell, "mpsim-push/2")
+    yardstick = timing_of(cell, "cpp/1")
+    if not cell or not one or not two or not yardstick or is_busy(record):
+        return ""
+    costs = [f"{nanoseconds(timing, CLAIM_COUNT)[1]:.0f}" for timing in (one, two)]
+    text = (
+        f"{costs[0]} ns per disc and frame on one core and {costs[1]} ns on two ({CLAIM_COUNT:,} discs), "
+        f"{quartiles(ratios(yardstick, one))[1]:.1f} times as fast as the report's algorithm in C++ on one core"
+    )
+    best = next_best(record)
+    if best:
+        title, times = best
+        compared = f"{times:.1f} times less than" if times >= 1 else f"{1 / times:.1f} times as much as"
+        text += f"; a pressure to 1 % costs {compared} with {title.split(',')[0]}, the next best engine"
+    return text

@@ -1,0 +1,60 @@
+"""mpsim itself: method grid on one process, parallel on several, or event; contact push or impact."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+import mpsim
+from peers.engine import Plan, Run, Start
+
+
+class Engine(Run):
+    """A simulation with contact `impact`, the default."""
+
+    contact = "impact"
+    method = ""
+
+    def __init__(self, start: Start, plan: Plan):
+        scene = mpsim.Scene(
+            width=start.width,
+            height=start.height,
+            position=start.position,
+            velocity=start.velocity,
+            radius=start.radius,
+        )
+        settings = mpsim.Settings(
+            dt=plan.dt,
+            method=self.method or ("parallel" if plan.threads > 1 else "grid"),
+            workers=plan.threads,
+            contact=self.contact,
+            precision=plan.precision,
+        )
+        self._sim = mpsim.Simulation(scene, settings)
+        self._frame_perimeter = plan.dt * 2 * (start.width + start.height)
+        self._counting, self._impulse = plan.counting, 0.0
+
+    def run(self, frames: int) -> None:
+        report = self._sim.run(frames=frames, measures=["pressure"] if self._counting else None)
+        if self._counting:
+            self._impulse += report.measures["pressure"].value * frames * self._frame_perimeter
+
+    def state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        state = self._sim.state
+        return state.position.astype(np.float64), state.velocity.astype(np.float64)
+
+    def walls(self) -> NDArray[np.float64]:
+        return np.array([self._impulse])
+
+    def close(self) -> None:
+        self._sim.close()
+
+
+class Push(Engine):
+    """A simulation with contact `push`, the report's."""
+
+    contact = "push"
+
+
+class Exact(Engine):
+    """The exact solver."""
+
+    method = "event"
