@@ -25,6 +25,7 @@ from numba.extending import register_jitable
 
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.kernels import compile_notice
+from mpsim.kernels.linking import KernelCompiler, PartCompiler
 
 logger = logging.getLogger("mpsim")
 
@@ -140,18 +141,22 @@ def _watch_loading(cache: Any) -> None:
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """Numba-compile `function` at its first call, keeping the machine code between runs."""
-    return _cached(njit(**_OPTIONS)(function))
+    """Numba-compile a `function` that Python calls, at its first call, keeping the machine code between runs."""
+    return _cached(njit(pipeline_class=KernelCompiler, **_OPTIONS)(function))
+
+
+def linked(function: Callable[..., Any]) -> Any:
+    """Numba-compile a `function` as a part of each kernel that calls it; called from Python it stays plain Python."""
+    return register_jitable(pipeline_class=PartCompiler, **_OPTIONS)(function)
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """Numba-compile a small `function` into each of its callers; called from Python it stays plain Python.
+    """`linked`, and always inlined, which is for what a kernel does for each disc or contact.
 
     A call hands over every field of every array (some 60 words for a disc record), which costs more than the work of a
-    contact; the compiler's own judgement of what to inline changes with every edit. An entry from Python for each of
-    these functions, and machine code behind it, took a third of the time of a first compilation.
+    contact; the compiler's own judgement of what to inline changes with every edit.
     """
-    return register_jitable(forceinline=True, **_OPTIONS)(function)
+    return register_jitable(forceinline=True, pipeline_class=PartCompiler, **_OPTIONS)(function)
 
 
 def compiled_kernels() -> int:

@@ -1,6 +1,6 @@
 """Waiting for other processes on words of the shared block: spin, then yield, then sleep. Every wait ends."""
 
-from mpsim.kernels.compiling import compiled
+from mpsim.kernels.compiling import compiled, linked
 from mpsim.kernels.layout import ABORT, ARRIVED, COMMAND, MAIL, PATIENCE, RUNNING, STALLED
 from mpsim.kernels.machine import atomic_add, atomic_load, atomic_store, now, pause, sleep_briefly, yield_core
 
@@ -16,7 +16,7 @@ NAP = 100_000
 """Nanoseconds of one sleep. Longer ones cost latency at a barrier, shorter ones CPU while somebody is suspended."""
 
 
-@compiled
+@linked
 def barrier(control, mine):
     """Wait until every worker has come here equally often. Returns the abort word: 0 is well.
 
@@ -47,7 +47,7 @@ def barrier(control, mine):
     return atomic_load(control.signals, ABORT)
 
 
-@compiled
+@linked
 def await_command(control, mine, nanoseconds):
     """Wait for a command or a message that this worker has not seen. False: the time is up."""
     clock = mine.clock

@@ -12,7 +12,7 @@ two long, which makes its subtraction exact for every time that lies in its seco
 
 import numpy as np
 
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import inlined, linked
 
 NOWHERE = -1
 
@@ -156,7 +156,7 @@ def earliest(store):
     return np.int64(store.heap[0]) if counter.waiting > 0 else np.int64(NOWHERE)
 
 
-@compiled
+@linked
 def fill(store):
     """Empty the calendar and enter every disc."""
     store.step_head[:] = NOWHERE
@@ -168,7 +168,7 @@ def fill(store):
         insert(i, store)
 
 
-@compiled
+@linked
 def begin_lap(store):
     """Count time from the end of this lap on, and fit the step to the rate of events.
 

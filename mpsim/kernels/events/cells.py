@@ -2,7 +2,7 @@
 
 import math
 
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import compiled, inlined, linked
 from mpsim.kernels.events.boundary import cell_beyond, neighbour
 from mpsim.kernels.events.features.hooks import radius_of
 from mpsim.kernels.events.records import BOTTOM
@@ -74,7 +74,7 @@ def block_to_search(i, side, event):
     return column - 1, column + 1, row + direction, row + direction
 
 
-@compiled
+@linked
 def link_cells(store, box):
     """Enter every disc of a scene just placed in the list of its cell."""
     store.cell_head[:] = -1

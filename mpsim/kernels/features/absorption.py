@@ -1,6 +1,6 @@
 """Edges that absorb discs. An absorbed disc keeps its number, stays where it left, at rest, and meets no disc."""
 
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.features.acceleration import accelerations_of
 from mpsim.kernels.layout import BOTTOM, IMPACT, LEFT, RIGHT, TOP
 from mpsim.kernels.optional import value_or
@@ -25,7 +25,7 @@ def lets_out(exits, control, edge):
     return control.absorbing[edge] != 0
 
 
-@compiled
+@linked
 def absorb(discs, low, high, exits, features, parameters, control):
     """Absorb the discs of a slice that this step would bring to an absorbing edge."""
     edges, dt = control.absorbing, parameters.dt
@@ -46,7 +46,7 @@ def absorb(discs, low, high, exits, features, parameters, control):
             exits[0, disc], exits[1, disc], exits[2, disc] = 1, discs.x[i], discs.y[i]
 
 
-@compiled
+@linked
 def put_back_absorbed(discs, low, high, exits):
     """Undo what a step has done to the absorbed discs of a slice."""
     zero = discs.x.dtype.type(0)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mpsim.kernels.bouncing import bounce_back
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.features.absorption import is_absent
 from mpsim.kernels.features.acceleration import accelerations_of
 from mpsim.kernels.features.boundary import put_inside, wrap_disc
@@ -116,7 +116,7 @@ def resolve_capsule(discs, i, k, capsule, radius, ax, ay, features, parameters, 
     return True
 
 
-@compiled
+@linked
 def resolve_capsules(discs, low, high, features, parameters, control):
     """Contacts of a slice with the capsules near each disc, in the order in which the scene lists them."""
     half = parameters.diameter / discs.x.dtype.type(2)

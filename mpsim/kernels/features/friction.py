@@ -9,7 +9,7 @@ that slides). Uniform discs have the moment of inertia m a^2 / 2, so an impulse 
 with m_eff = m m' / (m + m') of two discs, m of a disc and a wall. Angular momentum about the point of contact is kept.
 """
 
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.features.acceleration import accelerations_of
 from mpsim.kernels.features.boundary import put_inside, wrap_disc
 from mpsim.kernels.features.masses import mass_fraction
@@ -76,7 +76,7 @@ def on_fixed(friction, discs, i, nx, ny, normal_change, time, features, paramete
             features.spin[disc] += two * change / radius
 
 
-@compiled
+@linked
 def on_walls_met(friction, discs, i, x, y, in_flight, features, parameters, control):
     """`on_walls` for a disc that has met a wall: along each axis at most one, which has changed its velocity inward."""
     zero, one = real(parameters, 0), real(parameters, 1)

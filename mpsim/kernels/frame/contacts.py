@@ -6,7 +6,7 @@ the border; None elsewhere, which costs nothing.
 
 import numpy as np
 
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.features.boundary import images, is_near_border, seen_from
 from mpsim.kernels.features.hooks import is_absent
 from mpsim.kernels.frame.laws import resolve_contact
@@ -45,7 +45,7 @@ def resolve_range(discs, i, first, last, shift_x, shift_y, features, parameters,
     return contacts
 
 
-@compiled
+@linked
 def resolve_far(discs, i, first, last, shift_x, shift_y, features, parameters, control, tally, frame):
     """`resolve_range` as a call: for the few discs at borders, where copies of it would only cost compilation time."""
     return resolve_range(discs, i, first, last, shift_x, shift_y, features, parameters, control, tally, frame)
@@ -177,7 +177,7 @@ def resolve_border(wrap_x, discs, start, column, features, parameters, control, 
     )
 
 
-@compiled
+@linked
 def resolve_columns(phase, first, last, step, discs, start, features, parameters, control, mine, tally, times, moment):
     """Columns first, first + step, ... below last, counted and timed as of a phase. Returns the time after it."""
     set_phase(mine, phase)
@@ -218,7 +218,7 @@ def resolve_images_x(wrap_x, discs, i, count, features, parameters, control, tal
     return contacts
 
 
-@compiled
+@linked
 def resolve_all_pairs(discs, features, parameters, control, tally, frame):
     """All pairs i < j in index order. Returns the number of contacts."""
     contacts, count = 0, control.count

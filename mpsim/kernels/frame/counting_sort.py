@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.frame.copying import copy_disc, swap_discs
 from mpsim.kernels.frame.sharing import cells_of
 from mpsim.kernels.machine import nonnegative
@@ -11,7 +11,7 @@ ORDERED_AT_ONCE = 64
 """Discs whose order is looked at together."""
 
 
-@compiled
+@linked
 def count_discs(discs, start, changes, team, worker, control):
     """Count the discs of own cells: those of the slice, and those that other workers list."""
     mine = team[worker]
@@ -28,7 +28,7 @@ def count_discs(discs, start, changes, team, worker, control):
                 start[cell + 1] += 1
 
 
-@compiled
+@linked
 def counts_to_starts(start, first_cell, last_cell, slot):
     """Exclusive prefix sum: start[cell + 1], a count, becomes the slot of the cell's first disc."""
     counts = start[first_cell + 1 : last_cell + 1]
@@ -47,7 +47,7 @@ def place(source, i, target, start):
     copy_disc(source, i, target, slot)
 
 
-@compiled
+@linked
 def place_all(source, target, start, changes, team, worker, control):
     """Place the slice's discs that stayed, then those that arrive from other workers."""
     mine = team[worker]
@@ -76,7 +76,7 @@ def is_out_of_order(discs, low, high):
     return found != 0
 
 
-@compiled
+@linked
 def order_by_id(discs, low, high):
     """Insertion sort by id inside each cell. Discs that stay in a cell are in order already, so this seldom acts."""
     for block in range(nonnegative(low) + 1, high, ORDERED_AT_ONCE):
@@ -89,7 +89,7 @@ def order_by_id(discs, low, high):
                     k -= 1
 
 
-@compiled
+@linked
 def sort_anew(source, target, start, changes, team, worker, control, slot, end):
     """Counting sort of the discs of own columns into the slots [slot, end) of the other buffer."""
     count_discs(source, start, changes, team, worker, control)

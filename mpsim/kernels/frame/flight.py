@@ -3,7 +3,7 @@
 An accelerated disc ends a step with v + a dt, and its mean velocity in it is that less a dt / 2.
 """
 
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.features.acceleration import accelerations_of
 from mpsim.kernels.features.boundary import count_flight, no_contact, reach_boundary, wrapped
 from mpsim.kernels.frame.walls import commit_wall_contact, walls_of_step
@@ -112,7 +112,7 @@ def fly_one(discs, i, accelerated, features, parameters, control, tally, frame):
     return not ((x - x == zero) & (y - y == zero) & (vx - vx == zero) & (vy - vy == zero))
 
 
-@compiled
+@linked
 def fly(discs, low, high, accelerated, features, parameters, control, tally, frame):
     """Advance a slice, whatever its boundaries and radii are. Returns True if a position or velocity is not finite.
 

@@ -4,7 +4,7 @@ A giant looks at all cells under it, after the odd columns, on worker 0 alone. O
 otherwise make each cell 400 times as large, and each disc look at hundreds of neighbours.
 """
 
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.features.boundary import period_of
 from mpsim.kernels.frame.contacts import resolve_far
 from mpsim.kernels.machine import nonnegative
@@ -18,7 +18,7 @@ def cells_under(centre, reach, per_length, cells):
     return max(first, 0), min(last, cells - 1) + 1
 
 
-@compiled
+@linked
 def resolve_giants(discs, start, features, parameters, control, tally, frame):
     """Contacts of each giant with the discs of the grid under it, then with the giants after it. Returns how many."""
     columns, rows = control.columns, control.rows

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.frame.copying import copy_disc, copy_run
 from mpsim.kernels.frame.sharing import cells_of, section_of
 from mpsim.kernels.machine import RUN, add_to_lanes, nonnegative
@@ -41,7 +41,7 @@ def insert_arrival(entry, bucket, changes):
         changes.next_arrival[before] = entry
 
 
-@compiled
+@linked
 def list_arrivals(discs, changes, team, worker, control):
     """List the discs that arrive in own cells, in the order (cell, id)."""
     mine = team[worker]
@@ -137,7 +137,7 @@ def copy_arrival(entry, cursor, source, target, start, changes, last_cell):
     return Cursor(bucket, read, beyond, shift + 1, leaver)
 
 
-@compiled
+@linked
 def merge_up_to(column, cursor, source, target, start, changes, team, worker, control, end):
     """Copy own discs, in order, to the other buffer, whose slots from `end` on are not own, up to a column at least.
 

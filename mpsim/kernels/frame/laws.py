@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.features.acceleration import accelerations_of
 from mpsim.kernels.features.boundary import put_inside, seen_from
 from mpsim.kernels.features.contact_hooks import between_discs
@@ -203,7 +203,7 @@ def resolve_contact(discs, i, j, shift_x, shift_y, features, parameters, control
         tally[frame].collisions += impulse > 0
 
 
-@compiled
+@linked
 def tally_depth(discs, i, j, shift_x, shift_y, parameters, tally, frame):
     """Count a pair that is met and how deep it overlaps, as a fraction of the (largest) diameter."""
     x, y = separation(discs, i, j, shift_x, shift_y)

@@ -2,7 +2,7 @@
 
 import math
 
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.features.acceleration import accelerate
 from mpsim.kernels.features.hooks import after_flight, after_move, before_move, special_borders
 from mpsim.kernels.frame.flight import BLOCK, flight_of, fly
@@ -81,7 +81,7 @@ def drift_between_walls(discs, low, high, parameters):
     return bad
 
 
-@compiled
+@linked
 def tally_walls(discs, low, high, features, parameters, tally, frame):
     """Count the impulses on the walls of a straight flight: before it, as its vector code does not report them."""
     zero = real(parameters, 0)
@@ -103,7 +103,7 @@ def fly_straight(discs, low, high, special, features, parameters, control, tally
     return drift_between_walls(discs, low, high, parameters)
 
 
-@compiled
+@linked
 def worst_slot(discs, low, high):
     """Slot of the non-finite disc with the lowest id in [low, high), or -1."""
     worst = -1
@@ -129,7 +129,7 @@ def accelerate_and_fly(discs, low, high, accelerated, features, parameters, cont
     return fly_straight(discs, low, high, special, features, parameters, control, tally, frame)
 
 
-@compiled
+@linked
 def move_block(discs, low, high, features, parameters, control, mine, tally):
     """Advance some discs of a slice. Returns whether all of them are finite."""
     end_where_fast(discs, low, high, parameters, control, mine)
@@ -142,14 +142,14 @@ def move_block(discs, low, high, features, parameters, control, mine, tally):
     return not bad
 
 
-@compiled
+@linked
 def note_not_finite(discs, low, high, control, mine):
     """Note which disc of a slice is not finite, and let all workers leave the frame."""
     mine.bad_slot = worst_slot(discs, low, high)
     atomic_store(control.signals, BAD, 1)
 
 
-@compiled
+@linked
 def move(discs, low, high, features, parameters, control, mine, tally):
     """Advance a slice. False: a disc is not finite, and nothing may be binned by its position."""
     finite = move_block(discs, low, high, features, parameters, control, mine, tally)

@@ -6,7 +6,7 @@ cache. What is left are the columns that meet those of a neighbour: an even last
 that a neighbour's even pass changes. They have their passes after barriers (`stepping.py`).
 """
 
-from mpsim.kernels.compiling import compiled
+from mpsim.kernels.compiling import linked
 from mpsim.kernels.frame.contacts import resolve_columns
 from mpsim.kernels.frame.incremental_sort import first_cursor, merge_up_to
 from mpsim.kernels.frame.phases import add_time, set_phase
@@ -16,7 +16,7 @@ AT_ONCE = 4096
 """Discs of the columns that are taken through sort and passes together: some 200 kB of both buffers in float32."""
 
 
-@compiled
+@linked
 def resolve_inside(
     front, back, start, changes, slot, end, merging, features, parameters, control, team, tally, times, worker, moment
 ):

@@ -1,12 +1,12 @@
 """The phases of a frame: which one a worker is in, how long each has taken, and the barrier between two."""
 
-from mpsim.kernels.compiling import compiled
+from mpsim.kernels.compiling import linked
 from mpsim.kernels.layout import WAIT
 from mpsim.kernels.machine import now
 from mpsim.kernels.waiting import barrier
 
 
-@compiled
+@linked
 def add_time(times, mine, phase, since):
     """Add the time since `since` to a phase of the current frame; returns the time now."""
     moment = now(mine.clock)
@@ -14,13 +14,13 @@ def add_time(times, mine, phase, since):
     return moment
 
 
-@compiled
+@linked
 def set_phase(mine, phase):
     """Note which phase this worker is in, for the report of a death."""
     mine.phase = phase
 
 
-@compiled
+@linked
 def wait_for_all(control, mine, times, since):
     """Barrier, its waiting time recorded. Returns the time now; the abort word says whether to continue."""
     if control.workers > 1:

@@ -1,6 +1,6 @@
 """Which worker has which cells, and the discs that go from the columns of one worker to those of another."""
 
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.machine import nonnegative
 
 FEW = 8
@@ -35,7 +35,7 @@ def send_if_outside(i, discs, outbox, sent, team, first_cell, last_cell, worker,
             sent[other] += first <= cell < last
 
 
-@compiled
+@linked
 def list_emigrants(discs, changes, sent, team, worker, control):
     """List the discs that moved into another worker's columns; sent[w] says how many of them go to worker w.
 
@@ -65,7 +65,7 @@ def immigrants_of(sent, worker, control):
     return number
 
 
-@compiled
+@linked
 def first_slot_of(team, sent, worker, control):
     """First slot of a worker's discs after the sort: how many discs the workers before it will hold."""
     slot = 0

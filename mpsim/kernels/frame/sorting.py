@@ -10,7 +10,7 @@ step before where few of its discs have changed cells (`incremental_sort.py`), e
 
 import numpy as np
 
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.features.hooks import after_binning
 from mpsim.kernels.frame.counting_sort import sort_anew
 from mpsim.kernels.frame.incremental_sort import list_arrivals
@@ -82,7 +82,7 @@ def find_cells(discs, spare, low, high, changes, features, parameters, control, 
     list_leavers(discs, cells, low, high, mine, changes)
 
 
-@compiled
+@linked
 def move_and_bin(discs, spare, changes, features, parameters, control, mine, tally):
     """Advance the slice and find the cells of its discs, while they are in the cache. Returns whether all are finite.
 
@@ -102,7 +102,7 @@ def move_and_bin(discs, spare, changes, features, parameters, control, mine, tal
     return finite
 
 
-@compiled
+@linked
 def begin_sort(source, target, start, changes, team, sent, worker, control):
     """Sort the discs of own columns into the other buffer, or list what `merge_up_to` needs to do it.
 

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.layout import FASTEST_SCALE
 from mpsim.kernels.optional import slice_of, value_or
 from mpsim.kernels.records import real
@@ -17,7 +17,7 @@ MOST = 2.0**40
 """Largest speed that is reported, in units of the limit: more does not fit the word."""
 
 
-@compiled
+@linked
 def any_fast(discs, low, high, parameters):
     """Whether a disc of a slice is beyond the limit. What is not finite is not."""
     vx, vy, radius = discs.vx[low:high], discs.vy[low:high], slice_of(discs.radius, low, high)
@@ -29,7 +29,7 @@ def any_fast(discs, low, high, parameters):
     return fast
 
 
-@compiled
+@linked
 def note_fastest(discs, low, high, parameters, mine):
     """Note the disc of a slice that is farthest beyond the limit, the one with the lowest number among equals."""
     limit = np.float64(parameters.fast)

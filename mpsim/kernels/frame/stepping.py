@@ -33,7 +33,7 @@ Inside a column the order is that of the sorted discs, a function of positions a
 nothing but the state in particle order: not on the workers, nor on the memory order left by earlier frames.
 """
 
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import compiled, inlined, linked
 from mpsim.kernels.features.hooks import prepare_next_step
 from mpsim.kernels.frame.contacts import resolve_all_pairs, resolve_columns
 from mpsim.kernels.frame.giants import resolve_giants
@@ -79,7 +79,7 @@ def wait_for_walls(moving_wall, control, mine, times, moment):
     return wait_for_all(control, mine, times, moment)
 
 
-@compiled
+@linked
 def step(front, back, start, changes, features, parameters, control, team, sent, tally, times, worker):
     """One step of one worker from buffer `front` to buffer `back`. Returns RUNNING, or why to leave the loop."""
     mine = team[worker]
@@ -142,7 +142,7 @@ def end_when_time_is_up(control, mine, started):
         control.frames = mine.frame + 1
 
 
-@compiled
+@linked
 def run_frames(front, back, start, changes, features, parameters, control, team, sent, tally, times, worker):
     """All frames of one command, for one worker. Returns RUNNING if all frames were done."""
     mine = team[worker]

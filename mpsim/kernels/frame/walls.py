@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.features.acceleration import accelerations_of
 from mpsim.kernels.features.boundary import Walls, is_between, no_contact, reach_boundary
 from mpsim.kernels.features.contact_hooks import on_walls
@@ -64,7 +64,7 @@ def bounce_along(p, v, acceleration, edges, margin, wrap, features, parameters, 
     return reach_boundary(p, v, acceleration, accelerated, walls, wrap, parameters)
 
 
-@compiled
+@linked
 def bounce(discs, i, features, parameters, control, tally, frame):
     """Bounce disc i off the walls that an impact has led it beyond, and count the impulse on them."""
     margin = value_or(discs.radius, i, real(parameters, 0))

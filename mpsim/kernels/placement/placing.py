@@ -6,12 +6,12 @@ cell holds one disc at most and its content is one number. A disc can only overl
 
 import math
 
-from mpsim.kernels.compiling import compiled
+from mpsim.kernels.compiling import compiled, linked
 
 EMPTY = -1
 
 
-@compiled
+@linked
 def is_free(x, y, grid, px, py, mover, diameter, cells_per_length):
     """Whether a disc at (px, py) overlaps none but, perhaps, the disc `mover`."""
     columns, rows = grid.shape

@@ -178,6 +178,8 @@ IN_A_SNAPSHOT = {
 MADE_ANEW = {
     "the other buffer": {"b.x", "b.y", "b.vx", "b.vy", "b.id", "b.cell", "b.radius"},
     "the order in memory, which changes no bit": {"a.id", "a.cell", "start", "outbox", "sent", "team"},
+    "what a step notes while it moves, for its sort": {"id", "old_cell", "new_cell", "slot", "first_arrival",
+                                                       "next_arrival"},
     "times that are measured": {"times"},
     "from scene and settings": {"parameters", "gravity", "giants", "wrap_x", "piston", "friction", "wall_friction",
                                 "capsules.capsule",
