@@ -61,5 +61,5 @@ def test_only_the_kernel_becomes_machine_code(kernel, monkeypatch):
         JITCodeLibrary, "_optimize_final_module", lambda self: (optimised.append(self.name), optimise(self))
     )
     assert kernel(4.0) == 2.0
-    assert "kernel" in optimised
+    assert any(name.endswith("kernel") for name in optimised)
     assert not {"smaller", "half_of_smaller"} & set(optimised)
