@@ -91,7 +91,6 @@ class _LowerPart(NativeLowering):
         # Numba knows the function by this object, whose address 0 is never called.
         key = _dynfunc.make_function(described.lookup_module(), described.qualname, "", 0, lowered.env, (part,))
         state.targetctx.insert_user_function(key, described, [part])
-        state.reload_init.extend(part._reload_init)
         state["cr"] = lowered._replace(cfunc=key)
         return True
 

@@ -100,7 +100,8 @@ MEMBER = _record(
         ("frame", np.int64),  # frames finished in this command
         ("phase", np.int64),  # it is in, an index of PHASES
         ("collisions", np.int64),  # contacts resolved in this command
-        ("leavers", np.int64),  # discs of the slice that left their cells in this frame and are listed, or -1
+        ("leavers", np.int64),  # discs of the slice that left their cells in this step
+        ("listed", np.int64),  # 1: all of them are in the list of `Changes`
         ("outbox", np.int64),  # discs that left this worker's columns in this frame
         ("kept", np.int64),  # discs that stayed in them
         ("arrivals", np.int64),  # barriers this worker has passed

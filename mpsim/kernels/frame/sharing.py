@@ -45,7 +45,7 @@ def list_emigrants(discs, changes, sent, team, worker, control):
     first_cell, last_cell = cells_of(team, worker, control)
     sent[:] = 0
     mine.outbox = 0
-    if mine.leavers >= 0:
+    if mine.listed == 1:
         first, _ = section_of(mine)
         for k in range(first, first + mine.leavers):
             i = nonnegative(changes.slot[k])

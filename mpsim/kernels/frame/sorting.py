@@ -86,7 +86,7 @@ def find_cells(discs, spare, low, high, changes, features, parameters, control, 
 def move_and_bin(discs, spare, changes, features, parameters, control, mine, tally):
     """Advance the slice and find the cells of its discs, while they are in the cache. Returns whether all are finite.
 
-    mine.leavers: how many discs have changed cells and are listed; -1: there is no list.
+    Discs that have changed cells are counted in mine.leavers; mine.listed says whether the list has them all.
     """
     mine.leavers = 0
     finite = True
@@ -97,8 +97,7 @@ def move_and_bin(discs, spare, changes, features, parameters, control, mine, tal
             find_cells(discs, spare, low, high, changes, features, parameters, control, mine)
     if not finite:
         note_not_finite(discs, mine.low, mine.high, control, mine)
-    if control.in_order == 0 or mine.leavers > section_of(mine)[1]:
-        mine.leavers = -1
+    mine.listed = control.in_order == 1 and mine.leavers <= section_of(mine)[1]
     return finite
 
 
@@ -112,7 +111,7 @@ def begin_sort(source, target, start, changes, team, sent, worker, control):
     immigrants = immigrants_of(sent, worker, control)
     slot = first_slot_of(team, sent, worker, control)
     end = slot + mine.kept + immigrants
-    if mine.leavers >= 0 and mine.leavers + immigrants <= section_of(mine)[1]:
+    if mine.listed == 1 and mine.leavers + immigrants <= section_of(mine)[1]:
         list_arrivals(source, changes, team, worker, control)
         return slot, end, True
     sort_anew(source, target, start, changes, team, worker, control, slot, end)

@@ -159,7 +159,7 @@ def test_a_list_that_is_full_stays_inside_its_section():
     first, room = sharing.section_of(mine)
     rest = sorting.changes, BARE, sorting.parameters, sorting.control, mine, None
     assert move_and_bin(sorting.front, sorting.back, *rest)
-    assert mine.leavers == -1
+    assert mine.listed == 0
     assert (sorting.changes.slot[first : first + room] >= 0).all()
     assert (sorting.changes.slot[first + room :] == -9).all()
 
