@@ -38,9 +38,9 @@ class Cost(NamedTuple):
 LOOPS = "the loops for this scene"
 
 COSTS = {
-    "run_grid": Cost(LOOPS, 11.0, 4.0),
-    "run_naive": Cost(LOOPS, 6.0, 2.0),
-    "advance_frames": Cost(LOOPS, 6.4, 0.2),
+    "run_grid": Cost(LOOPS, 10.0, 1.3),
+    "run_naive": Cost(LOOPS, 3.5, 0.7),
+    "advance_frames": Cost(LOOPS, 3.0, 0.1),
 }
 """By the kernel that Python calls: processor seconds with an empty cache, as measured on bare scenes and, for a field,
 on named scenes (of the exact solver on one with friction), Intel Xeon, Python 3.11, numba 0.68."""
@@ -105,7 +105,7 @@ def announcement(kernel: str, signature: Any, kept: bool) -> str:
     """What is said of the compilation of a kernel for such arguments; kept: whether the machine code is.
 
     >>> announcement("run_naive", (), True)
-    'compiling the loops for this scene, once; about 6 s'
+    'compiling the loops for this scene, once; about 4 s'
     """
     once = ", once" if kept else ""
     if kernel not in COSTS:
