@@ -55,7 +55,7 @@ def test_progress_is_a_bar_on_a_terminal(monkeypatch, capsys):
     assert re.search(r"accuracy \[of a kind\] +━+ 2/2 [\d.,]+/s left 0:00:00", plain), "rate and time left"
 
 
-TEXT = "compiling the loops for this scene, once; about 6 s"
+TEXT = "compiling the loops for this scene, once; about 4 s"
 
 
 def on_terminal(monkeypatch):

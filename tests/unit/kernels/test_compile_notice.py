@@ -53,7 +53,7 @@ def compiling(kernel="run_naive", signature=(), kept=True, until=lambda: None, c
 def test_it_is_said_while_it_lasts_once_and_by_another_thread(heard):
     before = compile_notice.compile_seconds()
     compiling(until=lambda: heard.begun.wait(LONG))
-    assert heard.told == ["compiling the loops for this scene, once; about 6 s", "end"]
+    assert heard.told == ["compiling the loops for this scene, once; about 4 s", "end"]
     assert threading.current_thread() not in heard.threads
     assert not any(thread.is_alive() for thread in heard.threads)
     assert QUIET_FOR <= compile_notice.compile_seconds() - before < LONG
@@ -140,7 +140,7 @@ def test_what_is_said_tells_how_long_and_whether_the_code_is_kept():
     cost = compile_notice.COSTS["run_grid"]
     said = [f"compiling the loops for this scene, once; about {cost.bare + n * cost.field:.0f} s" for n in range(3)]
     assert [*bare, *one, *two] == said
-    assert compile_notice.announcement("run_naive", (), False) == "compiling the loops for this scene; about 6 s"
+    assert compile_notice.announcement("run_naive", (), False) == "compiling the loops for this scene; about 4 s"
     assert compile_notice.announcement("is_free", (), True) == "compiling a small kernel (is_free), once"
 
 
