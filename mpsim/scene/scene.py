@@ -107,7 +107,7 @@ class Scene(OldNames):
         self.height: float = checks.positive("height", height, "[length]")
         self.position: NDArray[np.float64] = checks.finite_array("position", position, (None, 2), "(N, 2)")
         count = len(self.position)
-        checks.whole("the number of discs", count, 0, LARGEST_COUNT, "Simulate fewer discs.")
+        checks.whole("the number of discs", count, 0, LARGEST_COUNT, "Give a number in this range.")
         rows = f"({count}, 2), one row per row of position"
         self.velocity: NDArray[np.float64] = checks.finite_array("velocity", velocity, (count, 2), rows)
         self.radius: float | NDArray[np.float64] = check_radius(radius, count)
@@ -462,7 +462,7 @@ class Scene(OldNames):
         >>> round(mixture.packing, 12)
         0.7
         """
-        count = checks.whole("count", count, 0, LARGEST_COUNT, "Simulate fewer discs.")
+        count = checks.whole("count", count, 0, LARGEST_COUNT, "Give a number in this range.")
         seed = checks.whole("seed", seed, 0, 2**63 - 1, "Any whole number will do.")
         radius = check_radius(radius, count)
         masses = None if mass is None else checks.masses(mass, count)

