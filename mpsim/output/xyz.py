@@ -9,6 +9,7 @@ import functools
 import os
 import re
 import warnings
+from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -24,7 +25,8 @@ from mpsim.output.frames import Frame, kind_of
 PROPERTIES = "species:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1:velo:R:3:momenta:R:3:id:I:1"
 """Columns that mpsim writes: mass and velo by the names that OVITO knows, masses and momenta by those of ASE."""
 
-_DISC = "X %r %r 0.0 %r %r %r %r %r 0.0 %r %r 0.0 %d"
+PART = 50_000
+"""Discs whose lines are made at a time."""
 
 _KEY = re.compile(r'([A-Za-z_][\w-]*)\s*=\s*(?:"([^"]*)"|\{([^}]*)\}|(\S+))')
 
@@ -58,7 +60,8 @@ class XyzWriter:
 
     def write(self, frame: Frame) -> None:
         """Append a frame, and hand it to the operating system."""
-        self._file.write(text_of(frame).encode())
+        for part in text_of(frame):
+            self._file.write(part.encode())
         self._file.flush()
 
     def truncate(self, frames: int) -> None:
@@ -137,29 +140,64 @@ class XyzReader:
         return int(text) if text.isdecimal() and len(text) < _LONGEST_COUNT else index
 
 
-def text_of(frame: Frame) -> str:
-    """A frame as text."""
+def text_of(frame: Frame) -> Iterator[str]:
+    """A frame as text, in parts: of ten million discs it is longer than all their arrays."""
     (width, height), (left, low) = frame.box, frame.origin
     wraps = " ".join("T" if wrap else "F" for wrap in (*frame.periodic, False))
+    properties, columns = _columns_of(frame)
+    yield (
+        f'{len(frame.position)}\nLattice="{width!r} 0.0 0.0 0.0 {height!r} 0.0 0.0 0.0 1.0" Origin="{left!r} {low!r} '
+        f'0.0" Properties={properties} Time={frame.time!r} pbc="{wraps}" Frame={frame.frame} '
+        f"precision={frame.position.dtype}\n"
+    )
+    for first in range(0, len(frame.position), PART):
+        last = min(first + PART, len(frame.position))
+        texts = _texts([each if isinstance(each, str) else each[first:last] for each in columns], last - first)
+        yield "\n".join(map(" ".join, zip(*texts, strict=True))) + "\n"
+
+
+def _columns_of(frame: Frame) -> tuple[str, list[NDArray[Any] | str]]:
+    """The names of the columns, and the columns: numbers, float64 or int64 of shape (N,), or a text for all discs."""
     # A float32 is written as the float64 of the same value: its own shortest text might be rounded twice when read.
     mass, velocity = frame.mass, frame.velocity.astype(np.float64)
-    momenta = (mass[:, None] * velocity).T
-    columns: list[Any] = [*frame.position.T, frame.radius, mass, mass, *velocity.T, *momenta, frame.ids]
-    properties, disc = PROPERTIES, _DISC
+    x, y = frame.position.T.astype(np.float64)
+    (vx, vy), (px, py) = velocity.T, (mass[:, None] * velocity).T
+    zero = "0.0"
+    columns: list[NDArray[Any] | str] = ["X", x, y, zero, frame.radius, mass, mass, vx, vy, zero, px, py, zero]
+    columns.append(frame.ids)
+    properties = PROPERTIES
     for name, column in _of_states().items():
         if column.name in frame.known:
-            number, zero = (" %d", " 0") if column.integer else (" %r", " 0.0")
             properties += f":{name}:{kind_of(column)}"
-            disc += 2 * number + zero if column.components else number
             columns += [*np.atleast_2d(frame.known[column.name].T).astype(column.dtype(np.dtype(np.float64)))]
-    lines = [
-        f'{len(mass)}\nLattice="{width!r} 0.0 0.0 0.0 {height!r} 0.0 0.0 0.0 1.0" Origin="{left!r} {low!r} 0.0" '
-        f'Properties={properties} Time={frame.time!r} pbc="{wraps}" Frame={frame.frame} '
-        f"precision={frame.position.dtype}\n"
-    ]
-    disc += "\n"
-    rows = zip(*(column.tolist() for column in columns), strict=True)
-    return "".join([*lines, *(disc % row for row in rows)])
+            columns += ["0" if column.integer else zero] if column.components else []
+    return properties, columns
+
+
+def _texts(columns: list[NDArray[Any] | str], discs: int) -> list[list[str]]:
+    """The text of each number, column by column.
+
+    Most of the time of a frame goes into them, so that of a column that is the same throughout, such as equal radii, or
+    the same as another, such as momenta where all masses are 1, is made once.
+    """
+    made: list[tuple[NDArray[Any], list[str]]] = []
+    found: list[list[str]] = []
+    for column in columns:
+        if isinstance(column, str):
+            found.append([column] * discs)
+            continue
+        texts = next((texts for other, texts in made if _same_bits(column, other)), None)
+        if texts is None:
+            constant = _same_bits(column, np.broadcast_to(column[0], discs))
+            texts = [repr(column[0].item())] * discs if constant else list(map(repr, column.tolist()))
+            made.append((column, texts))
+        found.append(texts)
+    return found
+
+
+def _same_bits(one: NDArray[Any], other: NDArray[Any]) -> bool:
+    """Whether two columns have one text: -0.0 has another than 0.0, and a whole number than a float."""
+    return one.dtype == other.dtype and bool((one.view(np.int64) == other.view(np.int64)).all())
 
 
 def scan(path: Path) -> tuple[list[int], int]:

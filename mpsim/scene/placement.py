@@ -1,13 +1,15 @@
 """Positions of discs before the first frame: random ones without overlap, and the overlaps of given ones."""
 
+import copy
 import math
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.errors import InputError
-from mpsim.kernels.placement import overlap_removal
-from mpsim.kernels.placement.placing import EMPTY, add_sequentially, find_overlaps, sweep
+from mpsim.kernels.placement import by_cell, overlap_removal
+from mpsim.kernels.placement.placing import EMPTY, add_sequentially, sweep
 
 LARGEST_PACKING = 0.8
 SPARSE_PACKING = 0.4
@@ -33,6 +35,12 @@ REMOVAL_ROUNDS = 1000
 
 MOST_CELLS = 100_000_000
 """Largest number of cells of the grid for equal discs, one disc each; a larger box needs coarser cells."""
+
+CHUNK = 1_000_000
+"""Random places that are drawn at a time, which are in memory besides those that are kept."""
+
+WAITING = 1000
+"""Candidates that may wait for one another in a chain; longer ones, which hardly exist, take one more look at all."""
 
 CANDIDATES = 16
 """Positions tried for a small disc, of which the one with least overlap is taken."""
@@ -60,21 +68,45 @@ def overlaps(
     rounding = 8 * np.finfo(np.float64).eps * max(width, height)
     count = len(position)
     worst = np.zeros(2, np.int64)
-    x, y = (np.ascontiguousarray(column, dtype=np.float64) for column in position.T)
     if np.ndim(diameter) or any(periodic):
+        x, y = (np.ascontiguousarray(column, dtype=np.float64) for column in position.T)
         radius = np.broadcast_to(np.asarray(diameter, np.float64) / 2, count)
         discs = _by_size(x, y, radius, (width, height), periodic)
         overlap_removal.link(discs)
         pairs, depth = overlap_removal.count_overlaps(discs, rounding, worst)
         return int(pairs), (int(worst[0]), int(worst[1])), float(depth)
     diameter = float(diameter) - rounding
-    side = max(diameter, math.sqrt(width * height / max(count, 1)))
-    # A thin box has one row of cells, which may be wider: there are never more cells than about one per disc.
-    columns, rows = (min(int(length / side) + 1, count + 1) for length in (width, height))
-    heads = np.full((columns, rows), EMPTY, np.int32)
-    per_x, per_y = min(columns / width, 1 / side), min(rows / height, 1 / side)
-    pairs, least = find_overlaps(x, y, heads, np.empty(count, np.int32), diameter, per_x, per_y, worst)
+    points = _sort_by_cell(count, (width, height), diameter, lambda: [position])
+    pairs, least = by_cell.find_overlaps(points, diameter, worst)
     return int(pairs), (int(worst[0]), int(worst[1])), float(diameter - least)
+
+
+def _sort_by_cell(
+    count: int, size: tuple[float, float], diameter: float, parts: Callable[[], Iterable[NDArray[np.float64]]]
+) -> by_cell.ByCell:
+    """Points in the order of cells that are a diameter wide at least.
+
+    Args:
+        count: number of points.
+        size: width and height of the box [length].
+        diameter: [length].
+        parts: gives the points in parts, each of shape (M, 2), twice the same [length].
+    """
+    side = max(diameter * (1 + 1e-12), math.sqrt(size[0] * size[1] / max(count, 1)))
+    # A thin box has one row of cells, which may be wider: there are never more cells than about one per point.
+    columns, rows = (min(int(length / side) + 1, count + 1) for length in size)
+    per_x, per_y = (min(cells / length, 1 / side) for cells, length in zip((columns, rows), size, strict=True))
+    start = np.zeros(columns * rows + 1, np.int32)
+    x, y, number = np.empty(count), np.empty(count), np.empty(count, np.int32)
+    points = by_cell.ByCell(x, y, number, start, columns, rows, per_x, per_y)
+    for part in parts():
+        by_cell.count_points(part, points)
+    by_cell.counts_to_slots(start)
+    first = 0
+    for part in parts():
+        by_cell.place_points(part, first, points)
+        first += len(part)
+    return points
 
 
 def _by_size(
@@ -234,9 +266,14 @@ def random_places(
     placed, attempts = 0, 0
     sparse = count * math.pi * radius**2 <= SPARSE_PACKING * width * height
     while sparse and placed < count and attempts < 200 * count + 1000:
-        candidates = radius + rng.random((2 * (count - placed) + 16, 2)) * span
-        placed = int(add_sequentially(x, y, grid, placed, candidates, diameter, cells_per_length))
-        attempts += len(candidates)
+        number = 2 * (count - placed) + 16
+        if placed == 0:
+            candidates = _sort_candidates(number, (width, height), radius, rng)
+            placed = _add_sorted(candidates, x, y, grid, diameter, cells_per_length)
+        else:
+            candidates = radius + rng.random((number, 2)) * span
+            placed = int(add_sequentially(x, y, grid, placed, candidates, diameter, cells_per_length))
+        attempts += number
     if placed == count:
         return np.column_stack([x, y])
     sites = _lattice(count, width, height, diameter)
@@ -250,6 +287,37 @@ def random_places(
         moves = rng.uniform(-longest, longest, (count, 2))
         sweep(x, y, grid, moves, radius, width - radius, height - radius, diameter, cells_per_length)
     return np.column_stack([x, y])[rng.permutation(count)]
+
+
+def _sort_candidates(number: int, size: tuple[float, float], radius: float, rng: np.random.Generator) -> by_cell.ByCell:
+    """So many random places at which a disc is inside the box, by cell."""
+    span = np.array(size) - 2 * radius
+    twice = [copy.deepcopy(rng), rng]
+
+    def draw() -> Iterator[NDArray[np.float64]]:
+        source = twice.pop(0)
+        for first in range(0, number, CHUNK):
+            yield radius + source.random((min(CHUNK, number - first), 2)) * span
+
+    return _sort_by_cell(number, size, 2 * radius, draw)
+
+
+def _add_sorted(
+    candidates: by_cell.ByCell,
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    grid: NDArray[np.int32],
+    diameter: float,
+    cells_per_length: float,
+) -> int:
+    """Random sequential addition of candidates to an empty box; x and y receive them in turn. Returns how many."""
+    state = np.full(len(candidates.x), by_cell.UNDECIDED, np.int8)
+    while not by_cell.take_sequentially(candidates, state, np.empty(WAITING, np.int32), diameter):
+        pass
+    order = np.empty(len(candidates.x), np.int32)
+    placed = by_cell.number_taken(candidates, state, order, len(x))
+    by_cell.copy_taken(candidates, order, x, y, grid, cells_per_length)
+    return int(placed)
 
 
 def _lattice(count: int, width: float, height: float, diameter: float) -> NDArray[np.float64]:

@@ -1,5 +1,6 @@
 """The page and its pictures, and the claim of the README, from the record of a study."""
 
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,8 @@ are those of calls for many frames, without set-up, compilation and warm-up.
 FRAMES_TEXT = """## A frame
 
 Nanoseconds per disc and frame. Frames of the same dt are not equally good: for that, see [below](#a-unit-of-time).
-Engines with a setting of effort run with the least, where they are quickest.
+Engines with a setting of effort run with the least, where they are quickest. What is marked *early* are times of the
+first half unit of time alone, as long frames leave room for few of them: fewer discs touch then than later.
 """
 
 ERRORS_TEXT = """## A unit of time
@@ -70,7 +72,7 @@ def text(record: dict[str, Any]) -> str:
     lines = [INTRODUCTION]
     said = tables.claim(record)
     if said:
-        lines += [f"mpsim takes {said}.", ""]
+        lines += [textwrap.fill(f"mpsim takes {said}.", 120), ""]
     lines += [made(record), "", FRAMES_TEXT]
     lines += [f"![Cost of a disc and frame against the number of discs, by engine](pictures/{FRAMES})", ""]
     lines += tables.frames_section(record)
@@ -137,4 +139,6 @@ def write(record: dict[str, Any], page: Path, readme: Path | None) -> None:
     page.write_text(text(record))
     said = tables.claim(record)
     if readme and said:
-        fill_blocks(readme, TOOL, {"claim": f"  {said}\n  ([peers](docs/peers.md));"})
+        fill_blocks(
+            readme, TOOL, {"claim": textwrap.indent(textwrap.fill(f"{said} ([peers](docs/peers.md));", 116), "  ")}
+        )

@@ -22,6 +22,9 @@ CONTACTS = ("mpsim-push", "mpsim")
 MAIN = (0.4, 0.02)
 CLAIM_COUNT = 100_000
 
+SETTLED = 0.5
+"""Units of time from the start up to which fewer discs touch than later."""
+
 LARGEST_SPREAD = 0.25
 """Between the quartiles of the yardstick's times, over their median: beyond it nothing is claimed."""
 
@@ -84,6 +87,8 @@ def rows_of_frames(record: dict[str, Any], packing: float, step: float) -> tuple
                 timing = timing_of(cell, key)
                 yardstick = timing_of(cell, f"{record['yardstick']}/1")
                 texts.append(entry(timing, yardstick, cell["count"]) if timing else "-")
+                if timing and timing.frames * len(timing.frame) * step < SETTLED:
+                    texts[-1] += " early"
                 why = cell["times"].get(key, "not run")
                 if why == LATE:
                     reasons.append(f"{cell['count']:,} discs: {why}")
@@ -262,6 +267,15 @@ def is_busy(record: dict[str, Any]) -> bool:
     return (high - low) / middle > LARGEST_SPREAD
 
 
+def about(ratio: float) -> str:
+    """A ratio to the two digits that hold from day to day.
+
+    >>> about(130.5), about(7.26)
+    ('about 130', 'about 7.3')
+    """
+    return f"about {float(f'{ratio:.2g}'):g}"
+
+
 def claim(record: dict[str, Any]) -> str:
     """What the README says of speed: medians of this study. Empty if it was disturbed, or has not measured them."""
     cell = cell_of(record, CLAIM_COUNT, *MAIN)
@@ -272,11 +286,11 @@ def claim(record: dict[str, Any]) -> str:
     costs = [f"{nanoseconds(timing, CLAIM_COUNT)[1]:.0f}" for timing in (one, two)]
     text = (
         f"{costs[0]} ns per disc and frame on one core and {costs[1]} ns on two ({CLAIM_COUNT:,} discs), "
-        f"{quartiles(ratios(yardstick, one))[1]:.1f} times as fast as the report's algorithm in C++ on one core"
+        f"{about(quartiles(ratios(yardstick, one))[1])} times as fast as the report's algorithm in C++ on one core"
     )
     best = next_best(record)
     if best:
         title, times = best
-        compared = f"{times:.1f} times less than" if times >= 1 else f"{1 / times:.1f} times as much as"
+        compared = f"{about(times)} times less than" if times >= 1 else f"{about(1 / times)} times as much as"
         text += f"; a pressure to 1 % costs {compared} with {title.split(',')[0]}, the next best engine"
     return text

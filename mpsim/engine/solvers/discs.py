@@ -40,12 +40,22 @@ def places_and_speeds(block: SharedBlock, count: int) -> tuple[NDArray[np.floati
     """Positions and velocities as they lie in the block, in the order of the scene's discs."""
     discs = live_discs(block)
     order = discs.id[:count]
-    position = np.empty((count, 2), discs.x.dtype)
-    velocity = np.empty_like(position)
-    for column, (place, speed) in enumerate(((discs.x, discs.vx), (discs.y, discs.vy))):
-        position[order, column] = place[:count]
-        velocity[order, column] = speed[:count]
-    return position, velocity
+    return _pairs_by_id(discs.x[:count], discs.y[:count], order), _pairs_by_id(
+        discs.vx[:count], discs.vy[:count], order
+    )
+
+
+def _pairs_by_id(x: NDArray[Any], y: NDArray[Any], ids: NDArray[np.int32]) -> NDArray[np.floating]:
+    """Components as rows (x, y), that of disc ids[k] from place k.
+
+    Each row is one write: of many discs, most lie where no cache has them.
+    """
+    row = np.dtype(f"c{2 * x.itemsize}")
+    rows = np.empty((len(x), 2), x.dtype)
+    rows[:, 0], rows[:, 1] = x, y
+    found = np.empty_like(rows)
+    found.view(row).reshape(-1)[ids] = rows.view(row).reshape(-1)
+    return found
 
 
 def absorbed_in(block: SharedBlock, count: int) -> NDArray[np.bool_]:

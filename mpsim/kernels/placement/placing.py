@@ -1,10 +1,8 @@
-"""Places of discs before the first frame: random ones without overlap, and the overlaps of given ones.
+"""Random places of equal discs without overlap.
 
 The occupancy grid of random places has cells of side diameter / sqrt(2), whose diagonal is one diameter, so that a
 cell holds one disc at most and its content is one number. A disc can only overlap discs up to two cells away.
 """
-
-import math
 
 from mpsim.kernels.compiling import compiled, linked
 
@@ -50,30 +48,3 @@ def sweep(x, y, grid, moves, low, x_high, y_high, diameter, cells_per_length):
             grid[int(x[i] * cells_per_length), int(y[i] * cells_per_length)] = EMPTY
             grid[int(px * cells_per_length), int(py * cells_per_length)] = i
             x[i], y[i] = px, py
-
-
-@compiled
-def find_overlaps(x, y, heads, links, diameter, cells_per_x, cells_per_y, worst):
-    """Number of overlapping pairs. worst[0:2] receives the deepest pair; the return's second part is its distance.
-
-    heads: (columns, rows), all EMPTY; links: (N,): each cell is a linked list of the discs in it.
-    """
-    columns, rows = heads.shape
-    pairs = 0
-    least = diameter
-    for i in range(x.size):
-        column, row = min(int(x[i] * cells_per_x), columns - 1), min(int(y[i] * cells_per_y), rows - 1)
-        for c in range(max(column - 1, 0), min(column + 2, columns)):
-            for r in range(max(row - 1, 0), min(row + 2, rows)):
-                j = heads[c, r]
-                while j != EMPTY:
-                    distance = math.sqrt((x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2)
-                    if distance < diameter:
-                        pairs += 1
-                        if distance < least:
-                            least = distance
-                            worst[0], worst[1] = j, i
-                    j = links[j]
-        links[i] = heads[column, row]
-        heads[column, row] = i
-    return pairs, least

@@ -1,0 +1,167 @@
+"""What a large scene costs besides its frames: time and memory of what comes before, between and after them.
+
+python scripts/run_large.py                       ten million discs; needs 4 GiB of memory and of disk, some minutes
+python scripts/run_large.py --discs 100000 --page results/large.md
+
+Times are per disc, and in frames of this machine on two workers: float32, packing 0.4, v dt = 0.02 diameters. Memory is
+the largest resident set meanwhile, shared memory included, beyond what Python and mpsim take.
+"""
+
+import argparse
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pages import fill_blocks, made_by
+from rich.console import Console
+from run_bench import machine
+
+import mpsim
+from mpsim.output.frames import frame_of
+from mpsim.output.gsd import GsdWriter
+from mpsim.output.xyz import XyzWriter
+
+PAGE = Path(__file__).parents[1] / "docs" / "performance.md"
+
+MARKS = {
+    "Scene.random": 100.0,
+    "Simulation and first frame": 30.0,
+    "save": 25.0,
+    "save over the one before": 25.0,
+    "resume": 25.0,
+    "state": 4.0,
+    "digest": 4.0,
+    "XYZ frame": 60.0,
+    "GSD frame": 10.0,
+}
+"""Goals, in frames."""
+
+MOST_MEMORY = 2.2
+"""Goal for the largest resident set, in sizes of the block."""
+
+FRAMES = 20
+
+
+class Meter:
+    """Times and largest resident sets of steps, by name.
+
+    Attributes:
+        seconds: of each step.
+        peaks: largest resident set during each, in bytes, beyond the one at the start.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self.peaks: dict[str, int] = {}
+        self._base = _resident("VmRSS")
+
+    def of(self, name: str, step: Callable[[], Any]) -> Any:
+        """Do a step; what it returns."""
+        _forget_peak()
+        begun = time.perf_counter()
+        result = step()
+        self.seconds[name] = time.perf_counter() - begun
+        self.peaks[name] = _resident("VmHWM") - self._base
+        return result
+
+
+def _resident(field: str) -> int:
+    """A field of this process' status in bytes."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return 1024 * next(int(line.split()[1]) for line in lines if line.startswith(f"{field}:"))
+
+
+def _forget_peak() -> None:
+    """From now on VmHWM is the largest resident set from here (Linux)."""
+    Path("/proc/self/clear_refs").write_text("5")
+
+
+def warm_up(folder: Path) -> None:
+    """All that is measured once with few discs, so that nothing is compiled or imported in the times."""
+    measure(1000, folder, Meter())
+
+
+def measure(discs: int, folder: Path, meter: Meter) -> tuple[float, int]:
+    """Seconds of a frame on two workers, and bytes of the block."""
+    settings = mpsim.Settings(dt=0.02, method="parallel", workers=2, precision="float32")
+    scene = meter.of(
+        "Scene.random", lambda: mpsim.Scene.random(count=discs, packing=0.4, radius=0.5, temperature=1.0, seed=1)
+    )
+
+    def begin() -> mpsim.Simulation:
+        sim = mpsim.Simulation(scene, settings)
+        sim.run(frames=1)
+        return sim
+
+    with meter.of("Simulation and first frame", begin) as sim:
+        sim.run(frames=2)
+        frame = float(np.median(sim.run(frames=FRAMES).frame_seconds))
+        state = meter.of("state", lambda: sim.state)
+        meter.of("digest", state.digest)
+        for measured in (mpsim.measure.kinetic_energy, mpsim.measure.momentum):
+            meter.of(f"measure.{measured.__name__}", lambda measured=measured: measured(state, scene))
+        del state
+        checkpoint = folder / "large.mpsim"
+        meter.of("save", lambda: sim.save(checkpoint))
+        meter.of("save over the one before", lambda: sim.save(checkpoint))
+        for name, writer in (("XYZ frame", XyzWriter), ("GSD frame", GsdWriter)):
+            target = folder / f"large.{name[:3].lower()}"
+            out = writer(target, "w")
+            meter.of(name, lambda out=out: out.write(frame_of(sim)))
+            out.close()
+            target.unlink()
+        block = sim.run(frames=1).block_bytes
+    with meter.of("resume", lambda: mpsim.Simulation.resume(checkpoint)):
+        for file in folder.glob("large.*"):
+            file.unlink()
+    return frame, block
+
+
+def table(discs: int, frame: float, block: int, meter: Meter) -> str:
+    """The table, in Markdown."""
+    lines = [
+        f"{discs:,} discs; a frame takes {frame / discs * 1e9:.1f} ns a disc on two workers, and the block has "
+        f"{block / discs:.0f} bytes a disc.\n",
+        "| | s | µs a disc | frames | goal | peak memory, bytes a disc |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name, seconds in meter.seconds.items():
+        goal = f"{MARKS[name]:.0f}" if name in MARKS else ""
+        lines.append(
+            f"| {name} | {seconds:.2f} | {seconds / discs * 1e6:.3f} | {seconds / frame:.1f} | {goal} | "
+            f"{meter.peaks[name] / discs:.0f} ({meter.peaks[name] / block:.1f} blocks) |"
+        )
+    return "\n".join(lines)
+
+
+def main() -> int:
+    """Measure, and write the table into the page."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--discs", type=int, default=10_000_000)
+    parser.add_argument("--page", type=Path, default=PAGE, help=f"default: {PAGE.name} of the docs")
+    options = parser.parse_args()
+    console = Console(soft_wrap=True, highlight=False)
+    warnings.simplefilter("ignore", mpsim.FastWarning)
+    with tempfile.TemporaryDirectory(dir=options.page.parent) as name:
+        try:
+            warm_up(Path(name))
+            meter = Meter()
+            frame, block = measure(options.discs, Path(name), meter)
+        except (mpsim.MpsimError, OSError) as error:
+            console.print(f"run_large: {error}", style="red")
+            return 2 if isinstance(error, mpsim.InputError) else 1
+    text = table(options.discs, frame, block, meter)
+    console.print(text)
+    if not options.page.exists():
+        options.page.write_text("<!-- run_large: table -->\n<!-- end -->\n")
+    fill_blocks(options.page, "run_large", {"table": f"{text}\n\n{made_by(machine())}"})
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
