@@ -204,9 +204,9 @@ def test_no_compiler_is_a_sentence(monkeypatch):
 # --- the arithmetic of the tables
 
 
-def timing(*frame, count=1):
+def timing(*frame, count=1, frames=30):
     """Times of turns, given in ns per disc and frame."""
-    return {"frames": 1, "steps": 1, "setup": 0.0, "frame": [ns * 1e-9 * count for ns in frame]}
+    return {"frames": frames, "steps": 1, "setup": 0.0, "frame": [ns * 1e-9 * count for ns in frame]}
 
 
 def point(dt, pressure, drift=0.0, knob=0):
@@ -256,6 +256,12 @@ def test_entries_are_medians_with_quartiles_and_ratios_of_the_same_turn(record):
     assert rows[-1] == "| Warp, CPU | not installed | | |"
     assert reasons[-3] == "pymunk, 10,000 discs: left out: too long"
     assert len({row.count("|") for row in rows}) == 1
+
+
+def test_times_of_the_first_moments_alone_are_marked(record):
+    record["cells"][0]["times"]["mpsim-push/1"] = timing(10, 10, 10, count=10_000, frames=8)
+    rows, _ = peers("tables").rows_of_frames(record, 0.4, 0.02)
+    assert rows[4].startswith("| mpsim, contact `push` | 10 (10-10) 8x early | 10 (10-10) 8x |")
 
 
 def test_marks_are_reached_or_not(record):
@@ -350,10 +356,10 @@ def test_the_readme_says_what_the_page_says():
     """Or quotes nothing of it, as long as the page is of a busy machine."""
     readme, page = (TOP / "README.md").read_text(), (TOP / "docs" / "peers.md").read_text()
     said = " ".join(re.search(r"<!-- run_peers: claim -->\n(.*?)<!-- end -->", readme, re.DOTALL)[1].split())
-    claimed = re.search(r"^mpsim takes (.*)\.$", page, re.MULTILINE)
+    claimed = re.search(r"^mpsim takes (.*?)\.\n\n", page, re.MULTILINE | re.DOTALL)
     assert (claimed is None) == (peers("page").BUSY in page)
     assert ("peers" in said) == (claimed is not None)
-    assert claimed is None or said == f"{claimed[1]} ([peers](docs/peers.md));"
+    assert claimed is None or said == f"{' '.join(claimed[1].split())} ([peers](docs/peers.md));"
 
 
 def test_the_page_has_a_row_for_every_engine():
