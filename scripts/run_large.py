@@ -102,7 +102,7 @@ def measure(discs: int, folder: Path, meter: Meter) -> tuple[float, int]:
         sim.run(frames=2)
         frame = float(np.median(sim.run(frames=FRAMES).frame_seconds))
         meter.of("state", lambda: len(sim.state.position))
-        meter.of("state and digest", lambda: sim.state.digest())
+        meter.of("state and digest", lambda: str(sim.state.digest()))
         meter.of("state and kinetic energy", lambda: mpsim.measure.kinetic_energy(sim.state, scene))
         checkpoint = folder / "large.mpsim"
         meter.of("save", lambda: sim.save(checkpoint))
@@ -144,7 +144,8 @@ def main() -> int:
     parser.add_argument("--page", type=Path, default=PAGE, help=f"default: {PAGE.name} of the docs")
     options = parser.parse_args()
     console = Console(soft_wrap=True, highlight=False)
-    warnings.simplefilter("ignore", mpsim.FastWarning)
+    for kind in (mpsim.FastWarning, mpsim.ResolutionWarning):  # of float32, which this is about
+        warnings.simplefilter("ignore", kind)
     with tempfile.TemporaryDirectory(dir=options.page.parent) as name:
         try:
             warm_up(Path(name))

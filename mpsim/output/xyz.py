@@ -144,34 +144,38 @@ def text_of(frame: Frame) -> Iterator[str]:
     """A frame as text, in parts: of ten million discs it is longer than all their arrays."""
     (width, height), (left, low) = frame.box, frame.origin
     wraps = " ".join("T" if wrap else "F" for wrap in (*frame.periodic, False))
-    properties, columns = _columns_of(frame)
     yield (
         f'{len(frame.position)}\nLattice="{width!r} 0.0 0.0 0.0 {height!r} 0.0 0.0 0.0 1.0" Origin="{left!r} {low!r} '
-        f'0.0" Properties={properties} Time={frame.time!r} pbc="{wraps}" Frame={frame.frame} '
+        f'0.0" Properties={_properties_of(frame)} Time={frame.time!r} pbc="{wraps}" Frame={frame.frame} '
         f"precision={frame.position.dtype}\n"
     )
     for first in range(0, len(frame.position), PART):
         last = min(first + PART, len(frame.position))
-        texts = _texts([each if isinstance(each, str) else each[first:last] for each in columns], last - first)
+        texts = _texts(_columns_of(frame, slice(first, last)), last - first)
         yield "\n".join(map(" ".join, zip(*texts, strict=True))) + "\n"
 
 
-def _columns_of(frame: Frame) -> tuple[str, list[NDArray[Any] | str]]:
-    """The names of the columns, and the columns: numbers, float64 or int64 of shape (N,), or a text for all discs."""
+def _properties_of(frame: Frame) -> str:
+    """The names of the columns, their kinds and widths."""
+    further = (f":{name}:{kind_of(column)}" for name, column in _of_states().items() if column.name in frame.known)
+    return "".join([PROPERTIES, *further])
+
+
+def _columns_of(frame: Frame, part: slice) -> list[NDArray[Any] | str]:
+    """The columns of some of the discs: numbers, float64 or int64 of shape (K,), or a text for all discs."""
     # A float32 is written as the float64 of the same value: its own shortest text might be rounded twice when read.
-    mass, velocity = frame.mass, frame.velocity.astype(np.float64)
-    x, y = frame.position.T.astype(np.float64)
+    mass, velocity = frame.mass[part], frame.velocity[part].astype(np.float64)
+    x, y = frame.position[part].T.astype(np.float64)
     (vx, vy), (px, py) = velocity.T, (mass[:, None] * velocity).T
     zero = "0.0"
-    columns: list[NDArray[Any] | str] = ["X", x, y, zero, frame.radius, mass, mass, vx, vy, zero, px, py, zero]
-    columns.append(frame.ids)
-    properties = PROPERTIES
-    for name, column in _of_states().items():
+    columns: list[NDArray[Any] | str] = ["X", x, y, zero, frame.radius[part], mass, mass, vx, vy, zero, px, py, zero]
+    columns.append(frame.ids[part])
+    for column in _of_states().values():
         if column.name in frame.known:
-            properties += f":{name}:{kind_of(column)}"
-            columns += [*np.atleast_2d(frame.known[column.name].T).astype(column.dtype(np.dtype(np.float64)))]
+            values = frame.known[column.name][part]
+            columns += [*np.atleast_2d(values.T).astype(column.dtype(np.dtype(np.float64)))]
             columns += ["0" if column.integer else zero] if column.components else []
-    return properties, columns
+    return columns
 
 
 def _texts(columns: list[NDArray[Any] | str], discs: int) -> list[list[str]]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mpsim.core.errors import InputError
 from mpsim.kernels.placement import by_cell, overlap_removal
-from mpsim.kernels.placement.placing import EMPTY, add_sequentially, sweep
+from mpsim.kernels.placement.placing import EMPTY, sweep
 
 LARGEST_PACKING = 0.8
 SPARSE_PACKING = 0.4
@@ -38,6 +38,9 @@ MOST_CELLS = 100_000_000
 
 CHUNK = 1_000_000
 """Random places that are drawn at a time, which are in memory besides those that are kept."""
+
+LEVEL = 4
+"""A level of discs that are there has at least so many times as many as the next one."""
 
 WAITING = 1000
 """Candidates that may wait for one another in a chain; longer ones, which hardly exist, take one more look at all."""
@@ -260,26 +263,14 @@ def random_places(
     cells_per_length = math.sqrt(2) / diameter * (1 - 1e-12)
     if (width * cells_per_length + 1) * (height * cells_per_length + 1) > MOST_CELLS + 100 * count:
         return random_polydisperse(np.full(count, radius), width, height, rng)
-    grid = np.full((int(width * cells_per_length) + 1, int(height * cells_per_length) + 1), EMPTY, np.int32)
-    x, y = np.empty(count), np.empty(count)
-    span = np.array([width, height]) - diameter
-    placed, attempts = 0, 0
-    sparse = count * math.pi * radius**2 <= SPARSE_PACKING * width * height
-    while sparse and placed < count and attempts < 200 * count + 1000:
-        number = 2 * (count - placed) + 16
-        if placed == 0:
-            candidates = _sort_candidates(number, (width, height), radius, rng)
-            placed = _add_sorted(candidates, x, y, grid, diameter, cells_per_length)
-        else:
-            candidates = radius + rng.random((number, 2)) * span
-            placed = int(add_sequentially(x, y, grid, placed, candidates, diameter, cells_per_length))
-        attempts += number
-    if placed == count:
-        return np.column_stack([x, y])
+    if count * math.pi * radius**2 <= SPARSE_PACKING * width * height:
+        x, y = np.empty(count), np.empty(count)
+        if _add_sequentially(x, y, (width, height), radius, rng):
+            return np.column_stack([x, y])
     sites = _lattice(count, width, height, diameter)
     chosen = sites[np.sort(rng.permutation(len(sites))[:count])]
     x, y = np.ascontiguousarray(chosen[:, 0]), np.ascontiguousarray(chosen[:, 1])
-    grid[:] = EMPTY
+    grid = np.full((int(width * cells_per_length) + 1, int(height * cells_per_length) + 1), EMPTY, np.int32)
     grid[(x * cells_per_length).astype(int), (y * cells_per_length).astype(int)] = np.arange(count)
     packing = count * math.pi * radius**2 / (width * height)
     longest = diameter * max(0.02, 0.6 * (math.sqrt(0.9069 / packing) - 1))
@@ -292,6 +283,9 @@ def random_places(
 def _sort_candidates(number: int, size: tuple[float, float], radius: float, rng: np.random.Generator) -> by_cell.ByCell:
     """So many random places at which a disc is inside the box, by cell."""
     span = np.array(size) - 2 * radius
+    if number <= CHUNK:
+        places = radius + rng.random((number, 2)) * span
+        return _sort_by_cell(number, size, 2 * radius, lambda: [places])
     twice = [copy.deepcopy(rng), rng]
 
     def draw() -> Iterator[NDArray[np.float64]]:
@@ -302,22 +296,41 @@ def _sort_candidates(number: int, size: tuple[float, float], radius: float, rng:
     return _sort_by_cell(number, size, 2 * radius, draw)
 
 
-def _add_sorted(
-    candidates: by_cell.ByCell,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    grid: NDArray[np.int32],
-    diameter: float,
-    cells_per_length: float,
-) -> int:
-    """Random sequential addition of candidates to an empty box; x and y receive them in turn. Returns how many."""
-    state = np.full(len(candidates.x), by_cell.UNDECIDED, np.int8)
-    while not by_cell.take_sequentially(candidates, state, np.empty(WAITING, np.int32), diameter):
-        pass
-    order = np.empty(len(candidates.x), np.int32)
-    placed = by_cell.number_taken(candidates, state, order, len(x))
-    by_cell.copy_taken(candidates, order, x, y, grid, cells_per_length)
-    return int(placed)
+def _add_sequentially(
+    x: NDArray[np.float64], y: NDArray[np.float64], size: tuple[float, float], radius: float, rng: np.random.Generator
+) -> bool:
+    """Random sequential addition of equal discs, whose centres x and y receive in turn; False if not all were placed.
+
+    Candidates come in batches. The discs that are there are kept by cell in levels, each far smaller than the one
+    before, so that few of them have to be sorted again as discs are added.
+    """
+    diameter = 2 * radius
+    levels: list[by_cell.ByCell] = []
+    placed, attempts = 0, 0
+    while placed < len(x) and attempts < 200 * len(x) + 1000:
+        number = 2 * (len(x) - placed) + 16
+        candidates = _sort_candidates(number, size, radius, rng)
+        state = np.full(number, by_cell.UNDECIDED, np.int8)
+        for level in levels:
+            by_cell.reject_overlapping(candidates, state, level, diameter)
+        while not by_cell.take_sequentially(candidates, state, np.empty(WAITING, np.int32), diameter):
+            pass
+        order = np.empty(number, np.int32)
+        taken = int(by_cell.number_taken(candidates, state, order, len(x) - placed))
+        by_cell.copy_taken(candidates, order, x[placed:], y[placed:])
+        added = _first(candidates, int(by_cell.keep_taken(candidates, order)))
+        while levels and LEVEL * len(added.x) > len(levels[-1].x):
+            both = [np.column_stack([level.x, level.y]) for level in (levels.pop(), added)]
+            added = _sort_by_cell(sum(map(len, both)), size, diameter, lambda both=both: both)
+        levels.append(added)
+        placed += taken
+        attempts += number
+    return placed == len(x)
+
+
+def _first(points: by_cell.ByCell, count: int) -> by_cell.ByCell:
+    """The points in the first slots."""
+    return points._replace(x=points.x[:count], y=points.y[:count], number=points.number[:count])
 
 
 def _lattice(count: int, width: float, height: float, diameter: float) -> NDArray[np.float64]:

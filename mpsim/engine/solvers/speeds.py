@@ -73,17 +73,17 @@ def speeds_of(
         return replace(found, disc=int(index[found.disc])) if found.disc >= 0 else found
     if not len(velocity):
         return Speeds()
-    vx, vy = velocity.astype(np.float64).T
+    vx, vy = (np.ascontiguousarray(column, np.float64) for column in velocity.T)
     squares = vx * vx + vy * vy
-    speed = np.sqrt(squares)
+    speed, largest = np.sqrt(squares), float(radius.max())
     mean_speed = math.sqrt(float(squares.mean()))
     worst = int((speed / radius).argmax())
     found = Speeds(worst, float(speed[worst]), float(radius[worst]))
     sides = sides_at(scene, time)
     for axis, (v, length) in enumerate(zip((vx, vy), sides, strict=True)):
-        free = length - 2 * radius
-        if scene.periodic[axis] or (free >= radius).all():
+        if scene.periodic[axis] or length - 2 * largest >= largest:
             continue
+        free = length - 2 * radius
         # Where there is no room at all, or rounding's worth of it, a disc stands between the walls as it should.
         free = np.where(free > 1e-6 * length, free, np.inf)
         worst = int((np.abs(v) / free).argmax())

@@ -104,6 +104,19 @@ def find_overlaps(points, diameter, worst):
 
 
 @inlined
+def overlaps_any(x, y, discs, diameter):
+    """Whether a disc at (x, y) would overlap one of those that are sorted by cell."""
+    column, row = place_of(x, y, discs)
+    for beside in range(max(column - 1, 0), min(column + 2, discs.columns)):
+        first, last = rows_near(beside, row, discs)
+        for other in range(first, last):
+            dx, dy = discs.x[other] - x, discs.y[other] - y
+            if dx * dx + dy * dy < diameter * diameter:
+                return True
+    return False
+
+
+@inlined
 def find_obstacle(slot, points, state, diameter):
     """An earlier point within a diameter that is taken; else one that is undecided; -1 if there is neither."""
     x, y, number = points.x[slot], points.y[slot], points.number[slot]
@@ -165,11 +178,35 @@ def number_taken(points, state, order, most):
 
 
 @compiled
-def copy_taken(points, order, x, y, grid, cells_per_length):
-    """Copy the points that are taken to their places in `order`, and enter them in a grid of one disc a cell."""
+def copy_taken(points, order, x, y):
+    """Copy the points that are taken to their places in `order`."""
     for slot in range(points.x.size):
         place = order[points.number[slot]]
         if place >= 0:
-            px, py = points.x[slot], points.y[slot]
-            x[place], y[place] = px, py
-            grid[int(px * cells_per_length), int(py * cells_per_length)] = place
+            x[place], y[place] = points.x[slot], points.y[slot]
+
+
+@compiled
+def keep_taken(points, order):
+    """Leave only the points that are taken, in front, and the starts of the cells with them. Returns how many."""
+    kept = 0
+    slot = 0
+    for cell in range(points.start.size - 1):
+        end = points.start[cell + 1]
+        points.start[cell] = kept
+        while slot < end:
+            number = points.number[slot]
+            if order[number] >= 0:
+                points.x[kept], points.y[kept], points.number[kept] = points.x[slot], points.y[slot], order[number]
+                kept += 1
+            slot += 1
+    points.start[points.start.size - 1] = kept
+    return kept
+
+
+@compiled
+def reject_overlapping(points, state, discs, diameter):
+    """Reject the points that overlap one of `discs`, which are sorted by cells of their own."""
+    for slot in range(points.x.size):
+        if state[slot] == UNDECIDED and overlaps_any(points.x[slot], points.y[slot], discs, diameter):
+            state[slot] = REJECTED

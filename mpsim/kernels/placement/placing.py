@@ -1,6 +1,6 @@
-"""Random places of equal discs without overlap.
+"""Monte Carlo moves of equal discs.
 
-The occupancy grid of random places has cells of side diameter / sqrt(2), whose diagonal is one diameter, so that a
+The occupancy grid has cells of side diameter / sqrt(2), whose diagonal is one diameter, so that a
 cell holds one disc at most and its content is one number. A disc can only overlap discs up to two cells away.
 """
 
@@ -22,20 +22,6 @@ def is_free(x, y, grid, px, py, mover, diameter, cells_per_length):
                 if dx * dx + dy * dy < diameter * diameter:
                     return False
     return True
-
-
-@compiled
-def add_sequentially(x, y, grid, placed, candidates, diameter, cells_per_length):
-    """Add each candidate (x, y) that overlaps no disc yet, until x is full. Returns the number of discs placed."""
-    for k in range(candidates.shape[0]):
-        if placed == x.size:
-            break
-        px, py = candidates[k, 0], candidates[k, 1]
-        if is_free(x, y, grid, px, py, EMPTY, diameter, cells_per_length):
-            x[placed], y[placed] = px, py
-            grid[int(px * cells_per_length), int(py * cells_per_length)] = placed
-            placed += 1
-    return placed
 
 
 @compiled

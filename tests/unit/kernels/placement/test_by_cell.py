@@ -63,12 +63,25 @@ def test_discs_get_the_first_places_that_are_taken(most):
     placed = by_cell.number_taken(points, state, order, most)
     wanted = taken_twin(places, 1.5)[:most]
     assert placed == len(wanted)
-    x, y, grid = np.zeros(placed), np.zeros(placed), np.full((40, 40), -1, np.int32)
-    by_cell.copy_taken(points, order, x, y, grid, 4.0)
+    x, y = np.zeros(placed), np.zeros(placed)
+    by_cell.copy_taken(points, order, x, y)
     assert (np.column_stack([x, y]) == places[wanted]).all()
-    columns, rows = (places[wanted] * 4.0).astype(int).T
-    assert (grid[columns, rows] == np.arange(placed)).all()
-    assert (grid >= 0).sum() == placed
+
+
+@given(st.integers(0, 2**32), st.floats(0.1, 9))
+def test_what_is_kept_is_sorted_still_and_rejects_what_overlaps_it(seed, diameter):
+    places = random_places(seed, 60)
+    points = points_at(places, diameter)
+    order = np.where(np.arange(60) % 3 == 0, np.arange(60) // 3, -1).astype(np.int32)
+    assert by_cell.keep_taken(points, order) == 20
+    kept = points._replace(x=points.x[:20], y=points.y[:20], number=points.number[:20])
+    assert (np.column_stack([kept.x, kept.y]) == places[::3][kept.number]).all()
+    others = random_places(seed + 1, 40)
+    candidates = points_at(others, diameter)
+    state = np.full(40, by_cell.UNDECIDED, np.int8)
+    by_cell.reject_overlapping(candidates, state, kept, diameter)
+    twin = [any(math.dist(place, disc) < diameter for disc in places[::3]) for place in others]
+    assert (state == by_cell.REJECTED).tolist() == [twin[number] for number in candidates.number]
 
 
 def test_of_pairs_that_are_equally_deep_the_first_is_named():
