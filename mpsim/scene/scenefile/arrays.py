@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mpsim.core import checks, untrusted
 from mpsim.core.archive import REAL, read_array
 from mpsim.core.errors import InputError, is_of_the_system
+from mpsim.core.garbage import garbage_collection_paused
 from mpsim.scene.scenefile.limits import MOST_ARRAY_BYTES, MOST_CSV
 
 logger: logging.Logger = logging.getLogger("mpsim")
@@ -112,6 +113,7 @@ def _from_npy(name: str, label: str, file: BinaryIO, length: int) -> NDArray[Any
         ) from None
 
 
+@garbage_collection_paused()
 def _from_csv(name: str, path: Path) -> NDArray[np.float64]:
     """One row per line, after an optional line of headings."""
     try:

@@ -1,5 +1,6 @@
 """Obstacles in scene files: [[obstacles]]."""
 
+from contextlib import suppress
 from itertools import chain, groupby
 from pathlib import Path
 from typing import Annotated, Any
@@ -135,6 +136,17 @@ def _obstacle_kind(value: Any) -> str:
     return "line" if {"points", "lengths", "thickness"} & set(keys) else "pegs" if "places" in keys else "peg"
 
 
+def _are_too_many(tables: list[Any]) -> bool:
+    """Whether the tables have more obstacles than are allowed; those that cannot be counted are left out."""
+    found = 0
+    for each in tables:
+        with suppress(InputError):
+            found += each.number
+        if found > LARGEST_OBSTACLES:
+            return True
+    return False
+
+
 class ObstaclesPart(Part):
     """Discs, discs on a lattice, and chains of walls."""
 
@@ -157,12 +169,12 @@ class ObstaclesPart(Part):
         """All obstacles, and the number of the table of each."""
         made: list[Obstacle] = []
         owners: list[int] = []
+        if _are_too_many(tables):
+            text = f"obstacles must be at most {LARGEST_OBSTACLES:,}; got more. Use fewer, or a larger spacing."
+            problems.append(("obstacles", text))
+            return [], []
         for index, each in enumerate(tables):
             try:
-                if len(made) + each.number > LARGEST_OBSTACLES:
-                    text = f"obstacles must be at most {LARGEST_OBSTACLES:,}; got more. Use fewer, or a larger spacing."
-                    problems.append(("obstacles", text))
-                    return [], []
                 some = each.made()
             except InputError as error:
                 problems.append((f"obstacles[{index}]", str(error)))
