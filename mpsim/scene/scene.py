@@ -78,6 +78,7 @@ class Scene(OldNames):
     _redraw: Callable[[int], "Scene"] | None = None
     _capsules: tuple[tuple[Obstacle, ...], NDArray[np.float64]] | None = None  # with what they were made from
     _capsule_index: CapsuleIndex | None = None
+    _overlaps: tuple[tuple[Any, ...], str] | None = None  # likewise
 
     def __init__(
         self,
@@ -251,7 +252,7 @@ class Scene(OldNames):
 
     def __getstate__(self) -> dict[str, Any]:
         """All that the scene holds, without how it was made."""
-        derived = ("_redraw", "_capsules", "_capsule_index")
+        derived = ("_redraw", "_capsules", "_capsule_index", "_overlaps")
         return {name: value for name, value in vars(self).items() if name not in derived}
 
     @property
@@ -383,6 +384,12 @@ class Scene(OldNames):
         >>> Scene(width=9, height=9, position=places, velocity=rest, radius=0.5).overlaps_at_start()
         '1 pairs of discs overlap at the start, discs 0 and 1 deepest, by 0.25'
         """
+        depends = self.position, self.radius, self.obstacles, self.width, self.height, self.boundary
+        if self._overlaps is None or any(now is not then for now, then in zip(depends, self._overlaps[0], strict=True)):
+            self._overlaps = depends, self._find_overlaps()
+        return self._overlaps[1]
+
+    def _find_overlaps(self) -> str:
         words: list[str] = []
         pairs, (i, j), depth = placement.overlaps(
             self.position, self.width, self.height, 2 * self.radius, self.periodic

@@ -189,3 +189,15 @@ def test_a_giant_among_many_is_found_quickly():
     inside = np.hypot(*(position[:-1] - 50).T) < 5.001
     pairs = int(scene.overlaps_at_start().split()[0])
     assert inside.sum() <= pairs <= inside.sum() + 5  # small ones may touch each other by chance
+
+
+def test_overlaps_of_a_scene_are_looked_for_once_until_it_changes(monkeypatch):
+    scene = Scene(width=9, height=9, position=[[2, 2], [2.75, 2]], velocity=np.zeros((2, 2)), radius=0.5)
+    looks = []
+    look = placement.overlaps
+    monkeypatch.setattr(placement, "overlaps", lambda *arguments: (looks.append(arguments), look(*arguments))[1])
+    assert [scene.overlaps_at_start()[:7] for _ in range(3)] == ["1 pairs"] * 3
+    assert len(looks) == 1
+    scene.radius = 0.3
+    assert scene.overlaps_at_start() == ""
+    assert len(looks) == 2
