@@ -75,9 +75,21 @@ class Coordinator:
 
     def start(self) -> None:
         """Start the solver; if that fails, close it."""
+        self._begin(self.solver.start)
+
+    def resume(self, snapshot: Snapshot, emission: Progress) -> None:
+        """Start the solver from a checkpoint; if that fails, close it. What was warned of before is warned of again."""
+
+        def start() -> None:
+            self.restore((snapshot, emission))
+            self.step_limits = StepLimits(self._scene, self._settings, self.solver.capabilities.has_steps)
+
+        self._begin(start)
+
+    def _begin(self, start: Callable[[], None]) -> None:
         try:
             with self._access.state_lock, refusals_named():  # the end of the program waits until it can be closed
-                self.solver.start()
+                start()
                 self.step_limits.set_limit(self.solver)
         except BaseException:
             with interrupts_held_back():
@@ -215,24 +227,18 @@ class Coordinator:
         """Copies of everything that the next frame depends on: of the solver, and of the emitters."""
         return self.solver.snapshot(), self.emission.progress
 
-    def restore(self, kept: tuple[Any, Any], new_workers: bool = True) -> None:
+    def restore(self, kept: tuple[Any, Any]) -> None:
         """Go back, or on, to such a snapshot; see `Solver.restore`."""
         snapshot, progress = kept
         before, choice = self.solver.choice, methods.choose(count_in(snapshot), self._settings)
         with interrupts_held_back(), self._access.moving():
             if methods.same_solver(before, choice):
-                self.solver.restore(snapshot, choice, new_workers)
+                self.solver.restore(snapshot, choice)
             else:
                 self._replace_solver(choice, snapshot)
             methods.note_remark(choice, before, self._access.notices)
             self.emission.progress = progress
             self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
-
-    def resume(self, snapshot: Snapshot, emission: Progress) -> None:
-        """Continue from a checkpoint; what was warned of before is warned of again."""
-        self.restore((snapshot, emission), new_workers=False)
-        self.step_limits = StepLimits(self._scene, self._settings, self.solver.capabilities.has_steps)
-        self.step_limits.set_limit(self.solver)
 
     def _replace_solver(self, choice: Choice, snapshot: Snapshot, room: int = 0) -> None:
         """Replace the solver by one of another method, chosen by `auto`."""
@@ -240,7 +246,7 @@ class Coordinator:
         new.tallied = old.tallied
         self._closing.solvers.append(new)  # before there is anything to close
         try:
-            new.restore(snapshot, choice, new_workers=True, room=room)
+            new.restore(snapshot, choice, room)
             self.step_limits.set_limit(new)
         except BaseException:
             self._closing.solvers.remove(new)

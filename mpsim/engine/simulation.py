@@ -57,6 +57,11 @@ class Simulation:
     """
 
     def __init__(self, scene: Scene, settings: Settings | None = None):
+        self._set_up(scene, settings)
+        self._coordinator.start()
+
+    def _set_up(self, scene: Scene, settings: Settings | None) -> None:
+        """All that comes before the solver is started."""
         if not isinstance(scene, Scene):
             raise InputError(f"scene must be an mpsim.Scene; got {type(scene).__name__}. Make one with Scene(...).")
         settings = Settings() if settings is None else settings
@@ -69,7 +74,6 @@ class Simulation:
             feature.check_law(scene, settings.law)
         precision_check.check_precision(scene, settings)
         self._coordinator = Coordinator(self, scene, settings, self._access)
-        self._coordinator.start()
 
     def __enter__(self) -> "Simulation":
         return self
@@ -237,16 +241,13 @@ class Simulation:
             with warnings.catch_warnings():
                 for kind in (OverlapWarning, FastWarning):  # of the start, long ago
                     warnings.simplefilter("ignore", kind)
-                sim = cls(found.scene, settings)
+                sim = cls.__new__(cls)
+                sim._set_up(found.scene, settings)
         except InputError as error:
             raise CheckpointError(
                 f"the checkpoint {str(found.path)!r} must hold a scene and settings that go together; {error}"
             ) from error
-        try:
-            sim._coordinator.resume(found.arrays, found.run["emission"])
-        except BaseException:
-            sim.close()
-            raise
+        sim._coordinator.resume(found.arrays, found.run["emission"])
         return sim
 
     @exclusive

@@ -228,15 +228,14 @@ class Solver(ABC):
         """Copies of everything that the next frame depends on, with which `restore` gives the same bits."""
 
     @abstractmethod
-    def restore(self, snapshot: Snapshot, choice: Choice, new_workers: bool, room: int = 0) -> None:
+    def restore(self, snapshot: Snapshot, choice: Choice, room: int = 0) -> None:
         """Go back, or on, to a snapshot of this scene, of this method or one that `auto` may have taken before.
 
-        May stand in place of `start`.
+        Workers, if any, are new ones, as those that were there may be dead. May stand in place of `start`.
 
         Args:
             snapshot: what `snapshot` has returned, or a checkpoint that has been checked.
             choice: what then runs, by a method of this class.
-            new_workers: start new workers, as those that were there may be dead.
             room: discs for which there is then room without another move, if it needs one for them.
 
         Raises:

@@ -264,7 +264,7 @@ class EventSolver(Solver):
         """Records beside the block that snapshots hold."""
         return {"progress": self._progress, "seen": self._seen}
 
-    def restore(self, snapshot: Snapshot, choice: Choice, new_workers: bool, room: int = 0) -> None:
+    def restore(self, snapshot: Snapshot, choice: Choice, room: int = 0) -> None:
         """Go back, or on, to a snapshot. There are no workers, and room for no more discs than there are."""
         block = self._room(count_in(snapshot))
         with block.closed_on_error():

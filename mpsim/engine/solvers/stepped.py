@@ -218,11 +218,10 @@ class SteppedSolver(Solver):
         """Copies of everything that the next frame depends on, in the order of the scene's discs."""
         return stepped_snapshot.taken(self._block, self._radii, self._masses)
 
-    def restore(self, snapshot: Snapshot, choice: Choice, new_workers: bool, room: int = 0) -> None:
-        """Go back (or on) to a snapshot; on new workers where those that were there may be dead."""
+    def restore(self, snapshot: Snapshot, choice: Choice, room: int = 0) -> None:
+        """Go back (or on) to a snapshot, on new workers: those that were there may be dead."""
         capacity = max(self._capacity, count_in(snapshot), room)
-        new_workers = new_workers or choice != self.choice
-        self._replace_block(capacity, choice, snapshot, snapshot["radii"], new_workers)
+        self._replace_block(capacity, choice, snapshot, snapshot["radii"], new_workers=True)
 
     @staticmethod
     def snapshot_shapes(scene: Scene, settings: Settings, count: int) -> Shapes:

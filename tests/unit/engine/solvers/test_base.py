@@ -65,7 +65,7 @@ class Ghosts(Solver):
         each = {"radii": self._radii, "masses": self._masses, "progress": self._progress}
         return {name: array.copy() for name, array in (self._kept | each).items()}
 
-    def restore(self, snapshot, choice, new_workers, room=0):
+    def restore(self, snapshot, choice, room=0):
         kept = {name: array.copy() for name, array in snapshot.items()}
         self._radii, self._masses, self._progress = (kept.pop(name) for name in ("radii", "masses", "progress"))
         self._kept, self.count, self.choice, self.open = kept, len(self._radii), choice, True
