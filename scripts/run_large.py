@@ -41,9 +41,6 @@ MARKS = {
 }
 """Goals, in frames."""
 
-MOST_MEMORY = 2.2
-"""Goal for the largest resident set, in sizes of the block."""
-
 FRAMES = 20
 
 
@@ -79,11 +76,6 @@ def _resident(field: str) -> int:
 def _forget_peak() -> None:
     """From now on VmHWM is the largest resident set from here (Linux)."""
     Path("/proc/self/clear_refs").write_text("5")
-
-
-def warm_up(folder: Path) -> None:
-    """All that is measured once with few discs, so that nothing is compiled or imported in the times."""
-    measure(1000, folder, Meter())
 
 
 def measure(discs: int, folder: Path, meter: Meter) -> tuple[float, int]:
@@ -148,7 +140,7 @@ def main() -> int:
         warnings.simplefilter("ignore", kind)
     with tempfile.TemporaryDirectory(dir=options.page.parent) as name:
         try:
-            warm_up(Path(name))
+            measure(1000, Path(name), Meter())  # so that nothing is compiled or imported in the times
             meter = Meter()
             frame, block = measure(options.discs, Path(name), meter)
         except (mpsim.MpsimError, OSError) as error:

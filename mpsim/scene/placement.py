@@ -104,7 +104,7 @@ def _sort_by_cell(
     points = by_cell.ByCell(x, y, number, start, columns, rows, per_x, per_y)
     for part in parts():
         by_cell.count_points(part, points)
-    by_cell.counts_to_slots(start)
+    start[1:] = np.cumsum(start[1:], dtype=np.int32) - start[1:]  # the first slot of each cell
     first = 0
     for part in parts():
         by_cell.place_points(part, first, points)

@@ -45,20 +45,10 @@ def count_points(places, points):
 
 
 @compiled
-def counts_to_slots(start):
-    """Make start[c + 1], the count of a cell, the first of its slots."""
-    slot = 0
-    for cell in range(1, start.size):
-        count = start[cell]
-        start[cell] = slot
-        slot += count
-
-
-@compiled
 def place_points(places, first, points):
     """Put more points, numbered from `first` on, into the next slots of their cells.
 
-    When all are placed, start[c + 1] is the end of cell c.
+    start[c + 1]: the first free slot of cell c; when all are placed, it is the end of the cell.
     """
     for k in range(places.shape[0]):
         x, y = places[k, 0], places[k, 1]
