@@ -25,7 +25,7 @@ from rich.console import Console
 from run_bench import machine
 
 import mpsim
-from mpsim.engine.workers.cores import usable_cores
+from mpsim.core.cores import usable_cores
 from mpsim.measure import Measure, reference
 
 COUNT = 64

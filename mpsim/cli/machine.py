@@ -6,9 +6,9 @@ from typing import Any
 import click
 
 from mpsim.cli import terminal
+from mpsim.core.cores import usable_cores
 from mpsim.core.plain import json_text
 from mpsim.engine.simulation import Simulation
-from mpsim.engine.workers.cores import usable_cores
 from mpsim.kernels.compiling import compiled_kernels
 from mpsim.measure.registry import NAMES
 from mpsim.scene import scenefile

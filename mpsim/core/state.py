@@ -196,7 +196,19 @@ def in_frame(state: State) -> dict[str, NDArray[Any]]:
     ['velocity']
     """
     values = {name: getattr(state, name) for name in ("velocity", *(column.name for column in columns.in_state()))}
-    return {name: value[state.present] for name, value in values.items() if value is not None}
+    here = present_in(state)
+    return {name: value[here] for name, value in values.items() if value is not None}
+
+
+def present_in(state: State) -> Any:
+    """An index of the discs that are present, for arrays of one row per disc; where all are, one that copies nothing.
+
+    >>> import numpy as np
+    >>> present_in(State(np.zeros((2, 2)), np.ones((2, 2)))), present_in(State(np.zeros((1, 2)), np.ones((1, 2)),
+    ...                                                                        present=np.zeros(1, bool)))
+    (slice(None, None, None), array([False]))
+    """
+    return slice(None) if state.present.all() else state.present
 
 
 def _npz(path: str | os.PathLike[str]) -> Path:

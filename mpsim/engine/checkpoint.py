@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mpsim.core import atomic, untrusted
 from mpsim.core.archive import DAMAGE, ArrayFile, Arrays, write_arrays
@@ -35,9 +36,9 @@ from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
-FORMAT = 3
+FORMAT = 4
 """Version of the format. A file of a newer one is refused, by number; one of format 1 lacks the image flags and
-virials by component, one of format 2 is that of smooth discs."""
+virials by component, one of format 2 is that of smooth discs, one of format 3 has sizes of each disc even if equal."""
 
 HEADER = "mpsim_checkpoint"
 """Name of the first array, the header. So the name stands at the start of the file, and tells its kind."""
@@ -53,6 +54,10 @@ DAMAGED_DISK = (errno.EIO, errno.EBADMSG, errno.EUCLEAN)
 
 _NO_STATE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
 """What content raises that is no state of a simulation."""
+
+SIZES = ("radii", "masses")
+"""Arrays of a solver that are written as one number, shape (), where all discs have the same; the header has the number
+of discs."""
 
 ARRAYS = ("position", "velocity", *PER_DISC, *VECTORS)
 
@@ -215,13 +220,15 @@ def _packed(scene: Scene, settings: Settings, run: dict[str, Any], arrays: Array
     """All that goes into a file, the header first."""
     plain, parts = scene_parts(scene)
     everything = {f"scene.{name}": value for name, value in parts.items()}
-    everything |= {f"solver.{name}": np.ascontiguousarray(value) for name, value in arrays.items()}
+    solver = arrays | {name: arrays[name][0] for name in SIZES if _are_equal(arrays[name])}
+    everything |= {f"solver.{name}": np.asarray(value, order="C") for name, value in solver.items()}
     header: dict[str, Any] = {
         "format": FORMAT,
         "versions": {"python": platform.python_version()} | {name: version(name) for name in ("numpy", "numba")},
         "settings": dataclasses.asdict(settings),
         "scene": plain,
         "run": run,
+        "discs": len(arrays["radii"]),
     }
     header = json.loads(json.dumps(header))  # as it will be read
     header["digest"] = digest_of(header, everything)
@@ -234,6 +241,18 @@ def _packed(scene: Scene, settings: Settings, run: dict[str, Any], arrays: Array
             f"be read again; got {text.size:,} bytes for {counts}. Use fewer; one Polyline takes the place of many."
         )
     return {HEADER: text, **everything}
+
+
+def _are_equal(sizes: NDArray[np.float64]) -> bool:
+    return len(sizes) > 0 and bool((sizes == sizes[0]).all())
+
+
+def _of_each_disc(arrays: Arrays, discs: Any) -> Arrays:
+    """Arrays of a solver, with equal sizes repeated for each disc, which takes no memory."""
+    return {
+        name: np.broadcast_to(array, discs) if name in SIZES and array.ndim == 0 else array
+        for name, array in arrays.items()
+    }
 
 
 def _previous(target: Path) -> Path:
@@ -348,19 +367,20 @@ def _header_of(archive: ArrayFile) -> dict[str, Any]:
 
 
 def _verified(path: Path, check: Check) -> Checkpoint:
-    header, arrays = _unpacked(path)
+    header, found = _unpacked(path)
     try:
         with np.errstate(all="ignore"):
-            parts = _named("scene.", arrays), _named("solver.", arrays)
-            if len(parts[0]) + len(parts[1]) != len(arrays) or not parts[0].keys() <= set(ARRAYS):
-                raise ValueError(f"it holds arrays that belong to nothing; got {sorted(arrays)}")
+            parts = _named("scene.", found), _named("solver.", found)
+            if len(parts[0]) + len(parts[1]) != len(found) or not parts[0].keys() <= set(ARRAYS):
+                raise ValueError(f"it holds arrays that belong to nothing; got {sorted(found)}")
             scene = scene_from(header["scene"], parts[0])
             settings = Settings(**header["settings"])
-            found = Checkpoint(path, scene, settings, header["run"], parts[1])
-            check(found)
+            arrays = _of_each_disc(parts[1], header.get("discs"))
+            checkpoint = Checkpoint(path, scene, settings, header["run"], arrays)
+            check(checkpoint)
     except _NO_STATE as error:  # the digest is right, so somebody has made it so; still nothing may break
         raise _DamagedError(f"its content is no state of a simulation ({type(error).__name__}: {error})") from None
-    return found
+    return checkpoint
 
 
 def _named(prefix: str, arrays: Arrays) -> Arrays:

@@ -5,7 +5,7 @@ back to a snapshot. Who may call is settled before (`access.py`); who calls hold
 """
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -65,29 +65,24 @@ class Coordinator:
         choice = methods.choose(scene.count, settings)
         solver = methods.METHODS[choice.method].solver
         self.step_limits: StepLimits = StepLimits(scene, settings, solver.capabilities.has_steps)
-        for text, kind in self.step_limits.at_start():
-            warnings.warn(text, kind, stacklevel=level_of_caller())
-        methods.note_remark(choice, None, access.notices)
-        access.notices.give()
         self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
         self.solver: Solver = solver(scene, settings, choice)
         self._closing = Closing(simulation, self.solver, access)  # before there is anything to close
 
     def start(self) -> None:
         """Start the solver; if that fails, close it."""
-        self._begin(self.solver.start)
+        self._begin(self.step_limits.at_start(), self.solver.start)
 
     def resume(self, snapshot: Snapshot, emission: Progress) -> None:
-        """Start the solver from a checkpoint; if that fails, close it. What was warned of before is warned of again."""
+        """Start the solver from a checkpoint; if that fails, close it."""
+        self._begin(self.step_limits.at_resume(), lambda: self.restore((snapshot, emission)))
 
-        def start() -> None:
-            self.restore((snapshot, emission))
-            self.step_limits = StepLimits(self._scene, self._settings, self.solver.capabilities.has_steps)
-
-        self._begin(start)
-
-    def _begin(self, start: Callable[[], None]) -> None:
+    def _begin(self, warned_of: Iterable[tuple[str, type[Warning]]], start: Callable[[], None]) -> None:
         try:
+            for text, kind in warned_of:
+                warnings.warn(text, kind, stacklevel=level_of_caller())
+            methods.note_remark(self.solver.choice, None, self._access.notices)
+            self._access.notices.give()
             with self._access.state_lock, refusals_named():  # the end of the program waits until it can be closed
                 start()
                 self.step_limits.set_limit(self.solver)

@@ -88,10 +88,11 @@ def typical_momentum(scene: Scene, dt: float) -> float:
     The largest of the mean at the start, that of a fall through the box, and those of discs that emitters or a wall set
     in motion. Where nothing can move by itself: of a disc that moves its radius in a step of dt [time].
     """
-    mass = float(scene.masses.mean()) if scene.count else 1.0
+    mass = float(scene.mass.mean()) if scene.count and scene.mass is not None else 1.0
     fall = math.sqrt(acceleration_bound(scene) * max(scene.width, scene.height))
     speeds = [fall] if (wall := scene.moving_wall) is None else [fall, abs(wall.speed)]
-    momenta = [math.sqrt(float(((scene.velocity * scene.masses[:, None]) ** 2).mean())) if scene.count else 0.0]
+    momentum = scene.velocity if scene.mass is None else scene.velocity * scene.mass[:, None]
+    momenta = [math.sqrt(float((momentum**2).mean())) if scene.count else 0.0]
     if scene.emitters:
         masses = np.array([1.0 if emitter.mass is None else emitter.mass for emitter in scene.emitters])
         velocities = np.array([emitter.velocity for emitter in scene.emitters], float)

@@ -5,7 +5,6 @@
 
 import dataclasses
 import os
-import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Unpack
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core.columns import GivenColumns
-from mpsim.core.errors import CheckpointError, FastWarning, InputError, OverlapWarning
+from mpsim.core.errors import CheckpointError, InputError
 from mpsim.core.state import State
 from mpsim.engine import checkpoint as checkpoint_file
 from mpsim.engine import checkpoint_validation, frame_count, insertion, precision_check
@@ -238,11 +237,8 @@ class Simulation:
         found = checkpoint_file.read(path, checkpoint_validation.check)
         settings = dataclasses.replace(found.settings, workers=workers, start_method=start_method)
         try:
-            with warnings.catch_warnings():
-                for kind in (OverlapWarning, FastWarning):  # of the start, long ago
-                    warnings.simplefilter("ignore", kind)
-                sim = cls.__new__(cls)
-                sim._set_up(found.scene, settings)
+            sim = cls.__new__(cls)
+            sim._set_up(found.scene, settings)
         except InputError as error:
             raise CheckpointError(
                 f"the checkpoint {str(found.path)!r} must hold a scene and settings that go together; {error}"

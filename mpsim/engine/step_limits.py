@@ -107,14 +107,12 @@ class StepLimits:
         Raises:
             TooFastError: if the settings do not allow such speeds, or they would need too many sub-steps.
         """
-        scene, settings = self._scene, self._settings
+        scene = self._scene
         overlaps = scene.overlaps_at_start() if self._has_steps else ""  # which are refused without steps
         if overlaps:
             text = "The first frames push them apart. Give places that leave room for the discs to avoid it."
             yield f"{overlaps}. {text}", OverlapWarning
-        coarse = coarseness(scene, settings)
-        if coarse:
-            yield f"in {settings.precision} {coarse}", ResolutionWarning
+        yield from self.at_resume()
         if not self._has_steps:
             return
         if self.adapts:
@@ -125,6 +123,12 @@ class StepLimits:
             self._refuse_if_wanted(fast)
             yield fast, FastWarning
             self._fast.given = True
+
+    def at_resume(self) -> Iterator[tuple[str, type[Warning]]]:
+        """What to warn of before a run goes on from a checkpoint: lost digits."""
+        coarse = coarseness(self._scene, self._settings)
+        if coarse:
+            yield f"in {self._settings.precision} {coarse}", ResolutionWarning
 
     def forecast(self) -> str | None:
         """The complaint about speeds at the start, or about those that are certain to come; None: they are low."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.core.columns import Column, in_state
 from mpsim.core.errors import TrajectoryError
-from mpsim.core.state import State, in_frame
+from mpsim.core.state import State, in_frame, present_in
 from mpsim.engine.simulation import Simulation
 
 
@@ -136,14 +136,14 @@ def kind_of(column: Column) -> str:
 def frame_of(sim: Simulation) -> Frame:
     """The discs of a simulation as they are now, between two frames."""
     state = sim.state
-    here, walls = state.present, state.box
+    here, walls = present_in(state), state.box
     assert walls is not None  # that of a simulation has them
     x_low, x_high, y_low, y_high = walls
     known = {
         "time": sim.frame * sim.settings.dt,  # sim.time but for the rounding of the exact solver's clock
         "radius": sim.radii[here],
         "mass": sim.masses[here],
-        "ids": np.flatnonzero(here),
+        "ids": np.arange(len(state.position))[here],
         **in_frame(state),
     }
     box, origin = (x_high - x_low, y_high - y_low), (x_low, y_low)

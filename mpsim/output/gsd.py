@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mpsim.core import atomic
 from mpsim.core.columns import in_state
@@ -52,8 +53,8 @@ class GsdWriter:
         made.configuration.box = [*frame.box, 0, 0, 0, 0]
         made.particles.N = len(frame.position)
         made.particles.types = ["disc"]
-        made.particles.position = _three(frame.position - (np.asarray(frame.origin) + size / 2))
-        made.particles.velocity = _three(frame.velocity)
+        made.particles.position = _three(frame.position, np.asarray(frame.origin) + size / 2)
+        made.particles.velocity = _three(frame.velocity, np.zeros(2))
         made.particles.diameter = (2 * frame.radius).astype(np.float32)
         made.particles.mass = frame.mass.astype(np.float32)
         made.log = {f"particles/mpsim/{name}": getattr(frame, ours) for name, ours in _PER_DISC.items()}
@@ -185,9 +186,11 @@ class GsdReader:
         self._file.close()
 
 
-def _three(plane: Any) -> Any:
-    """Vectors with a z of 0, in single precision."""
-    return np.pad(np.asarray(plane, np.float32), ((0, 0), (0, 1)))
+def _three(plane: NDArray[np.floating], origin: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Vectors from an origin, with a z of 0, in single precision."""
+    found = np.zeros((len(plane), 3), np.float32)
+    np.subtract(plane, origin, out=found[:, :2], casting="same_kind")
+    return found
 
 
 def _copy(source: Path, target: Path, frames: int) -> None:

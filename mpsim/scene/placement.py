@@ -3,11 +3,13 @@
 import copy
 import math
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.errors import InputError
+from mpsim.core.pieces import in_pieces
 from mpsim.kernels.placement import by_cell, overlap_removal
 from mpsim.kernels.placement.placing import EMPTY, sweep
 
@@ -70,8 +72,8 @@ def overlaps(
     """
     rounding = 8 * np.finfo(np.float64).eps * max(width, height)
     count = len(position)
-    worst = np.zeros(2, np.int64)
     if np.ndim(diameter) or any(periodic):
+        worst = np.zeros(2, np.int64)
         x, y = (np.ascontiguousarray(column, dtype=np.float64) for column in position.T)
         radius = np.broadcast_to(np.asarray(diameter, np.float64) / 2, count)
         discs = _by_size(x, y, radius, (width, height), periodic)
@@ -80,8 +82,15 @@ def overlaps(
         return int(pairs), (int(worst[0]), int(worst[1])), float(depth)
     diameter = float(diameter) - rounding
     points = _sort_by_cell(count, (width, height), diameter, lambda: [position])
-    pairs, least = by_cell.find_overlaps(points, diameter, worst)
-    return int(pairs), (int(worst[0]), int(worst[1])), float(diameter - least)
+
+    def find(begin: int, end: int) -> tuple[int, float, int, int]:
+        worst = np.zeros(2, np.int64)
+        pairs, least = by_cell.find_overlaps(points, diameter, worst, begin, end)
+        return int(pairs), float(least), int(worst[1]), int(worst[0])
+
+    found = in_pieces(find, count)
+    least, high, low = min(each[1:] for each in found)
+    return sum(each[0] for each in found), (low, high), diameter - least
 
 
 def _sort_by_cell(
@@ -103,11 +112,11 @@ def _sort_by_cell(
     x, y, number = np.empty(count), np.empty(count), np.empty(count, np.int32)
     points = by_cell.ByCell(x, y, number, start, columns, rows, per_x, per_y)
     for part in parts():
-        by_cell.count_points(part, points)
+        in_pieces(partial(by_cell.count_points, part, points), columns, len(part))
     start[1:] = np.cumsum(start[1:], dtype=np.int32) - start[1:]  # the first slot of each cell
     first = 0
     for part in parts():
-        by_cell.place_points(part, first, points)
+        in_pieces(partial(by_cell.place_points, part, first, points), columns, len(part))
         first += len(part)
     return points
 
@@ -312,8 +321,8 @@ def _add_sequentially(
         candidates = _sort_candidates(number, size, radius, rng)
         state = np.full(number, by_cell.UNDECIDED, np.int8)
         for level in levels:
-            by_cell.reject_overlapping(candidates, state, level, diameter)
-        while not by_cell.take_sequentially(candidates, state, np.empty(WAITING, np.int32), diameter):
+            in_pieces(partial(by_cell.reject_overlapping, candidates, state, level, diameter), number)
+        while not all(in_pieces(partial(_take, candidates, state, diameter), number)):
             pass
         order = np.empty(number, np.int32)
         taken = int(by_cell.number_taken(candidates, state, order, len(x) - placed))
@@ -326,6 +335,10 @@ def _add_sequentially(
         placed += taken
         attempts += number
     return placed == len(x)
+
+
+def _take(points: by_cell.ByCell, state: NDArray[np.int8], diameter: float, begin: int, end: int) -> bool:
+    return by_cell.take_sequentially(points, state, np.empty(WAITING, np.int32), diameter, begin, end)
 
 
 def _first(points: by_cell.ByCell, count: int) -> by_cell.ByCell:

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from mpsim.core import checks
+from mpsim.core.cores import usable_cores
 from mpsim.core.errors import FastWarning, InputError, NotMeasurableError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.engine.workers.cores import usable_cores
 from mpsim.measure.driving import adds_discs
 from mpsim.measure.registry import LONG, OBSERVABLES, SHORT
 from mpsim.scene.scene import Scene

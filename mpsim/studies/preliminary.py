@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mpsim.core.cores import usable_cores
 from mpsim.core.errors import InputError, MpsimError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.engine.workers.cores import usable_cores
 from mpsim.features import FEATURES
 from mpsim.measure import driving
 from mpsim.scene.scene import Scene

@@ -23,7 +23,7 @@ from mpsim.cli.app import main
 from mpsim.cli.runfolder import RunFolder
 from mpsim.core import checks
 from mpsim.core.archive import MOST_DIRECTORY
-from mpsim.engine.workers.cores import usable_cores
+from mpsim.core.cores import usable_cores
 from mpsim.output.recorder import COLUMNS, read_table
 from mpsim.scene import scenefile
 from mpsim.scene.scenefile.limits import MOST_BYTES, MOST_PROBLEMS, MOST_TABLES

@@ -31,7 +31,7 @@ MOST = {"naive": 8000, "grid": 8000, "event": 8000, "parallel": 400}
 """Moments that --long tries, spread evenly, too: of parallel, whose workers take a while to start, as time allows."""
 
 
-WHOLE_AT_RETURN = (Coordinator.start.__code__, mpsim.Simulation.__init__.__code__)
+WHOLE_AT_RETURN = (Coordinator.start.__code__, Coordinator.resume.__code__, mpsim.Simulation.__init__.__code__)
 """What has returned when a simulation is whole."""
 
 

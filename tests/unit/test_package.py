@@ -74,7 +74,7 @@ def programs(built, tmp_path_factory) -> Path:
 def test_the_wheel_holds_what_it_needs_and_no_more(built):
     (wheel,) = built.glob("*.whl")
     names = zipfile.ZipFile(wheel).namelist()
-    scenes = {path.name for path in (TOP / "mpsim" / "scenes").glob("*.toml")}
+    scenes = {path.name for path in (TOP / "mpsim" / "scene" / "named").glob("*.toml")}
     assert {Path(name).name for name in names if name.endswith(".toml")} == scenes
     assert {"mpsim/py.typed", "mpsim/output/mpsim.mplstyle", "mpsim/kernels/frame/stepping.py"} <= set(names)
     assert {name.split("/")[0].split("-")[0] for name in names} == {"mpsim"}
@@ -94,5 +94,5 @@ def test_the_installed_wheel_runs(programs, tmp_path):
 @pytest.mark.timeout(600)
 def test_the_installed_command_runs(programs, tmp_path):
     listed = run(programs / "mpsim", "scenes", folder=tmp_path)
-    assert len(listed.splitlines()) == len(list((TOP / "mpsim" / "scenes").glob("*.toml")))
+    assert len(listed.splitlines()) == len(list((TOP / "mpsim" / "scene" / "named").glob("*.toml")))
     assert "packing 0.4" in run(programs / "mpsim", "show", "gas", folder=tmp_path)

@@ -3,12 +3,12 @@
 import logging
 from typing import NamedTuple
 
+from mpsim.core.cores import may_start_processes, usable_cores
 from mpsim.engine.notices import Notices
 from mpsim.engine.solvers.base import Capabilities, Choice, Solver
 from mpsim.engine.solvers.events import EventSolver
 from mpsim.engine.solvers.grid import GridSolver
 from mpsim.engine.solvers.naive import NaiveSolver
-from mpsim.engine.workers.cores import may_start_processes, usable_cores
 from mpsim.kernels.compiling import JIT_DISABLED
 from mpsim.scene.settings import Settings
 
@@ -52,8 +52,8 @@ def capabilities_of(settings: Settings) -> Capabilities:
     names = AUTO if settings.method == "auto" else (settings.method,)
     each = [METHODS[name].solver.capabilities for name in names]
     return Capabilities(
-        has_steps=all(one.has_steps for one in each),
-        is_exact=all(one.is_exact for one in each),
+        has_steps=all([one.has_steps for one in each]),
+        is_exact=all([one.is_exact for one in each]),
     )
 
 

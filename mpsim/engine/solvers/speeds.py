@@ -74,10 +74,11 @@ def speeds_of(
     if not len(velocity):
         return Speeds()
     vx, vy = (np.ascontiguousarray(column, np.float64) for column in velocity.T)
-    squares = vx * vx + vy * vy
-    speed, largest = np.sqrt(squares), float(radius.max())
-    mean_speed = math.sqrt(float(squares.mean()))
-    worst = int((speed / radius).argmax())
+    squares = vx * vx
+    squares += vy * vy
+    mean_speed, largest = math.sqrt(float(squares.mean())), float(radius.max())
+    speed = np.sqrt(squares, out=squares)
+    worst = int(np.divide(speed, radius).argmax())
     found = Speeds(worst, float(speed[worst]), float(radius[worst]))
     sides = sides_at(scene, time)
     for axis, (v, length) in enumerate(zip((vx, vy), sides, strict=True)):

@@ -2,6 +2,9 @@
 
 Discs and candidates at random places in memory cost a wait for memory each time that one looks at a neighbour. Sorted,
 ten million of them take a fraction of the time.
+
+Kernels that take a range do a piece of the work, so that threads can share it. They write each their own elements, or
+what is the same whoever writes it, and when.
 """
 
 import math
@@ -37,26 +40,28 @@ def place_of(x, y, points):
 
 
 @compiled
-def count_points(places, points):
-    """Count more points, shape (M, 2), in the cells: that of cell c in start[c + 1]."""
+def count_points(places, points, first, last):
+    """Count more points, shape (M, 2), in the cells of columns [first, last): that of cell c in start[c + 1]."""
     for k in range(places.shape[0]):
         column, row = place_of(places[k, 0], places[k, 1], points)
-        points.start[column * points.rows + row + 1] += 1
+        if first <= column < last:
+            points.start[column * points.rows + row + 1] += 1
 
 
 @compiled
-def place_points(places, first, points):
-    """Put more points, numbered from `first` on, into the next slots of their cells.
+def place_points(places, number, points, first, last):
+    """Put more points, numbered from `number` on, into the next slots of their cells, of columns [first, last).
 
     start[c + 1]: the first free slot of cell c; when all are placed, it is the end of the cell.
     """
     for k in range(places.shape[0]):
         x, y = places[k, 0], places[k, 1]
         column, row = place_of(x, y, points)
-        cell = column * points.rows + row
-        slot = points.start[cell + 1]
-        points.start[cell + 1] = slot + 1
-        points.x[slot], points.y[slot], points.number[slot] = x, y, first + k
+        if first <= column < last:
+            cell = column * points.rows + row
+            slot = points.start[cell + 1]
+            points.start[cell + 1] = slot + 1
+            points.x[slot], points.y[slot], points.number[slot] = x, y, number + k
 
 
 @inlined
@@ -67,13 +72,14 @@ def rows_near(column, row, points):
 
 
 @compiled
-def find_overlaps(points, diameter, worst):
+def find_overlaps(points, diameter, worst, begin, end):
     """Number of pairs closer than the diameter, and the least distance; worst[0:2] receives the pair that has it.
 
-    Cells are at least a diameter wide. Of pairs that are equally close, the one of the lowest numbers counts.
+    Of points in slots [begin, end) and those that follow them. Cells are at least a diameter wide. Of pairs that are
+    equally close, the one of the lowest numbers counts.
     """
     pairs, least = 0, diameter
-    for slot in range(points.x.size):
+    for slot in range(begin, end):
         x, y = points.x[slot], points.y[slot]
         column, row = place_of(x, y, points)
         for beside in range(column, min(column + 2, points.columns)):
@@ -125,14 +131,16 @@ def find_obstacle(slot, points, state, diameter):
 
 
 @compiled
-def take_sequentially(points, state, waiting, diameter):
-    """Decide which points random sequential addition takes: each that overlaps no earlier one that is taken.
+def take_sequentially(points, state, waiting, diameter, begin, end):
+    """Decide which points in slots [begin, end) random sequential addition takes.
+
+    Those are the ones that overlap no earlier one that is taken.
 
     Each is decided once those are that it overlaps, which stand in `waiting` meanwhile. Returns whether all are
     decided; where `waiting` was too short, another call decides more.
     """
     complete = True
-    for slot in range(points.x.size):
+    for slot in range(begin, end):
         waiting[0] = slot
         depth = 1 if state[slot] == UNDECIDED else 0
         while depth > 0:
@@ -195,8 +203,8 @@ def keep_taken(points, order):
 
 
 @compiled
-def reject_overlapping(points, state, discs, diameter):
-    """Reject the points that overlap one of `discs`, which are sorted by cells of their own."""
-    for slot in range(points.x.size):
+def reject_overlapping(points, state, discs, diameter, begin, end):
+    """Reject the points in slots [begin, end) that overlap one of `discs`, which are sorted by cells of their own."""
+    for slot in range(begin, end):
         if state[slot] == UNDECIDED and overlaps_any(points.x[slot], points.y[slot], discs, diameter):
             state[slot] = REJECTED

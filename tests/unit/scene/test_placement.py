@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from support.scenes import gas
 
 from mpsim import FixedDisc, InputError, Polyline, Scene
+from mpsim.core import pieces
 from mpsim.features.capsules import distance
 from mpsim.scene import placement
 
@@ -36,6 +37,36 @@ def test_overlaps_are_those_of_all_pairs(seed, count, width, height, diameter):
     if pairs:
         assert deepest == expected_deepest
         assert depth == pytest.approx(expected_depth, abs=1e-12)
+
+
+@pytest.fixture
+def threads(monkeypatch):
+    """A function that has loops of any length done by so many threads from then on."""
+
+    def use(number):
+        monkeypatch.setattr(pieces, "usable_cores", lambda: number)
+        monkeypatch.setattr(pieces, "WORTH_A_THREAD", 1)
+
+    return use
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_any_number_of_threads_finds_the_same_overlaps(seed, threads):
+    position = np.random.default_rng(seed).integers(0, 40, (300, 2)) * 0.5  # so that many pairs are equally deep
+    expected = placement.overlaps(position, 20, 20, 1.1)
+    assert expected[0] > 100
+    for number in (2, 3, 7):
+        threads(number)
+        assert placement.overlaps(position, 20, 20, 1.1) == expected
+
+
+@pytest.mark.parametrize("count", [40, 3000, 60_000])
+def test_any_number_of_threads_makes_the_same_random_places(count, threads):
+    expected = gas(count, 0.39, seed=3).position
+    for number in (2, 3):
+        threads(number)
+        assert (gas(count, 0.39, seed=3).position == expected).all()
+        assert (gas(count, 0.39, seed=4).position != expected).any()
 
 
 def test_random_places_fill_the_box_evenly():

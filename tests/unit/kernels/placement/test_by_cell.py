@@ -38,7 +38,7 @@ def test_those_are_taken_that_random_sequential_addition_takes(seed, count, diam
     places = random_places(seed, count)
     points = points_at(places, diameter)
     state = np.full(count, by_cell.UNDECIDED, np.int8)
-    while not by_cell.take_sequentially(points, state, np.empty(waiting, np.int32), diameter):
+    while not by_cell.take_sequentially(points, state, np.empty(waiting, np.int32), diameter, 0, count):
         pass
     assert sorted(points.number[state == by_cell.TAKEN]) == taken_twin(places, diameter)
 
@@ -58,7 +58,7 @@ def test_discs_get_the_first_places_that_are_taken(most):
     places = random_places(2, 200)
     points = points_at(places, 1.5)
     state = np.full(200, by_cell.UNDECIDED, np.int8)
-    assert by_cell.take_sequentially(points, state, np.empty(1000, np.int32), 1.5)
+    assert by_cell.take_sequentially(points, state, np.empty(1000, np.int32), 1.5, 0, 200)
     order = np.empty(200, np.int32)
     placed = by_cell.number_taken(points, state, order, most)
     wanted = taken_twin(places, 1.5)[:most]
@@ -79,7 +79,7 @@ def test_what_is_kept_is_sorted_still_and_rejects_what_overlaps_it(seed, diamete
     others = random_places(seed + 1, 40)
     candidates = points_at(others, diameter)
     state = np.full(40, by_cell.UNDECIDED, np.int8)
-    by_cell.reject_overlapping(candidates, state, kept, diameter)
+    by_cell.reject_overlapping(candidates, state, kept, diameter, 0, 40)
     twin = [any(math.dist(place, disc) < diameter for disc in places[::3]) for place in others]
     assert (state == by_cell.REJECTED).tolist() == [twin[number] for number in candidates.number]
 
@@ -87,5 +87,5 @@ def test_what_is_kept_is_sorted_still_and_rejects_what_overlaps_it(seed, diamete
 def test_of_pairs_that_are_equally_deep_the_first_is_named():
     places = np.array([[6.0, 5.0], [1.0, 1.0], [1.5, 1.0], [6.5, 5.0]])
     worst = np.zeros(2, np.int64)
-    assert by_cell.find_overlaps(points_at(places, 1.0), 1.0, worst) == (2, 0.5)
+    assert by_cell.find_overlaps(points_at(places, 1.0), 1.0, worst, 0, len(places)) == (2, 0.5)
     assert worst.tolist() == [1, 2]

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from support.processes import assert_clean, run_script
 
-from mpsim.engine.workers import cores
+from mpsim.core import cores
 
 
 @pytest.fixture
@@ -100,7 +100,7 @@ def test_the_real_affinity_is_respected():
     import os
     os.sched_setaffinity(0, {{{first}}})
     import mpsim
-    from mpsim.engine.workers.cores import usable_cores
+    from mpsim.core.cores import usable_cores
     scene = mpsim.Scene.random(count=300, packing=0.3, radius=0.5)
     with mpsim.Simulation(scene, mpsim.Settings(method="parallel")) as sim:
         print(usable_cores(), sim.run(frames=2).workers)
