@@ -1,7 +1,8 @@
 """Long loops in pieces, by a thread for each core: for kernels, which run without the lock of the interpreter."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from itertools import pairwise
 from typing import TypeVar
 
@@ -15,11 +16,11 @@ Result = TypeVar("Result")
 
 
 def in_pieces(function: Callable[[int, int], Result], count: int, elements: int | None = None) -> list[Result]:
-    """What function(first, last) returns for consecutive pieces of range(count), in their order.
+    """What function(first, last) returns for consecutive pieces of range(count), in their order, each done once.
 
     Args:
-        function: may do one piece in the same time as another, and one twice.
-        count: length of the range; each core that may be used has a piece of it.
+        function: may do one piece in the same time as another; function(0, 0) does nothing.
+        count: length of the range; there is a piece of it for each core that may be used.
         elements: that the loop goes through, by which it is seen whether threads are worth while; None: `count`.
 
     >>> in_pieces(lambda first, last: (first, last), 5)
@@ -27,14 +28,26 @@ def in_pieces(function: Callable[[int, int], Result], count: int, elements: int 
     """
     elements = count if elements is None else elements
     cores = min(usable_cores(), count) if elements >= WORTH_A_THREAD else 1
-    if cores > 1:
-        function(0, 0)  # so that a kernel is compiled by this thread, which can be interrupted
-        bounds = pairwise(count * core // cores for core in range(cores + 1))
-        with ThreadPoolExecutor(cores) as pool:
+    if cores <= 1:
+        return [function(0, count)]
+    function(0, 0)  # so that a kernel is compiled by this thread, which can be interrupted
+    waiting = list(enumerate(pairwise(count * core // cores for core in range(cores + 1))))
+    done: dict[int, Result] = {}
+
+    def work() -> None:
+        while True:
             try:
-                shares = [pool.submit(function, *each) for each in bounds]
-            except RuntimeError:  # the system allows no more threads
-                pool.shutdown(cancel_futures=True)
-            else:
-                return [share.result() for share in shares]
-    return [function(0, count)]
+                index, (first, last) = waiting.pop()
+            except IndexError:
+                return
+            done[index] = function(first, last)
+
+    helpers: list[Future[None]] = []
+    with ThreadPoolExecutor(cores - 1) as pool:
+        with suppress(RuntimeError):  # the system allows no more threads: then there are fewer of them
+            for _ in range(cores - 1):
+                helpers.append(pool.submit(work))
+        work()
+    for helper in helpers:
+        helper.result()
+    return [done[index] for index in range(cores)]

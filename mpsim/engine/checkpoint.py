@@ -248,11 +248,15 @@ def _are_equal(sizes: NDArray[np.float64]) -> bool:
 
 
 def _of_each_disc(arrays: Arrays, discs: Any) -> Arrays:
-    """Arrays of a solver, with equal sizes repeated for each disc, which takes no memory."""
-    return {
-        name: np.broadcast_to(array, discs) if name in SIZES and array.ndim == 0 else array
-        for name, array in arrays.items()
-    }
+    """Arrays of a solver, with equal sizes repeated for each disc, which takes no memory.
+
+    Raises:
+        ValueError: if no array in the file is for so many discs: what follows makes room for them.
+    """
+    once = [name for name in SIZES if name in arrays and not arrays[name].ndim]
+    if once and not any(array.ndim and len(array) == discs for array in arrays.values()):
+        raise ValueError(f"it has no array for {discs!r:.30} discs")
+    return {name: np.broadcast_to(array, discs) if name in once else array for name, array in arrays.items()}
 
 
 def _previous(target: Path) -> Path:

@@ -112,7 +112,7 @@ def _sort_by_cell(
     x, y, number = np.empty(count), np.empty(count), np.empty(count, np.int32)
     points = by_cell.ByCell(x, y, number, start, columns, rows, per_x, per_y)
     for part in parts():
-        in_pieces(partial(by_cell.count_points, part, points), columns, len(part))
+        by_cell.count_points(part, points)
     start[1:] = np.cumsum(start[1:], dtype=np.int32) - start[1:]  # the first slot of each cell
     first = 0
     for part in parts():

@@ -3,6 +3,7 @@
 import os
 import pickle
 import resource
+import tracemalloc
 import zipfile
 
 import numpy as np
@@ -198,6 +199,19 @@ def test_no_index_of_an_exact_checkpoint_leads_out_of_its_arrays(what, tmp_path)
     rewrite(path, HOSTILE_EXACT[what])
     with pytest.raises(mpsim.CheckpointError, match="no state of a simulation"):
         mpsim.Simulation.resume(path)
+
+
+@pytest.mark.parametrize("method", ["grid", "event"])
+def test_a_number_of_discs_is_compared_with_the_arrays_before_room_is_made_for_them(method, tmp_path):
+    path = saved(tmp_path / "run", lattice(5, 5), method=method)
+    rewrite(path, lambda header, arrays: header.update(discs=10**8))
+    tracemalloc.start()
+    try:
+        with pytest.raises(mpsim.CheckpointError, match="no array for 100000000 discs"):
+            mpsim.Simulation.resume(path)
+        assert tracemalloc.get_traced_memory()[1] < 2**24
+    finally:
+        tracemalloc.stop()
 
 
 def test_a_checkpoint_that_is_only_rewritten_is_accepted(tmp_path):

@@ -31,7 +31,7 @@ MOST = {"naive": 8000, "grid": 8000, "event": 8000, "parallel": 400}
 """Moments that --long tries, spread evenly, too: of parallel, whose workers take a while to start, as time allows."""
 
 
-WHOLE_AT_RETURN = (Coordinator.start.__code__, Coordinator.resume.__code__, mpsim.Simulation.__init__.__code__)
+WHOLE_AT_RETURN = Coordinator._begin.__code__
 """What has returned when a simulation is whole."""
 
 
@@ -101,7 +101,7 @@ class Press:
         sys.setprofile(None)
 
     def _in_python(self, frame, event, argument):
-        if event == "return" and frame.f_code in WHOLE_AT_RETURN and self.count + 1 <= self._number:
+        if event == "return" and frame.f_code is WHOLE_AT_RETURN and self.count + 1 <= self._number:
             self.made = True
         # A door ends by stores. Python looks for signals after calls only.
         if event != "line" or not (frame.f_code.co_name == "door" or leaves_a_with(frame)):

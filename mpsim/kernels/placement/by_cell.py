@@ -40,12 +40,11 @@ def place_of(x, y, points):
 
 
 @compiled
-def count_points(places, points, first, last):
-    """Count more points, shape (M, 2), in the cells of columns [first, last): that of cell c in start[c + 1]."""
+def count_points(places, points):
+    """Count more points, shape (M, 2), in the cells: that of cell c in start[c + 1]."""
     for k in range(places.shape[0]):
         column, row = place_of(places[k, 0], places[k, 1], points)
-        if first <= column < last:
-            points.start[column * points.rows + row + 1] += 1
+        points.start[column * points.rows + row + 1] += 1
 
 
 @compiled
@@ -54,6 +53,8 @@ def place_points(places, number, points, first, last):
 
     start[c + 1]: the first free slot of cell c; when all are placed, it is the end of the cell.
     """
+    if first == last:
+        return
     for k in range(places.shape[0]):
         x, y = places[k, 0], places[k, 1]
         column, row = place_of(x, y, points)

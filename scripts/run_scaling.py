@@ -1,0 +1,218 @@
+"""How a frame scales with the number of workers: measured up to the cores of this machine, and a model beyond them.
+
+python scripts/run_scaling.py                                     some minutes, 4 GiB; into docs/performance.md
+python scripts/run_scaling.py --discs 100000 --workers 8 --page results/scaling.md
+
+float32, packing 0.4, v dt = 0.02 diameters. Strong scaling has a fixed number of discs, weak scaling 100,000 a worker.
+Frames of one number of discs are timed in turns, so that other load falls on each number of workers. See `Model` for
+what the model
+takes from the measurement, and what it leaves out.
+"""
+
+import argparse
+import math
+import sys
+import warnings
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pages import fill_blocks, made_by
+from rich.console import Console
+from run_bench import machine
+
+import mpsim
+from mpsim.core.cores import usable_cores
+
+PAGE = Path(__file__).parents[1] / "docs" / "performance.md"
+
+EACH = 100_000
+"""Discs of each worker in weak scaling."""
+
+TURNS, TURN = 11, 3e6
+"""Turns, and discs times frames in each."""
+
+FEW = 64
+"""Discs of a scene whose frame on two workers is hardly more than its barriers."""
+
+LARGEST_OF = {1: 0.0, 2: 0.564, 4: 1.029, 8: 1.424, 16: 1.766, 32: 2.070, 64: 2.344}
+"""Mean of the largest of so many normal numbers, in standard deviations (Harter, Biometrika 48, 151, 1961, table 1)."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Frames of a scene on so many workers.
+
+    Attributes:
+        discs, workers: of the run.
+        seconds: of a frame, the median of the turns' medians.
+        wait: of it, spent at barriers, on average over the workers [s].
+        column: which column of the grid each disc is in, shape (discs,).
+    """
+
+    discs: int
+    workers: int
+    seconds: float
+    wait: float
+    column: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Model:
+    """The time of a frame on more workers than there are cores to measure it.
+
+    Work as on one process, of the worker with the most discs, as columns are dealt whole; what its contacts take
+    beyond the mean, which is the largest of as many normal numbers; and barriers, whose counter goes from core to core,
+    so that they take twice as long for twice as many workers. Memory that cores share is left out, as are cores that
+    differ.
+
+    Attributes:
+        work: of a disc on one process [s].
+        spread: standard deviation of a worker's time per square root of its discs [s].
+        barriers: of a frame on two workers [s].
+    """
+
+    work: float
+    spread: float
+    barriers: float
+
+    @classmethod
+    def of(cls, one: Timing, two: Timing, barriers: float) -> "Model":
+        """The model from the same discs on one worker and on two."""
+        work, mean = one.seconds / one.discs, two.discs / 2
+        for_the_largest = work * mean * (largest_share(two.column, 2) - 1)
+        waited = max(two.wait - barriers - for_the_largest, 0.0)
+        return cls(work, waited / LARGEST_OF[2] / math.sqrt(mean), barriers)
+
+    def seconds(self, discs: int, workers: int, largest_share: float) -> float:
+        """Time of a frame [s]; largest_share: discs of the worker with the most, as a fraction of the mean."""
+        mean = discs / workers
+        barriers = self.barriers * workers / 2 if workers > 1 else 0.0
+        return self.work * mean * largest_share + LARGEST_OF[workers] * self.spread * math.sqrt(mean) + barriers
+
+
+def largest_share(column: NDArray[np.int64], workers: int) -> float:
+    """Discs of the worker with the most over the mean, where whole columns are dealt as the solver deals them."""
+    first_of_column = np.concatenate([[0], np.cumsum(np.bincount(column))])
+    shares = np.searchsorted(first_of_column[:-1], np.arange(workers + 1) * len(column) // workers)
+    shares[0], shares[-1] = 0, len(first_of_column) - 1
+    return float(np.diff(first_of_column[shares]).max() * workers / len(column))
+
+
+def time_frames(discs: int, workers: Sequence[int]) -> list[Timing]:
+    """Frames of as many discs on each number of workers, in turns."""
+    scene = mpsim.Scene.random(count=discs, packing=0.4, radius=0.5, temperature=1.0, seed=1)
+    frames = max(int(TURN / discs), 3)
+    with ExitStack() as stack:
+        runs = [stack.enter_context(mpsim.Simulation(scene, settings_for(number))) for number in workers]
+        for sim in runs:
+            sim.run(frames=frames)
+        found: list[list[tuple[float, float]]] = [[] for _ in runs]
+        for _ in range(TURNS):
+            for sim, times in zip(runs, found, strict=True):
+                report = sim.run(frames=frames)
+                waits = report.phase_seconds["wait"].mean(axis=1)
+                times.append((float(np.median(report.frame_seconds)), float(np.median(waits))))
+        medians = [np.median(times, axis=0) for times in found]
+        column = runs[0].columns().of_disc
+    return [
+        Timing(discs, number, float(seconds), float(wait), column)
+        for number, (seconds, wait) in zip(workers, medians, strict=True)
+    ]
+
+
+def settings_for(workers: int) -> mpsim.Settings:
+    """Of a run on so many workers; one process is `grid`."""
+    if workers == 1:
+        return mpsim.Settings(dt=0.02, method="grid", precision="float32")
+    return mpsim.Settings(dt=0.02, method="parallel", workers=workers, precision="float32")
+
+
+def barriers_of_a_frame() -> float:
+    """What the barriers of a frame take on two workers [s]."""
+    one, two = time_frames(FEW, (1, 2))
+    return max(two.seconds - one.seconds / 2, 0.0)
+
+
+def strong(sizes: Sequence[int], most: int, barriers: float) -> list[str]:
+    """Rows of the table for fixed numbers of discs."""
+    rows: list[str] = []
+    for discs in sizes:
+        timings = time_frames(discs, powers(min(most, usable_cores())))
+        model = Model.of(timings[0], timings[1], barriers) if len(timings) > 1 else None
+        measured = {timing.workers: timing for timing in timings}
+        for workers in powers(most):
+            share = largest_share(timings[0].column, workers)
+            predicted = None if model is None else model.seconds(discs, workers, share)
+            rows.append(row(discs, workers, timings[0].seconds, measured.get(workers), predicted, share))
+    return rows
+
+
+def weak(most: int) -> list[str]:
+    """Rows of the table for as many discs a worker, as far as there are cores."""
+    first = time_frames(EACH, (1,))[0]
+    rows: list[str] = []
+    for workers in powers(min(most, usable_cores())):
+        timing = first if workers == 1 else time_frames(EACH * workers, (workers,))[0]
+        share = largest_share(timing.column, workers)
+        rows.append(row(timing.discs, workers, first.seconds * workers, timing, None, share))
+    return rows
+
+
+def row(discs: int, workers: int, one: float, timing: Timing | None, predicted: float | None, share: float) -> str:
+    """A row of the table. one: the time of a frame of as many discs on one process, or so many times fewer's [s]."""
+
+    def words(seconds: float | None) -> str:
+        if seconds is None:
+            return " | "
+        return f"{seconds / discs * 1e9:.2f} | {one / seconds / workers:.2f}"
+
+    waited = "" if timing is None else f"{100 * timing.wait / timing.seconds:.0f} %"
+    measured = words(None if timing is None else timing.seconds)
+    return f"| {discs:,} | {workers} | {measured} | {waited} | {100 * (share - 1):.1f} % | {words(predicted)} |"
+
+
+def powers(most: int) -> list[int]:
+    """1, 2, 4, ... up to `most`."""
+    return [2**power for power in range(most.bit_length())]
+
+
+HEAD = [
+    "| discs | workers | ns a disc and frame | efficiency | waiting | largest share beyond the mean | model: ns | "
+    "model: efficiency |",
+    "|---|---|---|---|---|---|---|---|",
+]
+
+
+def main() -> int:
+    """Measure, and write the tables into the page."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--discs", type=int, nargs="+", default=[100_000, 1_000_000, 10_000_000])
+    parser.add_argument("--workers", type=int, default=16, choices=list(LARGEST_OF), help="most of them; default: 16")
+    parser.add_argument("--page", type=Path, default=PAGE, help=f"default: {PAGE.name} of the docs")
+    options = parser.parse_args()
+    if min(options.discs) < options.workers:
+        parser.error(f"argument --discs: must be at least {options.workers}, a disc for each worker")
+    console = Console(soft_wrap=True, highlight=False)
+    for kind in (mpsim.FastWarning, mpsim.ResolutionWarning):  # of float32, which this is about
+        warnings.simplefilter("ignore", kind)
+    try:
+        barriers = barriers_of_a_frame() if usable_cores() > 1 else 0.0
+        strongly, weakly = strong(options.discs, options.workers, barriers), weak(options.workers)
+    except mpsim.MpsimError as error:
+        console.print(f"run_scaling: {error}", style="red")
+        return 2 if isinstance(error, mpsim.InputError) else 1
+    said = f"Barriers of a frame on two workers: {barriers * 1e6:.2f} µs. {made_by(machine())}"
+    text = "\n".join(["Strong scaling:\n", *HEAD, *strongly, "\nWeak scaling:\n", *HEAD, *weakly, f"\n{said}"])
+    console.print(text, markup=False)
+    if not options.page.exists():
+        options.page.write_text("<!-- run_scaling: table -->\n<!-- end -->\n")
+    fill_blocks(options.page, "run_scaling", {"table": text})
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

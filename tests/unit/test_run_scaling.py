@@ -1,0 +1,84 @@
+"""scripts/run_scaling.py: shares as the solver deals them, the model against what it is made from, and its table."""
+
+import importlib
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.scenes import gas
+
+import mpsim
+
+TOP = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def script():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(TOP / "scripts")
+        return importlib.import_module("run_scaling")
+
+
+def test_the_largest_share_is_that_of_the_solver(script):
+    with mpsim.Simulation(gas(3000, 0.4), mpsim.Settings(method="parallel", workers=2)) as sim:
+        sim.run(frames=5)
+        columns = sim.columns()
+        most = np.bincount(columns.owner).max() * 2 / 3000
+        assert script.largest_share(columns.of_disc, 2) == most > 1
+        assert script.largest_share(columns.of_disc, 1) == 1
+
+
+def test_columns_that_cannot_be_divided_are_one_share(script):
+    assert script.largest_share(np.zeros(100, np.int64), 4) == 4
+    assert script.largest_share(np.repeat(np.arange(8), 10), 4) == 1
+
+
+@pytest.fixture
+def timings(script):
+    """Of 1,000 discs: 10 µs alone, 6 µs on two workers, of which 1 µs is waiting."""
+    column = np.repeat(np.arange(100), 10)
+    return [script.Timing(1000, *each, column) for each in ((1, 10e-6, 0.0), (2, 6e-6, 1e-6))]
+
+
+def test_the_model_is_work_plus_waiting_for_two_workers(script, timings):
+    model = script.Model.of(*timings, barriers=0.4e-6)
+    assert model.seconds(1000, 1, 1.0) == pytest.approx(10e-6)
+    assert model.seconds(1000, 2, 1.0) == pytest.approx(5e-6 + 1e-6)
+    assert model.seconds(1000, 2, 1.2) == pytest.approx(6e-6 + 1e-6), "the one with the most discs"
+
+
+def test_the_model_takes_barriers_longer_and_spreads_smaller_for_more_workers(script, timings):
+    only_barriers = script.Model.of(*timings, barriers=2e-6)
+    assert only_barriers.spread == 0, "all waiting is that of barriers"
+    assert only_barriers.seconds(1000, 8, 1.0) == pytest.approx(10e-6 / 8 + 4 * 2e-6)
+    only_spread = script.Model.of(*timings, barriers=0.0)
+    assert only_spread.seconds(1000, 8, 1.0) == pytest.approx(10e-6 / 8 + 1e-6 * (1.424 / 0.564) / 2)
+
+
+def test_the_table_has_a_row_for_each_number_of_workers_measured_or_not(script, tmp_path, monkeypatch, capsys):
+    page = tmp_path / "scaling.md"
+    monkeypatch.setattr(script, "EACH", 500)
+    monkeypatch.setattr(script, "TURNS", 2)
+    monkeypatch.setattr(script, "TURN", 5000)
+    monkeypatch.setattr(script, "usable_cores", lambda: 2)
+    monkeypatch.setattr(sys, "argv", ["run_scaling.py", "--discs", "600", "--workers", "8", "--page", str(page)])
+    assert script.main() == 0
+    assert capsys.readouterr().out
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page.read_text().splitlines() if "|" in line]
+    found = {(row[0], row[1]): row for row in rows if row[0].replace(",", "").isdecimal()}
+    assert list(found) == [("600", "1"), ("600", "2"), ("600", "4"), ("600", "8"), ("500", "1"), ("1,000", "2")]
+    assert all(len(row) == 8 for row in rows)
+    measured = {key for key, row in found.items() if row[2]}
+    assert measured == set(found) - {("600", "4"), ("600", "8")}, "there are two cores"
+    assert all(row[6] for key, row in found.items() if key[0] == "600")
+    assert found["600", "1"][3] == "1.00"
+
+
+@pytest.mark.parametrize("words", [["--discs", "3"], ["--discs", "0"], ["--workers", "3"]])
+def test_what_cannot_be_measured_is_wrong_usage(script, words, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["run_scaling.py", *words])
+    with pytest.raises(SystemExit) as ended:
+        script.main()
+    assert ended.value.code == 2
+    assert words[0] in capsys.readouterr().err
