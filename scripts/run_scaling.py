@@ -5,8 +5,7 @@ python scripts/run_scaling.py --discs 100000 --workers 8 --page results/scaling.
 
 float32, packing 0.4, v dt = 0.02 diameters. Strong scaling has a fixed number of discs, weak scaling 100,000 a worker.
 Frames of one number of discs are timed in turns, so that other load falls on each number of workers. See `Model` for
-what the model
-takes from the measurement, and what it leaves out.
+what the model takes from the measurement, and what it leaves out.
 """
 
 import argparse
