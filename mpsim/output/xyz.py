@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-import orjson
 from numpy.typing import NDArray
 
 from mpsim.core import untrusted
@@ -199,9 +198,7 @@ def _entries_of(column: NDArray[Any] | str) -> bytes:
     bits = column.view(np.int64)
     if (bits == bits[0]).all():  # not the numbers: -0.0 has another text than 0.0
         column = column[:1]
-    if column.dtype.kind == "f" and not np.isfinite(column).all():  # JSON has no text for them
-        return "".join(f"{value!r}," for value in column.tolist()).encode()
-    return orjson.dumps(np.ascontiguousarray(column), option=orjson.OPT_SERIALIZE_NUMPY)[1:-1] + b","
+    return "".join(f"{value!r}," for value in column.tolist()).encode()
 
 
 def scan(path: Path) -> tuple[list[int], int]:

@@ -34,11 +34,16 @@ def answers(scene, until, **settings):
             return np.array([*values, energy]), report.collisions
 
 
+def loses_energy(scene):
+    """By restitution or friction. Under gravity such discs come to rest, in countless bounces."""
+    return scene.restitution < 1 or scene.dissipates
+
+
 def gases(seeds, lossy=False, **kinds):
     """Those with collisions to compare, with losses or without; with `kinds` none with radii or masses either."""
     for scene in (any_gas(seed, **kinds) for seed in seeds):
         own = kinds and (scene.mass is not None or np.ndim(scene.radius))
-        if scene.count >= 6 and not own and (scene.restitution < 1) == lossy:
+        if scene.count >= 6 and not own and loses_energy(scene) == lossy:
             yield scene
 
 
@@ -49,7 +54,7 @@ def differences(scenes, step):
     """
     rows, weights = [], []
     for scene in scenes:
-        until = LENGTHS[scene.restitution < 1] * typical_time(scene)
+        until = LENGTHS[loses_energy(scene)] * typical_time(scene)
         speed = float(np.sqrt((scene.velocity**2).sum(axis=1).mean()))
         exact, collisions = answers(scene, until, method="event", dt=until / 256)
         dt = until / np.ceil(until / (step * scene.smallest_radius / speed))
