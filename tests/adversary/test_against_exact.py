@@ -96,7 +96,7 @@ def of_few_kinds(scenes, most=10):
 
 @pytest.mark.long
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize(("lossy", "number", "most"), [(False, 450, (0.015, 0.015, 0.02)), (True, 250, 0.05)])
+@pytest.mark.parametrize(("lossy", "number", "most"), [(False, 600, (0.015, 0.015, 0.02)), (True, 250, 0.05)])
 def test_small_steps_agree_with_the_exact_solver_with_any_features(lossy, number, most):
     """Under gravity the kinetic energy at an instant scatters more; gases that cool and cluster do in all."""
     scenes = itertools.islice(of_few_kinds(gases(range(1000, 20000), lossy)), number)
