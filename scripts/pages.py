@@ -22,6 +22,12 @@ def fill_page(page: Path, tool: str, blocks: dict[str, str], pictures: dict[str,
         shutil.copyfile(source, folder / name)
 
 
+def begin_page(page: Path, tool: str, name: str) -> None:
+    """Make a page with an empty block of that name, unless there is one."""
+    if not page.exists():
+        page.write_text(f"<!-- {tool}: {name} -->\n<!-- end -->\n")
+
+
 def fill_blocks(page: Path, tool: str, blocks: dict[str, str]) -> None:
     """Renew what stands between `<!-- TOOL: NAME -->` and `<!-- end -->`.
 

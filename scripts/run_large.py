@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pages import fill_blocks, made_by
+from pages import begin_page, fill_blocks, made_by
 from rich.console import Console
 from run_bench import machine
 
@@ -148,8 +148,7 @@ def main() -> int:
             return 2 if isinstance(error, mpsim.InputError) else 1
     text = table(options.discs, frame, block, meter)
     console.print(text)
-    if not options.page.exists():
-        options.page.write_text("<!-- run_large: table -->\n<!-- end -->\n")
+    begin_page(options.page, "run_large", "table")
     fill_blocks(options.page, "run_large", {"table": f"{text}\n\n{made_by(machine())}"})
     return 0
 

@@ -19,12 +19,13 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pages import fill_blocks, made_by
+from pages import begin_page, fill_blocks, made_by
 from rich.console import Console
 from run_bench import machine
 
 import mpsim
 from mpsim.core.cores import usable_cores
+from mpsim.engine.solvers.grid import shares_of
 
 PAGE = Path(__file__).parents[1] / "docs" / "performance.md"
 
@@ -86,19 +87,18 @@ class Model:
         waited = max(two.wait - barriers - for_the_largest, 0.0)
         return cls(work, waited / LARGEST_OF[2] / math.sqrt(mean), barriers)
 
-    def seconds(self, discs: int, workers: int, largest_share: float) -> float:
-        """Time of a frame [s]; largest_share: discs of the worker with the most, as a fraction of the mean."""
+    def seconds(self, discs: int, workers: int, share: float) -> float:
+        """Time of a frame [s]; share: discs of the worker with the most, as a fraction of the mean."""
         mean = discs / workers
         barriers = self.barriers * workers / 2 if workers > 1 else 0.0
-        return self.work * mean * largest_share + LARGEST_OF[workers] * self.spread * math.sqrt(mean) + barriers
+        return self.work * mean * share + LARGEST_OF[workers] * self.spread * math.sqrt(mean) + barriers
 
 
 def largest_share(column: NDArray[np.int64], workers: int) -> float:
     """Discs of the worker with the most over the mean, where whole columns are dealt as the solver deals them."""
     first_of_column = np.concatenate([[0], np.cumsum(np.bincount(column))])
-    shares = np.searchsorted(first_of_column[:-1], np.arange(workers + 1) * len(column) // workers)
-    shares[0], shares[-1] = 0, len(first_of_column) - 1
-    return float(np.diff(first_of_column[shares]).max() * workers / len(column))
+    columns = shares_of(first_of_column[:-1], np.arange(workers + 1) * len(column) // workers)
+    return float(np.diff(first_of_column[columns]).max() * workers / len(column))
 
 
 def time_frames(discs: int, workers: Sequence[int]) -> list[Timing]:
@@ -207,8 +207,7 @@ def main() -> int:
     said = f"Barriers of a frame on two workers: {barriers * 1e6:.2f} µs. {made_by(machine())}"
     text = "\n".join(["Strong scaling:\n", *HEAD, *strongly, "\nWeak scaling:\n", *HEAD, *weakly, f"\n{said}"])
     console.print(text, markup=False)
-    if not options.page.exists():
-        options.page.write_text("<!-- run_scaling: table -->\n<!-- end -->\n")
+    begin_page(options.page, "run_scaling", "table")
     fill_blocks(options.page, "run_scaling", {"table": text})
     return 0
 

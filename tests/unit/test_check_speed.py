@@ -1,22 +1,18 @@
 """When scripts/check_speed.py fails: on a loss that three turns confirm, never on a slow turn, and it always tells."""
 
 import contextlib
-import importlib
 import re
 import shutil
 from pathlib import Path
 
 import pytest
 from support.script_server import PACKAGE_PARENT
+from support.scripts import fixture_of
 
 TOP = Path(__file__).parents[2]
 
 
-@pytest.fixture(scope="module")
-def script():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(TOP / "scripts")
-        return importlib.import_module("check_speed")
+script = fixture_of("check_speed")
 
 
 def decide(script, **ratios):

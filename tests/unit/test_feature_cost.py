@@ -1,18 +1,10 @@
 """What scripts/feature_cost.py calls the arrays of a feature, and the scenes that it times."""
 
-import importlib
-from pathlib import Path
-
-import pytest
+from support.scripts import fixture_of
 
 from mpsim.features import FEATURES
 
-
-@pytest.fixture(scope="module")
-def script():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(Path(__file__).parents[2] / "scripts")
-        return importlib.import_module("feature_cost")
+script = fixture_of("feature_cost")
 
 
 def test_arrays_of_one_feature_count_once(script):

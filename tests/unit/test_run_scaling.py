@@ -1,23 +1,15 @@
 """scripts/run_scaling.py: shares as the solver deals them, the model against what it is made from, and its table."""
 
-import importlib
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from support.scenes import gas
+from support.scripts import fixture_of
 
 import mpsim
 
-TOP = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module")
-def script():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(TOP / "scripts")
-        return importlib.import_module("run_scaling")
+script = fixture_of("run_scaling")
 
 
 def test_the_largest_share_is_that_of_the_solver(script):

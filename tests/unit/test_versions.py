@@ -1,6 +1,5 @@
 """The versions that pyproject.toml allows are those that scripts/run_versions.py tests and that the pages name."""
 
-import importlib
 import re
 import sys
 from importlib.metadata import version
@@ -9,16 +8,13 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 from packaging.version import Version
+from support.scripts import fixture_of
 
 TOP = Path(__file__).parents[2]
 HERE = f"{sys.version_info[0]}.{sys.version_info[1]}"
 
 
-@pytest.fixture(scope="module")
-def script():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(TOP / "scripts")
-        return importlib.import_module("run_versions")
+script = fixture_of("run_versions")
 
 
 def rows_of_page():

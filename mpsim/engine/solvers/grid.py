@@ -73,8 +73,7 @@ class GridSolver(SteppedSolver):
         share = np.arange(workers + 1) * self.count // workers
         if self._sorted_grid == self._grid:
             first_of_column = self._block.arrays["start"][: self._grid.table_size : self._grid.rows + 2]
-            columns = np.searchsorted(first_of_column[: self._grid.columns], share)
-            columns[0], columns[-1] = 0, self._grid.columns
+            columns = shares_of(first_of_column[: self._grid.columns], share)
             slots = first_of_column[columns].astype(np.int64)
             slots[-1] = self.count  # discs that were added since lie behind the sorted ones
         else:
@@ -109,3 +108,15 @@ class GridSolver(SteppedSolver):
 
     def _giant_radius(self, radii: NDArray[np.float64]) -> float | None:
         return giant_radius(radii) if has_radii(self._scene) else None
+
+
+def shares_of(first_of_column: NDArray[np.integer], share: NDArray[np.int64]) -> NDArray[np.int64]:
+    """First column of each worker, and the end, shape (workers + 1,): whole columns, in nearly equal numbers of discs.
+
+    Args:
+        first_of_column: number of discs in the columns before each, shape (columns,).
+        share: number of discs before each worker's equal share, and that of all, shape (workers + 1,).
+    """
+    columns = np.searchsorted(first_of_column, share)
+    columns[0], columns[-1] = 0, len(first_of_column)
+    return columns
