@@ -62,8 +62,13 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
     """Write a UTF-8 text file by `atomic_write`."""
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
+    """Write a file by `atomic_write`."""
     with atomic_write(path) as file:
-        file.write(text.encode())
+        file.write(content)
 
 
 @contextlib.contextmanager

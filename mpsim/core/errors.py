@@ -4,6 +4,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 
 def level_of_caller() -> int:
@@ -32,7 +33,18 @@ def reason_of(error: Exception) -> str:
 
 
 class MpsimError(Exception):
-    """Base of all exceptions of mpsim: `except mpsim.MpsimError` catches every one of them."""
+    """Base of all exceptions of mpsim: `except mpsim.MpsimError` catches every one of them.
+
+    They can be sent to other processes, whatever a constructor asks for.
+    """
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _received, (type(self), self.args), self.__dict__
+
+
+def _received(kind: type[MpsimError], arguments: tuple[Any, ...]) -> MpsimError:
+    """An error that another process has sent, without what its constructor has made of it."""
+    return kind.__new__(kind, *arguments)
 
 
 class InputError(MpsimError, ValueError):
@@ -50,9 +62,6 @@ class SceneFileError(InputError):
         self.problems: tuple[str, ...] = tuple(problems)
         lines = [f"{file}: {problem}" for problem in problems]
         super().__init__("\n".join([f"{len(lines)} problems in a scene file:", *lines] if len(lines) > 1 else lines))
-
-    def __reduce__(self) -> tuple[type, tuple[str, tuple[str, ...]]]:
-        return type(self), (self.file, self.problems)
 
 
 class ClosedError(MpsimError, RuntimeError):
@@ -178,6 +187,10 @@ class OverlapWarning(UserWarning):
 
 class ResolutionWarning(UserWarning):
     """The precision of the run is too coarse for coordinates or velocities of the scene: the result is degraded."""
+
+
+class SweepWarning(UserWarning):
+    """The executor of a sweep broke, its file was cut off, or its function has changed since the file was begun."""
 
 
 for _each in tuple(vars().values()):

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.engine.simulation import Simulation
 from mpsim.measure.pairs import lengths_of, to_nearest_image
-from mpsim.output.frames import Frame, differs, frame_of, select
+from mpsim.output.frames import Frame, differs, select
 from mpsim.scene.scene import Scene
 
 NEEDED = {"time": "times", "velocity": "velocities", "radius": "radii", "mass": "masses", "ids": "numbers of discs"}
@@ -23,7 +23,7 @@ def lacking(frame: Frame) -> list[str]:
     return [words for name, words in NEEDED.items() if name not in frame.known]
 
 
-def discrepancy(sim: Simulation, first: Frame, last: Frame) -> str | None:
+def discrepancy(sim: Simulation, now: Frame, first: Frame, last: Frame) -> str | None:
     """Why frames of a file cannot be those of a simulation, in words that follow the file's name; None if they can.
 
     Box, boundaries, precision and dt must agree, radii and masses of the discs that both have, and which discs those
@@ -32,10 +32,10 @@ def discrepancy(sim: Simulation, first: Frame, last: Frame) -> str | None:
 
     Args:
         sim: as it is now.
+        now: its present frame.
         first: of the file; compared with the start of the scene if it is frame 0.
         last: of the file up to now; the first one if all are later.
     """
-    now = frame_of(sim)
     wrong = _setting(sim, now, last) or _discs(sim, now, last)
     if wrong is None and last.frame == now.frame:
         # The frame may have been written before discs were added at it; they are in the next one.

@@ -5,35 +5,25 @@ had, under log/: the exact positions, velocities, radii and masses, the numbers 
 What is per disc is written of frames without discs as well: readers take what a frame lacks from the file's first one.
 """
 
-import importlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import atomic
 from mpsim.core.columns import in_state
-from mpsim.core.errors import OutputError, TrajectoryError
+from mpsim.core.errors import TrajectoryError
+from mpsim.core.optional_packages import imported
 from mpsim.output.frames import Frame
 
 _PER_DISC = {"position": "position", "velocity": "velocity", "radius": "radius", "mass": "mass", "id": "ids"}
 """Arrays under log/particles/mpsim/, and the attributes of a Frame that they are; further columns go by their names."""
 
 
-def library(module: str) -> Any:
-    """A module of the gsd library.
-
-    Raises:
-        OutputError: if it is not installed.
-    """
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        raise OutputError(
-            f"a trajectory that ends in .gsd needs the package gsd, which cannot be imported ({error}). Install it by "
-            "`pip install 'mpsim[gsd]'`, or let the path end in .xyz, which needs nothing."
-        ) from None
+def _library(module: str) -> Any:
+    return imported(module, "a trajectory that ends in .gsd", "gsd", "let the path end in .xyz, which needs nothing")
 
 
 class GsdWriter:
@@ -41,34 +31,25 @@ class GsdWriter:
 
     def __init__(self, path: Path, mode: str):
         self._path = path
-        self._hoomd = library("gsd.hoomd")
+        self._hoomd = _library("gsd.hoomd")
         self._file: Any = self._open({"a": "r+" if path.exists() and path.stat().st_size else "w"}.get(mode, mode))
 
     def write(self, frame: Frame) -> None:
         """Append a frame, and hand it to the operating system."""
         made = self._hoomd.Frame()
-        size = np.asarray(frame.box)
         made.configuration.step = frame.frame
         made.configuration.dimensions = 2
         made.configuration.box = [*frame.box, 0, 0, 0, 0]
         made.particles.N = len(frame.position)
         made.particles.types = ["disc"]
-        made.particles.position = _three(frame.position, np.asarray(frame.origin) + size / 2)
-        made.particles.velocity = _three(frame.velocity, np.zeros(2))
         made.particles.diameter = (2 * frame.radius).astype(np.float32)
         made.particles.mass = frame.mass.astype(np.float32)
-        made.log = {f"particles/mpsim/{name}": getattr(frame, ours) for name, ours in _PER_DISC.items()}
         if "image" in frame.known:
             made.particles.image = np.pad(frame.image.astype(np.int32), ((0, 0), (0, 1)))
-        for column in in_state():
-            if column.name in frame.known:
-                made.log[f"particles/mpsim/{column.name}"] = frame.known[column.name]
-        made.log["mpsim/time"] = np.array([frame.time])
-        made.log["mpsim/box"] = size
-        made.log["mpsim/origin"] = np.array(frame.origin)
-        made.log["mpsim/periodic"] = np.array(frame.periodic, np.uint8)
-        made.log["mpsim/single"] = np.array([frame.position.dtype == np.float32], np.uint8)
         try:
+            for name, values in _chunks_of(frame):  # not by `append`, which would hold all of them, and copies
+                self._file.file.write_chunk(name, np.ascontiguousarray(values))
+                del values  # before the next ones are made
             self._file.append(made)
             self._file.flush()
         except RuntimeError as error:
@@ -99,7 +80,7 @@ class GsdReader:
 
     def __init__(self, path: Path):
         self._path = path
-        hoomd = library("gsd.hoomd")
+        hoomd = _library("gsd.hoomd")
         try:
             self._file: Any = hoomd.open(str(path), "r")
         except (RuntimeError, OSError) as error:
@@ -186,7 +167,24 @@ class GsdReader:
         self._file.close()
 
 
-def _three(plane: NDArray[np.floating], origin: NDArray[np.float64]) -> NDArray[np.float32]:
+def _chunks_of(frame: Frame) -> Iterator[tuple[str, NDArray[Any]]]:
+    """The vectors of the discs in single precision, and what mpsim has, by name, each made when its turn comes."""
+    size = np.asarray(frame.box)
+    yield "particles/position", _three(frame.position, np.asarray(frame.origin) + size / 2)
+    yield "particles/velocity", _three(frame.velocity, 0.0)
+    for name, ours in _PER_DISC.items():
+        yield f"log/particles/mpsim/{name}", getattr(frame, ours)
+    for column in in_state():
+        if column.name in frame.known:
+            yield f"log/particles/mpsim/{column.name}", frame.known[column.name]
+    yield "log/mpsim/time", np.array([frame.time])
+    yield "log/mpsim/box", size
+    yield "log/mpsim/origin", np.array(frame.origin)
+    yield "log/mpsim/periodic", np.array(frame.periodic, np.uint8)
+    yield "log/mpsim/single", np.array([frame.position.dtype == np.float32], np.uint8)
+
+
+def _three(plane: NDArray[np.floating], origin: ArrayLike) -> NDArray[np.float32]:
     """Vectors from an origin, with a z of 0, in single precision."""
     found = np.zeros((len(plane), 3), np.float32)
     np.subtract(plane, origin, out=found[:, :2], casting="same_kind")
@@ -195,7 +193,7 @@ def _three(plane: NDArray[np.floating], origin: NDArray[np.float64]) -> NDArray[
 
 def _copy(source: Path, target: Path, frames: int) -> None:
     """The first frames of a file as a file of their own, chunk by chunk."""
-    low = library("gsd.fl")
+    low = _library("gsd.fl")
     with low.open(str(source), "r") as old:
         options = {"application": old.application, "schema": old.schema, "schema_version": old.schema_version}
         names = old.find_matching_chunk_names("")

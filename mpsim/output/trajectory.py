@@ -4,40 +4,21 @@
 opens both. A kill at any moment costs at most the frame that was being written.
 """
 
-import logging
 import os
 import time
-import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple, overload
+from typing import Any, TypeVar, overload
 
-from mpsim.core import atomic, checks
-from mpsim.core.errors import InputError, OutputError, TrajectoryError, TrajectoryWarning, level_of_caller
+from mpsim.core import checks
+from mpsim.core.errors import InputError, TrajectoryError
 from mpsim.engine.simulation import Simulation
-from mpsim.output.continuation import discrepancy, lacking
-from mpsim.output.frames import Frame, Reader, Writer, frame_of
-from mpsim.output.gsd import GsdReader, GsdWriter
-from mpsim.output.ownership import FileLock, Ownership
-from mpsim.output.xyz import XyzReader, XyzWriter
+from mpsim.engine.solvers.mpi_ranks import communicator_of
+from mpsim.output.frame_file import ENDINGS, FrameFile
+from mpsim.output.frames import Frame, Reader, frame_of
+from mpsim.output.ownership import Ownership
 
-logger: logging.Logger = logging.getLogger("mpsim")
-
-
-class Format(NamedTuple):
-    """A format of trajectories: its usual ending, without the dot, and what reads and writes it."""
-
-    name: str
-    reader: Callable[[Path], Reader]
-    writer: Callable[[Path, str], Writer]
-
-
-XYZ, GSD = Format("xyz", XyzReader, XyzWriter), Format("gsd", GsdReader, GsdWriter)
-
-ENDINGS: dict[str, Format] = {".xyz": XYZ, ".extxyz": XYZ, ".gsd": GSD}
-
-FORMATS: tuple[str, ...] = tuple(dict.fromkeys(each.name for each in ENDINGS.values()))
-"""Names of all formats."""
+Result = TypeVar("Result")
 
 
 class Trajectory:
@@ -108,7 +89,9 @@ class Trajectory:
         return f"<Trajectory: {len(self)} frames in {str(self.path)!r}>"
 
     @staticmethod
-    def write(path: str | os.PathLike[str], every: int = 1, *, mode: str = "x") -> "TrajectoryWriter":
+    def write(
+        path: str | os.PathLike[str], every: int = 1, *, mode: str = "x", comm: object = None
+    ) -> "TrajectoryWriter":
         """An observer for `Simulation.run(observe=...)` that writes a trajectory of one simulation.
 
         Args:
@@ -117,6 +100,8 @@ class Trajectory:
             mode: "x" for a new file only, "w" to replace an existing file, "a" to continue one, as after
                 `Simulation.resume`: frames after that of the simulation, written after its checkpoint, are dropped
                 and written again with the same bits.
+            comm: for method="mpi", the communicator of the simulation: all its ranks make this call, and the first one
+                writes.
 
         Raises:
             InputError: naming the argument, its rule and the value received.
@@ -124,7 +109,7 @@ class Trajectory:
                 this process or another (where the file system has locks), or cannot be written, or if the package gsd
                 is missing.
         """
-        return TrajectoryWriter(path, every, mode=mode)
+        return TrajectoryWriter(path, every, mode=mode, comm=comm)
 
 
 class TrajectoryWriter:
@@ -140,111 +125,40 @@ class TrajectoryWriter:
         seconds: that writing took [s].
     """
 
-    def __init__(self, path: str | os.PathLike[str], every: int = 1, *, mode: str = "x"):
+    def __init__(self, path: str | os.PathLike[str], every: int = 1, *, mode: str = "x", comm: object = None):
         self.path: Path = _path_of(path)
         self.every: int = checks.whole("every", every, 1, 10**12, "1 writes every frame.")
         checks.choice("mode", mode, ("x", "w", "a"))
         self.frames: int = 0
         self.seconds: float = 0.0
-        self._last = -1
         advice = "Open one for each by mpsim.Trajectory.write(...); for the same run, resumed, with mode='a'."
-        self._ownership = Ownership("trajectory", self.path, advice)
-        if mode == "x" and self.path.exists():
-            raise OutputError(
-                f"the trajectory {str(self.path)!r} is there already, and is not overwritten. Choose another name, or "
-                "use mode='w' to replace it, mode='a' to continue it."
-            )
-        if self.path.exists() and not self.path.is_file():
-            raise OutputError(f"a trajectory must be a file; {str(self.path)!r} is none. Choose another name.")
-        if mode != "x":
-            FileLock(self.path).release()  # before the file is emptied, if nobody writes it
-        self._unchecked = mode == "a" and self.path.exists() and self.path.stat().st_size > 0
-        kind = ENDINGS[self.path.suffix.lower()].writer
+        self._ownership = Ownership("trajectory", self.path, advice, comm is not None)
+        self._ranks = None if comm is None else communicator_of(comm)
+        self._file: FrameFile | None = None  # of the first rank
         try:
-            # A trajectory grows frame by frame, under its own name: a kill costs the frame in hand, not all of them.
-            if mode == "w":  # never through a link
-                atomic.check_target(self.path)
-                self.path.unlink(missing_ok=True)
-            self._writer: Writer = kind(self.path, "x" if mode == "w" else mode)
-        except OutputError:
+            self._once(lambda: self._open(mode))
+        except BaseException:
+            self._leave_ranks()
             raise
-        except OSError as error:
-            raise self._unwritable(error) from error
-        try:
-            self._lock = FileLock(self.path)
-        except OutputError:  # another writer was faster
-            self._writer.close()
-            raise
+
+    def _open(self, mode: str) -> None:
+        self._file = FrameFile(self.path, mode)
+
+    def _once(self, act: Callable[[], Result]) -> Result:
+        """What an act gives: on ranks the first one alone does it."""
+        return act() if self._ranks is None else self._ranks.once(act)
 
     def look(self, sim: Simulation, collisions: int) -> None:
         """Write the present frame, unless it is there already."""
         started = time.perf_counter()
         self._ownership.bind_or_check(sim)
-        if self._unchecked:
-            self._continue(sim)
-            self._unchecked = False
-        if sim.frame > self._last:
-            try:
-                self._writer.write(frame_of(sim))
-            except OSError as error:
-                raise self._unwritable(error) from error
-            self._last = sim.frame
-            self.frames += 1
+        now = frame_of(sim)
+        self.frames += self._once(lambda: self._append(sim, now))
         self.seconds += time.perf_counter() - started
 
-    def _continue(self, sim: Simulation) -> None:
-        """Cut the file back to the frame of the simulation, after checking that it belongs to it."""
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            reader: Reader = ENDINGS[self.path.suffix.lower()].reader(self.path)
-        for each in caught:
-            logger.warning("mpsim: %s It is cut off.", each.message)
-        try:
-            kept = len(reader)
-            while kept and reader.number(kept - 1) > sim.frame:
-                kept -= 1
-            if kept < len(reader):
-                logger.info("mpsim: %d frames of %s are written anew.", len(reader) - kept, self.path)
-            ends = [reader.read(index) for index in (0, max(kept - 1, 0))] if len(reader) else []
-        finally:
-            reader.close()
-        if ends:
-            self._demand_same_run(sim, *ends)
-        if kept:
-            last = ends[1]
-            if last.frame < sim.frame - self.every:
-                warnings.warn(
-                    f"the trajectory {str(self.path)!r} continues at frame {sim.frame}, and its last frame was "
-                    f"{last.frame}: those between are missing.",
-                    TrajectoryWarning,
-                    stacklevel=level_of_caller(),
-                )
-            self._last = last.frame
-        self._writer.truncate(kept)
-        self._lock.renew()
-
-    def _demand_same_run(self, sim: Simulation, first: Frame, last: Frame) -> None:
-        """Refuse to continue a file of another run, or one that does not hold what is written today."""
-        name = f"the trajectory {str(self.path)!r}"
-        missing = lacking(last)
-        if missing:
-            raise OutputError(
-                f"{name} must hold {', '.join(missing)} to be continued, so that all its frames hold the same; it was "
-                "written by an earlier version of mpsim or another program. It can be read as it is: move it, or "
-                "choose another file."
-            )
-        wrong = discrepancy(sim, first, last)
-        if wrong:
-            raise OutputError(
-                f"{name} can be continued only by the run that wrote it; {wrong}. Nothing was written. Choose another "
-                "file, or replace this one with mode='w'."
-            )
-
-    def _unwritable(self, error: OSError) -> OutputError:
-        return OutputError(
-            f"the trajectory {str(self.path)!r} must be in a folder that can be written to, with room on its disk; got "
-            f"{error.strerror or error}. What was written before is whole. Choose another place, or make room."
-        )
+    def _append(self, sim: Simulation, now: Frame) -> bool:
+        assert self._file is not None  # as `_ownership` has looked
+        return self._file.append(sim, now, self.every)
 
     def __enter__(self) -> "TrajectoryWriter":
         return self
@@ -255,8 +169,14 @@ class TrajectoryWriter:
     def close(self) -> None:
         """Close the file. May be called again."""
         self._ownership.close(f"To write more frames, use mpsim.Trajectory.write({str(self.path)!r}, mode='a').")
-        self._writer.close()
-        self._lock.release()
+        if self._file is not None:
+            self._file.close()
+        self._leave_ranks()
+
+    def _leave_ranks(self) -> None:
+        ranks, self._ranks = self._ranks, None
+        if ranks is not None:
+            ranks.close()
 
 
 def _hint(path: Any) -> str:

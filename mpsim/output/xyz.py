@@ -10,16 +10,18 @@ import os
 import re
 import warnings
 from collections.abc import Iterator
-from itertools import islice
+from itertools import accumulate, islice
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+import orjson
 from numpy.typing import NDArray
 
 from mpsim.core import untrusted
 from mpsim.core.columns import IMAGE, MASS, Column, in_state
 from mpsim.core.errors import TrajectoryError, TrajectoryWarning, level_of_caller
+from mpsim.kernels.text_rows import join_rows
 from mpsim.output.frames import Frame, kind_of
 
 PROPERTIES = "species:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1:velo:R:3:momenta:R:3:id:I:1"
@@ -61,7 +63,7 @@ class XyzWriter:
     def write(self, frame: Frame) -> None:
         """Append a frame, and hand it to the operating system."""
         for part in text_of(frame):
-            self._file.write(part.encode())
+            self._file.write(part)
         self._file.flush()
 
     def truncate(self, frames: int) -> None:
@@ -140,19 +142,18 @@ class XyzReader:
         return int(text) if text.isdecimal() and len(text) < _LONGEST_COUNT else index
 
 
-def text_of(frame: Frame) -> Iterator[str]:
-    """A frame as text, in parts: of ten million discs it is longer than all their arrays."""
+def text_of(frame: Frame) -> Iterator[Any]:
+    """A frame as text, in parts, as bytes: of ten million discs it is longer than all their arrays."""
     (width, height), (left, low) = frame.box, frame.origin
     wraps = " ".join("T" if wrap else "F" for wrap in (*frame.periodic, False))
     yield (
         f'{len(frame.position)}\nLattice="{width!r} 0.0 0.0 0.0 {height!r} 0.0 0.0 0.0 1.0" Origin="{left!r} {low!r} '
         f'0.0" Properties={_properties_of(frame)} Time={frame.time!r} pbc="{wraps}" Frame={frame.frame} '
         f"precision={frame.position.dtype}\n"
-    )
+    ).encode()
     for first in range(0, len(frame.position), PART):
         last = min(first + PART, len(frame.position))
-        texts = _texts(_columns_of(frame, slice(first, last)), last - first)
-        yield "\n".join(map(" ".join, zip(*texts, strict=True))) + "\n"
+        yield _rows_of(_columns_of(frame, slice(first, last)), last - first)
 
 
 def _properties_of(frame: Frame) -> str:
@@ -166,7 +167,8 @@ def _columns_of(frame: Frame, part: slice) -> list[NDArray[Any] | str]:
     # A float32 is written as the float64 of the same value: its own shortest text might be rounded twice when read.
     mass, velocity = frame.mass[part], frame.velocity[part].astype(np.float64)
     x, y = frame.position[part].T.astype(np.float64)
-    (vx, vy), (px, py) = velocity.T, (mass[:, None] * velocity).T
+    vx, vy = velocity.T
+    px, py = (vx, vy) if (mass == 1).all() else (mass * vx, mass * vy)
     zero = "0.0"
     columns: list[NDArray[Any] | str] = ["X", x, y, zero, frame.radius[part], mass, mass, vx, vy, zero, px, py, zero]
     columns.append(frame.ids[part])
@@ -178,30 +180,28 @@ def _columns_of(frame: Frame, part: slice) -> list[NDArray[Any] | str]:
     return columns
 
 
-def _texts(columns: list[NDArray[Any] | str], discs: int) -> list[list[str]]:
-    """The text of each number, column by column.
-
-    Most of the time of a frame goes into them, so that of a column that is the same throughout, such as equal radii, or
-    the same as another, such as momenta where all masses are 1, is made once.
-    """
-    made: list[tuple[NDArray[Any], list[str]]] = []
-    found: list[list[str]] = []
-    for column in columns:
-        if isinstance(column, str):
-            found.append([column] * discs)
-            continue
-        texts = next((texts for other, texts in made if _same_bits(column, other)), None)
-        if texts is None:
-            constant = _same_bits(column, np.broadcast_to(column[0], discs))
-            texts = [repr(column[0].item())] * discs if constant else list(map(repr, column.tolist()))
-            made.append((column, texts))
-        found.append(texts)
-    return found
+def _rows_of(columns: list[NDArray[Any] | str], rows: int) -> Any:
+    """A line for each disc, as bytes. A column that comes twice, such as a momentum of mass 1, becomes text once."""
+    texts = {id(column): _entries_of(column) for column in columns}
+    begins = dict(zip(texts, accumulate(map(len, texts.values()), initial=0), strict=False))
+    at = np.array([begins[id(column)] for column in columns])
+    steps = np.array([texts[id(column)].index(b",") < len(texts[id(column)]) - 1 for column in columns])
+    room = sum(len(texts[id(column)]) * (1 if step else rows) for column, step in zip(columns, steps, strict=True))
+    out = np.empty(room, np.uint8)
+    join_rows(np.frombuffer(b"".join(texts.values()), np.uint8), at, steps, rows, out)
+    return out
 
 
-def _same_bits(one: NDArray[Any], other: NDArray[Any]) -> bool:
-    """Whether two columns have one text: -0.0 has another than 0.0, and a whole number than a float."""
-    return one.dtype == other.dtype and bool((one.view(np.int64) == other.view(np.int64)).all())
+def _entries_of(column: NDArray[Any] | str) -> bytes:
+    """The entries of a column, a comma after each; one entry if all are the same."""
+    if isinstance(column, str):
+        return f"{column},".encode()
+    bits = column.view(np.int64)
+    if (bits == bits[0]).all():  # not the numbers: -0.0 has another text than 0.0
+        column = column[:1]
+    if column.dtype.kind == "f" and not np.isfinite(column).all():  # JSON has no text for them
+        return "".join(f"{value!r}," for value in column.tolist()).encode()
+    return orjson.dumps(np.ascontiguousarray(column), option=orjson.OPT_SERIALIZE_NUMPY)[1:-1] + b","
 
 
 def scan(path: Path) -> tuple[list[int], int]:

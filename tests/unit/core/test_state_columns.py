@@ -69,10 +69,15 @@ def test_only_the_box_is_left_out_of_the_digest():
     assert list(NOT_DIGESTED) == ["box"]
 
 
+def dedented(words):
+    """Lines without what stands before them: Python 3.13 takes the indentation of a docstring away, others do not."""
+    return "\n".join(line.strip() for line in words.splitlines())
+
+
 def said_and_declared():
     """Columns as they are said again, by hand, for type checkers and readers, and as they are declared."""
     hints, states = typing.get_type_hints(mpsim.State), {column.name: column for column in columns.in_state()}
-    given, words = {column.name for column in columns.given()}, str(mpsim.State.__doc__)
+    given, words = {column.name for column in columns.given()}, dedented(str(mpsim.State.__doc__))
     of_add, of_scene = (inspect.signature(each).parameters.keys() for each in (mpsim.Simulation.add, mpsim.Scene))
     return {
         "fields of State": (hints.keys() - {"position", "velocity", "present", "box"}, states.keys()),
@@ -81,7 +86,7 @@ def said_and_declared():
             {name for name, column in states.items() if column.integer},
         ),
         "arguments of State": ({"image"} | columns.StateColumns.__annotations__.keys(), states.keys()),
-        "words of State": ({name for name in states if f"\n        {name}: shape (N," in words}, states.keys()),
+        "words of State": ({name for name in states if f"\n{name}: shape (N," in words}, states.keys()),
         "attributes of Frame": ({name for name in states if hasattr(Frame, name)}, states.keys()),
         "arguments of add": ((of_add & given) | columns.GivenColumns.__annotations__.keys(), given),
         "arguments of Scene": (of_scene & given, given),

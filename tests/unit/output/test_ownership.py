@@ -75,7 +75,7 @@ def test_where_there_are_no_locks_files_are_written_all_the_same(tmp_path, monke
     def none(*_):
         raise OSError(95, "Operation not supported")
 
-    monkeypatch.setattr("mpsim.output.ownership.fcntl.flock", none)
+    monkeypatch.setattr("mpsim.core.file_lock.fcntl.flock", none)
     path = tmp_path / "a.xyz"
     with mpsim.Trajectory.write(path):
         assert refusal(path, "a") is None

@@ -361,7 +361,7 @@ def test_a_disk_that_is_full_is_an_error_and_the_run_goes_on_without(tmp_path, m
     with simulate(gas(5, 0.1), method="naive") as sim, mpsim.Trajectory.write(tmp_path / "a.xyz") as out:
         sim.run(frames=2, observe=out)
         full = OSError(28, "No space left on device")
-        monkeypatch.setattr(out._writer, "write", lambda frame: (_ for _ in ()).throw(full))
+        monkeypatch.setattr(out._file._writer, "write", lambda frame: (_ for _ in ()).throw(full))
         with pytest.raises(mpsim.OutputError, match=r"with room on its disk; got No space left on device. What was"):
             sim.run(frames=2, observe=out)
         monkeypatch.undo()

@@ -20,7 +20,7 @@ def frame(count, **others):
 
 def lines_of(written):
     """The lines of its discs, as lists of words."""
-    return [line.split() for line in "".join(xyz.text_of(written)).splitlines()[2:]]
+    return [line.split() for line in b"".join(map(bytes, xyz.text_of(written))).decode().splitlines()[2:]]
 
 
 def slow_line(written, index):

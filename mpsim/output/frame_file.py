@@ -1,0 +1,158 @@
+"""The file of a trajectory while it is written, frame by frame, by one process."""
+
+import logging
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from mpsim.core import atomic
+from mpsim.core.errors import OutputError, TrajectoryWarning, level_of_caller
+from mpsim.core.file_lock import FileLock
+from mpsim.engine.simulation import Simulation
+from mpsim.output.continuation import discrepancy, lacking
+from mpsim.output.frames import Frame, Reader, Writer
+from mpsim.output.gsd import GsdReader, GsdWriter
+from mpsim.output.xyz import XyzReader, XyzWriter
+
+logger: logging.Logger = logging.getLogger("mpsim")
+
+
+class Format(NamedTuple):
+    """A format of trajectories: its usual ending, without the dot, and what reads and writes it."""
+
+    name: str
+    reader: Callable[[Path], Reader]
+    writer: Callable[[Path, str], Writer]
+
+
+XYZ, GSD = Format("xyz", XyzReader, XyzWriter), Format("gsd", GsdReader, GsdWriter)
+
+ENDINGS: dict[str, Format] = {".xyz": XYZ, ".extxyz": XYZ, ".gsd": GSD}
+
+FORMATS: tuple[str, ...] = tuple(dict.fromkeys(each.name for each in ENDINGS.values()))
+"""Names of all formats."""
+
+
+class FrameFile:
+    """A file to which frames are appended, locked against other writers.
+
+    Args:
+        path: with one of the ENDINGS.
+        mode: "x" for a new file only, "w" to replace an existing one, "a" to continue one.
+
+    Raises:
+        OutputError: if the file is there already (mode "x"), is written by another, or cannot be written.
+
+    Attributes:
+        last: number of the frame that was written last; -1: none.
+    """
+
+    def __init__(self, path: Path, mode: str):
+        self._path = path
+        self.last: int = -1
+        if mode == "x" and path.exists():
+            raise OutputError(
+                f"the trajectory {str(path)!r} is there already, and is not overwritten. Choose another name, or "
+                "use mode='w' to replace it, mode='a' to continue it."
+            )
+        if path.exists() and not path.is_file():
+            raise OutputError(f"a trajectory must be a file; {str(path)!r} is none. Choose another name.")
+        if mode != "x":
+            FileLock(path).release()  # before the file is emptied, if nobody writes it
+        self._unchecked = mode == "a" and path.exists() and path.stat().st_size > 0
+        kind = ENDINGS[path.suffix.lower()].writer
+        try:
+            # A trajectory grows frame by frame, under its own name: a kill costs the frame in hand, not all of them.
+            if mode == "w":  # never through a link
+                atomic.check_target(path)
+                path.unlink(missing_ok=True)
+            self._writer: Writer = kind(path, "x" if mode == "w" else mode)
+        except OutputError:
+            raise
+        except OSError as error:
+            raise self._unwritable(error) from error
+        try:
+            self._lock = FileLock(path)
+        except OutputError:  # another writer was faster
+            self._writer.close()
+            raise
+
+    def append(self, sim: Simulation, now: Frame, every: int) -> bool:
+        """Write the present frame, unless it is there already. Returns whether it was written.
+
+        Args:
+            sim: whose frame it is. Nothing is asked of it for which its ranks would have to talk to each other.
+            now: the frame.
+            every: frames of the simulation between two of the file.
+        """
+        if self._unchecked:
+            self._continue(sim, now, every)
+            self._unchecked = False
+        if now.frame <= self.last:
+            return False
+        try:
+            self._writer.write(now)
+        except OSError as error:
+            raise self._unwritable(error) from error
+        self.last = now.frame
+        return True
+
+    def close(self) -> None:
+        """Close the file. May be called again."""
+        self._writer.close()
+        self._lock.release()
+
+    def _continue(self, sim: Simulation, now: Frame, every: int) -> None:
+        """Cut the file back to the frame of the simulation, after checking that it belongs to it."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            reader: Reader = ENDINGS[self._path.suffix.lower()].reader(self._path)
+        for each in caught:
+            logger.warning("mpsim: %s It is cut off.", each.message)
+        try:
+            kept = len(reader)
+            while kept and reader.number(kept - 1) > sim.frame:
+                kept -= 1
+            if kept < len(reader):
+                logger.info("mpsim: %d frames of %s are written anew.", len(reader) - kept, self._path)
+            ends = [reader.read(index) for index in (0, max(kept - 1, 0))] if len(reader) else []
+        finally:
+            reader.close()
+        if ends:
+            self._demand_same_run(sim, now, *ends)
+        if kept:
+            last = ends[1]
+            if last.frame < sim.frame - every:
+                warnings.warn(
+                    f"the trajectory {str(self._path)!r} continues at frame {sim.frame}, and its last frame was "
+                    f"{last.frame}: those between are missing.",
+                    TrajectoryWarning,
+                    stacklevel=level_of_caller(),
+                )
+            self.last = last.frame
+        self._writer.truncate(kept)
+        self._lock.renew()
+
+    def _demand_same_run(self, sim: Simulation, now: Frame, first: Frame, last: Frame) -> None:
+        """Refuse to continue a file of another run, or one that does not hold what is written today."""
+        name = f"the trajectory {str(self._path)!r}"
+        missing = lacking(last)
+        if missing:
+            raise OutputError(
+                f"{name} must hold {', '.join(missing)} to be continued, so that all its frames hold the same; it was "
+                "written by an earlier version of mpsim or another program. It can be read as it is: move it, or "
+                "choose another file."
+            )
+        wrong = discrepancy(sim, now, first, last)
+        if wrong:
+            raise OutputError(
+                f"{name} can be continued only by the run that wrote it; {wrong}. Nothing was written. Choose another "
+                "file, or replace this one with mode='w'."
+            )
+
+    def _unwritable(self, error: OSError) -> OutputError:
+        return OutputError(
+            f"the trajectory {str(self._path)!r} must be in a folder that can be written to, with room on its disk; "
+            f"got {error.strerror or error}. What was written before is whole. Choose another place, or make room."
+        )
