@@ -5,8 +5,8 @@ import math
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from mpsim.scene.settings import Settings
 from mpsim.studies import cost
 from mpsim.studies.cost import Cost
 from mpsim.studies.deviations import Deviation, deviations, short_deviations, unmeasurable
+from mpsim.studies.executors import Submissions, checked_executor
 from mpsim.studies.independent_starts import VARIATION, Starts, StartsGiven
 from mpsim.studies.preliminary import PreliminaryRun, preliminary_run
 from mpsim.studies.replicas import PIECES, Plan, Stopped, key_of, long_run, physics_of, quietly, short_runs
@@ -90,11 +91,7 @@ class Ensemble:
             raise InputError(f"scene must be an mpsim.Scene; got {type(scene).__name__}. Make one with Scene(...).")
         if until is not None:
             until = checks.positive("until", until, "[time]")
-        if executor is not None and not isinstance(executor, Executor):
-            raise InputError(
-                f"executor must be a concurrent.futures.Executor; got {type(executor).__name__}. Use "
-                "ProcessPoolExecutor(), Dask's client.get_executor(), mpi4py's MPIPoolExecutor(), or leave it out."
-            )
+        checked_executor(executor)
         _demand_times(scene)
         self.starts: Starts = Starts(scene, starts)
         self._saved = SavedResults(path, f"{scene.digest()} {self.starts.key}")
@@ -358,30 +355,16 @@ class Ensemble:
         executor = self._executor or self._threads
         assert executor is not None
         ours = () if self._executor else (self._stop,)  # an event cannot be sent to another process
-        futures: dict[Future[Any], str] = {}
+        submitted = Submissions(executor, ((key, (*task, *ours)) for key, task in tasks.items()))
         try:
             with quietly():  # for the threads, too, which share the filters of warnings
-                for key, task in tasks.items():
-                    futures[executor.submit(*task, *ours)] = key
-                for done, future in enumerate(_finished(futures)):
-                    self._saved.put(futures[future], future.result())
-                    self._progress(done + 1, len(futures), "accuracy")
-        finally:
-            for future, key in futures.items():
-                if not future.cancel() and key not in self._saved and future.done() and not future.exception():
+                for done, (key, future) in enumerate(submitted.finished()):
                     self._saved.put(key, future.result())
-
-
-POLL_SECONDS = 0.2
-"""Seconds between two checks for signals while threads run."""
-
-
-def _finished(futures: Iterable[Future[Any]]) -> Iterator[Future[Any]]:
-    """Each future when it is done. Polls, as a signal delivered to another thread does not wake a waiting one."""
-    pending = set(futures)
-    while pending:
-        done, pending = wait(pending, POLL_SECONDS, FIRST_COMPLETED)
-        yield from done
+                    self._progress(done + 1, len(tasks), "accuracy")
+        finally:
+            submitted.cancel()
+            for key, future in submitted.left():
+                self._saved.put(key, future.result())
 
 
 def _length(first: PreliminaryRun, scene: Scene, replicas: int) -> float:

@@ -1,6 +1,7 @@
 """Saved results of a trade-off study: by key, in memory and in a file."""
 
 import json
+import os
 import time
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ class SavedResults:
     """Results by key, in memory and, if there is a path, in a JSON file that is always whole."""
 
     def __init__(self, path: str | Path | None, scene: str):
-        self._path = None if path is None else _checked(path)
+        self._path = None if path is None else checked_path(path)
         self._results: dict[str, Any] = {}
         self._title = {"format": FORMAT, "scene": scene}
         self._plan: str | None = None
@@ -59,8 +60,12 @@ class SavedResults:
             atomic.write_text(self._path, json.dumps(kept))
 
 
-def _checked(path: str | Path) -> Path:
-    """A path that can be written, checked before the long work."""
+def checked_path(path: str | os.PathLike[str]) -> Path:
+    """A path that can be written, checked before the long work.
+
+    Raises:
+        InputError: if it cannot.
+    """
     try:
         atomic.check_target(Path(path))
     except (OSError, TypeError, ValueError) as error:  # the last two: no path at all

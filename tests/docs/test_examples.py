@@ -20,8 +20,11 @@ def test_the_blocks_of_a_page_do_what_they_say(page, tmp_path, monkeypatch, requ
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_no_block_of_a_page_escapes(page):
     """Each block is of a kind that is run, or says why not; drawings hold neither commands nor prompts."""
-    for block in blocks_of(page.read_text()):
+    blocks = blocks_of(page.read_text())
+    commands = "".join(block.code for block in blocks if block.language in ("sh", "console") and not block.why)
+    for block in blocks:
         assert block.language in (*EXECUTED, DRAWING), f"line {block.line}: nobody runs {block.language!r}"
+        assert block.file is None or block.file in commands, f"line {block.line}: no command runs {block.file}"
         if block.language == DRAWING:
             assert not re.search(r"^(>>>|\$) ", block.code, re.MULTILINE), f"line {block.line}: commands in a drawing"
 
@@ -88,6 +91,16 @@ mpsim show box.toml
 ```
 
 ```python
+# half.py
+print({answer} // 2)
+```
+
+```console
+$ python half.py
+21
+```
+
+```python
 >>> b
 {answer}
 ```
@@ -100,7 +113,7 @@ def in_a_folder(tmp_path, monkeypatch):
 
 
 def test_blocks_share_their_names_and_their_folder_and_run_in_order():
-    assert run_blocks("sample", blocks_of(SAMPLE.format(answer=42))) == 6
+    assert run_blocks("sample", blocks_of(SAMPLE.format(answer=42))) == 8
 
 
 def test_a_wrong_answer_in_a_block_is_noticed_with_its_line():

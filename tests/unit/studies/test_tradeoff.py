@@ -5,8 +5,7 @@ import io
 import re
 import threading
 import time
-import warnings
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -108,25 +107,6 @@ def test_settings_that_change_speed_alone_share_their_errors(quick):
         replicas=2,
     ).rows
     assert one.errors == two.errors != naive.errors
-
-
-@pytest.fixture
-def processes():
-    with ProcessPoolExecutor(2) as executor:
-        yield executor
-
-
-@pytest.fixture
-def dask():
-    distributed = pytest.importorskip("distributed")
-    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "processes": True}
-    with (
-        warnings.catch_warnings(),
-        distributed.LocalCluster(**options) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        warnings.simplefilter("ignore")
-        yield client.get_executor()
 
 
 @pytest.mark.parametrize("elsewhere", long_but(["processes", "dask"], "processes"))
