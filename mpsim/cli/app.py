@@ -12,12 +12,9 @@ from typing import Any
 import click
 
 from mpsim.cli import clean, look, machine, run, scenes, stability, trade
-from mpsim.cli.terminal import Compiling, Interrupted
+from mpsim.cli.terminal import INTERRUPTED, Compiling, Interrupted
 from mpsim.core.errors import InputError, MpsimError
 from mpsim.kernels.compile_notice import announced_by
-
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, that of a shell."""
 
 
 class Refused(click.ClickException):

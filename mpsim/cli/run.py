@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from mpsim.cli import terminal
+from mpsim.cli.ranks import one_voice
 from mpsim.cli.runfolder import CHECKPOINT, MEASURES, PICTURE, STATE, TIMINGS, RunFolder, part_of
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import MpsimError
@@ -18,9 +19,10 @@ from mpsim.core.plain import json_text
 from mpsim.engine.frame_count import frames_until
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.measure.registry import NAMES
+from mpsim.output.frame_file import FORMATS
 from mpsim.output.tables import measure_text
-from mpsim.output.trajectory import FORMATS
 from mpsim.scene import scenefile
 
 FRAMES = 500
@@ -34,6 +36,7 @@ Examples:
   mpsim run gas                                          500 frames, and what they took
   mpsim run gas --until 50 --out run                     also write it all to the folder run/
   mpsim run hopper --frames 2000 --every 20 --out run --format gsd
+  mpiexec -n 4 mpsim run gas --method mpi                on the ranks of MPI
   mpsim run my_scene.toml --method parallel --workers 4 --measure pressure --json
 """
 
@@ -72,15 +75,19 @@ def run(
     """
     if frames is not None and until is not None:
         raise click.UsageError("Give --frames or --until, not both.")
-    file = scenefile.load(scene)
-    settings = terminal.settings_of(file, options)
+    with one_voice(options["method"] == "mpi"):  # one rank may lack the file
+        file = scenefile.load(scene)
+    settings = terminal.settings_of(file, options, "--out" if out is not None else "")
     target = frames or (FRAMES if until is None else frames_until(until, settings.dt))
     if out is None:
         for option, given in (("--every", every), ("--force", force), ("--format", kind != FORMATS[0])):
             if given:
                 raise click.UsageError(f"{option} needs --out, the folder to write to.")
-        with Simulation(file.scene, settings) as sim:
-            _without_folder(sim, file, target, measures, as_json, quiet)
+        with (
+            one_voice(capabilities_of(settings).on_ranks) as speaks,
+            Simulation(file.scene, settings) as sim,
+        ):
+            _without_folder(sim, file, target, measures, as_json, quiet or not speaks)
         return
     record = {
         "scene": file.name,

@@ -22,7 +22,8 @@ from mpsim.core.errors import InputError, OutputError
 from mpsim.engine import checkpoint, checkpoint_validation
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
-from mpsim.output.trajectory import FORMATS, Trajectory
+from mpsim.output.frame_file import FORMATS
+from mpsim.output.trajectory import Trajectory
 from mpsim.scene.scene import Scene
 
 FORMAT = 1

@@ -12,9 +12,14 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
+from mpsim.core.durations import duration
+from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.scene import scenefile
 from mpsim.scene.scenefile import SceneFile
 from mpsim.scene.settings import CONTACTS, DEATHS, LAWS, METHODS, MOST_WORKERS, ON_FAST, PRECISIONS, Settings
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, that of a shell."""
 
 SPARSE = 10.0
 """Seconds between two lines of progress without a terminal."""
@@ -93,10 +98,19 @@ def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
-def settings_of(file: SceneFile, options: dict[str, Any]) -> Settings:
-    """What the scene recommends, with the options that were given put in its place."""
+def settings_of(file: SceneFile, options: dict[str, Any], why_not_on_ranks: str = "This command") -> Settings:
+    """What the scene recommends, with the options that were given put in its place.
+
+    why_not_on_ranks: what runs in one process, for the text of a refusal; empty: nothing.
+    """
     given = {name: value for name, value in options.items() if value is not None}
-    return dataclasses.replace(file.settings or Settings(), **given)
+    settings = dataclasses.replace(file.settings or Settings(), **given)
+    if why_not_on_ranks and capabilities_of(settings).on_ranks:
+        raise click.UsageError(
+            f"{why_not_on_ranks} runs in one process, and method {settings.method!r} on ranks. Give --method grid, "
+            "which has the same bits."
+        )
+    return settings
 
 
 def json_option(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -109,7 +123,12 @@ def quiet_option(command: Callable[..., Any]) -> Callable[..., Any]:
     return click.option("-q", "--quiet", is_flag=True, help="Show no progress.", callback=_note_quiet)(command)
 
 
-def _note_quiet(ctx: click.Context, param: click.Parameter, quiet: bool) -> bool:
+def be_quiet() -> None:
+    """Show no progress from now on, as under --quiet."""
+    _note_quiet(click.get_current_context(), None, True)
+
+
+def _note_quiet(ctx: click.Context, param: click.Parameter | None, quiet: bool) -> bool:
     ctx.meta[_QUIET] = quiet  # for what is shown by those whom no command calls
     return quiet
 
@@ -245,15 +264,3 @@ class _Lines:
         if time.monotonic() - self._last >= SPARSE:
             self._last = time.monotonic()
             click.echo(", ".join(filter(None, [f"{done} of {of}: {what}", rate, left])), err=True)
-
-
-def duration(seconds: float) -> str:
-    """A time in words.
-
-    >>> duration(0.25), duration(42), duration(4000), duration(200000)
-    ('0.2 s', '42 s', '1 h 06 min', '55 h 33 min')
-    """
-    if seconds < 100:
-        return f"{seconds:.1f} s" if seconds < 10 else f"{seconds:.0f} s"
-    hours, minutes = divmod(int(seconds / 60), 60)
-    return f"{hours} h {minutes:02} min" if hours else f"{minutes} min"

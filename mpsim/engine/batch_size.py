@@ -13,6 +13,10 @@ TRIAL_SECONDS = 0.005
 TRIALS = 7
 """Slices that decide: their median leaves out the first ones, in which caches are cold and workers asleep."""
 
+FEW_TRIALS, HOPELESS = 3, 1.3
+"""Slices after which a number of workers is given up if all of them were so many times slower than another number: so
+that a run that is not long does not consist of trials."""
+
 TRIAL_AFTER = 1.0
 """Seconds of running after which `auto` tries the slower number of workers again: machine and scene may change."""
 
@@ -42,9 +46,14 @@ class BatchSizer:
             self._seconds_run = 0.0
             self._recent[max(self._recent, key=self._seconds)].clear()
         for workers, recent in self._recent.items():
-            if len(self._recent) > 1 and len(recent) < TRIALS:
+            if len(self._recent) > 1 and len(recent) < TRIALS and not self._is_hopeless(workers):
                 return workers, self._fit(TRIAL_SECONDS, self._seconds(workers), remaining)
         return self.best, self._fit(MOST_SECONDS, self._seconds(self.best), remaining)
+
+    def _is_hopeless(self, workers: int) -> bool:
+        """Whether so many workers need not be tried further."""
+        recent, others = self._recent[workers], (self._seconds(other) for other in self._recent if other != workers)
+        return len(recent) >= FEW_TRIALS and min(recent) > HOPELESS * min(others)
 
     def note(self, workers: int, frames: int, seconds_per_frame: float) -> None:
         """Note the time of a frame in the last slice: its median, which one late worker does not disturb [s]."""

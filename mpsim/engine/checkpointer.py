@@ -24,17 +24,26 @@ class Checkpointer:
         path: where; None: no checkpoints, and SIGTERM is left alone.
         every: frames between two; None: `seconds` count.
         seconds: between two.
+        any_of: whether what is said here is said in any of the processes that share the simulation; all ask alike.
 
     Raises:
         InputError: naming the argument of `run` that is out of range.
     """
 
-    def __init__(self, save: Callable[[Path], Any], path: Path | None, every: int | None, seconds: float):
+    def __init__(
+        self,
+        save: Callable[[Path], Any],
+        path: Path | None,
+        every: int | None,
+        seconds: float,
+        any_of: Callable[[bool], bool],
+    ):
         if every is not None:
             checks.whole("checkpoint_every", every, 1, MOST_FRAMES_OF_A_RUN, "Frames between two checkpoints.")
             if path is None:
                 raise InputError(f"checkpoint_every needs checkpoint, the file to write; got {every!r} and no file.")
         self._save = save
+        self._any_of = any_of
         self._path = path
         self._every = every
         self._seconds = checks.positive("checkpoint_seconds", seconds, "[s]")
@@ -50,13 +59,13 @@ class Checkpointer:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *exception: object) -> None:
-        if self._handled is None:
-            return
-        self._handled.put_back()
-        self._handled = None
-        if self._asked_to_end and kind is None:  # after the last look
-            raise SystemExit(128 + signal.SIGTERM)
-        if self._asked_to_end and kind is not SystemExit:
+        handled, self._handled = self._handled, None
+        if handled is not None:
+            handled.put_back()
+        if kind is None:
+            if self._path is not None and self._any_of(self._asked_to_end):  # after the last look
+                raise SystemExit(128 + signal.SIGTERM)
+        elif self._asked_to_end and kind is not SystemExit:
             signal.raise_signal(signal.SIGTERM)  # the run has ended otherwise: let it do what it does without us
 
     def frames_ahead(self, done: int) -> int:
@@ -75,10 +84,11 @@ class Checkpointer:
             return
         by_frames = self._every is not None and done - self._frames >= self._every
         by_time = self._every is None and time.monotonic() - self._last >= self._seconds
-        if by_frames or by_time or last or self._asked_to_end:
+        asked_to_end = self._any_of(self._asked_to_end)
+        if self._any_of(by_frames or by_time) or last or asked_to_end:
             self._save(self._path)
             self._last, self._frames = time.monotonic(), done
-        if self._asked_to_end:
+        if asked_to_end:
             raise SystemExit(128 + signal.SIGTERM)
 
     def _note(self, number: int, frame: Any) -> None:

@@ -24,6 +24,7 @@ from mpsim.core.state import State
 from mpsim.engine.access import Access
 from mpsim.engine.batch_size import BatchSizer
 from mpsim.engine.emission import Emission, Insert, Progress
+from mpsim.engine.notices import Once
 from mpsim.engine.recovery import RecoverySnapshots, retried_on_new_workers
 from mpsim.engine.report import Report, phase_seconds
 from mpsim.engine.run_record import RunRecord
@@ -39,6 +40,9 @@ from mpsim.measure.run_averages import Run, RunAverages
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
+MANY_GUARDED = 1_000_000
+"""So many collisions of a run in which the guard acts, up to a second of work, and it is said before the run ends."""
+
 
 class Coordinator:
     """The solver of a simulation, and what acts on it between two commands.
@@ -47,6 +51,7 @@ class Coordinator:
         simulation: which it belongs to; when that is collected, the solver is closed.
         scene, settings: of the simulation.
         access: to it.
+        comm: communicator of the ranks that share it; None: of all.
 
     Attributes:
         solver: what runs the frames; another one after `auto` has changed the method.
@@ -55,17 +60,19 @@ class Coordinator:
         step_limits: whether steps are short enough for the speeds.
     """
 
-    def __init__(self, simulation: object, scene: Scene, settings: Settings, access: Access):
+    def __init__(self, simulation: object, scene: Scene, settings: Settings, access: Access, comm: object = None):
         self._scene = scene
         self._settings = settings
         self._access = access
+        self._comm = comm
         self.last_frame: int = 0
         self._compiled_before = compile_seconds()
         self.emission: Emission = Emission(scene, settings, access.notices)
-        choice = methods.choose(scene.count, settings)
+        choice = methods.choose(scene.count, settings, comm)
         solver = methods.METHODS[choice.method].solver
         self.step_limits: StepLimits = StepLimits(scene, settings, solver.capabilities.has_steps)
         self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
+        self._rest = Once()
         self.solver: Solver = solver(scene, settings, choice)
         self._closing = Closing(simulation, self.solver, access)  # before there is anything to close
 
@@ -186,10 +193,23 @@ class Coordinator:
             self._batch_sizer.note(workers, part.times.shape[1], float(np.median(part.times[0].sum(axis=1))) * 1e-9)
         record.take(part, self._scene)
         self.last_frame = solver.frame
+        self._warn_of_rest(solver.guarded - record.guarded)
         if solver.too_fast:  # look now: the run may end here, or be saved
             self._adapt()
         self.step_limits.look_for_pressed(solver, self._access.notices)
         self._emit(self.emission.in_time)
+
+    def _warn_of_rest(self, guarded: int) -> None:
+        """Warn once, while it runs, if the guard has acted so often in a run that discs must be at rest."""
+        if guarded < MANY_GUARDED:
+            return
+        self._access.notices.warn(
+            "discs seem to have come to rest: method='event' follows each of the short bounces in which they hover, "
+            f"{guarded} so far, so that its frames take long. Use contact='impact' with another method for a scene "
+            "that comes to rest, or end the run before it does.",
+            GuardWarning,
+            self._rest,
+        )
 
     def _emit(self, enter: Callable[[Solver, Insert], None]) -> None:
         """Have the emitters add what is due."""
@@ -225,7 +245,7 @@ class Coordinator:
     def restore(self, kept: tuple[Any, Any]) -> None:
         """Go back, or on, to such a snapshot; see `Solver.restore`."""
         snapshot, progress = kept
-        before, choice = self.solver.choice, methods.choose(count_in(snapshot), self._settings)
+        before, choice = self.solver.choice, methods.choose(count_in(snapshot), self._settings, self._comm)
         with interrupts_held_back(), self._access.moving():
             if methods.same_solver(before, choice):
                 self.solver.restore(snapshot, choice)
@@ -265,7 +285,7 @@ class Coordinator:
     def insert(self, new: NewDiscs, substeps: int) -> None:
         """Add discs that have been checked; the solver may then continue by another method."""
         count = self.solver.count + len(new.position)
-        before, choice = self.solver.choice, methods.choose(count, self._settings)
+        before, choice = self.solver.choice, methods.choose(count, self._settings, self._comm)
 
         def grow() -> None:
             if not methods.same_solver(self.solver.choice, choice):

@@ -24,6 +24,8 @@ from mpsim.engine.observers import Observer, Observers
 from mpsim.engine.report import Report
 from mpsim.engine.run_loop import BetweenSlices, run_frames
 from mpsim.engine.solvers.base import Columns, Solver
+from mpsim.engine.solvers.methods import capabilities_of, same_bits
+from mpsim.engine.solvers.mpi_ranks import ranks_of
 from mpsim.features import FEATURES
 from mpsim.measure.run_averages import checked
 from mpsim.scene.scene import Scene
@@ -36,6 +38,7 @@ class Simulation:
     Args:
         scene: what is simulated, in units of its own: [length], [time], [mass].
         settings: how; the defaults if left out.
+        comm: with method="mpi", a communicator of mpi4py whose ranks all make the same calls; None: all ranks.
 
     Raises:
         InputError: if the numbers of the scene do not fit the precision of the run.
@@ -55,24 +58,28 @@ class Simulation:
     (100, 1.0, 100, 'grid')
     """
 
-    def __init__(self, scene: Scene, settings: Settings | None = None):
-        self._set_up(scene, settings)
+    def __init__(self, scene: Scene, settings: Settings | None = None, *, comm: object = None):
+        self._set_up(scene, settings, comm)
         self._coordinator.start()
 
-    def _set_up(self, scene: Scene, settings: Settings | None) -> None:
+    def _set_up(self, scene: Scene, settings: Settings | None, comm: object) -> None:
         """All that comes before the solver is started."""
         if not isinstance(scene, Scene):
             raise InputError(f"scene must be an mpsim.Scene; got {type(scene).__name__}. Make one with Scene(...).")
         settings = Settings() if settings is None else settings
         if not isinstance(settings, Settings):
             raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
+        if comm is not None and not capabilities_of(settings).on_ranks:
+            raise InputError(
+                f"comm may be given only with method='mpi'; the method is {settings.method!r}. Leave it out."
+            )
         self._scene = scene
         self._settings = settings
         self._access = Access()
         for feature in FEATURES:
             feature.check_law(scene, settings.law)
         precision_check.check_precision(scene, settings)
-        self._coordinator = Coordinator(self, scene, settings, self._access)
+        self._coordinator = Coordinator(self, scene, settings, self._access, comm)
 
     def __enter__(self) -> "Simulation":
         return self
@@ -186,8 +193,9 @@ class Simulation:
         observers, names = Observers(observe), checked(measures, self._scene, self.count)
         with access.state_lock:
             record = coordinator.begin_record(names, frames)
-        place = None if checkpoint is None else checkpoint_file.checked_place(checkpoint)
-        with Checkpointer(self.save, place, checkpoint_every, checkpoint_seconds) as checkpoints:
+        solver = coordinator.open_solver()
+        place = None if checkpoint is None else solver.once(lambda: checkpoint_file.checked_place(checkpoint))
+        with Checkpointer(self.save, place, checkpoint_every, checkpoint_seconds, solver.any_of) as checkpoints:
             between = BetweenSlices(self, observers, checkpoints, progress)
             run_frames(frames, coordinator, access, record, between)
         with access.state_lock:
@@ -219,26 +227,39 @@ class Simulation:
         with self._access.state_lock:
             solver = self._coordinator.open_solver()
             run, arrays = {"frame": solver.frame, "emission": self._coordinator.emission.progress}, solver.snapshot()
-        return checkpoint_file.write(path, self._scene, self._settings, run, arrays)
+        return solver.once(lambda: checkpoint_file.write(path, self._scene, self._settings, run, arrays))
 
     @classmethod
     def resume(
-        cls, path: str | os.PathLike[str], *, workers: int | None = None, start_method: str | None = None
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        workers: int | None = None,
+        start_method: str | None = None,
+        method: str | None = None,
+        comm: object = None,
     ) -> "Simulation":
         """A simulation that goes on where `save` was called, with the same bits as if it had never stopped.
 
         Args:
             path: of the file. If it is damaged, the one before it is taken, with a CheckpointWarning that names both.
             workers, start_method: as in Settings; they change no bit.
+            method: "grid", "parallel" or "mpi", for one that was saved by another of them: they have the same bits.
+            comm: as of a new simulation.
 
         Raises:
             CheckpointError: if there is no whole file, or it is of a newer version.
+            InputError: for a method with other bits than the saved one.
         """
         found = checkpoint_file.read(path, checkpoint_validation.check)
         settings = dataclasses.replace(found.settings, workers=workers, start_method=start_method)
+        if method is not None:
+            settings = dataclasses.replace(settings, method=same_bits(found.settings.method, method))
+        if capabilities_of(settings).on_ranks:
+            ranks_of(comm)  # whose errors are not those of the file
         try:
             sim = cls.__new__(cls)
-            sim._set_up(found.scene, settings)
+            sim._set_up(found.scene, settings, comm)
         except InputError as error:
             raise CheckpointError(
                 f"the checkpoint {str(found.path)!r} must hold a scene and settings that go together; {error}"
@@ -272,6 +293,8 @@ class Simulation:
             InputError: naming the argument, its rule and the value received; then nothing was added.
             TooFastError: as settings.on_fast says; then nothing was added either.
         """
+        given = position, velocity, acceleration, radius, mass, others
+        self._coordinator.open_solver().demand_alike("the discs that are added", given)
         now = (self._settings.precision, self.time, self.radii)
         brought = {"acceleration": acceleration, **others}
         new = insertion.checked(self._scene, *now, position, velocity, radius, mass, brought)
@@ -298,13 +321,13 @@ class Simulation:
     @property
     @reading
     def radii(self) -> NDArray[np.float64]:
-        """Radius of each disc, those added included, shape (N,) [length]."""
+        """Radius of each disc, those added included, shape (N,), read-only [length]."""
         return self._coordinator.open_solver().radii
 
     @property
     @reading
     def masses(self) -> NDArray[np.float64]:
-        """Mass of each disc, those added included, shape (N,) [mass]."""
+        """Mass of each disc, those added included, shape (N,), read-only [mass]."""
         return self._coordinator.open_solver().masses
 
     @reading

@@ -74,6 +74,7 @@ WORKER_LOST = 2
 STALLED = 3  # a barrier was not complete after PATIENCE nanoseconds
 
 # What `run_grid` returns besides these: to a worker only, when there is nothing to run.
+NO_FRAME = -1  # in place of the number of a frame
 IDLE = -1  # no command for a while
 MAILED = -2  # a message waits in the pipe
 

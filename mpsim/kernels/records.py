@@ -75,6 +75,7 @@ CONTROL = _record(
         ("signals", np.int64, (SIGNALS,)),  # the words that processes wait on, by COMMAND, ARRIVED, ...
         ("count", np.int64),  # discs
         ("columns", np.int64),
+        ("columns_before", np.int64),  # of the grid, that are not in `start`: other ranks have them
         ("rows", np.int64),
         ("cells", np.int64),  # of the grid with all ghosts: one less than the length of `start`
         ("live", np.int64),  # which of the two buffers holds the state: 0 or 1
@@ -87,12 +88,27 @@ CONTROL = _record(
         ("race_free", np.int64),  # 1: odd/even passes; 0: the demonstration of what goes wrong without them
         ("absorbing", np.int64, (4,)),  # by edge: 1 where it absorbs discs
         ("workers", np.int64),
+        ("members", np.int64),  # of the team: the workers, and on ranks one more that stands for all other ranks
+        ("part", np.int64),  # of a step, that the workers of a rank are to do: MOVE, SORT, EVEN or ODD
+        ("ahead", np.int64),  # frame of the step that they are to begin after ODD, or NO_FRAME
         ("done", np.int64),  # frames finished since the start, in all commands
         ("steps", np.int64),  # done since the start
     ],
     LINE_PAIR,
 )
 """The record `control`: what the coordinator commands, and how far the frames have come."""
+
+
+def message_in(precision: DTypeLike, radii: bool, spins: bool, images: bool) -> np.dtype[Any]:
+    """The record of a disc that goes from one rank to another.
+
+    radii, spins, images: whether discs have radii of their own, angular velocities, image flags.
+    """
+    real = np.dtype(precision)
+    fields: list[Field] = [("x", real), ("y", real), ("vx", real), ("vy", real), ("id", np.int32), ("cell", np.int32)]
+    fields += [("radius", real)] * radii + [("spin", real)] * spins
+    return _record(fields + [("image_x", np.int64), ("image_y", np.int64)] * images)
+
 
 MEMBER = _record(
     [
@@ -115,6 +131,11 @@ MEMBER = _record(
         ("mails", np.int64),  # messages it has read
         ("fastest", np.int64),  # 0, or how fast the fastest disc was in this command, times FASTEST_SCALE / the limit
         ("fastest_disc", np.int64),  # its id
+        ("even", np.int64),  # columns at which the passes go on, between two parts of a step on a rank
+        ("odd", np.int64),
+        ("stop", np.int64),  # one past the last column whose contacts are all on this rank
+        ("first_slot", np.int64),  # its slice after the sort
+        ("last_slot", np.int64),
     ],
     LINE_PAIR,
 )

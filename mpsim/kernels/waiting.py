@@ -1,7 +1,7 @@
 """Waiting for other processes on words of the shared block: spin, then yield, then sleep. Every wait ends."""
 
 from mpsim.kernels.compiling import compiled, linked
-from mpsim.kernels.layout import ABORT, ARRIVED, COMMAND, MAIL, PATIENCE, RUNNING, STALLED
+from mpsim.kernels.layout import ABORT, ARRIVED, COMMAND, IDLE, MAIL, MAILED, PATIENCE, RUNNING, STALLED
 from mpsim.kernels.machine import atomic_add, atomic_load, atomic_store, now, pause, sleep_briefly, yield_core
 
 SPINS = 200
@@ -62,6 +62,21 @@ def await_command(control, mine, nanoseconds):
                 return False
             yield_core()
     return True
+
+
+@linked
+def next_command(control, mine, worker, linger):
+    """Give the command, as worker 0, or wait for it, as any other. Returns RUNNING, or IDLE or MAILED: no command."""
+    if worker == 0:
+        if control.workers > 1:
+            atomic_add(control.signals, COMMAND, 1)
+        return RUNNING
+    if not await_command(control, mine, linger):
+        return IDLE
+    if atomic_load(control.signals, COMMAND) == mine.commands:
+        return MAILED
+    mine.commands += 1
+    return RUNNING
 
 
 @compiled

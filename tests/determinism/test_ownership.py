@@ -53,7 +53,8 @@ class Watched:
         self._odd: dict[int, int] = {}
         self._solver, self._workers = solver, workers
         self._block = solver._block
-        self._block.arrays["control"].workers = workers
+        control = self._block.arrays["control"]
+        control.workers = control.members = workers
         solver._deal(workers)
 
     @property

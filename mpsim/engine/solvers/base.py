@@ -6,14 +6,15 @@ of `scene/settings.py`. Callers ask for `capabilities` (`methods.capabilities_of
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.columns import MASS, Column
+from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
 from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot
@@ -21,6 +22,8 @@ from mpsim.engine.solvers.speed_limit import SpeedLimit
 from mpsim.engine.solvers.speeds import Speeds
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
+
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -31,11 +34,13 @@ class Choice:
         method: a name of `methods.METHODS`.
         workers: numbers of workers to choose from while running, the likely best first.
         remark: why there is one worker where there could be more; empty: there is nothing to say.
+        comm: the communicator of a method that runs on ranks; None: all ranks.
     """
 
     method: str
     workers: tuple[int, ...]
     remark: str = ""
+    comm: Any = None
 
 
 class Columns(NamedTuple):
@@ -85,10 +90,12 @@ class Capabilities:
         has_steps: frames are made of steps, so that a disc can be too fast for one. Without steps `dt` only says when
             frames end, and `contact`, `passes` and `substeps` change nothing.
         is_exact: its only error is rounding, so that other methods are compared with it.
+        on_ranks: several processes make the same calls, each with a simulation of its own.
     """
 
     has_steps: bool
     is_exact: bool = False
+    on_ranks: bool = False
 
 
 class Solver(ABC):
@@ -127,8 +134,8 @@ class Solver(ABC):
         self._settings = settings
         self.count = scene.count
         self.choice = choice
-        self._radii = scene.radii.astype(float)
-        self._masses = scene.masses.astype(float)
+        self._radii: NDArray[np.float64] = kept_sizes(scene.radii)
+        self._masses: NDArray[np.float64] = kept_sizes(scene.masses)
 
     @abstractmethod
     def start(self) -> None:
@@ -197,13 +204,13 @@ class Solver(ABC):
 
     @property
     def radii(self) -> NDArray[np.float64]:
-        """Radius of each disc, shape (N,), a copy [length]."""
-        return self._radii.copy()
+        """Radius of each disc, shape (N,), read-only [length]."""
+        return self._radii
 
     @property
     def masses(self) -> NDArray[np.float64]:
-        """Mass of each disc, shape (N,), a copy [mass]."""
-        return self._masses.copy()
+        """Mass of each disc, shape (N,), read-only [mass]."""
+        return self._masses
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:
@@ -254,6 +261,21 @@ class Solver(ABC):
 
         Its arrays have the right shapes, and radii, masses and `progress` have been looked at.
         """
+
+    def demand_alike(self, what: str, given: object) -> None:  # noqa: B027 - not abstract: most are one process
+        """Refuse what is given if it differs in any of the processes that share the simulation; all of them ask.
+
+        Raises:
+            InputError: naming what.
+        """
+
+    def any_of(self, said: bool) -> bool:
+        """Whether something is so in any of the processes that share the simulation; all ask in the same order."""
+        return said
+
+    def once(self, act: Callable[[], Result]) -> Result:
+        """What an act gives that one process does: the first, where several share the simulation."""
+        return act()
 
     # --- what a report says
 

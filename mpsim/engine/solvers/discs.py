@@ -67,16 +67,35 @@ def absorbed_in(block: SharedBlock, count: int) -> NDArray[np.bool_]:
 def state_in(block: SharedBlock, scene: Scene, count: int) -> State:
     """Copies in the order of the scene's discs."""
     (position, velocity), arrays = places_and_speeds(block, count), block.arrays
-    found = {each.name: arrays[each.name][..., :count].copy() for each in columns.in_state() if each.name in arrays}
+    found = {each.name: arrays[each.name][..., :count].T.copy() for each in columns.in_state() if each.name in arrays}
+    return state_of(scene, arrays, position, velocity, found, absorbed_in(block, count))
+
+
+def state_of(
+    scene: Scene,
+    arrays: dict[str, Any],
+    position: NDArray[np.floating],
+    velocity: NDArray[np.floating],
+    found: dict[str, Any],
+    absorbed: NDArray[np.bool_],
+) -> State:
+    """The state of discs whose values are in the order of the scene's; it takes over these arrays.
+
+    Args:
+        scene: of the simulation.
+        arrays: of the block: what does not change with the number of discs.
+        position, velocity: shape (N, 2).
+        found: further columns of a state, a row for each disc.
+        absorbed: which discs have left, shape (N,).
+    """
     for axis, wrap in enumerate((arrays.get("wrap_x"), arrays.get("wrap_y"))):
         if wrap is not None:  # a contact may have moved a disc through the border; the next step brings it back
-            wrap_places(position[:, axis], found.get(columns.IMAGE.name), axis, wrap)
-    absorbed = absorbed_in(block, count)
+            images = found.get(columns.IMAGE.name)
+            wrap_places(position[:, axis], None if images is None else images.T, axis, wrap)
     for column in columns.in_state():
         if column.name in found and not column.rests:
-            found[column.name][..., absorbed] = 0
-    others: Any = {name: values.T for name, values in found.items()}
-    return State(position, velocity, present=~absorbed, box=box_now(scene, arrays), **others)
+            found[column.name][absorbed] = 0
+    return State(position, velocity, present=~absorbed, box=box_now(scene, arrays), **found)
 
 
 def first_not_finite(block: SharedBlock) -> tuple[int, tuple[float, float], tuple[float, float]]:
@@ -85,11 +104,12 @@ def first_not_finite(block: SharedBlock) -> tuple[int, tuple[float, float], tupl
     After an odd number of steps the state lies in the other buffer, so both are looked at.
     """
     slots = block.arrays["team"]["bad_slot"]
-    candidates = [
-        (int(discs.id[slot]), values)
-        for discs in buffers_of(block)
-        for slot in slots[slots >= 0]
-        if not np.isfinite(values := [float(each[slot]) for each in (discs.x, discs.y, discs.vx, discs.vy)]).all()
-    ]
-    particle, (x, y, vx, vy) = min(candidates)
-    return particle, (x, y), (vx, vy)
+    candidates = [disc_at(discs, slot) for discs in buffers_of(block) for slot in slots[slots >= 0]]
+    disc, values = min(each for each in candidates if not np.isfinite(each[1]).all())
+    return disc, values[:2], values[2:]
+
+
+def disc_at(discs: layout.Discs, slot: int) -> tuple[int, tuple[float, float, float, float]]:
+    """Number of a disc, and its place and velocity (x, y, vx, vy)."""
+    values = float(discs.x[slot]), float(discs.y[slot]), float(discs.vx[slot]), float(discs.vy[slot])
+    return int(discs.id[slot]), values

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mpsim.core.columns import in_state
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import DivergedError, InputError, StalledError
+from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
 from mpsim.engine.columns import given_in
 from mpsim.engine.frame_count import frames_until
@@ -210,7 +211,7 @@ class EventSolver(Solver):
         """
         now = self.state()
         places, speeds = np.concatenate([now.position, new.position]), np.concatenate([now.velocity, new.velocity])
-        radii, masses = np.concatenate([self._radii, new.radius]), np.concatenate([self._masses, new.mass])
+        radii, masses = kept_sizes(self._radii, new.radius), kept_sizes(self._masses, new.mass)
         values = {"radius": new.radius, **new.columns}
         brought = event_snapshot.columns_of_discs(self._scene, len(new.position), values)
         present = self._present_columns({column.name: getattr(now, column.name) for column in in_state()})
@@ -256,7 +257,7 @@ class EventSolver(Solver):
     def snapshot(self) -> Snapshot:
         """Copies of everything that the next event depends on; the calendar follows from the discs' next events."""
         found = event_snapshot.taken(self._scene, self._block.arrays)
-        found |= {"radii": self._radii.astype(float), "masses": self._masses.astype(float)}
+        found |= {"radii": self._radii, "masses": self._masses}
         return found | {name: records.numbers(each).copy() for name, each in self._kept.items()}
 
     @property
@@ -275,7 +276,7 @@ class EventSolver(Solver):
             lap_events = int(counter.lap_events)
             calendar.fill(system.store)  # whose order is total: where the calendar keeps an event cannot matter
             counter.lap_events = lap_events
-            radii, masses = snapshot["radii"].copy(), snapshot["masses"].copy()
+            radii, masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
         self._take(block, system)
         self.choice, self._radii, self._masses = choice, radii, masses
         for name, each in self._kept.items():

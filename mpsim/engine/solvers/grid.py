@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 from mpsim.engine.feature_arrays import giant_radius
 from mpsim.engine.solvers.base import Choice, Columns
+from mpsim.engine.solvers.block import BlockSolver
 from mpsim.engine.solvers.snapshots import Snapshot
-from mpsim.engine.solvers.stepped import SteppedSolver
 from mpsim.engine.workers.arrays import Grid
 from mpsim.engine.workers.pool import WorkerPool
 from mpsim.engine.workers.worker import kernel_arguments, load_kernels
@@ -17,7 +17,7 @@ from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
 
-class GridSolver(SteppedSolver):
+class GridSolver(BlockSolver):
     """Frames by the passes of a grid. This process is worker 0; the others are there where `choice` may use them."""
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):

@@ -1,13 +1,16 @@
 """The registry of methods: what runs each, and which one `auto` stands for."""
 
 import logging
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mpsim.core.cores import may_start_processes, usable_cores
+from mpsim.core.errors import InputError
 from mpsim.engine.notices import Notices
 from mpsim.engine.solvers.base import Capabilities, Choice, Solver
 from mpsim.engine.solvers.events import EventSolver
 from mpsim.engine.solvers.grid import GridSolver
+from mpsim.engine.solvers.mpi import MpiSolver
+from mpsim.engine.solvers.mpi_ranks import ranks_of
 from mpsim.engine.solvers.naive import NaiveSolver
 from mpsim.kernels.compiling import JIT_DISABLED
 from mpsim.scene.settings import Settings
@@ -20,18 +23,22 @@ class Method(NamedTuple):
         solver: class that runs the method.
         workers: whether it runs on as many processes as Settings.workers says; otherwise on one.
         phases: what it does in a phase, where that is not what the phase is called after.
+        by_columns: whether it resolves the columns of the grid in an even and an odd pass: all that do have the same
+            bits.
     """
 
     solver: type[Solver]
     workers: bool = False
     phases: dict[str, str] = {}  # noqa: RUF012 - never changed
+    by_columns: bool = False
 
 
 METHODS: dict[str, Method] = {
     "naive": Method(NaiveSolver, phases={"even columns": "pairs"}),
-    "grid": Method(GridSolver),
-    "parallel": Method(GridSolver, workers=True),
+    "grid": Method(GridSolver, by_columns=True),
+    "parallel": Method(GridSolver, workers=True, by_columns=True),
     "event": Method(EventSolver, phases={"move": "events"}),
+    "mpi": Method(MpiSolver, workers=True, by_columns=True),
 }
 """Every method by its name in Settings; `auto` is one of AUTO."""
 
@@ -42,7 +49,7 @@ NAIVE_UP_TO = 160
 """Discs up to which `auto` tests all pairs. A constant, not a measurement: naive and grid resolve contacts in different
 orders, so the choice between them must depend on the scene alone for the bits to be the same on every machine."""
 
-PARALLEL_FROM = 400
+PARALLEL_FROM = 200
 """Discs from which `auto` starts workers, where there are cores for them. Then it measures whether they pay: it may,
 because one worker or many give the same bits."""
 
@@ -54,26 +61,45 @@ def capabilities_of(settings: Settings) -> Capabilities:
     return Capabilities(
         has_steps=all([one.has_steps for one in each]),
         is_exact=all([one.is_exact for one in each]),
+        on_ranks=all([one.on_ranks for one in each]),
     )
 
 
-def choose(count: int, settings: Settings) -> Choice:
-    """What runs `count` discs under these settings."""
+def choose(count: int, settings: Settings, comm: Any = None) -> Choice:
+    """What runs `count` discs under these settings; comm: a communicator, of methods that run on ranks."""
     method = settings.method
     if method == "auto":
         method = "naive" if count <= NAIVE_UP_TO else "parallel" if count >= PARALLEL_FROM else "grid"
     if not METHODS[method].workers:
         return Choice(method, (1,))
-    workers, remark = settings.workers or usable_cores(), ""
+    on_ranks = METHODS[method].solver.capabilities.on_ranks
+    workers, remark = settings.workers or (1 if on_ranks else usable_cores()), ""
     if workers > 1 and not may_start_processes():
         remark = "mpsim: this process is daemonic and may not start others; running on one worker."
     elif workers > 1 and JIT_DISABLED:
         remark = "mpsim: without compilation there are no atomics to wait with; running on one worker."
     if remark:
         workers = 1
+    if on_ranks:
+        return Choice(method, (workers * ranks_of(comm),), remark, comm)
     if settings.method != "auto":
         return Choice(method, (workers,), remark)
     return Choice(method, (workers, 1)) if workers > 1 else Choice("grid", (1,), remark)
+
+
+def same_bits(saved: str, method: str) -> str:
+    """The method to go on with, where a checkpoint was saved by one.
+
+    Raises:
+        InputError: if they differ in their bits.
+    """
+    alike = tuple(name for name, each in METHODS.items() if each.by_columns)
+    if method != saved and (method not in alike or saved not in alike):
+        raise InputError(
+            f"method must be that of the checkpoint, {saved!r}, or both must be among {', '.join(map(repr, alike))}, "
+            f"which have the same bits; got {method!r}. Leave it out."
+        )
+    return method
 
 
 def same_solver(one: Choice, other: Choice) -> bool:

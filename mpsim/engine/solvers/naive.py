@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from mpsim.engine.solvers.stepped import SteppedSolver
+from mpsim.engine.solvers.block import BlockSolver
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.worker import kernel_arguments
 from mpsim.kernels import layout
@@ -27,7 +27,7 @@ def naive_arguments(block: SharedBlock) -> NaiveArguments:
     return NaiveArguments(grid.a, grid.features, grid.parameters, grid.control, grid.team, grid.tally, grid.times)
 
 
-class NaiveSolver(SteppedSolver):
+class NaiveSolver(BlockSolver):
     """Frames by testing all pairs i < j in index order."""
 
     def _load_kernels(self) -> None:

@@ -39,21 +39,36 @@ class SpeedLimit(NamedTuple):
         return max(rate * rate, float(number.tiny))
 
 
-def disc_too_fast(arrays: dict[str, Any], radii: NDArray[np.float64], own: bool, frame: int) -> Speeds | None:
-    """The fastest disc of the last frame if it was too fast, reported once; None where there was none.
+class Fastest(NamedTuple):
+    """The fastest disc that was too fast in a command. Of equally fast ones it is that of the least number.
+
+    Attributes:
+        fraction: its speed over that from which on discs are too fast, times FASTEST_SCALE; 0: there was none.
+        negative_disc: its number, times -1.
+    """
+
+    fraction: int = 0
+    negative_disc: int = 0
+
+
+def fastest_in(team: NDArray[Any]) -> Fastest:
+    """The fastest that some members of a team have found."""
+    return max(Fastest(int(each.fastest), -int(each.fastest_disc)) for each in team)
+
+
+def disc_too_fast(found: Fastest, fast: float, radii: NDArray[np.float64], own: bool, frame: int) -> Speeds | None:
+    """The speed of a disc that was too fast; None where there was none.
 
     Args:
-        arrays: of the block.
+        found: of the last frame.
+        fast: the parameter with which kernels compare.
         radii: of all discs, shape (N,) [length].
         own: whether discs have radii of their own, so that `fast` is of speeds per radius.
         frame: the last one.
     """
-    team = arrays["team"]
-    worker = int(np.lexsort((team["fastest_disc"], -team["fastest"]))[0])
-    fraction, disc = float(team[worker].fastest) / layout.FASTEST_SCALE, int(team[worker].fastest_disc)
-    if fraction == 0:
+    if not found.fraction:
         return None
-    team["fastest"] = 0
+    disc = -found.negative_disc
     radius = float(radii[disc])
-    speed = fraction * math.sqrt(float(arrays["parameters"].fast)) * (radius if own else 1.0)
+    speed = found.fraction / layout.FASTEST_SCALE * math.sqrt(fast) * (radius if own else 1.0)
     return Speeds(disc, speed, radius, when=f"in frame {frame}")

@@ -1,148 +1,45 @@
-"""The stepped solvers as the coordinator sees them: the block and its moves, and one command after the other."""
+"""What solvers have in common whose frames are made of steps: time, the division of frames, the grid, snapshots."""
 
-import math
-import os
 from abc import abstractmethod
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core import columns
-from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.errors import DivergedError
-from mpsim.core.state import State
-from mpsim.engine.columns import given_in
-from mpsim.engine.feature_arrays import feature_specs, fill_features
+from mpsim.core.sizes import kept_sizes
 from mpsim.engine.frame_count import frames_until
 from mpsim.engine.solvers import stepped_snapshot
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Solver
-from mpsim.engine.solvers.discs import absorbed_in, first_not_finite, places_and_speeds, state_in, write_discs
-from mpsim.engine.solvers.parameters import Present, configure
-from mpsim.engine.solvers.slices import Slice, totals
-from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
-from mpsim.engine.solvers.speed_limit import SpeedLimit, disc_too_fast
+from mpsim.engine.solvers.snapshots import Shapes, Snapshot
+from mpsim.engine.solvers.speed_limit import SpeedLimit
 from mpsim.engine.solvers.speeds import Speeds, speeds_of
-from mpsim.engine.workers.arrays import Grid, block_arrays, grid_for
-from mpsim.engine.workers.shared import SharedBlock
-from mpsim.engine.workers.system_limits import resident_bytes
+from mpsim.engine.workers.arrays import Grid, grid_for
 from mpsim.features.radii import has_radii
-from mpsim.kernels import layout
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
 
 class SteppedSolver(Solver):
-    """Runs frames that are made of steps: what `naive`, `grid` and `parallel` have in common.
-
-    The state lives in the shared block, in whatever order the last frame sorted it; ids bring it back to the scene's.
-    """
+    """Runs frames that are made of equal steps."""
 
     capabilities: ClassVar[Capabilities] = Capabilities(has_steps=True)
     count: int
-    choice: Choice
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         super().__init__(scene, settings, choice)
         self.substeps: int = settings.substeps
-        self._moving = False
         self._speed_limit = SpeedLimit()
-        self._begun = -1  # frames that were done when the last command was given to this block
-        self._block = self._next_block(max(scene.count, 1), self._radii)
-
-    def start(self) -> None:
-        """Make the block, write the scene's discs into it, and start the workers."""
-        self._fill(self._block)
-        scene = self._scene
-        self._write(scene.position, scene.velocity, given_in(scene))
-        self._configure()
-        self._prepare()
-
-    def close(self) -> None:
-        """Stop the workers and remove the block. May be called again."""
-        self._stop_workers()
-        self._block.close()
-
-    # --- what each of them does in its own way
 
     @abstractmethod
-    def _load_kernels(self) -> None:
-        """Compile or load what will run, by running no frame."""
+    def _configure(self) -> None:
+        """Write the records `parameters` and `control`, which follow from what is simulated now."""
 
+    @property
     @abstractmethod
-    def _run_command(self, workers: int) -> int:
-        """Run the command that the record `control` holds. Returns layout.RUNNING, or why it has ended before."""
+    def _control(self) -> Any:
+        """The record `control`."""
 
-    def _failure(self, abort: int) -> Exception:
-        """The exception for a command that has ended before its time."""
-        assert abort == layout.BAD_STATE
-        frame = self.frame + int(self._block.arrays["team"][0].frame)
-        particle, position, velocity = first_not_finite(self._block)
-        return DivergedError(particle, frame, position, velocity)
-
-    def _start_workers(self) -> None:
-        """Start the workers, where there are any."""
-
-    def _move_workers(self) -> None:
-        """Let the workers, where there are any, attach to the present block."""
-
-    def _stop_workers(self) -> None:
-        """Stop the workers, where there are any. May be called again."""
-
-    def _giant_radius(self, radii: NDArray[np.float64]) -> float | None:
-        """Radius above which discs of such radii are kept out of the grid; None: there are no such discs."""
-        return None
-
-    # --- frames
-
-    def advance(self, frames: int, workers: int, stop: float = math.inf) -> Slice:
-        """Run frames on so many workers; while it is the coordinator alone, the others rest."""
-        self._write_command(frames, workers, stop)
-        abort = self._run_command(workers)
-        if abort != layout.RUNNING:
-            raise self._failure(abort)
-        arrays = self._block.arrays
-        frames = int(arrays["control"].frames)
-        contacts = int(arrays["team"]["collisions"].sum())
-        tally = arrays.get("tally")
-        if tally is not None:
-            scale = float(arrays["parameters"].tally_scale)
-            tally = totals(tally[:, :frames], scale, 2 * self._scene.largest_radius)
-        return Slice(arrays["times"][:, :frames].copy(), contacts, tally)
-
-    def _write_command(self, frames: int, workers: int, stop: float) -> None:
-        """Write a command into the block: its record, and zeros where it counts."""
-        arrays, control, dt = self._block.arrays, self._block.arrays["control"], self._settings.dt
-        if stop < (self.frame + frames) * dt:
-            frames = min(frames, max(frames_until(stop, dt) - self.frame, 1))
-        control.frames = frames
-        control.workers = workers
-        for counted in ("collisions", "fastest"):
-            arrays["team"][counted] = 0
-        for counts in (arrays["times"], arrays.get("tally")):
-            if counts is not None:
-                counts[:, :frames] = 0
-        self._begun = int(control.done)
-
-    def set_tallied(self, tallied: bool) -> None:
-        """Have what measures need counted from now on, or not: frames that are not measured pay nothing for it."""
-        if tallied != self.tallied:
-            self.tallied = tallied
-            self._move(self._capacity, self.choice, self._radii)
-
-    @property
-    def half_done(self) -> bool:
-        """Whether the last command was left inside a frame, by a death say, or a move to another block half done."""
-        control = self._block.arrays.get("control")
-        if self._moving or control is None:  # none after `close`
-            return self._moving
-        left = control.signals[layout.ABORT] or control.signals[layout.BAD]
-        return bool(left and control.done == self._begun)
-
-    @property
-    def frame(self) -> int:
-        """Frames finished since the start."""
-        return int(self._block.arrays["control"].done)
+    # --- time
 
     @property
     def time(self) -> float:
@@ -154,24 +51,12 @@ class SteppedSolver(Solver):
         frame, dt = self.frame, self._settings.dt
         return time < (frame + 1) * dt and frames_until(time, dt) <= frame
 
+    def _frames_to(self, stop: float, most: int) -> int:
+        """Frames until one reaches the time `stop`, at least one, and at most so many."""
+        frame, dt = self.frame, self._settings.dt
+        return min(most, max(frames_until(stop, dt) - frame, 1)) if stop < (frame + most) * dt else most
+
     # --- steps
-
-    def speeds(self, new: NewDiscs | None = None) -> Speeds:
-        """How fast the discs are, those that are about to be added included."""
-        velocity, radii, present = places_and_speeds(self._block, self.count)[1], self._radii, ~self.absorbed
-        if new is not None:
-            velocity, radii = np.concatenate([velocity, new.velocity]), np.concatenate([radii, new.radius])
-            present = np.append(present, np.ones(len(new.position), bool))
-        return speeds_of(velocity, radii, self._scene, self.time, present if self._scene.absorbing else None)
-
-    @property
-    def too_fast(self) -> bool:
-        """Whether a disc was too fast in the last command, and so ended it."""
-        return bool(self._block.arrays["team"]["fastest"].any())
-
-    def disc_too_fast(self) -> Speeds | None:
-        """The disc that was too fast in the last command, reported once; None where there was none."""
-        return disc_too_fast(self._block.arrays, self._radii, has_radii(self._scene), self.frame - 1)
 
     def set_speed_limit(self, limit: SpeedLimit) -> None:
         """From now on end a command with the frame in which a disc is so fast."""
@@ -186,42 +71,37 @@ class SteppedSolver(Solver):
         """
         if substeps != self.substeps:
             self.substeps = substeps
-            self._block.arrays["control"].steps = self.frame * substeps
+            self._control.steps = self.frame * substeps
             self._configure()
 
-    # --- discs
+    def _speeds(self, velocity: NDArray[Any], absorbed: NDArray[np.bool_], new: NewDiscs | None) -> Speeds:
+        """How fast discs of such velocities are, those that are about to be added included."""
+        scene, radii, present = self._scene, self._radii, ~absorbed
+        if new is not None:
+            velocity, radii = np.concatenate([velocity, new.velocity]), kept_sizes(radii, new.radius)
+            present = np.append(present, np.ones(len(new.position), bool))
+        return speeds_of(velocity, radii, scene, self.time, present if scene.absorbing else None)
 
-    def state(self) -> State:
-        """Copies in the order of the scene's discs."""
-        return state_in(self._block, self._scene, self.count)
+    # --- the grid
 
-    @property
-    def absorbed(self) -> NDArray[np.bool_]:
-        """Which discs have left through an absorbing edge, shape (N,)."""
-        return absorbed_in(self._block, self.count)
-
-    def add(self, new: NewDiscs, choice: Choice) -> None:
-        """Append discs, ids continuing, and continue as `choice` says. The block doubles when it is full."""
-        count = self.count + len(new.position)
-        radii, masses = np.append(self._radii, new.radius), np.append(self._masses, new.mass)
-        # Discs that make giants of others leave the grid finer than one for as many discs without giants.
-        crowded = self._grid_for(count, radii).table_size > len(self._block.arrays["start"])
-        if choice != self.choice or count > self._capacity or crowded:
-            self._move(max(2 * self._capacity, count) if count > self._capacity else self._capacity, choice, radii)
-        write_discs(self._block, new, self.count)
-        self.count, self._radii, self._masses = count, radii, masses
-        self._configure()
+    def _grid_of(self, count: int, giant: float | None = None) -> Grid:
+        """The grid for so many discs; giant: radius above which discs are kept out of it."""
+        scene = self._scene
+        largest = scene.largest_radius if giant is None else giant
+        outside = bool(scene.absorbing) or has_radii(scene)
+        return grid_for(
+            count, scene.width, scene.height, 2 * largest, self._settings.precision, scene.boundary, outside
+        )
 
     # --- snapshots
 
-    def snapshot(self) -> Snapshot:
-        """Copies of everything that the next frame depends on, in the order of the scene's discs."""
-        return stepped_snapshot.taken(self._block, self._radii, self._masses)
-
-    def restore(self, snapshot: Snapshot, choice: Choice, room: int = 0) -> None:
-        """Go back (or on) to a snapshot, on new workers: those that were there may be dead."""
-        capacity = max(self._capacity, count_in(snapshot), room)
-        self._replace_block(capacity, choice, snapshot, snapshot["radii"], new_workers=True)
+    def _begin_from(self, snapshot: Snapshot) -> tuple[int, int]:
+        """Take over what a snapshot says of all discs. Returns the frames and the steps that were done."""
+        self._radii, self._masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
+        self.count = len(self._radii)
+        frames, steps = snapshot["progress"].tolist()
+        self.substeps = steps // frames if frames else self._settings.substeps
+        return frames, steps
 
     @staticmethod
     def snapshot_shapes(scene: Scene, settings: Settings, count: int) -> Shapes:
@@ -232,112 +112,3 @@ class SteppedSolver(Solver):
     def check_snapshot(scene: Scene, settings: Settings, snapshot: Snapshot) -> None:
         """Raise ValueError for a snapshot in which no solver can have been, saying why."""
         stepped_snapshot.check(scene, snapshot)
-
-    # --- the block
-
-    @property
-    def array_names(self) -> tuple[str, ...]:
-        """Names of the arrays in the block."""
-        return tuple(self._block.specs)
-
-    def resources(self) -> tuple[tuple[int, ...], int]:
-        """Resident bytes of each process, and the size of the block."""
-        return tuple(map(resident_bytes, (os.getpid(), *self.pids))), self._block.nbytes
-
-    @property
-    def _most_workers(self) -> int:
-        return max(self.choice.workers)
-
-    def _grid_for(self, count: int, radii: NDArray[np.float64]) -> Grid:
-        """The grid for so many discs; `radii` tell which of them are kept out of it."""
-        scene, precision = self._scene, self._settings.precision
-        giant = self._giant_radius(radii)
-        largest = scene.largest_radius if giant is None else giant
-        outside = bool(scene.absorbing) or has_radii(scene)
-        return grid_for(count, scene.width, scene.height, 2 * largest, precision, scene.boundary, outside)
-
-    def _next_block(self, capacity: int, radii: NDArray[np.float64]) -> SharedBlock:
-        """A block for so many discs, which is still to be filled."""
-        precision = self._settings.precision
-        features = feature_specs(self._scene, capacity, precision)
-        grid = self._grid_for(capacity, radii)
-        self._capacity = capacity
-        return SharedBlock(block_arrays(capacity, grid, self._most_workers, precision, features, self.tallied))
-
-    def _fill(self, block: SharedBlock) -> None:
-        """Make a block, and fill it with what the scene has."""
-        block.create()
-        block.arrays["team"]["bad_slot"] = -1
-        fill_features(block.arrays, self._scene)
-
-    def _prepare(self) -> None:
-        """Compile or load the kernels, then start the workers: they find the machine code and no frame waits for it."""
-        self._load_undisturbed()
-        self._start_workers()
-
-    def _load_undisturbed(self) -> None:
-        """`_load_kernels`, while Ctrl-C waits: Numba looks up the types of arguments inside exceptions of its own.
-
-        It comes in this frame, which holds no view of the block.
-        """
-        with interrupts_held_back():
-            self._load_kernels()
-
-    def _move(self, capacity: int, choice: Choice, radii: NDArray[np.float64]) -> None:
-        """Move everything to a new block, larger or for other workers, and the workers with it."""
-        self._replace_block(capacity, choice, self.snapshot(), radii, new_workers=choice != self.choice)
-
-    def _replace_block(
-        self, capacity: int, choice: Choice, snapshot: Snapshot, radii: NDArray[np.float64], new_workers: bool
-    ) -> None:
-        """A new block that holds a snapshot; the workers attach to it, or others are started.
-
-        radii: of the discs for which it is to have a grid, shape (M,): those of the snapshot, and of any to be added.
-        """
-        old, before = self._block, (self.choice, self._capacity)
-        loaded = "tally" in old.arrays or not self.tallied
-        self.choice = choice
-        try:
-            with (new := self._next_block(capacity, radii)).closed_on_error():
-                self._fill(new)
-        except BaseException:
-            self.choice, self._capacity = before
-            raise
-        self._moving, self._block, self._begun = True, new, -1
-        try:
-            self._enter(snapshot)
-            if new_workers:
-                self._stop_workers()
-                self._prepare()
-            else:
-                if not loaded:
-                    self._load_undisturbed()
-                self._move_workers()
-        finally:
-            old.close()
-        self._moving = False
-
-    def _enter(self, snapshot: Snapshot) -> None:
-        """Write a snapshot into the present, new block."""
-        self._radii, self._masses = snapshot["radii"].copy(), snapshot["masses"].copy()
-        self.count = count_in(snapshot)
-        self._write(snapshot["position"], snapshot["velocity"], {})
-        arrays = self._block.arrays
-        frames, steps = snapshot["progress"].tolist()
-        arrays["control"].done, arrays["control"].steps = frames, steps
-        self.substeps = steps // frames if frames else self._settings.substeps
-        for column in columns.COLUMNS:
-            if column.name in snapshot:  # in files of older versions there is no image, and it counts from there on
-                column.put(arrays[column.name], snapshot[column.name])
-        self._configure()
-
-    def _write(self, position: NDArray[Any], velocity: NDArray[Any], brought: dict[str, NDArray[Any]]) -> None:
-        """Write all discs into a new block. brought: of columns by id, by name, besides masses."""
-        given = {**brought, columns.MASS.name: self._masses}
-        write_discs(self._block, NewDiscs(position, velocity, self._radii, given), 0)
-
-    def _configure(self) -> None:
-        """Write the records `parameters` and `control`, which follow from what is simulated now."""
-        self._grid = self._grid_for(self.count, self._radii)
-        now = Present(self._radii, self._grid, self._giant_radius(self._radii), self.substeps, self._speed_limit)
-        configure(self._block.arrays, self._scene, self._settings, now)

@@ -21,11 +21,11 @@ def taken(block: SharedBlock, radii: NDArray[np.float64], masses: NDArray[np.flo
 
     Args:
         block: with as many discs in it.
-        radii, masses: of the discs, shape (N,), which are copied [length], [mass].
+        radii, masses: of the discs, shape (N,), read-only [length], [mass].
     """
     arrays, count = block.arrays, len(radii)
     position, velocity = places_and_speeds(block, count)
-    found: Snapshot = {"position": position, "velocity": velocity, "radii": radii.copy(), "masses": masses.copy()}
+    found: Snapshot = {"position": position, "velocity": velocity, "radii": radii, "masses": masses}
     for column in columns.COLUMNS:
         if column.kept and column.name in arrays:
             found[column.name] = column.take(arrays[column.name], count)

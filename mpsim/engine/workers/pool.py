@@ -90,7 +90,7 @@ class WorkerPool:
     def wake(self) -> None:
         """Announce a command, and wake the workers that sleep. The kernel gives the command itself."""
         store_word(self._control.signals, layout.ANNOUNCED, load_word(self._control.signals, layout.COMMAND) + 1)
-        for connection, mine in zip(self._connections, self._team[1:], strict=True):
+        for connection, mine in zip(self._connections, self._team[1:], strict=False):  # on ranks it has one more
             if load_word(mine.signals, layout.PARKED):
                 self._send(connection, ("wake", None, None))
 
@@ -110,7 +110,7 @@ class WorkerPool:
     def failure(self) -> Exception:
         """The exception for an abort that a worker's death or delay has caused."""
         if self._lost is None:
-            late = int(self._team["arrivals"].argmin())
+            late = int(self._team["arrivals"][: len(self._processes) + 1].argmin())
             return WorkerStalled(
                 f"worker {late} has not come to a barrier within {layout.PATIENCE / 1e9:g} s. A worker must keep "
                 "running. It may be stopped (SIGSTOP, a debugger) or starved; start again, with fewer workers."

@@ -8,6 +8,7 @@ import signal
 import threading
 import time
 import traceback
+from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import parent_process
@@ -21,6 +22,7 @@ from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.system_limits import refusal_of_process
 from mpsim.kernels import compile_notice, layout
 from mpsim.kernels.features.hooks import features_of
+from mpsim.kernels.frame.rank import run_part
 from mpsim.kernels.frame.stepping import run_grid
 from mpsim.kernels.waiting import add_to_word, load_word, store_word
 
@@ -42,7 +44,7 @@ REFUSED = 4
 
 
 class GridArguments(NamedTuple):
-    """Arguments of `run_grid`, in its order; see there. All but the last two are views of the block."""
+    """Arguments of `run_grid`, or `run_part`, in its order; see there. All but the last two are views of the block."""
 
     a: layout.Discs
     b: layout.Discs
@@ -60,7 +62,7 @@ class GridArguments(NamedTuple):
 
 
 def kernel_arguments(block: SharedBlock, worker: int) -> GridArguments:
-    """What one worker calls `run_grid` with."""
+    """What one worker calls its kernel with."""
     arrays = block.arrays
     a, b = buffers_of(block)
     return GridArguments(
@@ -86,12 +88,19 @@ def buffers_of(block: SharedBlock) -> tuple[layout.Discs, layout.Discs]:
     return a, b
 
 
+def kernel_of(block: SharedBlock) -> Callable[..., int]:
+    """What the workers of a block call: for whole commands, or, on the ranks of MPI, for parts of a step."""
+    control = block.arrays["control"]
+    return run_part if control.members > control.workers else run_grid
+
+
 def load_kernels(block: SharedBlock) -> None:
     """Compile or load everything that coordinator and workers call, by running no frame on private records."""
-    arguments = kernel_arguments(block, 0)
+    arguments, kernel = kernel_arguments(block, 0), kernel_of(block)
     control = arguments.control.copy()
     control.frames, control.workers = 0, 1
-    run_grid(*arguments._replace(control=control, team=np.zeros_like(arguments.team)))
+    control.part, control.ahead = layout.ODD, layout.NO_FRAME  # of no columns
+    kernel(*arguments._replace(control=control, team=np.zeros_like(arguments.team)))
     store_word(control.signals, layout.MAIL, 1)
     add_to_word(control.signals, layout.ANNOUNCED, load_word(control.signals, layout.MAIL))
 
@@ -141,9 +150,9 @@ def _end_with_coordinator(pid: int) -> None:
 def _serve(worker: int, connection: Connection, block: SharedBlock) -> None:
     """Run commands until the coordinator says stop. Does not return."""
     load_kernels(block)
-    arguments = _join(worker, connection, block)
+    kernel, arguments = kernel_of(block), _join(worker, connection, block)
     while True:
-        outcome = run_grid(*arguments)
+        outcome = kernel(*arguments)
         if outcome == layout.IDLE:
             _park(connection, block.arrays["control"], block.arrays["team"][worker])
         elif outcome != layout.MAILED:
@@ -163,7 +172,7 @@ def _serve(worker: int, connection: Connection, block: SharedBlock) -> None:
 
 
 def _join(worker: int, connection: Connection, block: SharedBlock) -> GridArguments:
-    """Say that this worker is ready for the next command in the block; returns its arguments for `run_grid`."""
+    """Say that this worker is ready for the next command in the block; returns the arguments of its kernel."""
     control, mine = block.arrays["control"], block.arrays["team"][worker]
     mine.commands = load_word(control.signals, layout.COMMAND)
     mine.mails = load_word(control.signals, layout.MAIL)

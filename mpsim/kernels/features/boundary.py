@@ -187,6 +187,20 @@ def wrap_places(places, image, axis, wrap):
         count_periods(image, axis, i, before - places[i], wrap)
 
 
+@inlined
+def pack(image, disc, message, k):
+    """The image flags of a disc go along to another rank."""
+    if image is not None:
+        message[k].image_x, message[k].image_y = image[0, disc], image[1, disc]
+
+
+@inlined
+def unpack(message, k, image, disc):
+    """The image flags of a disc have come along."""
+    if image is not None:
+        image[0, disc], image[1, disc] = message[k].image_x, message[k].image_y
+
+
 # --- discs seen through a border ----------------------------------------------------------------------------------
 
 

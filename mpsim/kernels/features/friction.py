@@ -101,3 +101,17 @@ def on_walls(wall_friction, discs, i, x, y, in_flight, features, parameters, con
     if wall_friction is not None:  # noqa: SIM102 - see optional.py
         if (x.low_change != x.high_change) | (y.low_change != y.high_change):
             on_walls_met(wall_friction, discs, i, x, y, in_flight, features, parameters, control)
+
+
+@inlined
+def pack(spin, disc, message, k):
+    """The angular velocity of a disc goes along to another rank."""
+    if spin is not None:
+        message[k].spin = spin[disc]
+
+
+@inlined
+def unpack(message, k, spin, disc):
+    """The angular velocity of a disc has come along."""
+    if spin is not None:
+        spin[disc] = message[k].spin

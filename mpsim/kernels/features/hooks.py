@@ -99,6 +99,20 @@ def after_binning(discs, low, high, features, control):
 
 
 @inlined
+def pack(features, disc, message, k):
+    """When a disc goes to another rank: what features keep of it by its number, into entry k of a message."""
+    boundary.pack(features.image, disc, message, k)
+    friction.pack(features.spin, disc, message, k)
+
+
+@inlined
+def unpack(message, k, features, disc):
+    """When a disc has come from another rank."""
+    boundary.unpack(message, k, features.image, disc)
+    friction.unpack(message, k, features.spin, disc)
+
+
+@inlined
 def prepare_next_step(features, parameters, control):
     """Before the next step: by one worker between motion and contacts, when no worker reads the walls."""
     piston.prepare_next_step(features.moving_wall, parameters, control)

@@ -13,11 +13,11 @@ def copy_disc(source, i, target, slot):
     target.vy[slot] = source.vy[i]
     target.id[slot] = source.id[i]
     target.cell[slot] = source.cell[i]
-    _copy_radius(source.radius, i, target.radius, slot)
+    copy_radius(source.radius, i, target.radius, slot)
 
 
 @inlined
-def _copy_radius(source, i, target, slot):
+def copy_radius(source, i, target, slot):
     """The radius goes along, where each disc has its own."""
     if source is not None:
         target[slot] = source[i]

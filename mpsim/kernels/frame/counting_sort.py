@@ -18,10 +18,10 @@ def count_discs(discs, start, changes, team, worker, control):
     first_cell, last_cell = cells_of(team, worker, control)
     start[first_cell + 1 : last_cell + 1] = 0
     for i in range(mine.low, mine.high):
-        cell = nonnegative(discs.cell[nonnegative(i)])
+        cell = discs.cell[nonnegative(i)]
         if first_cell <= cell < last_cell:
-            start[cell + 1] += 1
-    for other in range(control.workers):
+            start[nonnegative(cell) + 1] += 1
+    for other in range(control.members):
         for k in range(team[other].low, team[other].low + team[other].outbox):
             cell = discs.cell[changes.outbox[k]]
             if first_cell <= cell < last_cell:
@@ -59,7 +59,7 @@ def place_all(source, target, start, changes, team, worker, control):
         for i in range(mine.low, mine.high):
             if first_cell <= source.cell[i] < last_cell:
                 place(source, nonnegative(i), target, start)
-    for other in range(control.workers):
+    for other in range(control.members):
         for k in range(team[other].low, team[other].low + team[other].outbox):
             if first_cell <= source.cell[changes.outbox[k]] < last_cell:
                 place(source, changes.outbox[k], target, start)

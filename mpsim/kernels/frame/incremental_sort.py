@@ -50,7 +50,7 @@ def list_arrivals(discs, changes, team, worker, control):
     changes.first_arrival[first_bucket:last_bucket] = -1
     first, _ = section_of(mine)
     last = nonnegative(first + mine.leavers)
-    for other in range(control.workers):
+    for other in range(control.members):
         if other != worker:
             for k in range(team[other].low, team[other].low + team[other].outbox):
                 i = nonnegative(changes.outbox[k])

@@ -9,9 +9,9 @@ FEW = 8
 
 @inlined
 def cells_of(team, worker, control):
-    """First cell of a worker's columns and one past the last; the last worker has whatever lies beyond the grid."""
+    """First cell of a worker's columns and one past the last; the last member has whatever lies beyond the grid."""
     stride = control.rows + 2
-    if worker == control.workers - 1:
+    if worker == control.members - 1:
         return team[worker].first_column * stride, control.cells
     return team[worker].first_column * stride, team[worker].last_column * stride
 
@@ -30,7 +30,7 @@ def send_if_outside(i, discs, outbox, sent, team, first_cell, last_cell, worker,
     if not first_cell <= cell < last_cell:
         outbox[mine.low + mine.outbox] = i
         mine.outbox += 1
-        for other in range(control.workers):
+        for other in range(control.members):
             first, last = cells_of(team, other, control)
             sent[other] += first <= cell < last
 
@@ -60,7 +60,7 @@ def list_emigrants(discs, changes, sent, team, worker, control):
 def immigrants_of(sent, worker, control):
     """How many discs of other workers have moved into the columns of this one."""
     number = 0
-    for other in range(control.workers):
+    for other in range(control.members):
         number += sent[other, worker]
     return number
 

@@ -26,10 +26,11 @@ BLOCK = 1024
 
 @inlined
 def bin_discs(discs, low, high, parameters, control):
-    """Cell of each disc of a slice."""
+    """Cell of each disc of a slice; below 0 or beyond the table in a column that another rank has."""
     # 32-bit throughout: the loop then is vector code. The last row and column also hold what rounding puts beyond.
     last_column, last_row = np.int32(control.columns - 1), np.int32(control.rows - 1)
-    stride, ghost = np.int32(control.rows + 2), np.int32(1)
+    stride = np.int32(control.rows + 2)
+    ghost = np.int32(1) - np.int32(control.columns_before) * stride
     x, y, cells = discs.x[low:high], discs.y[low:high], discs.cell[low:high]
     cells_per_x, cells_per_y = parameters.cells_per_x, parameters.cells_per_y
     for i in range(high - low):

@@ -46,18 +46,15 @@ from mpsim.kernels.layout import (
     ABORT,
     BAD,
     BAD_STATE,
-    COMMAND,
     EVEN,
-    IDLE,
-    MAILED,
     MOVE,
     ODD,
     RUNNING,
     SLICE,
     SORT,
 )
-from mpsim.kernels.machine import atomic_add, atomic_load, now
-from mpsim.kernels.waiting import await_command, barrier
+from mpsim.kernels.machine import now
+from mpsim.kernels.waiting import barrier, next_command
 
 
 @inlined
@@ -179,15 +176,9 @@ def run_grid(a, b, start, changes, features, parameters, control, team, sent, ta
     """
     mine = team[worker]
     while True:
-        if worker == 0:
-            if control.workers > 1:
-                atomic_add(control.signals, COMMAND, 1)
-        else:
-            if not await_command(control, mine, linger):
-                return IDLE
-            if atomic_load(control.signals, COMMAND) == mine.commands:
-                return MAILED
-            mine.commands += 1
+        heard = next_command(control, mine, worker, linger)
+        if heard != RUNNING:
+            return heard
         front, back = a, b
         if control.live == 1:
             front, back = b, a

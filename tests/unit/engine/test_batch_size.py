@@ -27,6 +27,12 @@ def test_the_sizer_finds_the_faster_number_of_workers(fast):
     assert sum(size for workers, size in slices if workers == fast) > 0.9 * 200_000
 
 
+@pytest.mark.parametrize(("slow", "trials"), [(2e-5, 3), (1.2e-5, 7)])
+def test_a_number_of_workers_is_tried_the_longer_the_closer_it_comes(slow, trials):
+    slices = pace(BatchSizer((4, 1), 4096), {4: 1e-5, 1: slow}, 50_000)
+    assert sum(workers == 1 for workers, _ in slices) == trials
+
+
 def test_the_sizer_notices_when_the_other_number_of_workers_becomes_faster():
     sizer = BatchSizer((4, 1), 4096)
     pace(sizer, {4: 1e-5, 1: 2e-5}, 100_000)

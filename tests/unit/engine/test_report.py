@@ -105,7 +105,7 @@ def test_kernels_that_are_there_cost_no_time():
 
 
 def test_auto_reports_what_it_chose():
-    for count, methods in ((50, {"naive"}), (200, {"grid"}), (5000, {"grid", "parallel"})):
+    for count, methods in ((50, {"naive"}), (190, {"grid"}), (5000, {"grid", "parallel"})):
         with mpsim.Simulation(gas(count, 0.3), mpsim.Settings(workers=2)) as sim:
             report = sim.run(frames=60)
         assert report.method in methods

@@ -1,6 +1,7 @@
 """What `event` cannot do exactly is refused by name, and a refusal changes nothing; how it stops and grows."""
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -165,3 +166,16 @@ def test_a_loss_of_energy_that_would_never_end_is_guarded_and_said():
     with simulate(scene, method="event", dt=1.0) as sim, pytest.warns(mpsim.GuardWarning, match="guard"):
         report = sim.run(frames=20)
     assert report.guarded > 0
+
+
+def test_a_scene_at_rest_is_said_while_it_runs():
+    """From the fifth on its frames take millions of bounces each; 10,000 would take ten minutes."""
+    scene = mpsim.Scene(
+        width=4, height=8, position=[[2, 3]], velocity=[[0, 0]], radius=0.5, gravity=(0, -1), wall_restitution=0.3
+    )
+    with simulate(scene, method="event", dt=1.0) as sim, warnings.catch_warnings():
+        warnings.simplefilter("error", mpsim.GuardWarning)
+        sim.run(frames=2)  # it still bounces
+        with pytest.raises(mpsim.GuardWarning, match="come to rest"):
+            sim.run(frames=10_000)
+        assert sim.frame < 20

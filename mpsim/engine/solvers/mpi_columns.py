@@ -1,0 +1,65 @@
+"""How the columns of the grid are dealt to ranks, and where those of two ranks meet."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.engine.solvers.grid import shares_of
+from mpsim.engine.workers.arrays import Grid
+
+
+class Range(NamedTuple):
+    """The columns of a rank: from `first` to before `last`."""
+
+    first: int
+    last: int
+
+    @property
+    def before(self) -> int:
+        """Columns that are not in the rank's own grid: an even number, so that a column keeps its parity."""
+        return self.first - self.first % 2
+
+
+class Border(NamedTuple):
+    """Where the columns of a rank meet those of another.
+
+    Attributes:
+        other: the rank beyond.
+        column: the own column there, in the rank's own grid.
+        is_left: whether that is the left one of the two, as the last column is of the first one beyond a periodic
+            border.
+        is_periodic: whether they meet there.
+    """
+
+    other: int
+    column: int
+    is_left: bool
+    is_periodic: bool = False
+
+
+def columns_of_places(x: NDArray[Any], grid: Grid, width: float, precision: str) -> NDArray[np.int64]:
+    """Column of each disc."""
+    real = np.dtype(precision).type
+    return np.clip((x.astype(real) * real(grid.columns / width)).astype(np.int64), 0, grid.columns - 1)
+
+
+def dealt(counts: NDArray[np.int64], ranks: int) -> NDArray[np.int64]:
+    """First column of each rank, and the end: whole columns, at least one each, in nearly equal numbers of discs.
+
+    counts: discs in each column.
+    """
+    discs_before = np.concatenate([[0], np.cumsum(counts)])
+    firsts = shares_of(discs_before[:-1], np.arange(ranks + 1) * discs_before[-1] // ranks)
+    most = len(counts) - ranks + np.arange(ranks + 1)
+    return np.minimum(np.maximum.accumulate(firsts - np.arange(ranks + 1)) + np.arange(ranks + 1), most)
+
+
+def borders_of(own: Range, rank: int, ranks: int, periodic: bool) -> list[Border]:
+    """Where the columns of a rank meet those of others; periodic: whether the last meet the first."""
+    first, last = own.first - own.before, own.last - own.before
+    meets = periodic and ranks > 1
+    left = [Border((rank - 1) % ranks, first, is_left=False, is_periodic=rank == 0)] if rank > 0 or meets else []
+    at_end = rank == ranks - 1
+    right = [Border((rank + 1) % ranks, last - 1, is_left=True, is_periodic=at_end)] if not at_end or meets else []
+    return left + right

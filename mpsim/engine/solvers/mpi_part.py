@@ -1,0 +1,375 @@
+"""The part of a scene that one rank holds: the discs of its columns, and the calls that run a step of them."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core import columns
+from mpsim.core.deferred_signals import interrupts_held_back
+from mpsim.engine.columns import columns_of
+from mpsim.engine.feature_arrays import feature_specs, fill_features
+from mpsim.engine.solvers.base import NewDiscs
+from mpsim.engine.solvers.grid import shares_of
+from mpsim.engine.solvers.mpi_columns import Border, Range
+from mpsim.engine.solvers.parameters import Present, configure
+from mpsim.engine.workers.arrays import Grid, block_arrays
+from mpsim.engine.workers.pool import WorkerPool
+from mpsim.engine.workers.shared import SharedBlock, remove_stale_blocks
+from mpsim.engine.workers.worker import GridArguments, kernel_arguments, load_kernels
+from mpsim.features.radii import has_radii
+from mpsim.kernels import layout, records
+from mpsim.kernels.frame import rank as kernels
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+
+SPARE, FEWEST = 1.25, 256
+"""Discs for which there is room: so many times those of the start, and at least so many more."""
+
+
+class Part:
+    """The block of one rank and its workers: arrays of its discs, and columns by id of all discs.
+
+    Args:
+        scene, settings: of the simulation.
+        workers: of this rank, itself included.
+        tallied: whether measures need counts.
+
+    Attributes:
+        failure: why this rank cannot go on, as when a worker of it has ended; None: it can. Else parts of a step do
+            nothing.
+    """
+
+    def __init__(self, scene: Scene, settings: Settings, workers: int, tallied: bool):
+        self._scene, self._settings, self._workers = scene, settings, workers
+        names = [column.name for column in columns_of(scene)]
+        has_spins, has_images = columns.SPIN.name in names, columns.IMAGE.name in names
+        self._record = records.message_in(settings.precision, has_radii(scene), has_spins, has_images)
+        self._outgoing = [np.zeros(FEWEST, self._record) for _ in range(3)]
+        self._pair = self._room_for_pair(2 * FEWEST)
+        self._tallied = tallied
+        self._block: SharedBlock | None = None
+        self._pool: WorkerPool | None = None
+        self._arguments: dict[int, GridArguments] = {}  # by the buffer that holds the state
+        self.failure: Exception | None = None
+
+    @property
+    def arrays(self) -> dict[str, Any]:
+        """Arrays and records by name; none before `fill` and after `close`."""
+        return {} if self._block is None else self._block.arrays
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the arrays."""
+        return () if self._block is None else tuple(self._block.specs)
+
+    @property
+    def changing(self) -> list[str]:
+        """Names of the columns by id that steps change: true of own discs alone, and of those absorbed here."""
+        of_scene = columns_of(self._scene)
+        return [column.name for column in of_scene if column.in_state or (column.kept and not column.given)]
+
+    @property
+    def nbytes(self) -> int:
+        """Size of the block."""
+        return 0 if self._block is None else self._block.nbytes
+
+    @property
+    def pids(self) -> list[int]:
+        """Process numbers of its workers, without itself."""
+        return [] if self._pool is None else self._pool.pids
+
+    @property
+    def team(self) -> Any:
+        """Records of its workers."""
+        return self.arrays["team"][: self._workers]
+
+    @property
+    def count(self) -> int:
+        """Number of own discs."""
+        return int(self.team[-1].high)
+
+    @property
+    def live(self) -> layout.Discs:
+        """Own discs, `count` of them, and what lies behind them."""
+        return self.arguments().a
+
+    def rows(self) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]]:
+        """Numbers of own discs, and of those that are known to be absorbed; and a row for each, by name."""
+        live, count, exits = self.live, self.count, self.arrays.get("exits", np.zeros((3, 0)))
+        gone = np.flatnonzero(exits[0])
+        ids = np.concatenate([live.id[:count], gone])
+        place, velocity = (
+            np.stack([live.x[:count], live.y[:count]], axis=1),
+            np.stack([live.vx[:count], live.vy[:count]], axis=1),
+        )
+        rows = {
+            "position": np.concatenate([place, exits[1:, gone].T.astype(place.dtype)]),
+            "velocity": np.concatenate([velocity, np.zeros((len(gone), 2), place.dtype)]),
+        }
+        return ids, rows | {name: self.arrays[name][..., ids].T for name in self.changing}
+
+    def fill(self, discs: NewDiscs, mine: NDArray[np.int64], own: Range, grid: Grid) -> None:
+        """Take the discs of this rank, numbers `mine`, of all discs, and its columns of the grid of the whole scene."""
+        scene, count = self._scene, len(mine)
+        self._own, self._count_of_all, self._grid, self._stride = own, len(discs.position), grid, grid.rows + 2
+        self._pair_start = np.zeros(3 * self._stride + 1, np.int32)
+        self._renew(count, with_discs=False)
+        fill_features(self.arrays, scene)
+        for column in columns.COLUMNS:
+            if column.name in self.arrays:
+                column_values = discs.of(column)
+                self.arrays[column.name][..., : len(column_values)] = column_values.T
+        live = self.live
+        live.x[:count], live.y[:count] = discs.position[mine].T
+        live.vx[:count], live.vy[:count] = discs.velocity[mine].T
+        live.id[:count] = mine
+        if live.radius is not None:
+            live.radius[:count] = discs.radius[mine]
+        self._begin(count)
+
+    def start(self) -> None:
+        """Compile or load the kernels, and start the workers, unless they run already."""
+        if self._pool is not None:
+            return
+        remove_stale_blocks()  # which a job that was ended leaves behind: its trackers are ended with it
+        with interrupts_held_back():
+            load_kernels(self._held())
+        if self._workers > 1:
+            self._pool = WorkerPool(self._held(), self._settings.start_method)
+            self._pool.start(self._workers)
+
+    def close(self) -> None:
+        """Stop the workers and remove the block. May be called again."""
+        pool, self._pool = self._pool, None
+        if pool is not None:
+            pool.stop()
+        self._arguments = {}
+        block, self._block = self._block, None
+        if block is not None:
+            block.close()
+
+    def move_to(self, own: Range, discs: NDArray[Any]) -> None:
+        """Take other columns, and all discs in them."""
+        self._own = own
+        self._renew(len(discs), with_discs=False)
+        now = self.arguments()
+        kernels.unpack_own(discs, len(discs), now.a, now.features)
+        self._begin(len(discs))
+
+    def _begin(self, count: int) -> None:
+        """Begin with so many own discs, which lie in `a` in any order."""
+        control, own, team = self.arrays["control"], self._own, self.arrays["team"]
+        control.in_order = 0
+        control.workers, control.members = self._workers, self._workers + 1
+        team["bad_slot"] = -1
+        team["low"] = team["high"] = count
+        team["first_column"] = team["last_column"] = own.last - own.before
+        share = np.arange(self._workers + 1)
+        self._deal(share * (own.last - own.first) // self._workers, share * count // self._workers)
+
+    def deal(self, open_end: bool) -> None:
+        """Deal own columns to the workers, in nearly equal numbers of discs.
+
+        open_end: whether contacts of the last column are those of a border.
+        """
+        if self.arrays["control"].in_order:
+            share = np.arange(self._workers + 1) * self.count // self._workers
+            first_of_column = np.append(0, np.cumsum(self.discs_in_columns()))
+            dealt = shares_of(first_of_column[:-1], share)
+            self._deal(dealt, first_of_column[dealt])
+        last = self._own.last - self._own.before
+        self.team["stop"] = np.minimum(self.team["last_column"], last - open_end)
+
+    def _deal(self, shares: NDArray[np.int64], slots: NDArray[np.int64]) -> None:
+        """First of own columns, and first slot, of each worker, and the ends."""
+        first = self._own.first - self._own.before
+        self.team["first_column"], self.team["last_column"] = first + shares[:-1], first + shares[1:]
+        self.team["low"], self.team["high"] = slots[:-1], slots[1:]
+
+    def discs(self) -> NDArray[Any]:
+        """All own discs, cells as in the grid of the scene."""
+        now = self.arguments()
+        found = np.zeros(self.count, self._record)
+        kernels.pack_own(now.a, now.features, now.control, now.team, found)
+        return found
+
+    def discs_in_columns(self) -> NDArray[np.int64]:
+        """Number of discs in each own column, once a step has sorted them."""
+        first, last = self._own.first - self._own.before, self._own.last - self._own.before
+        return np.diff(self.arrays["start"][np.arange(first, last + 1) * self._stride].astype(np.int64))
+
+    def configure(self, present: Present) -> None:
+        """Write the records `parameters` and `control`."""
+        configure(self.arrays, self._scene, self._settings, present)
+        control = self.arrays["control"]
+        control.columns_before = self._own.before
+        control.cells = len(self.arrays["start"]) - 1
+
+    def set_tallied(self, tallied: bool) -> None:
+        """Have what measures need counted, or not."""
+        if tallied != self._tallied:
+            self._tallied = tallied
+            self._renew(self.count)
+
+    def _held(self) -> SharedBlock:
+        assert self._block is not None  # between `fill` and `close`
+        return self._block
+
+    def _renew(self, count: int, with_discs: bool = True) -> None:
+        """Move to a block with room for so many own discs, and with all that the present one has.
+
+        with_discs: whether own discs, and what is known of their order, come along too; else the block is to be filled.
+        """
+        capacity = int(SPARE * count) + FEWEST
+        features = feature_specs(self._scene, max(capacity, self._count_of_all), self._settings.precision)
+        grid = Grid(self._own.last - self._own.before, self._grid.rows)
+        specs = block_arrays(capacity, grid, self._workers + 1, self._settings.precision, features, self._tallied)
+        old, new = self._block, SharedBlock(specs)
+        with new.closed_on_error():
+            new.create()
+            for name, values in {} if old is None else old.arrays.items():
+                if name in new.arrays and (with_discs or not _is_of_discs(name)):
+                    _copy(values, new.arrays[name])
+        new.arrays["team"]["signals"] = 0
+        if not with_discs:
+            new.arrays["control"].live = 0
+        self._block, self._arguments, self._capacity = new, {}, capacity
+        try:
+            if self._pool is not None:
+                with interrupts_held_back():
+                    load_kernels(new)  # before the workers do, which then find them
+                self._pool.move_to(new)
+        finally:
+            if old is not None:
+                old.close()
+
+    def _room_for_pair(self, count: int) -> layout.Discs:
+        """A buffer for the discs of two columns."""
+        real, length = np.dtype(self._settings.precision), count + layout.PADDING
+        radius = np.zeros(length, real) if has_radii(self._scene) else None
+        x, y, vx, vy = (np.zeros(length, real) for _ in range(4))
+        return layout.Discs(x, y, vx, vy, np.zeros(length, np.int32), np.zeros(length, np.int32), radius)
+
+    # --- a step
+
+    def arguments(self) -> GridArguments:
+        """What kernels are called with: the state in `a`."""
+        if not self._arguments:  # kept, as a step asks often
+            given = kernel_arguments(self._held(), 0)
+            self._arguments = {0: given, 1: given._replace(a=given.b, b=given.a)}
+        return self._arguments[int(self.arrays["control"].live)]
+
+    def run(self, part: int, ahead: int = layout.NO_FRAME) -> None:
+        """A part of a step, MOVE, SORT, EVEN or ODD, on all workers: all of it that lies away from borders.
+
+        SORT has the first even pass in it.
+
+        Args:
+            part: which.
+            ahead: frame of the step that is to begin after ODD; NO_FRAME: none.
+        """
+        if self.failure is not None:
+            return
+        control, pool = self.arrays["control"], self._pool
+        control.part, control.ahead = part, ahead
+        if pool is not None:
+            pool.wake()
+        self.arguments()  # of which the kernel chooses by itself
+        try:
+            outcome = kernels.run_part(*self._arguments[0])
+        finally:
+            if pool is not None:
+                pool.settle()
+        if outcome != layout.RUNNING:
+            assert pool is not None  # only its watcher, or a barrier, ends a part
+            self.failure = pool.failure()
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all discs have been finite so far."""
+        return not self.arrays["control"].signals[layout.BAD]
+
+    def emigrants(self) -> NDArray[Any]:
+        """The discs that have left the columns of this rank, cells as in the grid of the scene."""
+        if self.failure is not None or not self.is_finite:
+            return self._outgoing[2][:0]
+        now, leaving = self.arguments(), int(self.team["outbox"].sum())
+        if not leaving:
+            return self._outgoing[2][:0]
+        self._outgoing[2] = self._with_room(self._outgoing[2], leaving)
+        count = kernels.pack_emigrants(now.a, now.changes, now.features, now.control, now.team, self._outgoing[2])
+        return self._outgoing[2][:count]
+
+    def columns_of(self, discs: NDArray[Any]) -> NDArray[np.int64]:
+        """Columns of emigrants, in the grid of the scene."""
+        return discs["cell"] // self._stride
+
+    def take_in(self, immigrants: NDArray[Any]) -> None:
+        """Discs that have come, to be sorted with the others."""
+        if not len(immigrants) and not self.arrays["team"][-1].outbox:
+            return
+        if self.count + len(immigrants) > self._capacity:
+            try:
+                self._renew(self.count + len(immigrants))
+            except Exception as error:  # of this rank: the others learn of it when they next agree
+                self.failure = error
+                return
+        now = self.arguments()
+        kernels.unpack_immigrants(
+            immigrants, len(immigrants), now.a, now.changes, now.features, now.control, now.team, now.sent
+        )
+
+    def column_at(self, border: Border) -> NDArray[Any]:
+        """The discs of the own column at a border, for the rank beyond."""
+        place = int(border.is_left)
+        if self.failure is not None:
+            return self._outgoing[place][:0]
+        now = self.arguments()
+        cells = border.column * self._stride, (border.column + 1) * self._stride
+        count = int(now.start[cells[1]] - now.start[cells[0]])
+        self._outgoing[place] = self._with_room(self._outgoing[place], count)
+        kernels.pack_column(now.a, now.start, border.column, now.features, now.control, self._outgoing[place])
+        return self._outgoing[place][:count]
+
+    def resolve_at(self, phase: int, border: Border, own: int, beyond: NDArray[Any]) -> None:
+        """The bracket at a border.
+
+        Args:
+            phase: EVEN or ODD.
+            border: where.
+            own: discs of the own column there.
+            beyond: those of the other one.
+        """
+        if self.failure is not None:
+            return
+        if own + len(beyond) > len(self._pair.x) - layout.PADDING:
+            self._pair = self._room_for_pair(2 * (own + len(beyond)))
+        now, own_place = self.arguments(), int(not border.is_left)
+        member = 0 if border.is_left else self._workers
+        tally, control = None if now.tally is None else self.arrays["tally"][member], now.control
+        if border.is_periodic:  # as if the two were all columns: the bracket of the last one with the first
+            own_place, control = 1 - own_place, now.control.copy()
+            control.columns = 2
+        rest = now.features, now.parameters, control, now.team[member], tally, self.arrays["times"][member]
+        place = now.a, now.start, border.column, own_place, int(border.is_periodic)
+        kernels.resolve_border(phase, *place, beyond, len(beyond), self._pair, self._pair_start, *rest)
+
+    def _with_room(self, outgoing: NDArray[Any], count: int) -> NDArray[Any]:
+        """A message with room for so many discs."""
+        return outgoing if count <= len(outgoing) else np.zeros(2 * count, self._record)
+
+
+def _is_of_discs(name: str) -> bool:
+    """Whether an array holds discs in the order of the grid, or what that order is."""
+    return name in ("start", *layout.Changes._fields) or name.startswith(("a.", "b."))
+
+
+def _copy(old: Any, new: Any) -> None:
+    """Copy an array, or a record, into one that may be larger or smaller."""
+    if not old.shape:
+        for name in old.dtype.names:
+            new[name] = old[name]
+        return
+    part = tuple(slice(min(a, b)) for a, b in zip(old.shape, new.shape, strict=True))
+    new[part] = old[part]

@@ -1,0 +1,160 @@
+"""What ranks tell each other. All of them make the same calls in the same order; `mpi4py` is imported here alone."""
+
+import importlib
+import os
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core.errors import InputError
+
+Result = TypeVar("Result")
+
+
+NOT_FINITE, LOST = 1, 2
+
+
+class Agreement(NamedTuple):
+    """What all ranks know of a step once its discs have moved.
+
+    Attributes:
+        trouble: the worst on any rank: 0, none; NOT_FINITE, a disc is not finite; LOST, it cannot go on.
+        farthest: ranks that a disc goes on at most; 0: none goes to another.
+        frames: after so many the command ends: the fewest that any rank wants.
+    """
+
+    trouble: int
+    farthest: int
+    frames: int
+
+
+def library() -> Any:
+    """The module mpi4py.MPI, which starts MPI when it is first imported.
+
+    Raises:
+        InputError: if it cannot be imported, or finds no MPI library.
+    """
+    try:
+        return importlib.import_module("mpi4py.MPI")
+    except (ImportError, RuntimeError) as error:
+        raise InputError(
+            f"method='mpi' needs the package mpi4py and an MPI library, which cannot be loaded ({error}). Install both "
+            "by `pip install 'mpsim[mpi]' mpich`, or use method='parallel' on one machine."
+        ) from None
+
+
+def ranks_of(comm: Any) -> int:
+    """Number of ranks of a communicator of mpi4py; None: of all that were started.
+
+    Raises:
+        InputError: if it is no communicator, or there is no MPI.
+    """
+    mpi = library()
+    if comm is not None and (not isinstance(comm, mpi.Intracomm) or comm == mpi.COMM_NULL):
+        raise InputError(
+            f"comm must be a communicator of mpi4py, such as MPI.COMM_WORLD; got {comm!r}. Give that, for all ranks."
+        )
+    return (mpi.COMM_WORLD if comm is None else comm).size
+
+
+def communicator_of(comm: Any) -> "Communicator":
+    """The ranks of a communicator of mpi4py.
+
+    Raises:
+        InputError: as `ranks_of`.
+    """
+    ranks_of(comm)
+    return Communicator(comm)
+
+
+class Communicator:
+    """The ranks that share a simulation, by a communicator of their own, so that no message of the caller's is taken.
+
+    Args:
+        comm: of mpi4py; None: all ranks.
+
+    Attributes:
+        rank: number of this one.
+        size: number of them.
+    """
+
+    def __init__(self, comm: Any = None):
+        self._mpi = library()
+        self._comm: Any = (self._mpi.COMM_WORLD if comm is None else comm).Dup()
+        self.rank: int = self._comm.rank
+        self.size: int = self._comm.size
+        self._creator = os.getpid()
+        self._told, self._heard = np.zeros(3, np.int64), np.zeros(3, np.int64)
+
+    def close(self) -> None:
+        """Give the communicator back; in a fork it is left alone, as MPI may not be called there."""
+        if self._creator != os.getpid():
+            return
+        if self._comm != self._mpi.COMM_NULL and not self._mpi.Is_finalized():
+            self._comm.Free()
+
+    # --- in each step
+
+    def agree(self, trouble: int, farthest: int, frames: int) -> Agreement:
+        """What all ranks are to know, from what each of them knows."""
+        self._told[:] = trouble, farthest, -frames
+        self._comm.Allreduce(self._told, self._heard, op=self._mpi.MAX)
+        return Agreement(int(self._heard[0]), int(self._heard[1]), -int(self._heard[2]))
+
+    def exchange(self, parts: Sequence[tuple[int, int, NDArray[Any]]]) -> list[NDArray[Any]]:
+        """Give each of some ranks an array of records, and take what they give, which call this too.
+
+        Args:
+            parts: rank, the tag of what is exchanged with it, and what it is given; of each rank and tag one.
+        """
+        comm, byte, status = self._comm, self._mpi.BYTE, self._mpi.Status()
+        requests = [comm.Isend([part.view(np.uint8), byte], dest=other, tag=tag) for other, tag, part in parts]
+        arrived: list[NDArray[Any]] = []
+        for other, tag, part in parts:
+            comm.Probe(source=other, tag=tag, status=status)
+            found = np.empty(status.Get_count(byte) // part.itemsize, part.dtype)
+            comm.Recv([found.view(np.uint8), byte], source=other, tag=tag)
+            arrived.append(found)
+        self._mpi.Request.Waitall(requests)
+        return arrived
+
+    def distance(self, target: NDArray[np.int64]) -> int:
+        """Ranks that records go on at most, the last and the first side by side; target: rank of each, shape (K,)."""
+        apart = np.abs(target - self.rank)
+        return int(np.minimum(apart, self.size - apart).max(initial=0))
+
+    def deal(self, records: NDArray[Any], target: NDArray[np.int64], farthest: int) -> NDArray[Any]:
+        """Send each record to its rank; returns those for this one.
+
+        Args:
+            records: shape (K,), none for this rank unless farthest > 1.
+            target: rank of each, shape (K,).
+            farthest: the largest `distance` of all ranks.
+        """
+        if farthest > 1:
+            return np.concatenate(self._comm.alltoall([records[target == other] for other in range(self.size)]))
+        beside = sorted({(self.rank - 1) % self.size, (self.rank + 1) % self.size} - {self.rank})
+        parts = [(other, 0, records[target == other]) for other in beside]
+        return np.concatenate([records[:0], *self.exchange(parts)])
+
+    # --- seldom
+
+    def all_of(self, value: Any) -> list[Any]:
+        """What each rank has handed over, in their order."""
+        return self._comm.allgather(value)
+
+    def once(self, act: Callable[[], Result]) -> Result:
+        """What an act gives that the first rank alone does; what it raises, all raise."""
+        result: Any = None
+        error: Exception | None = None
+        if self.rank == 0:
+            try:
+                result = act()
+            except Exception as raised:
+                error = raised
+        result, error = self._comm.bcast((result, error))
+        if error is not None:
+            raise error
+        return result

@@ -1,0 +1,258 @@
+"""The step of one rank: the phases of `stepping.py` as calls, between which the ranks exchange discs.
+
+A rank has a range of the columns of the grid. `start` has these alone, and before them one more where the first is
+odd, so that a column has the parity that it has in the grid. The last member of the team, behind the workers of the
+rank, stands for all other ranks: it brings the discs that come from them, in the slots behind those of the rank.
+
+The bracket of two columns that meet at the border of two ranks is resolved by both, in a grid of these two, with
+the same bits. So nothing has to be sent back. It is counted by the rank of its left column.
+"""
+
+from mpsim.kernels.compiling import compiled, inlined, linked
+from mpsim.kernels.features.hooks import is_absent, pack, prepare_next_step, unpack
+from mpsim.kernels.frame.contacts import resolve_columns
+from mpsim.kernels.frame.copying import copy_radius
+from mpsim.kernels.frame.passes import resolve_inside
+from mpsim.kernels.frame.phases import add_time, set_phase, wait_for_all
+from mpsim.kernels.frame.sharing import cells_of, list_emigrants
+from mpsim.kernels.frame.sorting import begin_sort, move_and_bin
+from mpsim.kernels.frame.stepping import wait_for_walls
+from mpsim.kernels.layout import ABORT, EVEN, MOVE, NO_FRAME, ODD, RUNNING, SORT
+from mpsim.kernels.machine import now
+from mpsim.kernels.waiting import next_command
+
+
+@inlined
+def pack_radius(radius, i, message, k):
+    """The radius goes along, where each disc has its own."""
+    if radius is not None:
+        message[k].radius = radius[i]
+
+
+@inlined
+def unpack_radius(message, k, radius, i):
+    """The radius has come along, where each disc has its own."""
+    if radius is not None:
+        radius[i] = message[k].radius
+
+
+@inlined
+def first_cell_of_grid(control):
+    """Number of the grid's first cell as the rank counts cells."""
+    return -control.columns_before * (control.rows + 2)
+
+
+@inlined
+def pack_disc(discs, i, first_cell, features, message, k):
+    """Disc i as entry k of a message, its cell counted from `first_cell`."""
+    message[k].x, message[k].y = discs.x[i], discs.y[i]
+    message[k].vx, message[k].vy = discs.vx[i], discs.vy[i]
+    message[k].id = discs.id[i]
+    message[k].cell = discs.cell[i] - first_cell
+    pack_radius(discs.radius, i, message, k)
+    pack(features, discs.id[i], message, k)
+
+
+@inlined
+def unpack_disc(message, k, first_cell, features, discs, i):
+    """Entry k of a message as disc i."""
+    discs.x[i], discs.y[i] = message[k].x, message[k].y
+    discs.vx[i], discs.vy[i] = message[k].vx, message[k].vy
+    discs.id[i] = message[k].id
+    discs.cell[i] = message[k].cell + first_cell
+    unpack_radius(message, k, discs.radius, i)
+    unpack(message, k, features, message[k].id)
+
+
+@linked
+def do_move(front, back, changes, features, parameters, control, team, sent, tally, times, worker):
+    """The phase `move` of one worker."""
+    mine = team[worker]
+    moment = now(mine.clock)
+    set_phase(mine, MOVE)
+    if move_and_bin(front, back, changes, features, parameters, control, mine, tally):
+        list_emigrants(front, changes, sent[worker], team, worker, control)
+    add_time(times, mine, MOVE, moment)
+
+
+@linked
+def do_sort(front, back, start, changes, features, parameters, control, team, sent, tally, times, worker):
+    """The phase `sort` of one worker, and what both passes do in its columns alone."""
+    mine = team[worker]
+    moment = now(mine.clock)
+    set_phase(mine, SORT)
+    if worker == 0:
+        control.steps += 1
+        control.in_order = 1
+        prepare_next_step(features, parameters, control)
+    slot, end, merging = begin_sort(front, back, start, changes, team, sent, worker, control)
+    moment = add_time(times, mine, SORT, moment)
+    moment = wait_for_walls(features.moving_wall, control, mine, times, moment)
+    mine.even, mine.odd, moment = resolve_inside(
+        front, back, start, changes, slot, end, merging, features, parameters, control, team, tally, times, worker,
+        moment,
+    )  # fmt: skip
+    mine.first_slot, mine.last_slot = slot, end
+    if worker == control.workers - 1:
+        # The column behind the last is empty. Its first entry is that of the last worker with columns, perhaps another.
+        start[mine.last_column * (control.rows + 2) + 1 :] = end
+    wait_for_all(control, mine, times, moment)
+    if worker == 0:
+        control.live ^= 1
+        for each in range(control.workers):
+            team[each].low, team[each].high = team[each].first_slot, team[each].last_slot
+
+
+@linked
+def do_even(discs, start, features, parameters, control, mine, tally, times):
+    """What is left of the even pass of one worker."""
+    rest = features, parameters, control, mine, tally, times
+    resolve_columns(EVEN, mine.even, mine.stop, 2, discs, start, *rest, now(mine.clock))
+
+
+@linked
+def do_odd(discs, start, features, parameters, control, mine, tally, times):
+    """What is left of the odd pass of one worker."""
+    rest = features, parameters, control, mine, tally, times
+    first = mine.first_column
+    moment = resolve_columns(ODD, first, min(first + first % 2, mine.stop), 2, discs, start, *rest, now(mine.clock))
+    resolve_columns(ODD, mine.odd, mine.stop, 2, discs, start, *rest, moment)
+    mine.even = first + first % 2  # of the next pass
+    mine.odd = mine.even + 1
+
+
+@linked
+def do_part(front, back, start, changes, features, parameters, control, team, sent, tally, times, worker):
+    """One worker's share of a part of a step: what `stepping.step` does between two exchanges of ranks."""
+    mine = team[worker]
+    if control.part == SORT:
+        do_sort(front, back, start, changes, features, parameters, control, team, sent, tally, times, worker)
+        if control.signals[ABORT] == RUNNING:
+            do_even(back, start, features, parameters, control, mine, tally, times)
+    elif control.part == EVEN:
+        do_even(front, start, features, parameters, control, mine, tally, times)
+    elif control.part == ODD:
+        do_odd(front, start, features, parameters, control, mine, tally, times)
+        if control.ahead != NO_FRAME:
+            wait_for_all(control, mine, times, now(mine.clock))
+            mine.frame = control.ahead
+    if control.part == MOVE or (control.part == ODD and control.ahead != NO_FRAME):
+        do_move(front, back, changes, features, parameters, control, team, sent, tally, times, worker)
+    wait_for_all(control, mine, times, now(mine.clock))
+
+
+@compiled
+def run_part(a, b, start, changes, features, parameters, control, team, sent, tally, times, worker, linger):
+    """The part of a step that `control` says, for one worker of a rank: called, and waiting, as `stepping.run_grid`.
+
+    MOVE; SORT, with what is away from borders of the even pass; EVEN, of a further pass; ODD, and the move of the next
+    step where there is one. After SORT the state is in the other buffer. Contacts at borders come between.
+    """
+    mine = team[worker]
+    while True:
+        heard = next_command(control, mine, worker, linger)
+        if heard != RUNNING:
+            return heard
+        front, back = a, b
+        if control.live == 1:
+            front, back = b, a
+        do_part(front, back, start, changes, features, parameters, control, team, sent, tally, times, worker)
+        if worker == 0 or control.signals[ABORT] != RUNNING:
+            return control.signals[ABORT]
+
+
+@compiled
+def pack_emigrants(front, changes, features, control, team, message):
+    """The discs that go to other ranks, into a message, cells as in the grid. Returns their number.
+
+    One that an edge has absorbed goes nowhere: `exits` says where it rests.
+    """
+    stride = control.rows + 2
+    first_cell, last_cell = team[0].first_column * stride, team[control.workers - 1].last_column * stride
+    count = 0
+    for worker in range(control.workers):
+        for k in range(team[worker].low, team[worker].low + team[worker].outbox):
+            i = changes.outbox[k]
+            if not first_cell <= front.cell[i] < last_cell and not is_absent(front.id[i], features):
+                pack_disc(front, i, first_cell_of_grid(control), features, message, count)
+                count += 1
+    return count
+
+
+@compiled
+def unpack_immigrants(message, arrived, front, changes, features, control, team, sent):
+    """The discs of a message, cells as in the grid, behind those of the rank, to be sorted with them."""
+    first_cell = first_cell_of_grid(control)
+    courier, end = team[control.workers], team[control.workers - 1].high
+    courier.low, courier.high, courier.outbox = end, end + arrived, arrived
+    sent[control.workers, :] = 0
+    for k in range(arrived):
+        unpack_disc(message, k, first_cell, features, front, end + k)
+        changes.outbox[end + k] = end + k
+        for worker in range(control.workers):
+            first, last = cells_of(team, worker, control)
+            sent[control.workers, worker] += first <= front.cell[end + k] < last
+
+
+@compiled
+def pack_own(discs, features, control, team, message):
+    """All discs of the rank into a message, cells as in the grid."""
+    for i in range(team[control.workers - 1].high):
+        pack_disc(discs, i, first_cell_of_grid(control), features, message, i)
+
+
+@compiled
+def unpack_own(message, count, discs, features):
+    """The discs of a message as all that the rank has, in any order."""
+    for k in range(count):
+        unpack_disc(message, k, 0, features, discs, k)
+
+
+@compiled
+def pack_column(discs, start, column, features, control, message):
+    """The discs of a column into a message, cells counted from its first one."""
+    stride = control.rows + 2
+    first, last = start[column * stride], start[(column + 1) * stride]
+    for i in range(first, last):
+        pack_disc(discs, i, column * stride, features, message, i - first)
+
+
+@inlined
+def _starts_of(cells, count, first_cell, last_cell, start):
+    """The starts of the cells (first_cell, last_cell] of sorted discs."""
+    slot = 0
+    for cell in range(first_cell, last_cell + 1):
+        while slot < count and cells[slot] < cell:
+            slot += 1
+        start[cell] = slot
+
+
+@compiled
+def resolve_border(
+    phase, discs, start, column, own_place, resolved, message, received, pair, pair_start, features, parameters,
+    control, member, tally, times,
+):  # fmt: skip
+    """The bracket of an own column and that of a neighbour, which is in the message, in the grid of these two.
+
+    own_place: of the own column there, 0 or 1. resolved: of the one whose bracket it is: 0, or 1 through a periodic
+    border. member, tally: what counts the contacts.
+    """
+    stride = control.rows + 2
+    first, last = start[column * stride], start[(column + 1) * stride]
+    own = last - first
+    own_at, other_at = own_place * received, (1 - own_place) * own
+    own_cell, other_cell = own_place * stride, (1 - own_place) * stride
+    for i in range(own):
+        pair.x[own_at + i], pair.y[own_at + i] = discs.x[first + i], discs.y[first + i]
+        pair.vx[own_at + i], pair.vy[own_at + i] = discs.vx[first + i], discs.vy[first + i]
+        pair.id[own_at + i] = discs.id[first + i]
+        pair.cell[own_at + i] = discs.cell[first + i] - column * stride + own_cell
+        copy_radius(discs.radius, first + i, pair.radius, own_at + i)
+    for k in range(received):
+        unpack_disc(message, k, other_cell, features, pair, other_at + k)
+    _starts_of(pair.cell, own + received, 0, 3 * stride, pair_start)
+    rest = features, parameters, control, member, tally, times
+    resolve_columns(phase, resolved, resolved + 1, 1, pair, pair_start, *rest, now(member.clock))
+    for i in range(own):
+        discs.x[first + i], discs.y[first + i] = pair.x[own_at + i], pair.y[own_at + i]
+        discs.vx[first + i], discs.vy[first + i] = pair.vx[own_at + i], pair.vy[own_at + i]

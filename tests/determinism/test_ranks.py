@@ -1,0 +1,293 @@
+"""The same bits on any number of ranks as in one process, with whatever they can do; and files between the two."""
+
+import json
+import re
+from functools import cache
+
+import pytest
+from support.pages import ROOT
+from support.ranks import CASES, found, on_ranks
+
+import mpsim
+
+DEFAULT = ("bare", "everything", "rough torus", "doors")
+NUMBERS = [1, 2, *(pytest.param(number, marks=pytest.mark.long) for number in (3, 4, 8))]
+
+
+@cache
+def alone(name):
+    """What one process finds."""
+    return found(name, method="grid")
+
+
+def told_by_script(number, *words, script):
+    """What a script prints last on so many ranks."""
+    done = on_ranks(number, *words, script=script)
+    assert done.code == 0, done.err
+    return json.loads(done.out.splitlines()[-1])
+
+
+def told_by(number, names, workers=1):
+    """What so many ranks find, each with so many workers."""
+    done = on_ranks(number, str(workers), *names)
+    assert done.code == 0, done.err
+    return json.loads(done.out.splitlines()[-1])
+
+
+@pytest.mark.parametrize("name", DEFAULT)
+@pytest.mark.parametrize("number", NUMBERS)
+def test_ranks_find_what_one_process_finds(number, name):
+    assert told_by(number, [name])[name] == alone(name)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("number", [2, 3, 4, 8])
+def test_ranks_find_what_one_process_finds_in_other_scenes(number):
+    for name, told in told_by(number, set(CASES) - set(DEFAULT)).items():
+        assert told == alone(name), name
+
+
+@pytest.mark.parametrize(
+    ("number", "workers"), [(2, 2), *(pytest.param(*each, marks=pytest.mark.long) for each in ((1, 3), (3, 2), (4, 4)))]
+)
+def test_workers_of_ranks_find_it_too(number, workers):
+    for name, told in told_by(number, DEFAULT, workers).items():
+        assert told == alone(name), name
+
+
+NARROW = """
+import json, sys
+import numpy as np, mpsim
+from mpi4py import MPI
+
+def digests(number, **settings):
+    rng = np.random.default_rng(1)
+    position = np.stack([rng.uniform(0.5, 5.5, number), 1.2 * np.arange(number) + 0.6], axis=1)
+    scene = mpsim.Scene(width=6, height=1.2 * number, position=position, velocity=rng.normal(0, 0.5, (number, 2)),
+                        radius=0.5, gravity=(0.3, 0.0))
+    with mpsim.Simulation(scene, mpsim.Settings(dt=0.01, **settings)) as sim:
+        found = []
+        for _ in range(6):
+            sim.run(frames=70)
+            found.append(sim.digest())
+    return found
+
+told = [digests(400, method="mpi", workers=int(sys.argv[1])), digests(400, method="grid")]
+if MPI.COMM_WORLD.rank == 0:
+    print(json.dumps(told))
+"""
+
+
+@pytest.mark.parametrize("workers", [2, 4])
+def test_workers_without_columns_change_nothing(workers):
+    """Two ranks share five columns: a worker that has none, or whose rank's discs are nearly all in one column."""
+    on_two, alone_there = told_by_script(2, str(workers), script=NARROW)
+    assert on_two == alone_there
+
+
+def test_a_unit_of_length_that_is_a_power_of_two_changes_no_bit_but_those_of_the_exponents():
+    """On ranks as in one process: nothing in them depends on a length of its own."""
+    told = told_by(2, ["in a small unit"])["in a small unit"]
+    assert told == alone("in a small unit")
+    states = []
+    for name in ("in a small unit", "bare"):
+        case = CASES[name]()
+        with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="grid")) as sim:
+            sim.run(frames=case.frames)
+            states.append(sim.state)
+    small, usual = states
+    assert (small.position * 2.0**9 == usual.position).all()
+    assert (small.velocity * 2.0**9 == usual.velocity).all()
+
+
+def test_workers_find_the_same():
+    assert found("bare", method="parallel", workers=2) == alone("bare")
+
+
+WRONG = """
+import json, sys
+import numpy as np
+from mpi4py import MPI
+from mpsim.engine.solvers.mpi_part import Part
+from support.ranks import found
+
+right, before = Part.column_at, {{}}
+
+def wrong(part, border):
+    sent = right(part, border).copy()
+    return {wrong}
+
+Part.column_at = wrong
+told = found("bare", method="mpi")
+if MPI.COMM_WORLD.rank == 0:
+    print(json.dumps(told))
+"""
+
+
+@pytest.mark.parametrize("wrong", ["sent[:0]", "before.setdefault('it', sent)"], ids=["left out", "late"])
+def test_a_column_that_is_left_out_or_late_changes_the_digest(wrong):
+    """The control."""
+    assert told_by_script(2, script=WRONG.format(wrong=wrong))["digest"] != alone("bare")["digest"]
+
+
+SAVED = """
+import sys, warnings, mpsim
+from mpi4py import MPI
+from support.ranks import CASES
+
+warnings.simplefilter("ignore", mpsim.EmitterWarning)
+path, what, name, workers = sys.argv[1:]
+case, workers = CASES[name](), int(workers)
+if what == "save":
+    with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="mpi", workers=workers)) as sim:
+        sim.run(frames=20)
+        sim.save(path)
+else:
+    with mpsim.Simulation.resume(path, method="mpi", workers=workers) as sim:
+        sim.run(frames=case.frames - 20)
+        digest = sim.digest()
+        if MPI.COMM_WORLD.rank == 0:
+            print(digest)
+"""
+
+
+@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")  # whose disc waits
+@pytest.mark.parametrize("name", ["everything", "rough torus", "doors"])
+def test_a_checkpoint_goes_from_ranks_to_workers_and_back(name, tmp_path):
+    case, whole = CASES[name](), alone(name)["digest"]
+    of_ranks, of_one = tmp_path / "ranks.mpsim", tmp_path / "one.mpsim"
+    saved = on_ranks(2, str(of_ranks), "save", name, "1", script=SAVED)
+    assert saved.code == 0, saved.err
+    for method in ({"method": "grid"}, {"method": "parallel", "workers": 2}):
+        with mpsim.Simulation.resume(of_ranks, **method) as sim:
+            sim.run(frames=case.frames - 20)
+            assert sim.digest() == whole
+    with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="grid")) as sim:
+        sim.run(frames=20)
+        sim.save(of_one)
+    resumed = on_ranks(2, str(of_one), "resume", name, "1", script=SAVED)
+    assert resumed.code == 0, resumed.err
+    assert resumed.out.split()[-1] == whole
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("number", "workers"), [(1, 1), (2, 1), (8, 1), (4, 2), (1, 4), (3, 1)])
+def test_a_checkpoint_goes_to_half_and_to_twice_as_many_ranks_and_workers(number, workers, tmp_path):
+    path = tmp_path / "ranks.mpsim"
+    saved = on_ranks(4, str(path), "save", "doors", "1", script=SAVED)
+    assert saved.code == 0, saved.err
+    resumed = on_ranks(number, str(path), "resume", "doors", str(workers), script=SAVED)
+    assert resumed.code == 0, resumed.err
+    assert resumed.out.split()[-1] == alone("doors")["digest"]
+
+
+WRITING = """
+import sys, warnings, mpsim
+from mpi4py import MPI
+from support.ranks import CASES
+
+warnings.simplefilter("ignore", mpsim.EmitterWarning)
+folder, ending, begun = sys.argv[1:]
+path, comm, case = f"{folder}/ranks.{ending}", MPI.COMM_WORLD, CASES["doors"]()
+with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="mpi"), comm=comm) as sim:
+    if begun == "begun":
+        sim.run(frames=20)
+    with mpsim.Trajectory.write(path, 10, mode="a" if begun == "begun" else "x", comm=comm) as out:
+        sim.run(frames=40 if begun == "new" else 20, observe=out)
+        assert out.frames == (5 if begun == "new" else 2), out.frames
+    try:
+        mpsim.Trajectory.write(path, comm=comm)
+    except mpsim.OutputError as error:
+        print(f"refused: {'is there already' in str(error)}")
+"""
+
+
+@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
+@pytest.mark.parametrize("ending", ["xyz", "gsd"])
+def test_ranks_write_the_trajectory_of_one_process(ending, tmp_path):
+    case, alone_path, path = CASES["doors"](), tmp_path / f"alone.{ending}", tmp_path / f"ranks.{ending}"
+    settings = mpsim.Settings(**case.settings, method="grid")
+    with mpsim.Simulation(case.scene, settings) as sim, mpsim.Trajectory.write(alone_path, 10) as out:
+        sim.run(frames=40, observe=out)
+    done = on_ranks(2, str(tmp_path), ending, "new", script=WRITING)
+    assert done.code == 0, done.err
+    assert done.out.count("refused: True") == 2
+    assert path.read_bytes() == alone_path.read_bytes()
+    again = on_ranks(2, str(tmp_path), ending, "begun", script=WRITING)
+    assert again.code == 0, again.err
+    with mpsim.Trajectory(path) as one, mpsim.Trajectory(alone_path) as other:
+        assert [each.frame for each in one] == [0, 10, 20, 30, 40]
+        assert [each.state.digest() for each in one] == [each.state.digest() for each in other]
+
+
+def test_the_command_line_runs_on_ranks_and_speaks_once():
+    done = on_ranks(2, "run", "gas", "--method", "mpi", "--frames", "50", "--json", program="mpsim")
+    assert done.code == 0, done.err
+    told = json.loads(done.out)
+    assert told["method"] == "mpi"
+    assert told["workers"] == 2
+    with mpsim.Simulation(mpsim.Scene.load("gas"), mpsim.Settings(dt=told["settings"]["dt"], method="grid")) as sim:
+        sim.run(frames=50)
+        assert sim.digest() == told["digest"]
+
+
+def test_the_program_of_the_page_stops_and_goes_on(tmp_path):
+    page = (ROOT / "docs" / "howto" / "cluster.md").read_text()
+    program = re.search(r"```python\n(# gas\.py\n.*?)```", page, re.DOTALL)[1]
+    program = program.replace('"gas.mpsim"', repr(str(tmp_path / "gas.mpsim"))).replace("5_000", "500")
+    whole = on_ranks(2, script=program)
+    assert whole.code == 0, whole.err
+    again = on_ranks(1, script=program)  # all is done
+    assert again.code == 0, again.err
+    assert again.out.split()[-1] == whole.out.split()[-1]
+    assert whole.out.startswith("200 "), whole.out
+    assert again.out.startswith("200 "), again.out
+
+
+GROWING = """
+import json, sys
+import mpsim
+from mpi4py import MPI
+from mpsim.engine.solvers import mpi_part
+from support.ranks import found
+
+mpi_part.SPARE, mpi_part.FEWEST = 1.0, 4
+told = found("corner", method="mpi", workers=int(sys.argv[1]))
+if MPI.COMM_WORLD.rank == 0:
+    print(json.dumps(told))
+"""
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_ranks_make_room_in_the_middle_of_a_step(workers):
+    """Discs that spread from a corner: the other rank begins with few, and has half of them in the end."""
+    assert told_by_script(2, str(workers), script=GROWING) == alone("corner")
+
+
+BALANCED = """
+import json, sys
+import mpsim
+from mpi4py import MPI
+from mpsim.engine.solvers import mpi
+from support.ranks import CASES
+
+mpi.UNEVEN, case = float(sys.argv[1]), CASES["corner"]()
+with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="mpi")) as sim:
+    most = 0.0
+    for _ in range(case.frames // 80):
+        sim.run(frames=80)
+        shares = MPI.COMM_WORLD.allgather(sim._coordinator.solver._part.count)
+        most = max(most, max(shares) * len(shares) / sum(shares))
+    digest = sim.digest()
+if MPI.COMM_WORLD.rank == 0:
+    print(json.dumps([most, digest]))
+"""
+
+
+def test_ranks_share_a_crowd_that_spreads_evenly_and_with_the_same_bits():
+    """The control: columns that are never dealt anew."""
+    found = [on_ranks(2, uneven, script=BALANCED) for uneven in ("1.1", "inf")]
+    assert [done.code for done in found] == [0, 0], found[0].err + found[1].err
+    (shifting, digest), (static, other) = (json.loads(done.out.splitlines()[-1]) for done in found)
+    assert digest == other == alone("corner")["digest"]
+    assert shifting < 1.3 < static

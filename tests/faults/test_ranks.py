@@ -1,0 +1,272 @@
+"""What goes wrong on ranks ends on all of them, in time, with a message that says what."""
+
+import json
+
+import pytest
+from support.processes import run_script
+from support.ranks import on_ranks
+from support.scenes import gas
+
+import mpsim
+
+BOUND = 60
+"""Seconds within which a job has ended, on a busy machine too; without an end it would run for hours."""
+
+LONG = """
+import os, signal, mpsim
+from mpi4py import MPI
+from support.scenes import gas
+
+rank = MPI.COMM_WORLD.rank
+with mpsim.Simulation(gas(500, 0.3), mpsim.Settings(method="mpi", dt=0.01)) as sim:
+    sim.run(frames=10)
+    if rank == 1:
+        {act}
+    sim.run(frames=10**9)
+"""
+
+
+@pytest.mark.parametrize("act", ["os.kill(os.getpid(), signal.SIGKILL)", "raise ValueError('of rank one')"])
+def test_a_rank_that_ends_ends_the_job(act):
+    done = on_ranks(2, script=LONG.format(act=act), bound=BOUND)
+    assert done.code != 0
+    assert "rank one" in done.err or "signal 9" in done.err + done.out or "Killed" in done.err + done.out
+
+
+SAVING = """
+import os, signal, sys, threading, mpsim
+from mpi4py import MPI
+from support.scenes import gas
+
+with mpsim.Simulation(gas(500, 0.3), mpsim.Settings(method="mpi", dt=0.01)) as sim:
+    def at(done, frames):
+        if done > 30 and MPI.COMM_WORLD.rank == 1:
+            os.kill(os.getpid(), signal.{signal})
+    try:
+        sim.run(frames=10**9, checkpoint=sys.argv[1], checkpoint_every={every}, progress=at)
+    except SystemExit as end:
+        assert end.code == 143
+        print("ended at", sim.frame)
+"""
+
+
+@pytest.mark.parametrize(("signal", "every"), [("SIGKILL", 10), ("SIGTERM", 10**6)])
+def test_a_rank_that_is_told_to_end_leaves_a_checkpoint_with_which_one_process_goes_on(signal, every, tmp_path):
+    path = tmp_path / "run.mpsim"
+    done = on_ranks(2, str(path), script=SAVING.format(signal=signal, every=every), bound=BOUND)
+    assert (done.code == 0) == (signal == "SIGTERM"), done.err
+    assert done.out.count("ended at") == (2 if signal == "SIGTERM" else 0)
+    settings = mpsim.Settings(method="grid", dt=0.01)
+    with mpsim.Simulation(gas(500, 0.3), settings) as whole, mpsim.Simulation.resume(path, method="grid") as sim:
+        assert sim.frame >= 30
+        sim.run(frames=5)
+        whole.run(frames=sim.frame)
+        assert sim.digest() == whole.digest()
+
+
+ERRORS = """
+import json, sys, numpy as np, mpsim
+from mpi4py import MPI
+from support.scenes import gas
+
+world, start = MPI.COMM_WORLD, gas(200, 0.2)
+
+def other(**features):
+    given = dict(width=start.width, height=start.height, position=start.position, velocity=start.velocity, radius=0.5)
+    return mpsim.Scene(**given | features)
+
+def runs(scene, frames=1, comm=None, **settings):
+    with mpsim.Simulation(scene, mpsim.Settings(**{"method": "mpi"} | settings), comm=comm) as sim:
+        sim.run(frames=frames)
+
+def added(rank=0):
+    with mpsim.Simulation(start, mpsim.Settings(method="mpi")) as sim:
+        sim.add([1, 1], [rank, 0])
+        assert sim.count == 201
+
+def with_trajectory():
+    with mpsim.Simulation(start, mpsim.Settings(method="mpi")) as sim:
+        sim.run(frames=1, observe=mpsim.Trajectory.write(f"frames-{world.rank}.xyz"))
+
+def unwritable():
+    with mpsim.Simulation(start, mpsim.Settings(method="mpi")) as sim:
+        sim.save("no/such/folder/file.mpsim")
+
+def diverging():
+    with mpsim.Simulation(start, mpsim.Settings(method="mpi")) as sim:
+        sim.run(frames=3)
+        part = sim._coordinator.solver._part
+        discs, count = part.arguments().a, part.count
+        discs.x[:count][discs.id[:count] == 7] = np.nan
+        sim.run(frames=3)
+
+giants = other(radius=np.where(np.arange(200) == 7, 5.0, 0.5), position=start.position * 2 + 4, width=99, height=99)
+few = mpsim.Scene(width=3, height=30, position=[[1.5, 5], [1.5, 20]], velocity=np.zeros((2, 2)), radius=1.4)
+acts = {
+    "giants": lambda: runs(giants),
+    "unguarded": lambda: runs(start, unguarded=True),
+    "restart": lambda: runs(start, on_worker_death="restart"),
+    "no communicator": lambda: runs(start, comm=5),
+    "communicator of grid": lambda: runs(start, comm=world, method="grid"),
+    "different scenes": lambda: runs(gas(200, 0.2, seed=world.rank)),
+    "different gravity": lambda: runs(other(gravity=(0.0, -float(world.rank)))),
+    "different settings": lambda: runs(start, dt=0.01 * (1 + world.rank)),
+    "too many ranks": lambda: runs(few),
+    "added": added,
+    "added otherwise": lambda: added(world.rank),
+    "trajectory": with_trajectory,
+    "unwritable": unwritable,
+    "diverging": diverging,
+}
+told = {}
+for name, act in acts.items():
+    try:
+        act()
+        told[name] = ["none", ""]
+    except mpsim.MpsimError as error:
+        told[name] = [type(error).__name__, str(error)]
+    except Exception as error:
+        told[name] = ["?" + type(error).__name__, str(error)]
+each = world.allgather(told)
+if world.rank == 0:
+    print(json.dumps(each))
+"""
+
+WORDS = {
+    "giants": ("InputError", "here are discs far larger than all but a few"),
+    "unguarded": ("InputError", "unguarded=True"),
+    "restart": ("InputError", "on_worker_death='restart'"),
+    "no communicator": ("InputError", "comm must be a communicator of mpi4py"),
+    "communicator of grid": ("InputError", "comm may be given only with method='mpi'"),
+    "different scenes": ("InputError", "those of rank 1 differ from those of rank 0"),
+    "different gravity": ("InputError", "those of rank 1 differ from those of rank 0"),
+    "different settings": ("InputError", "those of rank 1 differ from those of rank 0"),
+    "too many ranks": ("InputError", "ranks must be at most as many as the grid has columns, 1 "),
+    "added": ("none", ""),
+    "added otherwise": ("InputError", "the discs that are added must be the same on all ranks; those of rank 1"),
+    "trajectory": ("InputError", "must be given comm, the communicator of the simulation"),
+    "unwritable": ("OutputError", "no/such/folder"),
+    "diverging": ("DivergedError", "disc 7 is not finite in frame 3: position (nan,"),
+}
+
+
+def test_what_ranks_cannot_do_is_one_error_on_all():
+    done = on_ranks(2, script=ERRORS, bound=170)
+    assert done.code == 0, done.err
+    told = json.loads(done.out.splitlines()[-1])
+    for each in told:
+        each["trajectory"][1] = each["trajectory"][1].replace("frames-1", "frames-0")  # a file each
+    assert told[0] == told[1], "one exception on all"
+    assert set(told[0]) == set(WORDS)
+    for name, (kind, words) in WORDS.items():
+        assert told[0][name][0] == kind, (name, told[0][name])
+        assert words in told[0][name][1], name
+
+
+def test_an_error_of_a_command_on_all_ranks_is_told_once_and_one_of_a_rank_ends_the_job(tmp_path):
+    """The controls: each of them with an exit code, and nobody left waiting."""
+    on_all = on_ranks(2, "run", "gas", "--method", "mpi", "--workers", "3000", program="mpsim", bound=BOUND)
+    assert on_all.code == 2
+    narrow = mpsim.Scene(width=3, height=30, position=[[1.5, 5]], velocity=[[0, 0]], radius=1.4)
+    narrow.save(tmp_path / "narrow.toml")
+    refused = on_ranks(2, "run", str(tmp_path / "narrow.toml"), "--method", "mpi", program="mpsim", bound=BOUND)
+    assert refused.code == 2
+    assert refused.err.count("ranks must be at most as many as the grid has columns") == 1, refused.err
+    script = """
+        import sys
+        from mpi4py import MPI
+        from mpsim.engine.simulation import Simulation
+        from mpsim.cli.app import main
+
+        run = Simulation.run
+
+        def fail(sim, *args, **settings):
+            if MPI.COMM_WORLD.rank == 1:
+                raise MemoryError("of rank one")
+            return run(sim, *args, **settings)
+
+        Simulation.run = fail
+        main(["run", "gas", "--method", "mpi", "--frames", "100000"])
+    """
+    lacking = """
+        import sys
+        from mpi4py import MPI
+        from mpsim.cli.app import main
+
+        main(["run", "gas" if MPI.COMM_WORLD.rank == 0 else "no-such.toml", "--method", "mpi", "--frames", "100000"])
+    """
+    missing = on_ranks(2, script=lacking, bound=BOUND)
+    assert missing.code != 0
+    assert "mpsim: rank 1: " in missing.err, missing.err
+    alone = on_ranks(2, script=script, bound=BOUND)
+    assert alone.code != 0
+    assert "mpsim: rank 1: MemoryError: of rank one" in alone.err, alone.err
+
+
+LOSING = """
+import os, signal, mpsim
+from mpi4py import MPI
+from support.scenes import gas
+
+with mpsim.Simulation(gas(2000, 0.3), mpsim.Settings(method="mpi", workers=2, dt=0.01)) as sim:
+    sim.run(frames=10)
+    def at(done, frames):
+        if done > 30 and MPI.COMM_WORLD.rank == 1:
+            os.kill(sim.pids[0], signal.SIGKILL)
+    try:
+        sim.run(frames=10**9, progress=at)
+    except mpsim.WorkerDied as death:
+        print("worker", death.worker, "signal" in str(death))
+    try:
+        sim.state
+    except mpsim.ClosedError:
+        print("closed")
+"""
+
+
+def test_a_worker_of_a_rank_that_dies_is_one_error_on_all():
+    done = on_ranks(2, script=LOSING, bound=BOUND)
+    assert done.code == 0, done.err
+    assert done.out.count("worker 1 True") == 2
+    assert done.out.count("closed") == 2
+
+
+FULL = """
+import mpsim
+from mpi4py import MPI
+from mpsim.engine.solvers import mpi_part
+from support.ranks import found
+
+mpi_part.SPARE, mpi_part.FEWEST = 1.0, 4
+renew = mpi_part.Part._renew
+
+def refuse(part, count, with_discs=True):
+    if with_discs and MPI.COMM_WORLD.rank == 1:
+        raise mpsim.SharedMemoryError("there is no more")
+    renew(part, count, with_discs)
+
+mpi_part.Part._renew = refuse
+try:
+    found("corner", method="mpi")
+except mpsim.SharedMemoryError as error:
+    print(f"{error} {error.__notes__[0]}")
+"""
+
+
+def test_a_rank_without_room_in_the_middle_of_a_step_is_one_error_on_all():
+    done = on_ranks(2, script=FULL, bound=BOUND)
+    assert done.code == 0, done.err
+    assert done.out.count("there is no more on rank 1") == 2
+
+
+def test_without_mpi_the_error_says_what_to_install():
+    text = """
+        import sys
+        sys.modules["mpi4py"] = None
+        import mpsim
+        try:
+            mpsim.Simulation(mpsim.Scene.random(count=5, packing=0.1, radius=0.5), mpsim.Settings(method="mpi"))
+        except mpsim.InputError as error:
+            print(error)
+    """
+    assert "pip install 'mpsim[mpi]'" in run_script(text).out

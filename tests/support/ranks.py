@@ -1,0 +1,185 @@
+"""Scenes run on the ranks of MPI, and scripts started on several of them.
+
+`python -m support.ranks WORKERS NAME ...`, on any number of ranks, prints what the first rank finds, as JSON.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import textwrap
+import time
+import warnings
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import mpsim
+from mpsim.engine.solvers.mpi_ranks import Communicator
+from support.processes import Outcome
+from support.scenes import gas
+
+MPIEXEC = Path(sys.executable).with_name("mpiexec")
+TESTS = Path(__file__).parents[1]
+
+ENVIRONMENT = {
+    "OMPI_ALLOW_RUN_AS_ROOT": "1",
+    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+    "OMPI_MCA_mpi_yield_when_idle": "1",
+}
+"""Of Open MPI, where that is installed instead: more ranks than cores, which give their core away while they wait."""
+
+
+class Case(NamedTuple):
+    """A scene, settings, how many frames, and what is measured."""
+
+    scene: mpsim.Scene
+    settings: dict[str, Any]
+    frames: int = 40
+    measures: tuple[str, ...] = ()
+
+
+def everything(count: int = 500) -> mpsim.Scene:
+    """All that ranks can do together: own radii, masses, accelerations, losses, obstacles, a piston."""
+    start, rng = gas(count, 0.3, seed=4), np.random.default_rng(4)
+    middle = np.array([start.width, start.height]) / 2
+    clear = (np.hypot(*(start.position - middle).T) > 2.6) & (start.position[:, 1] > 2.1)
+    position, velocity = start.position[clear], start.velocity[clear]
+    return mpsim.Scene(
+        width=start.width,
+        height=start.height,
+        position=position,
+        velocity=velocity,
+        radius=rng.choice([0.25, 0.5], len(position)),
+        mass=rng.choice([0.5, 1.0, 3.0], len(position)),
+        gravity=(0.1, -0.5),
+        acceleration=np.stack([(np.arange(len(position)) % 5 - 2) / 4, np.zeros(len(position))], axis=1),
+        restitution=0.9,
+        wall_restitution=0.8,
+        obstacles=[mpsim.FixedDisc(tuple(middle), 2.0), mpsim.Polyline([(1.0, 1.0), (start.width - 1.0, 1.5)])],
+        piston=mpsim.Piston("right", speed=-0.5, stop=0.9 * start.width),
+    )
+
+
+def corner() -> mpsim.Scene:
+    """All discs in one corner of a large box, of which most columns are empty at first."""
+    dense = gas(300, 0.5, seed=5)
+    return mpsim.Scene(
+        width=4 * dense.width, height=dense.height, position=dense.position, velocity=dense.velocity, radius=0.5
+    )
+
+
+def fast() -> mpsim.Scene:
+    """Some discs cross the columns of several ranks in one step."""
+    start = gas(300, 0.2, seed=6)
+    velocity = start.velocity * np.where(np.arange(300) % 31 == 0, 200.0, 1.0)[:, None]
+    return mpsim.Scene(width=start.width, height=start.height, position=start.position, velocity=velocity, radius=0.5)
+
+
+def two_sizes(count: int, packing: float, seed: int) -> tuple[dict[str, Any], np.random.Generator]:
+    """Arguments of a scene of discs of two radii and two masses, and the random numbers that follow."""
+    start, rng = gas(count, packing, seed=seed), np.random.default_rng(seed)
+    arguments = {name: getattr(start, name) for name in ("width", "height", "position", "velocity")}
+    arguments |= {"radius": rng.choice([0.25, 0.5], count), "mass": rng.choice([0.5, 1.0], count)}
+    return arguments, rng
+
+
+def rough_torus() -> mpsim.Scene:
+    """Rough discs of two sizes between periodic borders."""
+    start, rng = two_sizes(500, 0.4, seed=7)
+    return mpsim.Scene(
+        **start,
+        spin=rng.normal(size=500),
+        friction=0.5,
+        tangential_restitution=0.3,
+        boundary="periodic",
+    )
+
+
+def doors() -> mpsim.Scene:
+    """Discs of two sizes that come in by two emitters and leave through two edges, and spin."""
+    start, _ = two_sizes(300, 0.3, seed=8)
+    width, height = start["width"], start["height"]
+    return mpsim.Scene(
+        **start,
+        gravity=(0.2, -0.3),
+        friction=0.3,
+        absorbing=("left", "bottom"),
+        emitters=[
+            mpsim.Emitter((width - 1.0, height - 1.0), (-2.0, 0.0), every=7, radius=0.4, mass=1.0),
+            mpsim.Emitter((1.0, height - 1.0), (2.0, 0.5), interval=0.33, radius=0.25, mass=2.0, limit=8),
+        ],
+        boundary="walls",
+    )
+
+
+def scaled(scene: mpsim.Scene, factor: float) -> mpsim.Scene:
+    """The same scene in another unit of length."""
+    return mpsim.Scene(
+        width=scene.width * factor,
+        height=scene.height * factor,
+        position=scene.position * factor,
+        velocity=scene.velocity * factor,
+        radius=scene.radius * factor,
+    )
+
+
+CASES = {
+    "bare": lambda: Case(gas(700, 0.4, seed=3), {"dt": 0.05, "precision": "float32"}, 60, ("pressure", "contact_rate")),
+    "everything": lambda: Case(
+        everything(), {"dt": 0.02, "passes": 2, "substeps": 2}, 40, ("contact_rate", "largest_overlap")
+    ),
+    "rough torus": lambda: Case(rough_torus(), {"dt": 0.05}, 60),
+    "push": lambda: Case(gas(700, 0.6, seed=3), {"dt": 0.05, "contact": "push"}, 60),
+    "corner": lambda: Case(corner(), {"dt": 0.05, "precision": "float32"}, 400, ("pressure", "contact_rate")),
+    "doors": lambda: Case(doors(), {"dt": 0.02}, 120),
+    "in a small unit": lambda: Case(scaled(gas(700, 0.4, seed=3), 2.0**-9), {"dt": 0.05, "precision": "float32"}, 60),
+    "fast": lambda: Case(fast(), {"dt": 0.05, "precision": "float32"}, 60),
+}
+"""By name; made when they are asked for."""
+
+
+def found(name: str, **settings: Any) -> dict[str, Any]:
+    """Digest, contacts and measures of a case."""
+    case = CASES[name]()
+    with warnings.catch_warnings():
+        for expected in (mpsim.FastWarning, mpsim.EmitterWarning):
+            warnings.simplefilter("ignore", expected)
+        with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, **settings)) as sim:
+            report = sim.run(frames=case.frames, measures=case.measures)
+            measures = {name: str(value) for name, value in report.measures.items()}
+            return {"digest": sim.digest(), "collisions": report.collisions, "measures": measures}
+
+
+def on_ranks(
+    number: int, *words: str, script: str | None = None, program: str = "support.ranks", bound: float = 170
+) -> Outcome:
+    """`python -m PROGRAM WORDS`, or a script, on so many ranks."""
+    with tempfile.TemporaryDirectory(prefix="mpsim-test-") as folder:
+        arguments = ["-m", program, *words]
+        if script is not None:
+            path = Path(folder) / "script.py"
+            path.write_text(textwrap.dedent(script))
+            arguments = ["-m", "mpi4py", str(path), *words]
+        paths = os.pathsep.join([str(TESTS), str(TESTS.parent)])
+        variables = os.environ | ENVIRONMENT | {"PYTHONPATH": paths, "TMPDIR": folder}
+        command = [str(MPIEXEC), "-n", str(number), sys.executable, "-W", "error", *arguments]
+        began = time.perf_counter()
+        done = subprocess.run(
+            command, env=variables, cwd=folder, capture_output=True, text=True, timeout=bound, check=False
+        )
+        return Outcome(done.returncode, done.stdout, done.stderr, time.perf_counter() - began)
+
+
+def main(workers: str, *names: str) -> None:
+    """Run cases on these ranks, each with so many workers, and print what the first finds."""
+    told = {name: found(name, method="mpi", workers=int(workers)) for name in names}
+    if Communicator().rank == 0:
+        print(json.dumps(told))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
