@@ -37,6 +37,7 @@ from mpsim.core.errors import (
     SceneFileError,
     SharedMemoryError,
     StalledError,
+    SweepWarning,
     TooFastError,
     TrajectoryError,
     TrajectoryWarning,
@@ -44,16 +45,17 @@ from mpsim.core.errors import (
     WorkerStalled,
 )
 from mpsim.core.state import State
+from mpsim.core.version import __version__ as __version__
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.features import Emitter, FixedDisc, Piston, Polyline
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
+from mpsim.studies.sweep import sweep
+from mpsim.studies.sweep_table import Sweep
 from mpsim.studies.tradeoff import Tradeoff, tradeoff
 from mpsim.studies.tune import tune
 from mpsim.studies.tuned import Tuned
-
-__version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from mpsim.output.animation import animate
@@ -125,6 +127,8 @@ __all__ = [
     "Simulation",
     "StalledError",
     "State",
+    "Sweep",
+    "SweepWarning",
     "TooFastError",
     "Tradeoff",
     "Trajectory",
@@ -135,6 +139,7 @@ __all__ = [
     "WorkerStalled",
     "animate",
     "measure",
+    "sweep",
     "tradeoff",
     "tune",
 ]

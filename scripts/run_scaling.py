@@ -10,13 +10,17 @@ what the model takes from the measurement, and what it leaves out.
 
 import argparse
 import math
+import os
 import sys
 import warnings
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from time import perf_counter
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 from pages import begin_page, fill_blocks, made_by
@@ -40,6 +44,12 @@ FEW = 64
 
 LARGEST_OF = {1: 0.0, 2: 0.564, 4: 1.029, 8: 1.424, 16: 1.766, 32: 2.070, 64: 2.344}
 """Mean of the largest of so many normal numbers, in standard deviations (Harter, Biometrika 48, 151, 1961, table 1)."""
+
+LINE = 64
+"""Bytes of a cache line."""
+
+TOUCHED = 5 * 4
+"""Bytes of a disc that the even or odd pass at a border reads or writes: place, velocity, number, in float32."""
 
 
 @dataclass(frozen=True)
@@ -65,33 +75,46 @@ class Model:
     """The time of a frame on more workers than there are cores to measure it.
 
     Work as on one process, of the worker with the most discs, as columns are dealt whole; what its contacts take
-    beyond the mean, which is the largest of as many normal numbers; and barriers, whose counter goes from core to core,
-    so that they take twice as long for twice as many workers. Memory that cores share is left out, as are cores that
-    differ.
+    beyond the mean, which is the largest of as many normal numbers; barriers, whose counter goes from core to core,
+    so that they take twice as long for twice as many workers; and the cache lines of the columns beside its borders,
+    which go to a neighbour and come back. Memory that cores share is left out, as are cores that differ.
 
     Attributes:
         work: of a disc on one process [s].
         spread: standard deviation of a worker's time per square root of its discs [s].
         barriers: of a frame on two workers [s].
+        line: a cache line that another core has changed, beyond one of one's own [s].
+        lines: of a column of the grid.
     """
 
     work: float
     spread: float
     barriers: float
+    line: float
+    lines: float
 
     @classmethod
-    def of(cls, one: Timing, two: Timing, barriers: float) -> "Model":
+    def of(cls, one: Timing, two: Timing, barriers: float, line: float) -> "Model":
         """The model from the same discs on one worker and on two."""
         work, mean = one.seconds / one.discs, two.discs / 2
         for_the_largest = work * mean * (largest_share(two.column, 2) - 1)
         waited = max(two.wait - barriers - for_the_largest, 0.0)
-        return cls(work, waited / LARGEST_OF[2] / math.sqrt(mean), barriers)
+        lines = one.discs / (one.column.max() + 1) * TOUCHED / LINE
+        return cls(work, waited / LARGEST_OF[2] / math.sqrt(mean), barriers, line, lines)
 
     def seconds(self, discs: int, workers: int, share: float) -> float:
         """Time of a frame [s]; share: discs of the worker with the most, as a fraction of the mean."""
         mean = discs / workers
         barriers = self.barriers * workers / 2 if workers > 1 else 0.0
-        return self.work * mean * share + LARGEST_OF[workers] * self.spread * math.sqrt(mean) + barriers
+        work = self.work * mean * share + LARGEST_OF[workers] * self.spread * math.sqrt(mean)
+        return work + barriers + self.fetched(workers) * self.line
+
+    def fetched(self, workers: int) -> float:
+        """Lines of a frame that a worker takes from its neighbours: a column at its right border, its own at the left.
+
+        With two workers each has one border, with more than two most have both.
+        """
+        return self.lines * min(workers - 1, 2)
 
 
 def largest_share(column: NDArray[np.int64], workers: int) -> float:
@@ -136,17 +159,52 @@ def barriers_of_a_frame() -> float:
     return max(two.seconds - one.seconds / 2, 0.0)
 
 
-def strong(sizes: Sequence[int], most: int, barriers: float) -> list[str]:
+@numba.njit(nogil=True)
+def touch(numbers: NDArray[np.float32], stride: int) -> None:
+    """Change one number of each cache line."""
+    for index in range(0, numbers.size, stride):
+        numbers[index] += 1
+
+
+def seconds_of_a_line(one: int, other: int) -> float:
+    """What it takes to change a cache line after another core has, beyond changing it again [s].
+
+    Two threads, on the cores of these numbers, change the same 64 kB in turns, in order, as a pass goes through a
+    column.
+    """
+    stride = LINE // 4
+    numbers = np.zeros(1000 * stride, np.float32)
+
+    def change() -> tuple[float, float]:
+        times = [perf_counter()]
+        for _ in range(2):
+            touch(numbers, stride)
+            times.append(perf_counter())
+        return times[1] - times[0], times[2] - times[1]
+
+    touch(numbers, stride)  # compiles it
+    with ExitStack() as stack:
+        threads = [
+            stack.enter_context(ThreadPoolExecutor(1, initializer=os.sched_setaffinity, initargs=(0, {core})))
+            for core in (one, other)
+        ]
+        found = [thread.submit(change).result() for _ in range(200) for thread in threads]
+    first, again = np.median(found[len(found) // 2 :], axis=0)
+    return max(float(first - again), 0.0) / 1000
+
+
+def strong(sizes: Sequence[int], most: int, barriers: float, line: float) -> list[str]:
     """Rows of the table for fixed numbers of discs."""
     rows: list[str] = []
     for discs in sizes:
         timings = time_frames(discs, powers(min(most, usable_cores())))
-        model = Model.of(timings[0], timings[1], barriers) if len(timings) > 1 else None
+        model = Model.of(timings[0], timings[1], barriers, line) if len(timings) > 1 else None
         measured = {timing.workers: timing for timing in timings}
         for workers in powers(most):
             share = largest_share(timings[0].column, workers)
             predicted = None if model is None else model.seconds(discs, workers, share)
-            rows.append(row(discs, workers, timings[0].seconds, measured.get(workers), predicted, share))
+            fetched = None if model is None else model.fetched(workers)
+            rows.append(row(discs, workers, timings[0].seconds, measured.get(workers), predicted, share, fetched))
     return rows
 
 
@@ -157,11 +215,19 @@ def weak(most: int) -> list[str]:
     for workers in powers(min(most, usable_cores())):
         timing = first if workers == 1 else time_frames(EACH * workers, (workers,))[0]
         share = largest_share(timing.column, workers)
-        rows.append(row(timing.discs, workers, first.seconds * workers, timing, None, share))
+        rows.append(row(timing.discs, workers, first.seconds * workers, timing, None, share, None))
     return rows
 
 
-def row(discs: int, workers: int, one: float, timing: Timing | None, predicted: float | None, share: float) -> str:
+def row(
+    discs: int,
+    workers: int,
+    one: float,
+    timing: Timing | None,
+    predicted: float | None,
+    share: float,
+    fetched: float | None,
+) -> str:
     """A row of the table. one: the time of a frame of as many discs on one process, or so many times fewer's [s]."""
 
     def words(seconds: float | None) -> str:
@@ -171,7 +237,9 @@ def row(discs: int, workers: int, one: float, timing: Timing | None, predicted: 
 
     waited = "" if timing is None else f"{100 * timing.wait / timing.seconds:.0f} %"
     measured = words(None if timing is None else timing.seconds)
-    return f"| {discs:,} | {workers} | {measured} | {waited} | {100 * (share - 1):.1f} % | {words(predicted)} |"
+    lines = "" if fetched is None else f"{fetched:.0f}"
+    imbalance = f"{100 * (share - 1):.1f} %"
+    return f"| {discs:,} | {workers} | {measured} | {waited} | {imbalance} | {lines} | {words(predicted)} |"
 
 
 def powers(most: int) -> list[int]:
@@ -180,9 +248,9 @@ def powers(most: int) -> list[int]:
 
 
 HEAD = [
-    "| discs | workers | ns a disc and frame | efficiency | waiting | largest share beyond the mean | model: ns | "
-    "model: efficiency |",
-    "|---|---|---|---|---|---|---|---|",
+    "| discs | workers | ns a disc and frame | efficiency | waiting | largest share beyond the mean | "
+    "model: lines fetched | model: ns | model: efficiency |",
+    "|---|---|---|---|---|---|---|---|---|",
 ]
 
 
@@ -199,12 +267,17 @@ def main() -> int:
     for kind in (mpsim.FastWarning, mpsim.ResolutionWarning):  # of float32, which this is about
         warnings.simplefilter("ignore", kind)
     try:
-        barriers = barriers_of_a_frame() if usable_cores() > 1 else 0.0
-        strongly, weakly = strong(options.discs, options.workers, barriers), weak(options.workers)
+        barriers = line = 0.0
+        if usable_cores() > 1:
+            barriers, line = barriers_of_a_frame(), seconds_of_a_line(*sorted(os.sched_getaffinity(0))[:2])
+        strongly, weakly = strong(options.discs, options.workers, barriers, line), weak(options.workers)
     except mpsim.MpsimError as error:
         console.print(f"run_scaling: {error}", style="red")
         return 2 if isinstance(error, mpsim.InputError) else 1
-    said = f"Barriers of a frame on two workers: {barriers * 1e6:.2f} µs. {made_by(machine())}"
+    said = (
+        f"Barriers of a frame on two workers: {barriers * 1e6:.2f} µs; a line of another core's cache: "
+        f"{line * 1e9:.0f} ns. {made_by(machine())}"
+    )
     text = "\n".join(["Strong scaling:\n", *HEAD, *strongly, "\nWeak scaling:\n", *HEAD, *weakly, f"\n{said}"])
     console.print(text, markup=False)
     begin_page(options.page, "run_scaling", "table")

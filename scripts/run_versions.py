@@ -172,11 +172,11 @@ def cell(python: str, kind: str, made_from: Path, given: argparse.Namespace) -> 
 
 def tested(inside: Path, variables: dict[str, str], out: Path, given: argparse.Namespace) -> dict[str, Any]:
     """How many tests passed, failed (by name) and were skipped; what they printed is kept beside."""
-    report = out.with_suffix(".xml")
+    report, log = (out.with_name(f"{out.name}.{ending}") for ending in ("xml", "log"))
     report.unlink(missing_ok=True)
     words = ["-p", "no:cacheprovider", "-n", given.processes, f"--junitxml={report}", *(["--long"] * given.long)]
     done = run([inside, "-m", "pytest", *given.tests, *words], env=variables)
-    out.with_suffix(".log").write_text(done.stdout + done.stderr)
+    log.write_text(done.stdout + done.stderr)
     if not report.exists():
         return {"broken": (done.stdout + done.stderr)[-4000:]}
     cases = list(ElementTree.parse(report).iter("testcase"))

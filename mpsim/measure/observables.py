@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
-from mpsim.core.state import State
+from mpsim.core.state import State, present_in
 from mpsim.measure.pairs import close_pairs, lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene
 
@@ -111,7 +111,10 @@ def rotational_energy(state: State, scene: Scene) -> float:
 
 def energy_of_velocities(state: State, masses: NDArray[np.float64]) -> float:
     """`kinetic_energy` of translation alone, for masses, shape (N,) or (1,), of the discs present."""
-    return 0.5 * float((masses[:, None] * _velocity(state) ** 2).sum())
+    squares = _velocity(state)
+    np.square(squares, out=squares)
+    squares *= masses[:, None]
+    return 0.5 * float(squares.sum())
 
 
 def energy_of_spins(state: State, masses: NDArray[np.float64], radii: NDArray[np.float64]) -> float:
@@ -377,8 +380,10 @@ def _places(position: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 def _velocity(state: State) -> NDArray[np.float64]:
-    """Velocities of the discs that are present."""
-    return checks.finite_array("state.velocity", state.velocity, (len(state.present), 2), "(N, 2)")[state.present]
+    """Velocities of the discs that are present, a copy."""
+    velocity = checks.finite_array("state.velocity", state.velocity, (len(state.present), 2), "(N, 2)")
+    velocity.flags.writeable = True
+    return velocity[present_in(state)]
 
 
 def _moving_squares(name: str, state: State) -> tuple[NDArray[np.float64], float]:

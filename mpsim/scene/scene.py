@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
+from mpsim.core.sizes import equal_sizes
 from mpsim.core.state import Box, State
 from mpsim.core.views import view
 from mpsim.features import FEATURES
@@ -314,13 +315,13 @@ class Scene(OldNames):
 
     @property
     def radii(self) -> NDArray[np.float64]:
-        """Radius of each disc, shape (N,) [length]."""
-        return np.broadcast_to(np.asarray(self.radius), self.count)
+        """Radius of each disc, shape (N,), read-only [length]."""
+        return self.radius if isinstance(self.radius, np.ndarray) else equal_sizes(self.radius, self.count)
 
     @property
     def masses(self) -> NDArray[np.float64]:
-        """Mass of each disc, shape (N,) [mass]."""
-        return np.ones(self.count) if self.mass is None else self.mass
+        """Mass of each disc, shape (N,), read-only [mass]."""
+        return equal_sizes(1.0, self.count) if self.mass is None else self.mass
 
     @property
     def capsules(self) -> NDArray[np.float64]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from mpsim.core import checks
 from mpsim.kernels import layout
 
-METHODS = ("naive", "grid", "parallel", "event", "auto")
+METHODS = ("naive", "grid", "parallel", "event", "mpi", "auto")
 LAWS = tuple(layout.LAWS)
 CONTACTS = tuple(layout.CONTACTS)
 PRECISIONS = ("float32", "float64")
@@ -25,7 +25,7 @@ class Settings:
         dt: time of one frame [time], > 0. A disc should move less than its radius in one step.
         method: "naive" tests all pairs; "grid" uses cells and one process; "parallel" uses cells and several processes;
             "auto" takes the fastest of these for the scene and this machine. "event" is the exact, event-driven solver,
-            which ignores contact, passes and substeps.
+            which ignores contact, passes and substeps. "mpi" is "grid" on the ranks of MPI, with the same bits.
         workers: number of processes that compute, the coordinator included, 1 to 1024; None: one per core that this
             process may use (affinity and container quota). Never changes the result.
         law: "elastic" exchanges the normal velocities of approaching discs, conserving momentum and energy;

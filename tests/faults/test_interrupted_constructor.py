@@ -319,7 +319,7 @@ def test_ctrl_c_where_it_used_to_leave_the_block_until_the_exit(where, what, mon
         raise what
 
     monkeypatch.setattr(
-        f"os.{where}" if where == "posix_fallocate" else f"mpsim.engine.solvers.stepped.{where}", interrupt
+        f"os.{where}" if where == "posix_fallocate" else f"mpsim.engine.solvers.block.{where}", interrupt
     )
     with pytest.raises(what) as caught:
         simulate(lattice(9, 9), method="grid")

@@ -132,7 +132,7 @@ def one_of_each(states):
 @pytest.fixture
 def short_slices(monkeypatch):
     """Readers come by more often."""
-    monkeypatch.setattr(batch_size, "MOST_SECONDS", 0.002)
+    monkeypatch.setattr(batch_size, "MOST_SECONDS", 0.0002)
     monkeypatch.setattr(events, "FEWEST_EVENTS", 50)
     monkeypatch.setattr(events, "SECONDS_AT_ONCE", 0.002)
 
@@ -145,10 +145,10 @@ def read_in_a_run(sim, read):
             found.append(read(sim))
 
     def now_and_then(done, of):
-        """On a busy machine the run may be over before the reader's turn comes: let it come once in ten slices."""
+        """On a busy machine the run may be over before the reader's turn comes: let it come once in five slices."""
         slices.append(done)
         before, end = len(found), time.monotonic() + PATIENCE
-        while len(slices) % 10 == 0 and len(found) == before and time.monotonic() < end:
+        while len(slices) % 5 == 0 and len(found) == before and time.monotonic() < end:
             time.sleep(0.001)
 
     found, over, slices = [], [], []

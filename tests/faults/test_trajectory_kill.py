@@ -84,7 +84,7 @@ def test_killed_inside_a_frame_of_gsd_the_others_are_whole(tmp_path):
         with simulate(gas(2, 0.1), method="naive", dt=0.02) as sim:
             out = mpsim.Trajectory.write({str(path)!r})
             sim.run(frames=2, observe=out)
-            file = out._writer._file.file
+            file = out._file._writer._file.file
             file.write_chunk("particles/position", sim.state.position)
             file.flush()
             os.kill(os.getpid(), signal.SIGKILL)

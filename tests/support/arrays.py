@@ -36,7 +36,8 @@ def control_of(count, columns=1, rows=1, workers=1, law=layout.ELASTIC):
     control = np.zeros(1, records.CONTROL)[0]
     control.count, control.columns, control.rows = count, columns, rows
     control.cells = (columns + 1) * (rows + 2)
-    control.workers, control.law, control.contact = workers, law, layout.PUSH
+    control.workers = control.members = workers
+    control.law, control.contact = law, layout.PUSH
     control.substeps, control.passes, control.race_free = 1, 1, 1
     return control
 

@@ -3,6 +3,7 @@
 | block | what happens |
 |---|---|
 | python | with prompts a doctest, otherwise a program; the blocks of a page share their names |
+| python that begins with `# name.py` | a file of that name, for the commands that follow |
 | console | each line `$ command` is run, what follows is its output; `...` stands for anything |
 | sh | each command is run and must succeed |
 | toml | a scene file, which is checked and loaded; it is kept under the name in its first line, `# name.toml` |
@@ -51,6 +52,12 @@ class Block:
     why: str | None = None
     long: bool = False
 
+    @property
+    def file(self) -> str | None:
+        """Name of the file that a block of Python is kept in; None if it is executed."""
+        match = re.match(r"# (\S+\.py)\n", self.code) if self.language == "python" else None
+        return match[1] if match else None
+
 
 def blocks_of(text: str) -> list[Block]:
     """All fenced blocks but directives of the pages' generator, such as tables of contents."""
@@ -89,6 +96,9 @@ def run_blocks(name: str, blocks: Iterable[Block], long: bool = False) -> int:
 
 
 def _python(name: str, block: Block, names: dict) -> dict:
+    if block.file is not None:
+        Path(block.file).write_text(block.code)
+        return names
     if ">>>" not in block.code:
         exec(compile("\n" * block.line + block.code, name, "exec"), names)
         return names

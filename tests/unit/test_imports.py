@@ -9,7 +9,7 @@ import mpsim
 
 PACKAGE = Path(mpsim.__file__).parent
 
-OTHERS = {"core/interpreter.py", "output/gsd.py"}
+OTHERS = {"core/interpreter.py", "core/optional_packages.py", "engine/solvers/mpi_ranks.py"}
 """Modules that look up modules of others, which may be missing."""
 
 

@@ -1,5 +1,6 @@
 """scripts/run_scaling.py: shares as the solver deals them, the model against what it is made from, and its table."""
 
+import os
 import sys
 
 import numpy as np
@@ -34,18 +35,32 @@ def timings(script):
 
 
 def test_the_model_is_work_plus_waiting_for_two_workers(script, timings):
-    model = script.Model.of(*timings, barriers=0.4e-6)
+    model = script.Model.of(*timings, barriers=0.4e-6, line=0.0)
     assert model.seconds(1000, 1, 1.0) == pytest.approx(10e-6)
     assert model.seconds(1000, 2, 1.0) == pytest.approx(5e-6 + 1e-6)
     assert model.seconds(1000, 2, 1.2) == pytest.approx(6e-6 + 1e-6), "the one with the most discs"
 
 
 def test_the_model_takes_barriers_longer_and_spreads_smaller_for_more_workers(script, timings):
-    only_barriers = script.Model.of(*timings, barriers=2e-6)
+    only_barriers = script.Model.of(*timings, barriers=2e-6, line=0.0)
     assert only_barriers.spread == 0, "all waiting is that of barriers"
     assert only_barriers.seconds(1000, 8, 1.0) == pytest.approx(10e-6 / 8 + 4 * 2e-6)
-    only_spread = script.Model.of(*timings, barriers=0.0)
+    only_spread = script.Model.of(*timings, barriers=0.0, line=0.0)
     assert only_spread.seconds(1000, 8, 1.0) == pytest.approx(10e-6 / 8 + 1e-6 * (1.424 / 0.564) / 2)
+
+
+def test_the_model_fetches_a_column_for_each_border(script, timings):
+    """Columns of 10 discs of 20 bytes each are 3.125 lines: one border with two workers, two with more."""
+    model, free = (script.Model.of(*timings, barriers=0.0, line=line) for line in (1e-6, 0.0))
+    beyond = [model.seconds(1000, workers, 1.0) - free.seconds(1000, workers, 1.0) for workers in (1, 2, 4, 16)]
+    assert beyond == pytest.approx([0.0, 3.125e-6, 6.25e-6, 6.25e-6])
+
+
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="a line goes from one core to another")
+def test_a_line_of_another_core_takes_longer_than_an_own_one(script):
+    one, another = sorted(os.sched_getaffinity(0))[:2]
+    control = script.seconds_of_a_line(one, one)
+    assert 2 * control < script.seconds_of_a_line(one, another) < 1e-6
 
 
 def test_the_table_has_a_row_for_each_number_of_workers_measured_or_not(script, tmp_path, monkeypatch, capsys):
@@ -60,10 +75,10 @@ def test_the_table_has_a_row_for_each_number_of_workers_measured_or_not(script, 
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page.read_text().splitlines() if "|" in line]
     found = {(row[0], row[1]): row for row in rows if row[0].replace(",", "").isdecimal()}
     assert list(found) == [("600", "1"), ("600", "2"), ("600", "4"), ("600", "8"), ("500", "1"), ("1,000", "2")]
-    assert all(len(row) == 8 for row in rows)
+    assert all(len(row) == 9 for row in rows)
     measured = {key for key, row in found.items() if row[2]}
     assert measured == set(found) - {("600", "4"), ("600", "8")}, "there are two cores"
-    assert all(row[6] for key, row in found.items() if key[0] == "600")
+    assert all(row[7] for key, row in found.items() if key[0] == "600")
     assert found["600", "1"][3] == "1.00"
 
 

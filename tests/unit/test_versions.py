@@ -81,7 +81,7 @@ def test_the_pythons_are_those_of_the_policy(script):
 
 
 def a_cell(python, numba, digest, **more):
-    names = ("numpy", "numba", "matplotlib", "psutil", "rich", "pydantic", "click")
+    names = ("numpy", "numba", "matplotlib", "psutil", "rich", "pydantic", "click", "orjson")
     versions = dict.fromkeys(names, "1.0") | {"python": f"{python}.1", "numba": numba}
     scenes = {"starts": {"a scene": "start"}, "digests": {"a scene": digest}}
     counts = {"passed": 3, "failed": [], "skipped": 1, "exit_code": 0, "seconds": 60.0}
@@ -107,7 +107,7 @@ def test_the_table_says_what_failed_what_does_not_run_and_what_is_missing(script
         a_cell("3.12", "0.61", "x", broken="pip\nno such version"),
     ]
     text = script.table(cells, ["3.13"])
-    assert "| 3.11.1 | newest | 1.0 | 0.61 | 1.0 | 1.0 | 1.0 | 1.0 | 1.0 | 3 | 1 | 1 | 1.0 | A |" in text
+    assert "| 3.11.1 | newest | 1.0 | 0.61 | 1.0 | 1.0 | 1.0 | 1.0 | 1.0 | 1.0 | 3 | 1 | 1 | 1.0 | A |" in text
     assert "| 3.12 | newest | does not run: no such version |" in text
     assert "Not found on this machine: Python 3.13." in text
     assert "Installed; no tests were run." in script.table([a_cell("3.11", "0.61", "x", tests=[])], [])

@@ -65,7 +65,8 @@ def test_all_problems_are_told_at_once(problems):
         "about.titel must be a key of a scene file; this one is unknown, with the value 'x'. Did you mean 'title'?",
         "about.text must be a text in quotation marks; got 3.",
         "settings.dt must be a finite number > 0 [time]; got -1.",
-        "settings.method must be one of 'naive', 'grid', 'parallel', 'event', 'auto'; got 'gird'. Did you mean 'grid'?",
+        "settings.method must be one of 'naive', 'grid', 'parallel', 'event', 'mpi', 'auto'; got 'gird'. "
+        "Did you mean 'grid'?",
         "settings.wrokers must be a key of a scene file; this one is unknown, with the value 3. "
         "Did you mean 'workers'?",
         "discs[0].position must be numbers of shape (N, 2); got rows of different lengths, 1 to 2.",
@@ -189,7 +190,7 @@ WRONG = {
     + "[piston]\nwall = ['left']\nspeed = 1\nstop = 5": "piston.wall must be one of 'left', 'right', 'bottom', 'top'; "
     "got ['left'].",
     HEAD + "settings = { method = ['grid'] }": "settings.method must be one of 'naive', 'grid', 'parallel', 'event', "
-    "'auto'; got ['grid'].",
+    "'mpi', 'auto'; got ['grid'].",
     HEAD
     + "emitters = [{ position = [1, 1], velocity = [1, 0], radius = 1, interval = 1, every = 1 }]": "emitters[0]: an "
     "Emitter must have either interval, the time between two discs, or every, the frames between two; got "
