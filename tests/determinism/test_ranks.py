@@ -184,7 +184,7 @@ def test_a_checkpoint_goes_to_half_and_to_twice_as_many_ranks_and_workers(number
 WRITING = """
 import sys, warnings, mpsim
 from mpi4py import MPI
-from support.ranks import CASES
+from support.ranks import CASES, tell
 
 warnings.simplefilter("ignore", mpsim.EmitterWarning)
 folder, ending, begun = sys.argv[1:]
@@ -198,7 +198,7 @@ with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="mpi"),
     try:
         mpsim.Trajectory.write(path, comm=comm)
     except mpsim.OutputError as error:
-        print(f"refused: {'is there already' in str(error)}")
+        tell(f"refused: {'is there already' in str(error)}")
 """
 
 

@@ -36,6 +36,7 @@ def test_a_rank_that_ends_ends_the_job(act):
 SAVING = """
 import os, signal, sys, threading, mpsim
 from mpi4py import MPI
+from support.ranks import tell
 from support.scenes import gas
 
 with mpsim.Simulation(gas(500, 0.3), mpsim.Settings(method="mpi", dt=0.01)) as sim:
@@ -46,7 +47,7 @@ with mpsim.Simulation(gas(500, 0.3), mpsim.Settings(method="mpi", dt=0.01)) as s
         sim.run(frames=10**9, checkpoint=sys.argv[1], checkpoint_every={every}, progress=at)
     except SystemExit as end:
         assert end.code == 143
-        print("ended at", sim.frame)
+        tell("ended at", sim.frame)
 """
 
 
@@ -206,6 +207,7 @@ def test_an_error_of_a_command_on_all_ranks_is_told_once_and_one_of_a_rank_ends_
 LOSING = """
 import os, signal, mpsim
 from mpi4py import MPI
+from support.ranks import tell
 from support.scenes import gas
 
 with mpsim.Simulation(gas(2000, 0.3), mpsim.Settings(method="mpi", workers=2, dt=0.01)) as sim:
@@ -216,11 +218,11 @@ with mpsim.Simulation(gas(2000, 0.3), mpsim.Settings(method="mpi", workers=2, dt
     try:
         sim.run(frames=10**9, progress=at)
     except mpsim.WorkerDied as death:
-        print("worker", death.worker, "signal" in str(death))
+        tell("worker", death.worker, "signal" in str(death))
     try:
         sim.state
     except mpsim.ClosedError:
-        print("closed")
+        tell("closed")
 """
 
 
@@ -235,7 +237,7 @@ FULL = """
 import mpsim
 from mpi4py import MPI
 from mpsim.engine.solvers import mpi_part
-from support.ranks import found
+from support.ranks import found, tell
 
 mpi_part.SPARE, mpi_part.FEWEST = 1.0, 4
 renew = mpi_part.Part._renew
@@ -249,7 +251,7 @@ mpi_part.Part._renew = refuse
 try:
     found("corner", method="mpi")
 except mpsim.SharedMemoryError as error:
-    print(f"{error} {error.__notes__[0]}")
+    tell(f"{error} {error.__notes__[0]}")
 """
 
 

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import mpsim
-from mpsim.engine.solvers.mpi_ranks import Communicator
+from mpsim.engine.solvers.mpi_ranks import Communicator, library
 from support.processes import Outcome
 from support.scenes import gas
 
@@ -172,6 +172,12 @@ def on_ranks(
             command, env=variables, cwd=folder, capture_output=True, text=True, timeout=bound, check=False
         )
         return Outcome(done.returncode, done.stdout, done.stderr, time.perf_counter() - began)
+
+
+def tell(*words: Any) -> None:
+    """Print what each rank says, from the first one: `mpiexec` may mix what several print. All ranks call it."""
+    for each in library().COMM_WORLD.gather(words) or []:
+        print(*each)
 
 
 def main(workers: str, *names: str) -> None:
