@@ -76,19 +76,18 @@ def run(
     With --out, a folder is written: the trajectory for OVITO, tables of times and measures, the last state and a
     picture of it, and a checkpoint. After Ctrl-C, `mpsim resume` continues it.
     """
-    if frames is not None and until is not None:
-        raise click.UsageError("Give --frames or --until, not both.")
     with one_voice(options["method"] == "mpi"):  # one rank may lack the file
+        if frames is not None and until is not None:
+            raise click.UsageError("Give --frames or --until, not both.")
+        for option, given in (("--every", every), ("--force", force), ("--format", kind != FORMATS[0])):
+            if given and out is None:
+                raise click.UsageError(f"{option} needs --out, the folder to write to.")
         file = scenefile.load(scene)
         settings = terminal.settings_of(file, options, on_ranks=True)
     target = frames or (FRAMES if until is None else frames_until(until, settings.dt))
-    with one_voice(capabilities_of(settings).on_ranks) as first_rank:
+    with one_voice(capabilities_of(settings).on_ranks) as first_rank, Simulation(file.scene, settings) as sim:
         if out is None:
-            for option, given in (("--every", every), ("--force", force), ("--format", kind != FORMATS[0])):
-                if given:
-                    raise click.UsageError(f"{option} needs --out, the folder to write to.")
-            with Simulation(file.scene, settings) as sim:
-                _without_folder(sim, file, target, measures, as_json, quiet, first_rank)
+            _without_folder(sim, file, target, measures, as_json, quiet, first_rank)
             return
         record = {
             "scene": file.name,
@@ -100,10 +99,7 @@ def run(
             "measures": list(measures),
             "status": "starting",
         }
-        with (
-            Simulation(file.scene, settings) as sim,
-            RunFolder.create(out, record, force=force, first_rank=first_rank) as folder,
-        ):
+        with RunFolder.create(out, record, force=force, first_rank=first_rank) as folder:
             sim.save(folder[CHECKPOINT])  # so that the run can be continued, however early it ends
             folder.note(sim, "running")
             _advance(folder, sim, target, as_json, quiet)
@@ -114,10 +110,10 @@ SAME_BITS = tuple(name for name, each in METHODS.items() if each.by_columns)
 
 RESUME_EXAMPLES = """\b
 Examples:
-  mpsim resume run                    to the end that was asked for
-  mpsim resume run --frames 1000      1000 frames more
+  mpsim resume run                                to the end that was asked for
+  mpsim resume run --frames 1000                  1000 frames more
   mpsim resume run --until 200 --workers 8
-  mpiexec -n 3 mpsim resume run --method mpi      on the ranks of MPI; back to one process by --method grid
+  mpiexec -n 3 mpsim resume run --method mpi      on the ranks of MPI, and by --method grid back in one process
 """
 
 
@@ -125,9 +121,7 @@ Examples:
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--frames", type=click.IntRange(1), help="So many frames more.")
 @click.option("--until", type=terminal.Positive("time"), help="Or until this time of the scene.")
-@click.option(
-    "--method", type=click.Choice(SAME_BITS), help="Instead of the one so far; these three have the same bits."
-)
+@click.option("--method", type=click.Choice(SAME_BITS), help="Another method, with the same bits.")
 @click.option("--workers", type=click.IntRange(1, terminal.MOST_WORKERS), help="Processes; they change no bit.")
 @terminal.json_option
 @terminal.quiet_option
