@@ -1,17 +1,21 @@
-"""A command on the ranks of MPI: the first one speaks for all, and the end of one is the end of all."""
+"""A command on the ranks of MPI: the first one speaks and writes for all, and the end of one is the end of all."""
 
 import contextlib
 import io
+import logging
+import signal
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import click
 
 from mpsim.cli import terminal
+from mpsim.core.deferred_signals import Handled
 from mpsim.core.errors import InputError
 from mpsim.engine.solvers.mpi_ranks import library
+from mpsim.output.first_rank import FirstRank
 
 PATIENCE = 2.0
 """Seconds for which a rank that fails waits for the others to fail as well."""
@@ -21,8 +25,8 @@ DELIVERY = 0.5
 
 
 @contextlib.contextmanager
-def one_voice(on_ranks: bool) -> Iterator[bool]:
-    """Let the first rank alone print. Gives whether this one is it; without ranks it is.
+def one_voice(on_ranks: bool) -> Iterator[FirstRank]:
+    """Let the first rank alone print. Gives that rank, to write files as well; without ranks it is this process.
 
     What fails on all ranks, the first one tells, and all end. What fails on some of them, these tell, and end the job:
     the others would wait for them for ever.
@@ -31,18 +35,15 @@ def one_voice(on_ranks: bool) -> Iterator[bool]:
         InputError: if there is no MPI.
     """
     if not on_ranks:
-        yield True
+        yield FirstRank()
         return
     world = library().COMM_WORLD.Dup()  # on which nobody else calls: ranks come to their end between any two calls
     speaks = world.rank == 0
     try:
-        with contextlib.ExitStack() as stack:
-            if not speaks:
-                terminal.be_quiet()
-                stack.enter_context(contextlib.redirect_stdout(io.StringIO()))
-                stack.enter_context(warnings.catch_warnings())
-                warnings.simplefilter("ignore")
-            yield speaks
+        with contextlib.nullcontext() if speaks else _silence():
+            first_rank = FirstRank(library().COMM_WORLD)
+            yield first_rank
+            first_rank.close()
     except BaseException as error:
         if not _all_fail(world):
             click.echo(f"mpsim: rank {world.rank}: {type(error).__name__}: {error}", err=True)
@@ -51,6 +52,47 @@ def one_voice(on_ranks: bool) -> Iterator[bool]:
         if speaks:
             raise
         raise SystemExit(_code_of(error)) from None
+
+
+@contextlib.contextmanager
+def _silence() -> Iterator[None]:
+    """Show nothing: no results, progress, warnings and logs."""
+    terminal.be_quiet()
+    logger, nothing = logging.getLogger("mpsim"), lambda record: False
+    logger.addFilter(nothing)
+    try:
+        with (
+            contextlib.redirect_stdout(io.StringIO()),
+            contextlib.redirect_stderr(io.StringIO()),
+            warnings.catch_warnings(),
+        ):
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logger.removeFilter(nothing)
+
+
+@contextlib.contextmanager
+def interrupts_agreed(first_rank: FirstRank) -> Iterator[Callable[[], None]]:
+    """Let Ctrl-C come to all ranks at one place of a run, where all make the call that this gives.
+
+    Else it would come to each of them somewhere else, and the others would wait there for ever. Without ranks it comes
+    as it always does.
+    """
+    if first_rank.comm is None:
+        yield lambda: None
+        return
+    came: list[int] = []
+    handled = Handled(signal.SIGINT, lambda number, frame: came.append(number))
+
+    def raise_if_any() -> None:
+        if first_rank.any_of(bool(came)):
+            raise KeyboardInterrupt
+
+    try:
+        yield raise_if_any
+    finally:
+        handled.put_back()
 
 
 def _all_fail(world: Any) -> bool:

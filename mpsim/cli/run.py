@@ -4,14 +4,14 @@ import contextlib
 import dataclasses
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import click
 
 from mpsim.cli import terminal
-from mpsim.cli.ranks import one_voice
+from mpsim.cli.ranks import interrupts_agreed, one_voice
 from mpsim.cli.runfolder import CHECKPOINT, MEASURES, PICTURE, STATE, TIMINGS, RunFolder, part_of
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import MpsimError
@@ -19,11 +19,14 @@ from mpsim.core.plain import json_text
 from mpsim.engine.frame_count import frames_until
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
-from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.engine.solvers.methods import METHODS, capabilities_of
 from mpsim.measure.registry import NAMES
+from mpsim.output.first_rank import FirstRank
 from mpsim.output.frame_file import FORMATS
+from mpsim.output.frames import frame_of
 from mpsim.output.tables import measure_text
 from mpsim.scene import scenefile
+from mpsim.scene.settings import Settings
 
 FRAMES = 500
 """Default number of frames of a run."""
@@ -36,7 +39,7 @@ Examples:
   mpsim run gas                                          500 frames, and what they took
   mpsim run gas --until 50 --out run                     also write it all to the folder run/
   mpsim run hopper --frames 2000 --every 20 --out run --format gsd
-  mpiexec -n 4 mpsim run gas --method mpi                on the ranks of MPI
+  mpiexec -n 4 mpsim run gas --method mpi --out run      on the ranks of MPI
   mpsim run my_scene.toml --method parallel --workers 4 --measure pressure --json
 """
 
@@ -73,43 +76,44 @@ def run(
     With --out, a folder is written: the trajectory for OVITO, tables of times and measures, the last state and a
     picture of it, and a checkpoint. After Ctrl-C, `mpsim resume` continues it.
     """
-    if frames is not None and until is not None:
-        raise click.UsageError("Give --frames or --until, not both.")
     with one_voice(options["method"] == "mpi"):  # one rank may lack the file
-        file = scenefile.load(scene)
-    settings = terminal.settings_of(file, options, "--out" if out is not None else "")
-    target = frames or (FRAMES if until is None else frames_until(until, settings.dt))
-    if out is None:
+        if frames is not None and until is not None:
+            raise click.UsageError("Give --frames or --until, not both.")
         for option, given in (("--every", every), ("--force", force), ("--format", kind != FORMATS[0])):
-            if given:
+            if given and out is None:
                 raise click.UsageError(f"{option} needs --out, the folder to write to.")
-        with (
-            one_voice(capabilities_of(settings).on_ranks) as speaks,
-            Simulation(file.scene, settings) as sim,
-        ):
-            _without_folder(sim, file, target, measures, as_json, quiet or not speaks)
-        return
-    record = {
-        "scene": file.name,
-        "scene_digest": file.scene.digest(),
-        "settings": dataclasses.asdict(settings),
-        "target": target,
-        "every": every or max(target // pictures_of(file.scene.count), 1),
-        "trajectory": f"trajectory.{kind}",
-        "measures": list(measures),
-        "status": "starting",
-    }
-    with Simulation(file.scene, settings) as sim, RunFolder.create(out, record, force=force) as folder:
-        sim.save(folder[CHECKPOINT])  # so that the run can be continued, however early it ends
-        folder.note(sim, "running")
-        _advance(folder, sim, target, as_json, quiet)
+        file = scenefile.load(scene)
+        settings = terminal.settings_of(file, options, on_ranks=True)
+    target = frames or (FRAMES if until is None else frames_until(until, settings.dt))
+    with one_voice(capabilities_of(settings).on_ranks) as first_rank, Simulation(file.scene, settings) as sim:
+        if out is None:
+            _without_folder(sim, file, target, measures, as_json, quiet, first_rank)
+            return
+        record = {
+            "scene": file.name,
+            "scene_digest": file.scene.digest(),
+            "settings": dataclasses.asdict(settings),
+            "target": target,
+            "every": every or max(target // pictures_of(file.scene.count), 1),
+            "trajectory": f"trajectory.{kind}",
+            "measures": list(measures),
+            "status": "starting",
+        }
+        with RunFolder.create(out, record, force=force, first_rank=first_rank) as folder:
+            sim.save(folder[CHECKPOINT])  # so that the run can be continued, however early it ends
+            folder.note(sim, "running")
+            _advance(folder, sim, target, as_json, quiet)
 
+
+SAME_BITS = tuple(name for name, each in METHODS.items() if each.by_columns)
+"""Methods between which a run may change."""
 
 RESUME_EXAMPLES = """\b
 Examples:
-  mpsim resume run                    to the end that was asked for
-  mpsim resume run --frames 1000      1000 frames more
+  mpsim resume run                                to the end that was asked for
+  mpsim resume run --frames 1000                  1000 frames more
   mpsim resume run --until 200 --workers 8
+  mpiexec -n 3 mpsim resume run --method mpi      on the ranks of MPI, and by --method grid back in one process
 """
 
 
@@ -117,11 +121,18 @@ Examples:
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--frames", type=click.IntRange(1), help="So many frames more.")
 @click.option("--until", type=terminal.Positive("time"), help="Or until this time of the scene.")
+@click.option("--method", type=click.Choice(SAME_BITS), help="Another method, with the same bits.")
 @click.option("--workers", type=click.IntRange(1, terminal.MOST_WORKERS), help="Processes; they change no bit.")
 @terminal.json_option
 @terminal.quiet_option
 def resume(
-    folder: Path, frames: int | None, until: float | None, workers: int | None, as_json: bool, quiet: bool
+    folder: Path,
+    frames: int | None,
+    until: float | None,
+    method: str | None,
+    workers: int | None,
+    as_json: bool,
+    quiet: bool,
 ) -> None:
     """Continue the run in FOLDER, to the same bits as if it had never stopped.
 
@@ -129,7 +140,12 @@ def resume(
     """
     if frames is not None and until is not None:
         raise click.UsageError("Give --frames or --until, not both.")
-    with RunFolder.claim(folder) as found, Simulation.resume(found[CHECKPOINT], workers=workers) as sim:
+    method = method or RunFolder.open(folder).method
+    with (
+        one_voice(capabilities_of(Settings(method=method)).on_ranks) as first_rank,
+        RunFolder.claim(folder, first_rank) as found,
+        Simulation.resume(found[CHECKPOINT], workers=workers, method=method) as sim,
+    ):
         target = found.record["target"]
         if frames is not None:
             target = sim.frame + frames
@@ -141,15 +157,17 @@ def resume(
                 f"The run in {str(folder)!r} is at frame {sim.frame}, time {sim.time:g}; {asked}. Say how far it is "
                 "to continue: --frames or --until."
             )
-        _report_lost_frames(found, sim, quiet)
+        if not quiet:
+            first_rank.once(lambda: _report_lost_frames(found, sim))
         found.record["target"] = max(target, found.record["target"])  # the end that was asked for stays
+        found.record["settings"] = dataclasses.asdict(sim.settings)
         found.note(sim, "running")
         _advance(found, sim, target, as_json, quiet)
 
 
-def _report_lost_frames(folder: RunFolder, sim: Simulation, quiet: bool) -> None:
+def _report_lost_frames(folder: RunFolder, sim: Simulation) -> None:
     """After a kill the trajectory may hold frames that are later than the checkpoint."""
-    if quiet or not folder.trajectory.exists():
+    if not folder.trajectory.exists():
         return
     frames = folder.frames
     kept = len(frames)
@@ -171,31 +189,47 @@ def _advance(folder: RunFolder, sim: Simulation, target: int, as_json: bool, qui
     from mpsim.output.recorder import Recorder  # noqa: PLC0415
     from mpsim.output.trajectory import Trajectory  # noqa: PLC0415
 
-    every, measures = folder.record["every"], folder.record["measures"] or None
-    compiled, started = _compiled(sim, measures)
-    with (
-        Trajectory.write(folder.trajectory, every, mode="a") as trajectory,
-        Recorder(folder[MEASURES], every, sim) as recorder,
-        _left_resumable(folder, sim),
-        terminal.progress(quiet) as progress,
-    ):
-        report = sim.run(
-            frames=target - sim.frame,
-            measures=measures,
-            observe=[trajectory, recorder],
-            checkpoint=folder[CHECKPOINT],
-            checkpoint_seconds=CHECKPOINT_SECONDS,
-            progress=None if progress is None else lambda done, of: progress(done, of, "frames"),
-        )
-        folder.finish(sim, report, time.perf_counter() - started, compiled + report.compile_seconds)
-    final_picture(sim, folder[PICTURE])
+    every, measures, first_rank = folder.record["every"], folder.record["measures"] or None, folder.first_rank
+    with interrupts_agreed(first_rank) as interruption:
+        compiled, started = _compiled(sim, measures)
+        with (
+            Trajectory.write(folder.trajectory, every, mode="a", comm=first_rank.comm) as trajectory,
+            Recorder(folder[MEASURES], every, sim, first_rank) as recorder,
+            _left_resumable(folder, sim),
+            _progress(quiet, interruption) as progress,
+        ):
+            report = sim.run(
+                frames=target - sim.frame,
+                measures=measures,
+                observe=[trajectory, recorder],
+                checkpoint=folder[CHECKPOINT],
+                checkpoint_seconds=CHECKPOINT_SECONDS,
+                progress=progress,
+            )
+            folder.finish(sim, report, time.perf_counter() - started, compiled + report.compile_seconds)
+        last = frame_of(sim)
+        first_rank.once(lambda: final_picture(sim.scene, last, folder[PICTURE]))
     if as_json:
         click.echo(json_text(folder.record))
         return
     for line in summary(folder.record["parts"][-1], report, sim):
         click.echo(line)
     names = (folder.record["trajectory"], MEASURES, TIMINGS, STATE, PICTURE)
-    click.echo(f"written to {folder.path}/: {', '.join(names)}; {len(folder.frames)} frames in the trajectory")
+    written = first_rank.once(lambda: len(folder.frames))
+    click.echo(f"written to {folder.path}/: {', '.join(names)}; {written} frames in the trajectory")
+
+
+@contextlib.contextmanager
+def _progress(quiet: bool, interruption: Callable[[], None]) -> Iterator[Callable[[int, int], None]]:
+    """What a run calls between two slices of frames: it shows how far the run is, and is where ranks hear of Ctrl-C."""
+    with terminal.progress(quiet) as show:
+
+        def between(done: int, of: int) -> None:
+            interruption()
+            if show is not None:
+                show(done, of, "frames")
+
+        yield between
 
 
 def _compiled(sim: Simulation, measures: tuple[str, ...] | None) -> tuple[float, float]:
@@ -221,30 +255,31 @@ def _left_resumable(folder: RunFolder, sim: Simulation) -> Iterator[None]:
             f"Interrupted at frame {sim.frame} of {folder.record['target']}. Continue with: mpsim resume {folder.path}"
         ) from None
     except BaseException as end:
-        folder.record |= {"status": "ended early", "frame": sim.frame, "time": sim.time}
-        with contextlib.suppress(MpsimError):
-            folder.save()
+        folder.note_failure(sim)
         if isinstance(end, SystemExit):  # by SIGTERM, after a checkpoint
             click.echo(f"Ended by SIGTERM at frame {sim.frame}. Continue with: mpsim resume {folder.path}", err=True)
         raise
 
 
 def _without_folder(
-    sim: Simulation, file: scenefile.SceneFile, frames: int, measures: tuple[str, ...], as_json: bool, quiet: bool
+    sim: Simulation,
+    file: scenefile.SceneFile,
+    frames: int,
+    measures: tuple[str, ...],
+    as_json: bool,
+    quiet: bool,
+    first_rank: FirstRank,
 ) -> None:
     """Run and print a summary, without writing files."""
-    compiled, started = _compiled(sim, measures or None)
-    try:
-        with terminal.progress(quiet) as progress:
-            report = sim.run(
-                frames=frames,
-                measures=measures or None,
-                progress=None if progress is None else lambda done, of: progress(done, of, "frames"),
-            )
-    except KeyboardInterrupt:
-        raise terminal.Interrupted(
-            f"Interrupted at frame {sim.frame} of {frames}. Nothing is kept without --out FOLDER."
-        ) from None
+    with interrupts_agreed(first_rank) as interruption:
+        compiled, started = _compiled(sim, measures or None)
+        try:
+            with _progress(quiet, interruption) as progress:
+                report = sim.run(frames=frames, measures=measures or None, progress=progress)
+        except KeyboardInterrupt:
+            raise terminal.Interrupted(
+                f"Interrupted at frame {sim.frame} of {frames}. Nothing is kept without --out FOLDER."
+            ) from None
     part = part_of(sim, report, time.perf_counter() - started, compiled + report.compile_seconds)
     if as_json:
         found = {"scene": file.name, "scene_digest": sim.scene.digest(), "settings": dataclasses.asdict(sim.settings)}

@@ -6,8 +6,11 @@ trajectory.xyz      (or .gsd) frames, for OVITO and mpsim.Trajectory
 measures.csv        energy, overlap and collision rate along the run
 timings.csv         time of each frame, phase and worker, of the parts that came to their end
 final.npz, final.png    the last state
+
+Where ranks of MPI share the run, all of them make the same calls, and the first one reads and writes the files.
 """
 
+import contextlib
 import dataclasses
 import fcntl
 import json
@@ -18,10 +21,12 @@ from pathlib import Path
 from typing import Any
 
 from mpsim.core import atomic, untrusted
-from mpsim.core.errors import InputError, OutputError
+from mpsim.core.errors import InputError, MpsimError, OutputError
+from mpsim.core.state import State
 from mpsim.engine import checkpoint, checkpoint_validation
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
+from mpsim.output.first_rank import FirstRank
 from mpsim.output.frame_file import FORMATS
 from mpsim.output.trajectory import Trajectory
 from mpsim.scene.scene import Scene
@@ -61,12 +66,14 @@ class RunFolder:
     Attributes:
         path: of the folder.
         record: what run.json holds, plain values.
+        first_rank: of the ranks that share the run.
     """
 
-    def __init__(self, path: Path, record: dict[str, Any]):
+    def __init__(self, path: Path, record: dict[str, Any], first_rank: FirstRank | None = None):
         self.path = path
         self.record = record
-        self._lock = -1
+        self.first_rank: FirstRank = FirstRank() if first_rank is None else first_rank
+        self._lock = -1  # of the first rank
 
     def __enter__(self) -> "RunFolder":
         return self
@@ -77,41 +84,55 @@ class RunFolder:
             self._lock = -1
 
     @classmethod
-    def create(cls, path: str | os.PathLike[str], record: dict[str, Any], *, force: bool = False) -> "RunFolder":
+    def create(
+        cls,
+        path: str | os.PathLike[str],
+        record: dict[str, Any],
+        *,
+        force: bool = False,
+        first_rank: FirstRank | None = None,
+    ) -> "RunFolder":
         """A new folder, or, with `force`, that of another run, whose files are removed.
 
         Raises:
             InputError: if there is anything in the folder that would be lost, or another process writes to it.
             OutputError: if it cannot be written.
         """
-        folder = Path(path)
+        made = cls(Path(path), {"format": FORMAT, "versions": versions(), **record, "parts": []}, first_rank)
+        made.first_rank.once(lambda: made._take(force))
+        made.save()
+        return made
+
+    def _take(self, force: bool) -> None:
+        """Make the folder, or empty it, and lock it."""
+        folder = self.path
         try:
             old = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
             if old:
                 _demand_leave(folder, force)
             folder.mkdir(parents=True, exist_ok=True)
-            lock = _locked(folder)
+            self._lock = _locked(folder)
             if old:
                 for name in (RECORD, *_ALL, *(path.name for path in folder.glob("timings-*.csv"))):
                     (folder / name).unlink(missing_ok=True)
         except OSError as error:
             raise _unwritable(folder, error) from error
-        made = cls(folder, {"format": FORMAT, "versions": versions(), **record, "parts": []})
-        made._lock = lock
-        made.save()
-        return made
 
     @classmethod
-    def claim(cls, path: str | os.PathLike[str]) -> "RunFolder":
+    def claim(cls, path: str | os.PathLike[str], first_rank: FirstRank | None = None) -> "RunFolder":
         """The folder of a run, to continue it.
 
         Raises:
             InputError: as `open`, or if another process writes to it.
         """
-        lock = _locked(cls.open(path).path)
-        claimed = cls.open(path)  # again: the last owner may have written to it
-        claimed._lock = lock
+        claimed = cls(Path(path), {}, first_rank)
+        claimed.record = claimed.first_rank.once(claimed._lock_and_read)
         return claimed
+
+    def _lock_and_read(self) -> dict[str, Any]:
+        """The record, locked."""
+        self._lock = _locked(RunFolder.open(self.path).path)
+        return RunFolder.open(self.path).record  # again: the last owner may have written to it
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> "RunFolder":
@@ -133,6 +154,9 @@ class RunFolder:
             raise InputError(f"{str(folder)!r} is of format {found}; this mpsim reads up to {FORMAT}. Use a newer one.")
         missing = {"scene", "target", "every", "trajectory", "measures", "status", "parts"} - record.keys()
         missing |= {name for name in ("scene", "trajectory", "status") if not isinstance(record.get(name), str)}
+        settings = record.get("settings")
+        if not (isinstance(settings, dict) and isinstance(settings.get("method"), str)):
+            missing.add("settings")
         if missing:
             raise InputError(f"{RECORD} must hold {', '.join(sorted(missing))}; that in {str(folder)!r} does not.")
         return cls(folder, record)
@@ -146,6 +170,11 @@ class RunFolder:
         return self.path / Path(self.record["trajectory"]).name  # in this folder, whatever the record says
 
     @property
+    def method(self) -> str:
+        """The method of the run so far."""
+        return self.record["settings"]["method"]
+
+    @property
     def scene(self) -> Scene:
         """The scene, from the checkpoint.
 
@@ -156,6 +185,9 @@ class RunFolder:
 
     def save(self) -> None:
         """Write run.json; whole or as it was before, whatever happens."""
+        self.first_rank.once(self._save)
+
+    def _save(self) -> None:
         try:
             atomic.write_text(self.path / RECORD, json.dumps(self.record, indent=1) + "\n")
         except OSError as error:
@@ -167,10 +199,21 @@ class RunFolder:
         self.record["digest"] = sim.digest()
         self.save()
 
+    def note_failure(self, sim: Simulation) -> None:
+        """Record, if that can be written, that the run cannot go on: one rank may call this alone."""
+        self.record |= {"status": "ended early", "frame": sim.frame, "time": sim.time}
+        with contextlib.suppress(MpsimError):
+            self.first_rank.alone(self._save)
+
     def finish(self, sim: Simulation, report: Report, wall_seconds: float, compile_seconds: float) -> None:
         """Record what a part of the run did, its times, and the last state."""
         self.record["parts"].append(part_of(sim, report, wall_seconds, compile_seconds))
-        table = report.to_csv(first_frame=sim.frame - report.frames + 1)
+        table, state = report.to_csv(first_frame=sim.frame - report.frames + 1), sim.state
+        self.first_rank.once(lambda: self._write_results(table, state))
+        self.note(sim, "done" if sim.frame >= self.record["target"] else "paused")
+
+    def _write_results(self, table: str, state: State) -> None:
+        """Write the times of a part of the run below those of earlier parts, and the last state."""
         head, _, lines = table.partition("\n")
         timings = self[TIMINGS]
         try:
@@ -181,8 +224,7 @@ class RunFolder:
             atomic.write_text(timings, old + lines if old else table)
         except OSError as error:
             raise _unwritable(self.path, error) from error
-        sim.state.save(self[STATE])
-        self.note(sim, "done" if sim.frame >= self.record["target"] else "paused")
+        state.save(self[STATE])
 
     @property
     def frames(self) -> Trajectory:

@@ -98,16 +98,16 @@ def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
-def settings_of(file: SceneFile, options: dict[str, Any], why_not_on_ranks: str = "This command") -> Settings:
+def settings_of(file: SceneFile, options: dict[str, Any], on_ranks: bool = False) -> Settings:
     """What the scene recommends, with the options that were given put in its place.
 
-    why_not_on_ranks: what runs in one process, for the text of a refusal; empty: nothing.
+    on_ranks: whether the command can run on ranks.
     """
     given = {name: value for name, value in options.items() if value is not None}
     settings = dataclasses.replace(file.settings or Settings(), **given)
-    if why_not_on_ranks and capabilities_of(settings).on_ranks:
+    if not on_ranks and capabilities_of(settings).on_ranks:
         raise click.UsageError(
-            f"{why_not_on_ranks} runs in one process, and method {settings.method!r} on ranks. Give --method grid, "
+            f"This command runs in one process, and method {settings.method!r} on ranks. Give --method grid, "
             "which has the same bits."
         )
     return settings

@@ -100,8 +100,12 @@ class FrameFile:
 
     def close(self) -> None:
         """Close the file. May be called again."""
-        self._writer.close()
-        self._lock.release()
+        try:
+            self._writer.close()
+        except OSError as error:
+            raise self._unwritable(error) from error
+        finally:
+            self._lock.release()
 
     def _continue(self, sim: Simulation, now: Frame, every: int) -> None:
         """Cut the file back to the frame of the simulation, after checking that it belongs to it."""

@@ -11,9 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mpsim.engine.simulation import Simulation
 from mpsim.output.drawing import MOST_DISCS, STYLE, closed_off, draw_discs, marker_of, new_figure, save_figure
-from mpsim.output.frames import Frame, frame_of
+from mpsim.output.frames import Frame
 from mpsim.scene.scene import Scene
 
 TALL: dict[str, Any] = {"location": "right", "shrink": 0.7, "aspect": 30}
@@ -73,17 +72,16 @@ def draw_frame(axes: Axes, frame: Frame, scene: Scene) -> None:
     axes.set_title(f"time {frame.time:.4g}, {shown}{len(frame.position):,} discs")
 
 
-def final_picture(sim: Simulation, path: str | os.PathLike[str]) -> Path:
-    """The present state of a simulation as a PNG.
+def final_picture(scene: Scene, last: Frame, path: str | os.PathLike[str]) -> Path:
+    """The last frame of a run as a PNG.
 
     Raises:
         OutputError: if it cannot be written.
     """
-    scene = sim.scene
     with matplotlib.rc_context(fname=STYLE):
         longer = max(scene.width, scene.height)
         figure = new_figure(max(6 * scene.width / longer, 2) + 1.2, max(6 * scene.height / longer, 1) + 0.9)
-        draw_frame(figure.add_subplot(), frame_of(sim), scene)
+        draw_frame(figure.add_subplot(), last, scene)
     return save_figure(figure, path)
 
 

@@ -5,6 +5,7 @@ import io
 import math
 import os
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from mpsim.core.errors import InputError, OutputError, reason_of
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
 from mpsim.measure.observables import energy_of_spins, energy_of_velocities, overlap
+from mpsim.output.first_rank import FirstRank
 from mpsim.output.ownership import Ownership
 
 MOST_BYTES = 2**30
@@ -43,17 +45,24 @@ class Recorder:
         path: of the CSV file; a table of the same run is continued.
         every: frames between two rows, >= 1.
         sim: the simulation to observe; counts of collisions begin at its frame.
+        first_rank: of the ranks that share the simulation; it writes the table. None: there are no ranks.
     """
 
-    def __init__(self, path: str | os.PathLike[str], every: int, sim: Simulation):
+    def __init__(self, path: str | os.PathLike[str], every: int, sim: Simulation, first_rank: FirstRank | None = None):
         self.every: int = checks.whole("every", every, 1, 10**12, "1 writes a row for every frame.")
         self._path = Path(path)
-        self._ownership = Ownership("table", self._path, "Make a Recorder for each, with a file of its own.")
+        self._first_rank = FirstRank() if first_rank is None else first_rank
+        advice = "Make a Recorder for each, with a file of its own."
+        self._ownership = Ownership("table", self._path, advice, self._first_rank.comm is not None)
         self._ownership.bind_or_check(sim)
         self._since = sim.frame
         self._collisions = 0
-        kept = [row for row in _rows(self._path) if int(row[0]) <= sim.frame]
-        self._last = int(kept[-1][0]) if kept else -1
+        self._file: TextIO | None = None  # of the first rank
+        self._last = self._first_rank.once(lambda: self._open(sim.frame))
+
+    def _open(self, frame: int) -> int:
+        """Cut the table back to a frame, and open it. Returns the frame of its last row; -1: there is none."""
+        kept = [row for row in _rows(self._path) if int(row[0]) <= frame]
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows([COLUMNS, *kept])
         try:
@@ -63,7 +72,7 @@ class Recorder:
             raise OutputError(
                 f"the table of a run must be a file that can be written; got {str(self._path)!r} ({error.strerror})."
             ) from error
-        self._writer = csv.writer(self._file, lineterminator="\n")
+        return int(kept[-1][0]) if kept else -1
 
     def look(self, sim: Simulation, collisions: int) -> None:
         """Write a row for the present frame, unless it is there already."""
@@ -73,26 +82,42 @@ class Recorder:
         if sim.frame <= self._last:
             return
         self._last = sim.frame
-        here = ~sim.absorbed
-        state, radii, masses = sim.state, sim.radii[here], sim.masses[here]
-        energy = energy_of_velocities(state, masses) + energy_of_spins(state, masses, radii)
-        state = State(state.position[here], state.velocity[here])
-        depth = overlap(state, sim.scene, radii)
-        count = len(radii)
-        rate = 2 * met / (count * frames * sim.settings.dt) if count and frames > 0 else math.nan
-        self._writer.writerow([sim.frame, sim.time, count, energy, depth.mean, depth.largest, rate])
+        state = sim.state
+        self._first_rank.once(lambda: self._append(row_of(sim, state, frames, met)))
+
+    def _append(self, row: list[float]) -> None:
+        assert self._file is not None  # as `_ownership` has looked
+        csv.writer(self._file, lineterminator="\n").writerow(row)
         self._file.flush()
 
     def close(self) -> None:
         """Close the file."""
         self._ownership.close("To write more rows, make another Recorder for it.")
-        self._file.close()
+        if self._file is not None:
+            self._file.close()
 
     def __enter__(self) -> "Recorder":
         return self
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+def row_of(sim: Simulation, state: State, frames: int, met: int) -> list[float]:
+    """The row of a state, in the order of COLUMNS.
+
+    Args:
+        sim: whose state it is. Nothing is asked of it for which its ranks would have to talk to each other.
+        state: of all discs.
+        frames, met: frames since the row before, and contacts resolved in them.
+    """
+    here = state.present
+    radii, masses = sim.radii[here], sim.masses[here]
+    energy = energy_of_velocities(state, masses) + energy_of_spins(state, masses, radii)
+    depth = overlap(State(state.position[here], state.velocity[here]), sim.scene, radii)
+    count = len(radii)
+    rate = 2 * met / (count * frames * sim.settings.dt) if count and frames > 0 else math.nan
+    return [sim.frame, sim.time, count, energy, depth.mean, depth.largest, rate]
 
 
 def read_table(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]:

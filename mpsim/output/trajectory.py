@@ -6,19 +6,17 @@ opens both. A kill at any moment costs at most the frame that was being written.
 
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TypeVar, overload
+from typing import Any, overload
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError, TrajectoryError
 from mpsim.engine.simulation import Simulation
-from mpsim.engine.solvers.mpi_ranks import communicator_of
+from mpsim.output.first_rank import FirstRank
 from mpsim.output.frame_file import ENDINGS, FrameFile
 from mpsim.output.frames import Frame, Reader, frame_of
 from mpsim.output.ownership import Ownership
-
-Result = TypeVar("Result")
 
 
 class Trajectory:
@@ -133,27 +131,23 @@ class TrajectoryWriter:
         self.seconds: float = 0.0
         advice = "Open one for each by mpsim.Trajectory.write(...); for the same run, resumed, with mode='a'."
         self._ownership = Ownership("trajectory", self.path, advice, comm is not None)
-        self._ranks = None if comm is None else communicator_of(comm)
+        self._first_rank = FirstRank(comm)
         self._file: FrameFile | None = None  # of the first rank
         try:
-            self._once(lambda: self._open(mode))
+            self._first_rank.once(lambda: self._open(mode))
         except BaseException:
-            self._leave_ranks()
+            self._first_rank.close()
             raise
 
     def _open(self, mode: str) -> None:
         self._file = FrameFile(self.path, mode)
-
-    def _once(self, act: Callable[[], Result]) -> Result:
-        """What an act gives: on ranks the first one alone does it."""
-        return act() if self._ranks is None else self._ranks.once(act)
 
     def look(self, sim: Simulation, collisions: int) -> None:
         """Write the present frame, unless it is there already."""
         started = time.perf_counter()
         self._ownership.bind_or_check(sim)
         now = frame_of(sim)
-        self.frames += self._once(lambda: self._append(sim, now))
+        self.frames += self._first_rank.once(lambda: self._append(sim, now))
         self.seconds += time.perf_counter() - started
 
     def _append(self, sim: Simulation, now: Frame) -> bool:
@@ -171,12 +165,7 @@ class TrajectoryWriter:
         self._ownership.close(f"To write more frames, use mpsim.Trajectory.write({str(self.path)!r}, mode='a').")
         if self._file is not None:
             self._file.close()
-        self._leave_ranks()
-
-    def _leave_ranks(self) -> None:
-        ranks, self._ranks = self._ranks, None
-        if ranks is not None:
-            ranks.close()
+        self._first_rank.close()
 
 
 def _hint(path: Any) -> str:

@@ -166,6 +166,24 @@ def test_a_part_of_the_way_leaves_the_end_that_was_asked_for(tmp_path, ctrl_c, m
     assert "is at frame 30, time 0.3; --until 0.1 is frame 10. Say how far it is to continue" in refused.stderr
 
 
+def test_a_run_goes_on_by_another_method_that_has_its_bits(tmp_path):
+    out = tmp_path / "run"
+    mpsim_command("run", "gas", *SHORT, "--out", out)
+    last = mpsim_command("resume", out, "--frames", 10, "--method", "parallel", "--workers", 2, "--quiet")
+    assert f"digest {library_digest(40)}\n" in last.stdout, last.stderr
+    record = json.loads((out / "run.json").read_text())
+    assert (record["settings"]["method"], record["parts"][-1]["method"]) == ("parallel", "parallel")
+    again = mpsim_command("resume", out, "--frames", 5, "--quiet", "--json")
+    assert json.loads(again.stdout)["parts"][-1]["method"] == "parallel", "the one so far"
+    assert mpsim_command("resume", out, "--frames", 5, "--method", "naive").exit_code == 2
+    mpsim_command("run", "gas", *SHORT[2:], "--method", "naive", "--out", out, "--force")
+    refused = mpsim_command("resume", out, "--frames", 5, "--method", "grid")
+    assert refused.exit_code == 2
+    assert "method must be that of the checkpoint, 'naive', or both must be among 'grid', 'parallel', 'mpi'" in (
+        refused.stderr
+    )
+
+
 def test_frames_that_a_kill_makes_the_run_compute_again_are_told(tmp_path):
     """The checkpoint of the start beside a trajectory of all frames, as a kill before the next checkpoint leaves it."""
     out = tmp_path / "run"

@@ -76,5 +76,7 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path, command):
     assert "Give a folder that `mpsim run --out` has made." in result.stderr
     (tmp_path / "run.json").write_text('{"format": 99}')
     assert "is of format 99; this mpsim reads up to 1. Use a newer" in mpsim_command(command, tmp_path).stderr
-    (tmp_path / "run.json").write_text('{"format": 1, "scene": "gas", "every": 1, "trajectory": "a", "parts": []}')
-    assert "run.json must hold measures, status, target; that in " in mpsim_command(command, tmp_path).stderr
+    (tmp_path / "run.json").write_text(
+        '{"format": 1, "scene": "gas", "every": 1, "trajectory": "a", "parts": [], "settings": {}}'
+    )
+    assert "run.json must hold measures, settings, status, target; that in " in mpsim_command(command, tmp_path).stderr

@@ -1,0 +1,44 @@
+"""Files that the ranks of MPI share: the first rank reads and writes them, and the others take what it finds."""
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from mpsim.engine.solvers.mpi_ranks import communicator_of
+
+Result = TypeVar("Result")
+
+
+class FirstRank:
+    """Does for all ranks what only one process may do, such as writing a file. Without ranks this process does it.
+
+    All ranks make the same calls, but for `alone`.
+
+    Args:
+        comm: a communicator of mpi4py; None: there are no ranks.
+
+    Attributes:
+        comm: as it was given.
+    """
+
+    def __init__(self, comm: Any = None):
+        self.comm: Any = comm
+        self._ranks = None if comm is None else communicator_of(comm)
+
+    def once(self, act: Callable[[], Result]) -> Result:
+        """What an act gives that the first rank does; what it raises, all raise."""
+        return act() if self._ranks is None else self._ranks.once(act)
+
+    def alone(self, act: Callable[[], None]) -> None:
+        """Have the first rank do what no other rank waits for: when a run fails, the others may not come."""
+        if self._ranks is None or self._ranks.rank == 0:
+            act()
+
+    def any_of(self, said: bool) -> bool:
+        """Whether something is so on any rank."""
+        return said if self._ranks is None else self._ranks.agree(int(said), 0, 0).trouble > 0
+
+    def close(self) -> None:
+        """Give the communicator back. May be called again."""
+        ranks, self._ranks = self._ranks, None
+        if ranks is not None:
+            ranks.close()
