@@ -122,14 +122,15 @@ def truth(name: str, value: Any) -> bool:
     return bool(value)
 
 
-def fitting(name: str, array: NDArray[np.float64], precision: str) -> None:
-    """Refuse values whose squares overflow in the precision of the run."""
+def fitting(name: str, array: NDArray[np.float64], precision: str, first: int = 0) -> None:
+    """Refuse values whose squares overflow in the precision of the run; `first`: number of the first row."""
     largest = float(np.sqrt(np.finfo(precision).max)) / 4
     bad = np.argwhere(np.abs(array) > largest)
     if len(bad):
         at = tuple(int(index) for index in bad[0])
+        row = [first + at[0], *at[1:]]
         raise InputError(
-            f"{name} must be at most {largest:.3g} in {precision}, so that squares fit; {name}{list(at)} is "
+            f"{name} must be at most {largest:.3g} in {precision}, so that squares fit; {name}{row} is "
             f"{array[at]:g}. Use other units or precision='float64'."
         )
 

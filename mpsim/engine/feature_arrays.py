@@ -32,6 +32,8 @@ def giant_radius(radii: NDArray[np.float64]) -> float | None:
     most = FEW_GIANTS + len(radii) // GIANTS_PER
     if len(radii) <= 2 * most:
         return None
+    if radii.max() <= GIANT * radii.min():
+        return None
     ordered = np.sort(radii)
     largest_of_the_grid = float(ordered[-most - 1])
     if ordered[-1] <= GIANT * largest_of_the_grid:
@@ -82,6 +84,15 @@ def wall_limits(scene: Scene) -> tuple[float, float, float, float]:
     return x, scene.width - x, y, scene.height - y
 
 
+def _rms_momentum(scene: Scene) -> float:
+    """Root mean square of the components of the momenta at the start; 0 without discs [mass length/time]."""
+    squares = 0.0
+    for first, velocity in scene.velocities_in_pieces():
+        mass = None if scene.mass is None else scene.mass[first : first + len(velocity), None]
+        squares += float(((velocity if mass is None else velocity * mass) ** 2).sum())
+    return math.sqrt(squares / (2 * scene.count)) if scene.count else 0.0
+
+
 def typical_momentum(scene: Scene, dt: float) -> float:
     """What impulses are counted in: a momentum like those that discs have or come to have [mass length/time], > 0.
 
@@ -91,8 +102,7 @@ def typical_momentum(scene: Scene, dt: float) -> float:
     mass = float(scene.mass.mean()) if scene.count and scene.mass is not None else 1.0
     fall = math.sqrt(acceleration_bound(scene) * max(scene.width, scene.height))
     speeds = [fall] if (wall := scene.moving_wall) is None else [fall, abs(wall.speed)]
-    momentum = scene.velocity if scene.mass is None else scene.velocity * scene.mass[:, None]
-    momenta = [math.sqrt(float((momentum**2).mean())) if scene.count else 0.0]
+    momenta = [_rms_momentum(scene)]
     if scene.emitters:
         masses = np.array([1.0 if emitter.mass is None else emitter.mass for emitter in scene.emitters])
         velocities = np.array([emitter.velocity for emitter in scene.emitters], float)

@@ -44,10 +44,14 @@ def check_precision(scene: Scene, settings: Settings) -> None:
         checks.not_vanishing("radius", smallest, 1e4 * math.sqrt(tiny), precision)
     checks.not_vanishing("dt / substeps", settings.dt / settings.substeps, tiny, precision)
     checks.fitting("dt", np.array([settings.dt]), precision)
-    for name in ("velocity", *VECTORS, *(column.name for column in given())):
+    fastest = 0.0
+    for first, velocity in scene.velocities_in_pieces():
+        checks.fitting("velocity", velocity, precision, first)
+        fastest = max(fastest, float(np.abs(velocity).max(initial=0.0)))
+    for name in (*VECTORS, *(column.name for column in given())):
         if (values := getattr(scene, name, None)) is not None:
             checks.fitting(name, values, precision)
-    product = 8 * scene.largest_radius * float(np.abs(scene.velocity).max(initial=0.0))
+    product = 8 * scene.largest_radius * fastest
     most = math.sqrt(float(np.finfo(precision).max))
     if product > most and computes_contact_times(settings):
         raise InputError(
@@ -76,6 +80,12 @@ def spacing_of(scene: Scene, precision: str) -> float:
     return float(np.finfo(precision).eps) * max(scene.width, scene.height)
 
 
+def rms_speed(scene: Scene) -> float:
+    """Root mean square of the speeds at the start; 0 without discs [length/time]."""
+    squares = sum(float((velocity**2).sum(axis=1).sum()) for _, velocity in scene.velocities_in_pieces())
+    return math.sqrt(squares / scene.count) if scene.count else 0.0
+
+
 def coarseness(scene: Scene, settings: Settings) -> str | None:
     """What the precision of the run loses of a scene: text with numbers and remedy; None if it is little."""
     precision, spacing = settings.precision, spacing_of(scene, settings.precision)
@@ -93,7 +103,7 @@ def coarseness(scene: Scene, settings: Settings) -> str | None:
             "beside that of the distance, so that the time of a contact is wrong by up to the time in which a disc "
             "moves its radius. Use larger discs or a smaller box"
         )
-    speed = math.sqrt(float((scene.velocity**2).sum(axis=1).mean())) if scene.count else 0.0
+    speed = rms_speed(scene)
     square = (speed * scene.smallest_radius) ** 2
     if computes_contact_times(settings) and 0 < square < VANISHING * float(np.finfo(precision).tiny):
         words.append(

@@ -22,7 +22,7 @@ from mpsim.engine.notices import Notices, Once
 from mpsim.engine.precision_check import coarseness
 from mpsim.engine.solvers.base import NewDiscs, Solver
 from mpsim.engine.solvers.speed_limit import SpeedLimit
-from mpsim.engine.solvers.speeds import Speeds, sides_at, speeds_of
+from mpsim.engine.solvers.speeds import Speeds, sides_at, speeds_at_start
 from mpsim.engine.speed_estimates import (
     speeds_after_fall,
     speeds_in_equilibrium,
@@ -116,7 +116,7 @@ class StepLimits:
         if not self._has_steps:
             return
         if self.adapts:
-            self.substeps_for(speeds_of(scene.velocity, scene.radii, scene), 0)
+            self.substeps_for(speeds_at_start(scene), 0)
             return
         fast = self.forecast()
         if fast:
@@ -133,7 +133,7 @@ class StepLimits:
     def forecast(self) -> str | None:
         """The complaint about speeds at the start, or about those that are certain to come; None: they are low."""
         scene = self._scene
-        speeds = speeds_of(scene.velocity, scene.radii, scene)
+        speeds = speeds_at_start(scene)
         ahead = [speeds, speeds_after_fall(speeds, scene), speeds_of_emitters(scene), speeds_of_pushed(speeds, scene)]
         if LAWS[self._settings.law].exchanges_energy:
             ahead.append(speeds_in_equilibrium(speeds, scene))

@@ -38,8 +38,7 @@ def move_to_state(scene: Any, state: State) -> None:
     inside = np.clip(position[state.present], low, high)
     rounding = 8 * checks.resolution(position[state.present]) * max(scene.width, scene.height)
     moved = np.abs(inside - position[state.present])
-    scene.position = np.where(moved <= rounding, inside, position[state.present])
-    scene.velocity = velocity[state.present]
+    scene.start_anew(np.where(moved <= rounding, inside, position[state.present]), velocity[state.present])
     for array in (scene.position, scene.velocity):
         array.flags.writeable = False
 

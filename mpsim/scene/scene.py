@@ -3,7 +3,6 @@
 import copy
 import functools
 import hashlib
-import math
 import os
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -13,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
-from mpsim.core.sizes import equal_sizes
 from mpsim.core.state import Box, State
 from mpsim.core.views import view
 from mpsim.features import FEATURES
@@ -28,15 +26,16 @@ from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles
 from mpsim.features.piston import Piston, check_piston
 from mpsim.features.radii import check_radius
 from mpsim.features.restitution import Restitution
-from mpsim.scene import placement, starts
+from mpsim.scene import placement, starts, walls
 from mpsim.scene.continuing import move_to_state
-from mpsim.scene.old_names import OldNames
+from mpsim.scene.discs import HasDiscs, start_of
+from mpsim.scene.lattice import Lattice, demand_equal_discs, demand_sites, demand_whole_box
 
 LARGEST_COUNT = 100_000_000
 """More discs than this is taken for a mistake (a scene of this size needs some 10 GB)."""
 
 
-class Scene(OldNames):
+class Scene(HasDiscs):
     """Discs in a box. Checked when made; its arrays are read-only copies. Features that are not used cost nothing.
 
     Args:
@@ -107,11 +106,8 @@ class Scene(OldNames):
     ):
         self.width: float = checks.positive("width", width, "[length]")
         self.height: float = checks.positive("height", height, "[length]")
-        self.position: NDArray[np.float64] = checks.finite_array("position", position, (None, 2), "(N, 2)")
-        count = len(self.position)
-        checks.whole("the number of discs", count, 0, LARGEST_COUNT, "Give a number in this range.")
-        rows = f"({count}, 2), one row per row of position"
-        self.velocity: NDArray[np.float64] = checks.finite_array("velocity", velocity, (count, 2), rows)
+        self._start = start_of(position, velocity)
+        count = checks.whole("the number of discs", self.count, 0, LARGEST_COUNT, "Give a number in this range.")
         self.radius: float | NDArray[np.float64] = check_radius(radius, count)
         self.mass: NDArray[np.float64] | None = None if mass is None else checks.masses(mass, count)
         self.gravity: NDArray[np.float64] | None = check_gravity(gravity)
@@ -126,7 +122,8 @@ class Scene(OldNames):
         self.piston: Piston | None = check_piston(piston, self.boundary, self.width, self.height, self.absorbing)
         self.duration: float | None = None if duration is None else checks.positive("duration", duration, "[time]")
         starts.demand_room(self.largest_radius, self.width, self.height, self.boundary)
-        self.check_inside("position", self.position, self.radius)
+        if self.on_lattice is None:  # whose discs are inside by construction
+            self.check_inside("position", self.position, self.radius)
         for feature in FEATURES:
             feature.check(self)
 
@@ -147,11 +144,7 @@ class Scene(OldNames):
     @property
     def moving_wall(self) -> MovingWall | None:
         """The wall that a feature of the scene moves; None if all are at rest."""
-        walls = [wall for feature in FEATURES if (wall := feature.moving_wall(self)) is not None]
-        if len(walls) > 1:
-            names = " and ".join(wall.name for wall in walls)
-            raise InputError(f"a scene must have at most one wall that moves; got {names}. Leave one of them out.")
-        return walls[0] if walls else None
+        return walls.the_moving_wall(self)
 
     def walls_at(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lower left and upper right corner (x, y) of the box at a time: a wall may have moved [length].
@@ -159,7 +152,7 @@ class Scene(OldNames):
         Raises:
             InputError: for a time that is not a number >= 0; it may be infinite.
 
-        >>> Scene.load("piston").walls_at(math.inf)[1].tolist()
+        >>> Scene.load("piston").walls_at(float("inf"))[1].tolist()
         [20.0, 20.0]
         """
         time, low, high = checks.time_to_come("time", time), np.array(self.box[::2]), np.array(self.box[1::2])
@@ -171,10 +164,7 @@ class Scene(OldNames):
         self, radius: float | NDArray[np.float64], time: float = 0.0
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Smallest and largest centre coordinates of discs of a radius at a time, shapes (2,) or (N, 2) [length]."""
-        low, high = self.walls_at(time)
-        walls = np.array([kind.has_walls for kind in kinds_of(self.boundary)])
-        margin = np.multiply.outer(np.asarray(radius), walls)
-        return low + margin, high - margin
+        return walls.limits_at(self, radius, time)
 
     def check_inside(
         self, name: str, position: NDArray[np.float64], radius: float | NDArray[np.float64], time: float = 0.0
@@ -190,21 +180,7 @@ class Scene(OldNames):
         Raises:
             InputError: naming the first centre that is less than one radius from a wall.
         """
-        low, high = self.limits(radius, time)
-        # A centre may touch the wall to within rounding of the box's own coordinates.
-        slack = 4 * np.finfo(np.float64).eps * max(self.width, self.height)
-        outside = np.argwhere(((position < low - slack) | (position > high + slack)).any(axis=1))
-        if len(outside):
-            index = int(outside[0, 0])
-            wall = self.moving_wall
-            now = f", the {wall.name}'s place at time {time:g} included" if wall is not None and time > 0 else ""
-            shape = position.shape
-            (x_low, y_low), (x_high, y_high) = (np.broadcast_to(limit, shape)[index] for limit in (low, high))
-            raise InputError(
-                f"{name}[{index}] must lie in [{x_low:g}, {x_high:g}] x [{y_low:g}, {y_high:g}] (one "
-                f"radius from the walls{now}); got {tuple(position[index].tolist())} ({len(outside)} discs outside). "
-                "Move the disc or enlarge the box."
-            )
+        walls.check_inside(self, name, position, radius, time)
 
     @classmethod
     def load(cls, source: str | os.PathLike[str]) -> "Scene":
@@ -234,28 +210,6 @@ class Scene(OldNames):
         """
         view("scene_to_file", self, path)
 
-    def digest(self) -> str:
-        """Hex digest of all that a run depends on, so not of the duration; equal digests mean equal bits.
-
-        >>> Scene.load("gas").digest() == Scene.random(count=100, packing=0.4, radius=0.5, seed=1).digest()
-        True
-        """
-        digest = hashlib.blake2b(digest_size=16)
-        for name in sorted(self.__getstate__().keys() - {"duration"}):
-            digest.update(f"{name} ".encode())
-            value = getattr(self, name)
-            if isinstance(value, np.ndarray):
-                array = np.ascontiguousarray(value, "<f8")
-                digest.update(f"{array.shape} ".encode() + array.tobytes())
-            else:
-                digest.update(f"{value!r} ".encode())  # in which floats lose no bit
-        return digest.hexdigest()
-
-    def __getstate__(self) -> dict[str, Any]:
-        """All that the scene holds, without how it was made."""
-        derived = ("_redraw", "_capsules", "_capsule_index", "_overlaps")
-        return {name: value for name, value in vars(self).items() if name not in derived}
-
     @property
     def can_redraw(self) -> bool:
         """Whether `redrawn` can make other starts of the same kind."""
@@ -273,8 +227,8 @@ class Scene(OldNames):
             seed: which one, >= 0; the same seed gives the same start.
 
         Raises:
-            InputError: if this scene was not drawn at random, by `Scene.random` or a file with random places or
-                velocities.
+            InputError: if this scene was not drawn at random, by `Scene.random`, `Scene.lattice` or a file with random
+                places or velocities.
 
         >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
         >>> bool((scene.redrawn(3).position == scene.position).any()), scene.redrawn(3).packing == scene.packing
@@ -283,22 +237,10 @@ class Scene(OldNames):
         seed = checks.whole("seed", seed, 0, 2**63 - 1, "Any whole number will do.")
         if self._redraw is None:
             raise InputError(
-                "another start needs a scene that was drawn at random, by Scene.random or by a scene file with random "
-                f"places or velocities; got {self!r}, whose discs were given. Make other starts yourself."
+                "another start needs a scene that was drawn at random, by Scene.random, Scene.lattice or a scene file "
+                f"with random places or velocities; got {self!r}, whose discs were given. Make other starts yourself."
             )
         return self._redraw(seed)
-
-    @property
-    def largest_radius(self) -> float:
-        """Radius of the largest disc, emitters' discs included [length]."""
-        radii = np.append(np.ravel(self.radius), [e.radius for e in self.emitters if e.radius is not None])
-        return float(radii.max(initial=0.0))
-
-    @property
-    def smallest_radius(self) -> float:
-        """Radius of the smallest disc, emitters' discs included [length]."""
-        radii = np.append(np.ravel(self.radius), [e.radius for e in self.emitters if e.radius is not None])
-        return float(radii.min(initial=self.largest_radius))
 
     @property
     def periodic(self) -> tuple[bool, bool]:
@@ -312,16 +254,6 @@ class Scene(OldNames):
         if (wall := self.moving_wall) is not None:
             edges[wall.edge] = wall.start
         return edges[0], edges[1], edges[2], edges[3]
-
-    @property
-    def radii(self) -> NDArray[np.float64]:
-        """Radius of each disc, shape (N,), read-only [length]."""
-        return self.radius if isinstance(self.radius, np.ndarray) else equal_sizes(self.radius, self.count)
-
-    @property
-    def masses(self) -> NDArray[np.float64]:
-        """Mass of each disc, shape (N,), read-only [mass]."""
-        return equal_sizes(1.0, self.count) if self.mass is None else self.mass
 
     @property
     def capsules(self) -> NDArray[np.float64]:
@@ -345,16 +277,11 @@ class Scene(OldNames):
         return found
 
     @property
-    def count(self) -> int:
-        """Number of discs."""
-        return len(self.position)
-
-    @property
     def packing(self) -> float:
         """Packing fraction at the start: area of the discs over that of the box between its walls."""
         low, high = self.walls_at(0.0)
-        width, height = high - low
-        return math.pi * float((self.radii / width * (self.radii / height)).sum())
+        width, height = (high - low).tolist()
+        return self.packing_in(width, height)
 
     def starting_from(self, state: State) -> "Scene":
         """The same scene with the positions, velocities and spins of a state, to continue from there.
@@ -385,12 +312,14 @@ class Scene(OldNames):
         >>> Scene(width=9, height=9, position=places, velocity=rest, radius=0.5).overlaps_at_start()
         '1 pairs of discs overlap at the start, discs 0 and 1 deepest, by 0.25'
         """
-        depends = self.position, self.radius, self.obstacles, self.width, self.height, self.boundary
+        depends = self._start, self.radius, self.obstacles, self.width, self.height, self.boundary
         if self._overlaps is None or any(now is not then for now, then in zip(depends, self._overlaps[0], strict=True)):
             self._overlaps = depends, self._find_overlaps()
         return self._overlaps[1]
 
     def _find_overlaps(self) -> str:
+        if self.on_lattice is not None:  # displacements are shorter than half of the gaps; there are no obstacles
+            return ""
         words: list[str] = []
         pairs, (i, j), depth = placement.overlaps(
             self.position, self.width, self.height, 2 * self.radius, self.periodic
@@ -476,22 +405,78 @@ class Scene(OldNames):
         masses = None if mass is None else checks.masses(mass, count)
         temperature = checks.non_negative("temperature", temperature, "[mass length^2/time^2]")
         edges = check_boundary(boundary)
-        width, height = starts.box_for(count, radius, packing, width, height, edges)
-        walls = check_obstacles(obstacles, width, height)
+        width, height, packing = starts.box_for(count, radius, packing, width, height, edges)
+        starts.demand_random_packing(packing)
+        solid = check_obstacles(obstacles, width, height)
         rng = np.random.default_rng(seed)
-        if isinstance(radius, float) and all(kind.has_walls for kind in kinds_of(edges)) and not walls:
+        if isinstance(radius, float) and all(kind.has_walls for kind in kinds_of(edges)) and not solid:
             position = placement.random_places(count, width, height, radius, rng)
         else:
-            radii, wraps, capsules = np.broadcast_to(radius, count), wraps_of(edges), capsules_of(walls)
+            radii, wraps, capsules = np.broadcast_to(radius, count), wraps_of(edges), capsules_of(solid)
             position = placement.random_polydisperse(radii, width, height, rng, wraps, capsules)
         velocity = starts.thermal_velocities(count, temperature, masses, rng)
-        box: dict[str, Any] = {"width": width, "height": height, "boundary": edges, "obstacles": walls, **others}
+        box: dict[str, Any] = {"width": width, "height": height, "boundary": edges, "obstacles": solid, **others}
         made = cls(position=position, velocity=velocity, radius=radius, mass=masses, **box)
         kind: dict[str, Any] = {"count": count, "radius": radius, "mass": mass, "temperature": temperature, **box}
-        return made.redraw_with(functools.partial(_drawn_again, kind, seed))
+        return made.redraw_with(functools.partial(_drawn_again, cls.random, kind, seed))
+
+    @classmethod
+    def lattice(
+        cls,
+        *,
+        count: int,
+        radius: float,
+        packing: float | None = None,
+        width: float | None = None,
+        height: float | None = None,
+        temperature: float = 1.0,
+        seed: int = 0,
+        boundary: str | Sequence[str] = "walls",
+        **others: Any,
+    ) -> "Scene":
+        """Equal discs near the sites of a hexagonal lattice that fills the box, with thermal velocities.
+
+        Each follows from its number: `rows` makes any range of them in the memory of that range, and a file or another
+        process gets the arguments, not arrays. They are numbered column by column. Each is moved from its site at
+        random, by less than half of the gap to its neighbours, so that none overlap.
+
+        Args:
+            count: number of discs, >= 0.
+            radius: of every disc [length], > 0. Each has mass 1.
+            packing: packing fraction, from which the side of a square box follows, > 0; up to some 0.9 in large boxes.
+            width, height: the box, instead of packing.
+            temperature: kT: the mean of v_x^2 and v_y^2 over the discs [length^2/time^2], >= 0. Velocities are normally
+                distributed, of zero total momentum from 2 discs on, and scaled so that this mean is exact.
+            seed: of the random numbers, >= 0; the same seed gives the same scene.
+            boundary: as for Scene.
+            others: further arguments of Scene, such as gravity or duration, but for mass and obstacles.
+
+        Raises:
+            InputError: naming the argument, its rule and the value received; if the lattice has no room for the discs.
+
+        >>> scene = Scene.lattice(count=100_000, packing=0.5, radius=0.5, seed=7)
+        >>> scene
+        <Scene: 100000 discs of radius 0.5 in 396.333 x 396.333, packing 0.5>
+        >>> bool((scene.rows(70_000, 70_100)[0] == scene.position[70_000:70_100]).all())
+        True
+        """
+        count = checks.whole("count", count, 0, LARGEST_COUNT, "Give a number in this range.")
+        seed = checks.whole("seed", seed, 0, 2**63 - 1, "Any whole number will do.")
+        demand_equal_discs(radius, others)
+        radius = checks.positive("radius", radius, "[length]")
+        temperature = checks.non_negative("temperature", temperature, "[length^2/time^2]")
+        edges = check_boundary(boundary)
+        width, height, _ = starts.box_for(count, radius, packing, width, height, edges)
+        start: Any = Lattice(count, radius, width, height, wraps_of(edges), temperature, seed)
+        demand_sites(start, packing)
+        kind: dict[str, Any] = {"radius": radius, "width": width, "height": height, "boundary": edges, **others}
+        made = cls(position=start, velocity=start, **kind)
+        demand_whole_box(made)
+        kind |= {"count": count, "temperature": temperature}
+        return made.redraw_with(functools.partial(_drawn_again, cls.lattice, kind, seed))
 
 
-def _drawn_again(arguments: dict[str, Any], first: int, seed: int) -> Scene:
-    """The scene that `Scene.random` has drawn with the seed `first`, drawn with another seed."""
+def _drawn_again(draw: Callable[..., Scene], arguments: dict[str, Any], first: int, seed: int) -> Scene:
+    """The scene that `draw`, Scene.random or Scene.lattice, has made with the seed `first`, made with another seed."""
     other = hashlib.blake2b(f"{first} {seed}".encode(), digest_size=7).digest()
-    return Scene.random(**arguments, seed=int.from_bytes(other, "big"))
+    return draw(**arguments, seed=int.from_bytes(other, "big"))

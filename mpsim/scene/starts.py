@@ -1,7 +1,9 @@
 """Initial states by rule: lattices, random places among discs and capsules, thermal velocities."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,9 @@ LATTICES = ("square", "hexagonal")
 
 LARGEST_LATTICE = 10_000_000
 """More sites than this are taken for a mistake in the spacing."""
+
+SLACK = 1e-9
+"""Sites that are beyond the far edge of a region by less than this, for rounding, belong to it [spacing]."""
 
 LARGEST_RADIUS = 1e140
 """Largest radius for random places; its inverse is the smallest. Areas and their sums then fit float64 [length]."""
@@ -71,6 +76,74 @@ def side_for(packing: float, area: float, largest: float, boundary: tuple[str, s
     return side
 
 
+class Sites(NamedTuple):
+    """Sites of a lattice, numbered row by row from the lower left corner (0, 0) of a region.
+
+    Attributes:
+        kind: "square" or "hexagonal": rows sqrt(3)/2 of the spacing apart, every other one shifted by half of it.
+        spacing: between neighbours [length].
+        rows: number of rows.
+        odd, even: sites in each odd row (first, third, ...), and in each even one.
+    """
+
+    kind: str
+    spacing: float
+    rows: int
+    odd: int
+    even: int
+
+    @classmethod
+    def fitting(cls, kind: str, width: float, height: float, spacing: float) -> "Sites":
+        """Those in a region: width along the rows, height across them [length]; none if one of these is below 0."""
+        if width < 0 or height < 0:
+            return cls(kind, spacing, 0, 0, 0)
+        rise, shift = _shape(kind)
+        up, across = (min(length / spacing + SLACK, 1e12) for length in (height / rise, width))
+        return cls(kind, spacing, int(up) + 1, int(across) + 1, int(across - shift + 1))
+
+    @property
+    def number(self) -> int:
+        """How many there are."""
+        return (self.rows + 1) // 2 * self.odd + self.rows // 2 * self.even
+
+    def between(self, first: int, last: int) -> NDArray[np.float64]:
+        """Sites first to last - 1, shape (last - first, 2): along the rows, and across them [length]."""
+        rise, shift = _shape(self.kind)
+        pair, column = np.divmod(np.arange(first, last), max(self.odd + self.even, 1))
+        in_even = column >= self.odd
+        row = 2 * pair + in_even
+        return np.column_stack([column - self.odd * in_even + shift * in_even, row * rise]) * self.spacing
+
+
+def _shape(kind: str) -> tuple[float, float]:
+    """Distance of two rows, and shift of the even ones, as fractions of the spacing."""
+    return (math.sqrt(3) / 2, 0.5) if kind == "hexagonal" else (1.0, 0.0)
+
+
+def widest_spacing(kind: str, lengths: Callable[[float], tuple[float, float]], count: int) -> float:
+    """The widest spacing at which a region holds `count` sites, by bisection: fewer fit at a wider spacing [length].
+
+    Args:
+        kind: of the lattice.
+        lengths: of the region along and across the rows, at most those at spacing 0, for a spacing [length].
+        count: number of sites, > 0.
+    """
+
+    def enough(spacing: float) -> bool:
+        return Sites.fitting(kind, *lengths(spacing), spacing).number >= count
+
+    high = 4 * max(lengths(0.0)) or 1.0
+    low = high
+    for _ in range(100):
+        if enough(low):
+            break
+        low /= 2
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if enough(middle) else (low, middle)
+    return low
+
+
 def lattice_sites(
     kind: str, region: Region, spacing: float | None = None, count: int | None = None
 ) -> NDArray[np.float64]:
@@ -92,25 +165,20 @@ def lattice_sites(
     """
     width, height = region[2] - region[0], region[3] - region[1]
     if spacing is None:
-        spacing = _widest(kind, width, height, count or 1)
-    rows, even, odd = _rows(kind, width, height, spacing)
-    found = _number(rows, even, odd)
-    if count is not None and found < count:
+        spacing = widest_spacing(kind, lambda _: (width, height), count or 1)
+    sites = Sites.fitting(kind, width, height, spacing)
+    if count is not None and sites.number < count:
         raise InputError(
-            f"count must be at most {found}, the sites of a {kind} lattice of spacing {spacing:g} in the region "
+            f"count must be at most {sites.number}, the sites of a {kind} lattice of spacing {spacing:g} in the region "
             f"{_words(region)}; got {count}. Use a smaller spacing or a larger region."
         )
-    if found > LARGEST_LATTICE:
+    if sites.number > LARGEST_LATTICE:
         raise InputError(
             f"spacing must leave at most {LARGEST_LATTICE} sites in the region {_words(region)}; got {spacing:g}. "
             "Use a larger spacing or a smaller region."
         )
-    counts = np.where(np.arange(rows) % 2 == 0, even, odd)
-    row = np.repeat(np.arange(rows), counts)
-    column = np.arange(found) - np.repeat(np.cumsum(counts) - counts, counts)
-    rise, shift = (math.sqrt(3) / 2, 0.5) if kind == "hexagonal" else (1.0, 0.0)
-    sites = np.column_stack([column + shift * (row % 2), row * rise]) * spacing + np.array(region[:2])
-    return np.minimum(sites, region[2:])[:count]  # the slack of _rows may put them outside by a rounding
+    found = sites.between(0, sites.number if count is None else count) + np.array(region[:2])
+    return np.minimum(found, region[2:])  # the slack of Sites.fitting may put them outside by a rounding
 
 
 def random_places(
@@ -197,36 +265,6 @@ def thermal_velocities(
     return velocity * math.sqrt(temperature)
 
 
-def _rows(kind: str, width: float, height: float, spacing: float) -> tuple[int, int, int]:
-    """Number of rows of a lattice, of sites in odd rows (first, third, ...), and of sites in even rows."""
-    slack = 1e-9  # sites on the far edge of the region belong to it in spite of rounding
-    rise, shift = (math.sqrt(3) / 2, 0.5) if kind == "hexagonal" else (1.0, 0.0)
-    up, across = (min(length / spacing + slack, 1e12) for length in (height / rise, width))
-    return int(up) + 1, int(across) + 1, int(across - shift + 1)
-
-
-def _number(rows: int, even: int, odd: int) -> int:
-    return (rows + 1) // 2 * even + rows // 2 * odd
-
-
-def _widest(kind: str, width: float, height: float, count: int) -> float:
-    """The widest spacing at which a region holds `count` sites, by bisection: fewer fit at a wider spacing."""
-
-    def enough(spacing: float) -> bool:
-        return _number(*_rows(kind, width, height, spacing)) >= count
-
-    high = 4 * max(width, height) or 1.0
-    low = high
-    for _ in range(100):
-        if enough(low):
-            break
-        low /= 2
-    for _ in range(60):
-        middle = (low + high) / 2
-        low, high = (middle, high) if enough(middle) else (low, middle)
-    return low
-
-
 def _words(region: Region) -> str:
     return f"[{region[0]:g}, {region[2]:g}] x [{region[1]:g}, {region[3]:g}]"
 
@@ -259,8 +297,8 @@ def box_for(
     width: float | None,
     height: float | None,
     boundary: tuple[str, str],
-) -> tuple[float, float]:
-    """Width and height from either a packing fraction (square box) or the two lengths themselves."""
+) -> tuple[float, float, float]:
+    """Width and height from either a packing fraction (square box) or the two lengths themselves, and the packing."""
     if (packing is None) == (width is None and height is None) or (width is None) != (height is None):
         raise InputError(
             "the box must be given either by packing or by width and height; "
@@ -273,14 +311,17 @@ def box_for(
         area, largest = count * math.pi * radius**2, radius
     if width is not None and height is not None:
         width, height = checks.positive("width", width, "[length]"), checks.positive("height", height, "[length]")
-        packing = area / (width * height)
         demand_room(largest, width, height, boundary)
-    else:
-        packing = checks.positive("packing", packing, "(a fraction of the area)")
-        width = height = side_for(packing, area, largest, boundary)
+        return width, height, area / (width * height)
+    packing = checks.positive("packing", packing, "(a fraction of the area)")
+    side = side_for(packing, area, largest, boundary)
+    return side, side, packing
+
+
+def demand_random_packing(packing: float) -> None:
+    """Refuse a packing at which no random places are found."""
     if packing > placement.LARGEST_PACKING:
         raise InputError(
             f"packing must be at most {placement.LARGEST_PACKING} for random places; got {packing:.3g}. "
             "Use fewer or smaller discs, a larger box, or give the positions yourself."
         )
-    return width, height

@@ -89,7 +89,8 @@ def is_weighed(scene: mpsim.Scene) -> bool:
 
 def features_of(scene: mpsim.Scene) -> dict[str, Any]:
     """Arguments that make the scene again."""
-    return copy.deepcopy({name: value for name, value in vars(scene).items() if not name.startswith("_")})
+    names = {name for name in vars(scene) if not name.startswith("_")} | {"position", "velocity"}
+    return copy.deepcopy({name: getattr(scene, name) for name in names})
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """How fast the discs of a state are, as a fraction of what their steps allow."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,6 +10,8 @@ from numpy.typing import NDArray
 
 from mpsim.features.packing_bounds import densest_packing
 from mpsim.scene.scene import Scene
+
+Pieces = Sequence[tuple[int, int]]
 
 DENSE = 0.7
 """Packing from which on discs are taken for a crystal."""
@@ -73,16 +76,37 @@ def speeds_of(
         return replace(found, disc=int(index[found.disc])) if found.disc >= 0 else found
     if not len(velocity):
         return Speeds()
+    sides = sides_at(scene, time)
+    found, squares = _fastest(velocity, radius, sides, scene.periodic)
+    return _with_means(found, squares, radius, sides, [(0, len(radius))])
+
+
+def speeds_at_start(scene: Scene) -> Speeds:
+    """Speeds of the discs of a scene, looked at piece by piece."""
+    if not scene.count:
+        return Speeds()
+    radii, sides, pieces = scene.radii, sides_at(scene, 0.0), list(scene.pieces())
+    found, squares = Speeds(), 0.0
+    for first, velocity in scene.velocities_in_pieces():
+        each, more = _fastest(velocity, radii[first : first + len(velocity)], sides, scene.periodic)
+        found = max(found, replace(each, disc=first + each.disc), key=lambda speeds: speeds.fraction(1.0))
+        squares += more
+    return _with_means(found, squares, radii, sides, pieces)
+
+
+def _fastest(
+    velocity: NDArray[Any], radius: NDArray[np.float64], sides: tuple[float, float], periodic: tuple[bool, bool]
+) -> tuple[Speeds, float]:
+    """The disc that moves the largest fraction of its limit, and the sum of the squares of all speeds."""
     vx, vy = (np.ascontiguousarray(column, np.float64) for column in velocity.T)
     squares = vx * vx
     squares += vy * vy
-    mean_speed, largest = math.sqrt(float(squares.mean())), float(radius.max())
+    total, largest = float(squares.sum()), float(radius.max())
     speed = np.sqrt(squares, out=squares)
     worst = int(np.divide(speed, radius).argmax())
     found = Speeds(worst, float(speed[worst]), float(radius[worst]))
-    sides = sides_at(scene, time)
     for axis, (v, length) in enumerate(zip((vx, vy), sides, strict=True)):
-        if scene.periodic[axis] or length - 2 * largest >= largest:
+        if periodic[axis] or length - 2 * largest >= largest:
             continue
         free = length - 2 * radius
         # Where there is no room at all, or rounding's worth of it, a disc stands between the walls as it should.
@@ -90,7 +114,15 @@ def speeds_of(
         worst = int((np.abs(v) / free).argmax())
         between = Speeds(worst, float(abs(v[worst])), float(free[worst]), "xy"[axis])
         found = max(found, between, key=lambda speeds: speeds.fraction(1.0))
-    rate = estimated_collision_rate(radius, mean_speed, sides)
+    return found, total
+
+
+def _with_means(
+    found: Speeds, squares: float, radius: NDArray[np.float64], sides: tuple[float, float], pieces: Pieces
+) -> Speeds:
+    """The fastest disc with what is said of all: squares is the sum of those of their speeds."""
+    mean_speed = math.sqrt(squares / len(radius))
+    rate = estimated_collision_rate(radius, mean_speed, sides, pieces)
     return replace(found, collision_rate=rate, mean_speed=mean_speed, smallest=float(radius.min()))
 
 
@@ -101,14 +133,23 @@ def sides_at(scene: Scene, time: float) -> tuple[float, float]:
     return width, height
 
 
-def estimated_collision_rate(radius: NDArray[np.float64], speed: float, sides: tuple[float, float]) -> float:
+def estimated_collision_rate(
+    radius: NDArray[np.float64], speed: float, sides: tuple[float, float], pieces: Pieces
+) -> float:
     """Collisions of a disc with others per time, after Enskog: 2 sqrt(pi) n sigma g sqrt(kT/m).
 
     g, the pair correlation at contact: of a fluid (Henderson 1975), or above packing 0.7 of a crystal by its free
     volume, (Z - 1) / (2 packing) with Z = 2 / (1 - packing / densest).
+
+    Args:
+        radius: of each disc, shape (N,) [length].
+        speed: root mean square [length/time].
+        sides: width and height of the box [length].
+        pieces: first disc and the one after the last of pieces of all discs, which are summed one by one.
     """
     area = sides[0] * sides[1]
-    packing = math.pi * float((radius * radius).sum()) / area
+    squares = sum(float((radius[first:last] * radius[first:last]).sum()) for first, last in pieces)
+    packing = math.pi * squares / area
     if speed == 0 or len(radius) < 2:
         return 0.0
     densest = densest_packing(float(radius.min()), float(radius.max()))

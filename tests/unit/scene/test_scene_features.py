@@ -161,7 +161,7 @@ def test_a_second_moving_wall_is_refused(monkeypatch):
     """It was ignored. The control: one is fine."""
     moving = scene_of(piston=Piston("left", 0.1, 1.0))
     assert moving.moving_wall is not None
-    monkeypatch.setattr("mpsim.scene.scene.FEATURES", (PISTON, PISTON))
+    monkeypatch.setattr("mpsim.scene.walls.FEATURES", (PISTON, PISTON))
     with pytest.raises(InputError, match="at most one wall that moves; got piston and piston"):
         _ = moving.moving_wall
 

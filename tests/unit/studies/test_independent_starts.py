@@ -48,7 +48,9 @@ def test_a_mixture_keeps_what_its_file_says_of_each_kind():
 )
 def test_a_scene_that_was_given_has_no_others(scene):
     assert not scene.can_redraw
-    with pytest.raises(InputError, match=r"drawn at random, by Scene.random or by a scene file.*Make other starts"):
+    with pytest.raises(
+        InputError, match=r"drawn at random, by Scene.random, Scene.lattice or a scene file.*Make other starts"
+    ):
         scene.redrawn(1)
 
 
