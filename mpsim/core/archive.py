@@ -9,11 +9,13 @@ import os
 import re
 import struct
 import zipfile
-from typing import Any, BinaryIO
+from collections.abc import Mapping
+from typing import Any, BinaryIO, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.core.chunks import Array, chunks_of
 from mpsim.core.deferred_signals import interrupts_held_back
 
 Arrays = dict[str, NDArray[Any]]
@@ -40,6 +42,9 @@ MOST_DIRECTORY = 2**16
 # The end of a zip file: a record of 22 bytes; in large ones behind a record of 56 bytes and its locator, of 20.
 _END, _END_64, _LOCATOR = b"PK\x05\x06", b"PK\x06\x06", b"PK\x06\x07"
 
+_LENGTHS_AT = 26
+"""Bytes of a member's own header before the lengths of its name and of what follows that."""
+
 _ENCRYPTED = 1
 """Bit among the flags of a member of a zip file."""
 
@@ -52,16 +57,30 @@ _HEADER = re.compile(
 9000 minus signs lead to a MemoryError."""
 
 
-def write_arrays(file: BinaryIO, arrays: Arrays) -> None:
-    """Write arrays in the given order."""
+def write_arrays(file: BinaryIO, arrays: Mapping[str, Array]) -> None:
+    """Write arrays in the given order, those that are read in chunks chunk by chunk."""
     with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
         for name, array in arrays.items():
+            descr = np.lib.format.dtype_to_descr(array.dtype)
+            header = {"descr": descr, "fortran_order": False, "shape": array.shape}
             with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
-                np.lib.format.write_array(member, np.asarray(array, order="C"), (1, 0), allow_pickle=False)
+                np.lib.format.write_array_header_1_0(member, header)
+                for chunk in chunks_of(array):
+                    content: Any = chunk.reshape(-1).view(np.uint8)
+                    member.write(content)
 
 
 REAL = "fiu"
 """dtype kinds of real numbers: floating, signed, unsigned."""
+
+
+class Declared(NamedTuple):
+    """What the header of an array says: the bytes that follow are of this type and shape, in the order "C" or "F"."""
+
+    dtype: np.dtype[Any]
+    shape: tuple[int, ...]
+    order: Literal["C", "F"]
+    nbytes: int
 
 
 def read_array(file: Any, length: int, name: str, kinds: str) -> NDArray[Any]:
@@ -71,6 +90,19 @@ def read_array(file: Any, length: int, name: str, kinds: str) -> NDArray[Any]:
 
     Raises:
         ValueError: if they are not.
+    """
+    said = declared(file, length, name, kinds)
+    content = file.read(said.nbytes)
+    if len(content) != said.nbytes:
+        raise ValueError(f"{name!r} is cut off")
+    return np.frombuffer(content, said.dtype).reshape(said.shape, order=said.order)
+
+
+def declared(file: Any, length: int, name: str, kinds: str) -> Declared:
+    """The header of an array, behind which the file stands then.
+
+    Raises:
+        ValueError: as `read_array`.
     """
     if np.lib.format.read_magic(file) != (1, 0):
         raise ValueError(f"{name!r} is of another version of the .npy format")
@@ -88,10 +120,7 @@ def read_array(file: Any, length: int, name: str, kinds: str) -> NDArray[Any]:
     rest = length - file.tell()
     if math.prod(shape) * dtype.itemsize != rest:
         raise ValueError(f"{name!r} declares shape {shape!s:.60} of {dtype}, and has {rest} bytes")
-    content = file.read(rest)
-    if len(content) != rest:
-        raise ValueError(f"{name!r} is cut off")
-    return np.frombuffer(content, dtype).reshape(shape, order="F" if found[2] == b"True" else "C")
+    return Declared(dtype, shape, "F" if found[2] == b"True" else "C", rest)
 
 
 class ArrayFile:
@@ -103,6 +132,7 @@ class ArrayFile:
     """
 
     def __init__(self, file: BinaryIO):
+        self._file = file
         length = os.fstat(file.fileno()).st_size
         if _directory_bytes(file, length) > MOST_DIRECTORY:
             raise ValueError(f"its directory is longer than {MOST_DIRECTORY:,} bytes; {MOST_ARRAYS} arrays are allowed")
@@ -145,6 +175,24 @@ class ArrayFile:
         info = self._members[name]
         with self._zip.open(info) as member:
             return read_array(member, info.file_size, name, f"{REAL}b")
+
+    def map(self, name: str) -> NDArray[Any]:
+        """The same in the pages of the file, none of which is read before it is needed; its checksum is not looked at.
+
+        The file must not be made shorter as long as the array is there.
+        """
+        info = self._members[name]
+        with self._zip.open(info) as member:
+            said = declared(member, info.file_size, name, f"{REAL}b")
+        if not said.nbytes:
+            return self.read(name)
+        self._file.seek(info.header_offset + _LENGTHS_AT)
+        lengths = self._file.read(4)
+        name_length, extra = (int.from_bytes(part, "little") for part in (lengths[:2], lengths[2:]))
+        begin = info.header_offset + _LENGTHS_AT + len(lengths) + name_length + extra + info.file_size - said.nbytes
+        if begin + said.nbytes > os.fstat(self._file.fileno()).st_size:
+            raise ValueError(f"{name!r} is cut off")
+        return np.asarray(np.memmap(self._file, said.dtype, "r", begin, said.shape, said.order))
 
 
 def _directory_bytes(file: BinaryIO, length: int) -> int:

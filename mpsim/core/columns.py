@@ -73,8 +73,12 @@ class Column(NamedTuple):
 
     def put(self, array: NDArray[Any], kept: NDArray[Any]) -> None:
         """Write back what a snapshot holds."""
-        values = kept.T if self.discs_first else kept
+        values = self.by_disc(kept).T
         array[..., : values.shape[-1]] = values
+
+    def by_disc(self, kept: NDArray[Any]) -> NDArray[Any]:
+        """What a snapshot holds with a row for each disc."""
+        return kept if self.discs_first else kept.T
 
     # --- of people
 

@@ -3,8 +3,10 @@
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
+import functools
 import hashlib
 import os
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Unpack
@@ -14,6 +16,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from mpsim.core import atomic, checks, columns, untrusted
 from mpsim.core.archive import DAMAGE, ArrayFile
+from mpsim.core.chunks import ChunkedArray, chunks_of
 from mpsim.core.columns import StateColumns
 from mpsim.core.errors import InputError, OutputError, reason_of
 
@@ -118,14 +121,7 @@ class State:
         >>> State(np.zeros((1, 2)), np.ones((1, 2))).digest() == State(np.zeros((1, 2)), np.ones((1, 2))).digest()
         True
         """
-        digest = hashlib.blake2b(digest_size=16)
-        for name, array in self._held().items():  # what only some scenes have changes no digest of others
-            if name in NOT_DIGESTED or (name == "present" and array.all()):
-                continue
-            little_endian: DTypeLike = array.dtype.newbyteorder("<")
-            digest.update(f"{array.dtype.name} {array.shape} ".encode())
-            digest.update(np.ascontiguousarray(array, dtype=little_endian).tobytes())
-        return digest.hexdigest()
+        return digest_of(self._held())
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write a NumPy .npz with the arrays position, velocity and present, and of the other attributes what there is.
@@ -186,6 +182,45 @@ class State:
                 f"{str(source)!r} holds {sorted(map(str, shapes))} of {sorted(map(str, kinds))}."
             )
         return state
+
+
+def digest_of(values: Mapping[str, Any]) -> str:
+    """The digest of a state with such attributes, by name, in their order; arrays may be read in chunks.
+
+    >>> state = State(np.zeros((1, 2)), np.ones((1, 2)))
+    >>> digest_of({"position": state.position, "velocity": state.velocity}) == state.digest()
+    True
+    """
+    digest = hashlib.blake2b(digest_size=16)
+    for name, array in values.items():  # what only some scenes have changes no digest of others
+        if name in NOT_DIGESTED or (name == "present" and all(chunk.all() for chunk in chunks_of(array))):
+            continue
+        little_endian: DTypeLike = array.dtype.newbyteorder("<")
+        digest.update(f"{array.dtype.name} {array.shape} ".encode())
+        for chunk in chunks_of(array):
+            content: Any = chunk.astype(little_endian, copy=False).reshape(-1).view(np.uint8)
+            digest.update(content)
+    return digest.hexdigest()
+
+
+def in_chunks(between: Callable[[int, int], State], count: int) -> dict[str, Any]:
+    """The attributes of a state of so many discs, by name, each to be read in chunks.
+
+    between: called with (first, last), gives the state of the discs of these numbers.
+
+    >>> whole = State(np.arange(6.0).reshape(3, 2), np.ones((3, 2)))
+    >>> found = in_chunks(lambda first, last: State(whole.position[first:last], whole.velocity[first:last]), 3)
+    >>> found["position"][1:3].tolist(), digest_of(found) == whole.digest()
+    ([[2.0, 3.0], [4.0, 5.0]], True)
+    """
+    kept = functools.lru_cache(maxsize=1)(between)  # who reads one attribute of a range reads the others next
+
+    def chunked(name: str, none: NDArray[Any]) -> ChunkedArray:
+        return ChunkedArray(none.dtype, (count, *none.shape[1:]), lambda first, last: getattr(kept(first, last), name))
+
+    none = between(0, 0)
+    found = {name: value for name, value in vars(none).items() if value is not None}
+    return {name: value if name in NOT_DIGESTED else chunked(name, value) for name, value in found.items()}
 
 
 def in_frame(state: State) -> dict[str, NDArray[Any]]:

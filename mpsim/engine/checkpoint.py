@@ -14,7 +14,7 @@ import os
 import platform
 import shutil
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import atomic, untrusted
 from mpsim.core.archive import DAMAGE, ArrayFile, Arrays, write_arrays
+from mpsim.core.chunks import Array, chunks_of
 from mpsim.core.errors import (
     CheckpointError,
     CheckpointWarning,
@@ -75,6 +76,7 @@ class Checkpoint:
         scene, settings: of the simulation.
         run: plain values that the engine needs to continue, such as the frame and what emitters have done.
         arrays: of the solver.
+        digest: over all that the file holds.
     """
 
     path: Path
@@ -82,6 +84,7 @@ class Checkpoint:
     settings: Settings
     run: dict[str, Any]
     arrays: Arrays
+    digest: str
 
 
 Check = Callable[[Checkpoint], None]
@@ -139,8 +142,12 @@ def _check_place(target: Path) -> None:
     atomic.check_target(target)
 
 
-def write(path: str | os.PathLike[str], scene: Scene, settings: Settings, run: dict[str, Any], arrays: Arrays) -> Path:
+def write(
+    path: str | os.PathLike[str], scene: Scene, settings: Settings, run: dict[str, Any], arrays: Mapping[str, Array]
+) -> Path:
     """Write a checkpoint; the file that was there is kept beside it as <name>.previous.
+
+    arrays: of the solver, which may be read in chunks.
 
     Raises:
         OutputError: if the file cannot be written; what was there before is still there.
@@ -151,8 +158,10 @@ def write(path: str | os.PathLike[str], scene: Scene, settings: Settings, run: d
     return target
 
 
-def read(path: str | os.PathLike[str], check: Check) -> Checkpoint:
+def read(path: str | os.PathLike[str], check: Check, mapped: bool = False) -> Checkpoint:
     """Read and verify a checkpoint; where it is damaged or missing, the one before, with a warning that names both.
+
+    mapped: whether arrays stay in the pages of the file.
 
     Raises:
         CheckpointError: if there is none, or none that is whole, or it is of a newer version, or it cannot be read for
@@ -160,11 +169,11 @@ def read(path: str | os.PathLike[str], check: Check) -> Checkpoint:
     """
     target = place_of(path)
     try:
-        return _verified(target, check)
+        return _verified(target, check, mapped)
     except _DamagedError as damage:
         previous = _previous(target)
         try:
-            found = _verified(previous, check)
+            found = _verified(previous, check, mapped)
         except _DamagedError as older:
             raise CheckpointError(
                 f"the checkpoint {str(target)!r} must be a whole file that `save` has written; {damage}. The one "
@@ -179,17 +188,53 @@ def read(path: str | os.PathLike[str], check: Check) -> Checkpoint:
         return found
 
 
-def digest_of(header: dict[str, Any], arrays: Arrays) -> str:
+def read_together(
+    path: str | os.PathLike[str], check: Check, once: Callable[[Callable[[], tuple[str, str]]], tuple[str, str]]
+) -> Checkpoint:
+    """`read` by processes that share a simulation: the first one verifies the file; none holds its arrays in memory.
+
+    Args:
+        path, check: as of `read`.
+        once: what an act gives that the first of them does.
+
+    Raises:
+        CheckpointError: as `read`, of all; or if one of them has another file there, or none.
+    """
+
+    def verify() -> tuple[str, str]:
+        found = read(path, check, mapped=True)
+        return str(found.path), found.digest
+
+    verified, digest = once(verify)
+    own = Path(verified)
+    try:
+        found = _made_from(own, *_unpacked(own, mapped=True, verified=True))
+    except _DamagedError as damage:
+        raise _differs(own, str(damage)) from None
+    if found.digest != digest:
+        raise _differs(own, "it is another file")
+    return found
+
+
+def _differs(path: Path, how: str) -> CheckpointError:
+    return CheckpointError(
+        f"the checkpoint {str(path)!r} must be the same file on all ranks; on this one {how}. Give all of them "
+        "one that they can read."
+    )
+
+
+def digest_of(header: dict[str, Any], arrays: Mapping[str, Array]) -> str:
     """Hex digest over header and arrays, names, dtypes and shapes included."""
     digest = hashlib.blake2b(digest_size=16)
     digest.update(
         json.dumps({name: header[name] for name in sorted(header) if name != "digest"}, sort_keys=True).encode()
     )
     for name in sorted(arrays):
-        array = np.ascontiguousarray(arrays[name])
-        digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
-        content: Any = array.reshape(-1).view(np.uint8)
-        digest.update(content)
+        array = arrays[name]
+        digest.update(f"{name} {array.dtype.str} {array.shape or (1,)}".encode())
+        for chunk in chunks_of(array):
+            content: Any = chunk.reshape(-1).view(np.uint8)
+            digest.update(content)
     return digest.hexdigest()
 
 
@@ -240,12 +285,12 @@ class _DamagedError(Exception):
     """A file cannot be used; the text says why."""
 
 
-def _packed(scene: Scene, settings: Settings, run: dict[str, Any], arrays: Arrays) -> Arrays:
+def _packed(scene: Scene, settings: Settings, run: dict[str, Any], arrays: Mapping[str, Array]) -> dict[str, Array]:
     """All that goes into a file, the header first."""
     plain, parts = scene_parts(scene)
-    everything = {f"scene.{name}": value for name, value in parts.items()}
-    solver = arrays | {name: arrays[name][0] for name in SIZES if _are_equal(arrays[name])}
-    everything |= {f"solver.{name}": np.asarray(value, order="C") for name, value in solver.items()}
+    everything: dict[str, Array] = {f"scene.{name}": value for name, value in parts.items()}
+    once = {name: np.asarray(sizes[0]) for name in SIZES if _are_equal(sizes := np.asarray(arrays[name]))}
+    everything |= {f"solver.{name}": value for name, value in {**arrays, **once}.items()}
     header: dict[str, Any] = {
         "format": FORMAT,
         "versions": {"python": platform.python_version()} | {name: version(name) for name in ("numpy", "numba")},
@@ -278,7 +323,8 @@ def _of_each_disc(arrays: Arrays, discs: Any) -> Arrays:
         ValueError: if no array in the file is for so many discs: what follows makes room for them.
     """
     once = [name for name in SIZES if name in arrays and not arrays[name].ndim]
-    if once and not any(array.ndim and len(array) == discs for array in arrays.values()):
+    # A list: an interrupt while a generator that is not at its end is thrown away would be lost.
+    if once and not any([array.ndim and len(array) == discs for array in arrays.values()]):
         raise ValueError(f"it has no array for {discs!r:.30} discs")
     return {name: np.broadcast_to(array, discs) if name in once else array for name, array in arrays.items()}
 
@@ -358,14 +404,21 @@ def _damage_reported(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _unpacked(path: Path) -> tuple[dict[str, Any], Arrays]:
-    """Header and arrays of a file whose digest is right."""
+def _unpacked(path: Path, mapped: bool = False, verified: bool = False) -> tuple[dict[str, Any], Arrays]:
+    """Header and arrays of a file whose digest is right.
+
+    Args:
+        path: of the file.
+        mapped: whether arrays stay in its pages.
+        verified: whether the digest is known to be right.
+    """
     with _damage_reported(path), untrusted.opened(path) as file, ArrayFile(file) as archive:
         header = _header_of(archive)
         format_version, said = int(header["format"]), str(header["digest"])
         if format_version <= FORMAT:
-            arrays = {name: archive.read(name) for name in archive.names if name != HEADER}
-            if digest_of(header, arrays) != said:
+            take = archive.map if mapped else archive.read
+            arrays = {name: take(name) for name in archive.names if name != HEADER}
+            if not verified and digest_of(header, arrays) != said:
                 raise _DamagedError("its content does not match its digest")
             return header, _of_format_1(arrays) if format_version == 1 else arrays
     raise CheckpointError(
@@ -394,21 +447,33 @@ def _header_of(archive: ArrayFile) -> dict[str, Any]:
     return header
 
 
-def _verified(path: Path, check: Check) -> Checkpoint:
-    header, found = _unpacked(path)
+def _verified(path: Path, check: Check, mapped: bool) -> Checkpoint:
+    checkpoint = _made_from(path, *_unpacked(path, mapped))
+    with _as_no_state():
+        check(checkpoint)
+    return checkpoint
+
+
+@contextlib.contextmanager
+def _as_no_state() -> Iterator[None]:
+    """Report content that is no state of a simulation as damage."""
     try:
         with np.errstate(all="ignore"):
-            parts = _named("scene.", found), _named("solver.", found)
-            if len(parts[0]) + len(parts[1]) != len(found) or not parts[0].keys() <= set(ARRAYS):
-                raise ValueError(f"it holds arrays that belong to nothing; got {sorted(found)}")
-            scene = scene_from(header["scene"], parts[0])
-            settings = Settings(**header["settings"])
-            arrays = _of_each_disc(parts[1], header.get("discs"))
-            checkpoint = Checkpoint(path, scene, settings, header["run"], arrays)
-            check(checkpoint)
+            yield
     except _NO_STATE as error:  # the digest is right, so somebody has made it so; still nothing may break
         raise _DamagedError(f"its content is no state of a simulation ({type(error).__name__}: {error})") from None
-    return checkpoint
+
+
+def _made_from(path: Path, header: dict[str, Any], found: Arrays) -> Checkpoint:
+    """A checkpoint from the header and the arrays of its file."""
+    with _as_no_state():
+        parts = _named("scene.", found), _named("solver.", found)
+        if len(parts[0]) + len(parts[1]) != len(found) or not parts[0].keys() <= set(ARRAYS):
+            raise ValueError(f"it holds arrays that belong to nothing; got {sorted(found)}")
+        scene = scene_from(header["scene"], parts[0])
+        settings = Settings(**header["settings"])
+        arrays = _of_each_disc(parts[1], header.get("discs"))
+        return Checkpoint(path, scene, settings, header["run"], arrays, str(header["digest"]))
 
 
 def _named(prefix: str, arrays: Arrays) -> Arrays:

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from mpsim.scene.scene import Scene
 
-Snapshot = dict[str, NDArray[Any]]
-"""Copies of everything that the next frame depends on, by name: what a checkpoint holds. In each there are `radii`
-and `masses`, float64 of shape (N,), in the order of the scene's discs, and `progress`, int64 of shape (2,): frames
-done since the start, and steps (of a solver without steps, a count of its own)."""
+Snapshot = dict[str, Any]
+"""Everything that the next frame depends on, by name: what a checkpoint holds. Copies, or arrays of `core.chunks` that
+are read when they are written. In each there are `radii` and `masses`, float64 of shape (N,), in the order of the
+scene's discs, and `progress`, int64 of shape (2,): frames done since the start, and steps (of a solver without steps, a
+count of its own)."""
 
 Shapes = dict[str, tuple[np.dtype[Any], tuple[int, ...]]]
 """dtype and shape of arrays, by name."""
