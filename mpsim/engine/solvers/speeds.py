@@ -1,13 +1,15 @@
 """How fast the discs of a state are, as a fraction of what their steps allow."""
 
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.core.chunks import CHUNK
 from mpsim.features.packing_bounds import densest_packing
 from mpsim.scene.scene import Scene
 
@@ -64,7 +66,7 @@ def speeds_of(
     """Speeds of discs.
 
     Args:
-        velocity: shape (N, 2), in the order of the scene's discs, so that no sum depends on another one [length/time].
+        velocity: shape (N, 2) [length/time].
         radius: shape (N,) [length].
         scene: whose box it is.
         time: at which it is looked at: a wall may have moved [time].
@@ -76,9 +78,11 @@ def speeds_of(
         return replace(found, disc=int(index[found.disc])) if found.disc >= 0 else found
     if not len(velocity):
         return Speeds()
-    sides = sides_at(scene, time)
-    found, squares = _fastest(velocity, radius, sides, scene.periodic)
-    return _with_means(found, squares, radius, sides, [(0, len(radius))])
+    sides, numbers = sides_at(scene, time), np.arange(len(velocity))
+    part = Part.of(numbers, velocity, radius, Walls(sides, scene.periodic, float(radius.max())))
+    largest = part.largest_square
+    mean_square = mean_from(part.counted(largest, len(radius)), largest, len(radius))
+    return _with_means(part.fastest, mean_square, radius, sides, [(0, len(radius))])
 
 
 def speeds_at_start(scene: Scene) -> Speeds:
@@ -86,42 +90,119 @@ def speeds_at_start(scene: Scene) -> Speeds:
     if not scene.count:
         return Speeds()
     radii, sides, pieces = scene.radii, sides_at(scene, 0.0), list(scene.pieces())
-    found, squares = Speeds(), 0.0
+    walls, fastest, squares = Walls(sides, scene.periodic, float(radii.max())), (), 0.0
     for first, velocity in scene.velocities_in_pieces():
-        each, more = _fastest(velocity, radii[first : first + len(velocity)], sides, scene.periodic)
-        found = max(found, replace(each, disc=first + each.disc), key=lambda speeds: speeds.fraction(1.0))
-        squares += more
-    return _with_means(found, squares, radii, sides, pieces)
+        last = first + len(velocity)
+        part = Part.of(np.arange(first, last), velocity, radii[first:last], walls)
+        fastest, squares = faster_of(fastest, part.fastest), squares + float(part.squares.sum())
+    return _with_means(fastest, squares / len(radii), radii, sides, pieces)
 
 
-def _fastest(
-    velocity: NDArray[Any], radius: NDArray[np.float64], sides: tuple[float, float], periodic: tuple[bool, bool]
-) -> tuple[Speeds, float]:
-    """The disc that moves the largest fraction of its limit, and the sum of the squares of all speeds."""
-    vx, vy = (np.ascontiguousarray(column, np.float64) for column in velocity.T)
-    squares = vx * vx
-    squares += vy * vy
-    total, largest = float(squares.sum()), float(radius.max())
-    speed = np.sqrt(squares, out=squares)
-    worst = int(np.divide(speed, radius).argmax())
-    found = Speeds(worst, float(speed[worst]), float(radius[worst]))
-    for axis, (v, length) in enumerate(zip((vx, vy), sides, strict=True)):
-        if periodic[axis] or length - 2 * largest >= largest:
-            continue
-        free = length - 2 * radius
-        # Where there is no room at all, or rounding's worth of it, a disc stands between the walls as it should.
-        free = np.where(free > 1e-6 * length, free, np.inf)
-        worst = int((np.abs(v) / free).argmax())
-        between = Speeds(worst, float(abs(v[worst])), float(free[worst]), "xy"[axis])
-        found = max(found, between, key=lambda speeds: speeds.fraction(1.0))
-    return found, total
+def speeds_together(
+    part: "Part", all_of: Callable[[Any], list[Any]], radius: NDArray[np.float64], sides: tuple[float, float]
+) -> Speeds:
+    """Speeds of discs of which each of several processes has a part: what `speeds_of` finds of all of them.
+
+    Args:
+        part: of this process; each disc is in one.
+        all_of: what all processes hand over, in an order of theirs.
+        radius: of all discs, shape (N,) [length].
+        sides: width and height of the box [length].
+    """
+    count, told = len(radius), all_of((part.fastest, part.largest_square))
+    fastest, largest = functools.reduce(faster_of, [each[0] for each in told]), max(each[1] for each in told)
+    if not count:
+        return Speeds()
+    mean_square = mean_from(sum(all_of(part.counted(largest, count))), largest, count)
+    pieces = [(first, min(first + CHUNK, count)) for first in range(0, count, CHUNK)]
+    return _with_means(fastest, mean_square, radius, sides, pieces)
+
+
+class Walls(NamedTuple):
+    """What discs may be too close to: sides of the box [length], which of them are periodic, and the largest radius."""
+
+    sides: tuple[float, float]
+    periodic: tuple[bool, bool]
+    largest_radius: float
+
+
+class Part(NamedTuple):
+    """What is known of the speeds of some discs.
+
+    Attributes:
+        fastest: those whose displacement in a step is the largest fraction of their limit: in any direction, and
+            between two walls where these are narrow. Of equal ones the one of the lowest number.
+        squares: of the speeds, shape (K,) [length^2/time^2].
+        largest_square: the largest of them; 0 without discs.
+    """
+
+    fastest: tuple[Speeds, ...]
+    squares: NDArray[np.float64]
+    largest_square: float
+
+    @classmethod
+    def of(
+        cls, numbers: NDArray[np.int64], velocity: NDArray[Any], radius: NDArray[np.float64], walls: Walls
+    ) -> "Part":
+        """Of the discs of these numbers, rising, velocities of shape (K, 2) and radii of shape (K,)."""
+        if not len(numbers):
+            return cls((), np.zeros(0), 0.0)
+        vx, vy = (np.ascontiguousarray(column, np.float64) for column in velocity.T)
+        squares = vx * vx
+        squares += vy * vy
+        speed = np.sqrt(squares)
+        worst = int((speed / radius).argmax())
+        found = [Speeds(int(numbers[worst]), float(speed[worst]), float(radius[worst]))]
+        for axis, (v, length) in enumerate(zip((vx, vy), walls.sides, strict=True)):
+            if walls.periodic[axis] or length - 2 * walls.largest_radius >= walls.largest_radius:
+                continue
+            free = length - 2 * radius
+            # Where there is no room at all, or rounding's worth of it, a disc stands between the walls as it should.
+            free = np.where(free > 1e-6 * length, free, np.inf)
+            worst = int((np.abs(v) / free).argmax())
+            found.append(Speeds(int(numbers[worst]), float(abs(v[worst])), float(free[worst]), "xy"[axis]))
+        return cls(tuple(found), squares, float(squares.max()))
+
+    def counted(self, largest: float, count: int) -> int:
+        """The sum of the squares in whole multiples of a unit, which depends on no order; see `mean_from`.
+
+        largest: square of all discs [length^2/time^2]. count: of all discs.
+        """
+        if not 0 < largest < math.inf:
+            return 0
+        return int(np.rint(np.ldexp(self.squares, -_exponent_of_unit(largest, count))).astype(np.int64).sum())
+
+
+def _exponent_of_unit(largest: float, count: int) -> int:
+    """Exponent of the unit of sums: as small as a sum of so many fits 63 bits."""
+    return math.frexp(largest)[1] + count.bit_length() - 62
+
+
+def mean_from(total: int, largest: float, count: int) -> float:
+    """The mean square of all discs, from the sum of what their parts have `counted` [length^2/time^2]."""
+    if not 0 < largest < math.inf:
+        return largest
+    return math.ldexp(total, _exponent_of_unit(largest, count)) / count
+
+
+def faster_of(some: tuple[Speeds, ...], others: tuple[Speeds, ...]) -> tuple[Speeds, ...]:
+    """Of two parts' fastest discs, one for each direction, the faster ones; of a part without discs there are none."""
+    if not some or not others:
+        return some or others
+    return tuple(
+        max(pair, key=lambda speeds: (speeds.fraction(1.0), -speeds.disc)) for pair in zip(some, others, strict=True)
+    )
 
 
 def _with_means(
-    found: Speeds, squares: float, radius: NDArray[np.float64], sides: tuple[float, float], pieces: Pieces
+    fastest: tuple[Speeds, ...],
+    mean_square: float,
+    radius: NDArray[np.float64],
+    sides: tuple[float, float],
+    pieces: Pieces,
 ) -> Speeds:
-    """The fastest disc with what is said of all: squares is the sum of those of their speeds."""
-    mean_speed = math.sqrt(squares / len(radius))
+    """The fastest disc, with what is said of all."""
+    found, mean_speed = max(fastest, key=lambda speeds: speeds.fraction(1.0)), math.sqrt(mean_square)
     rate = estimated_collision_rate(radius, mean_speed, sides, pieces)
     return replace(found, collision_rate=rate, mean_speed=mean_speed, smallest=float(radius.min()))
 
