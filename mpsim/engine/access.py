@@ -229,11 +229,11 @@ def exclusive(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S,
     return door
 
 
-def reading(method: Callable[[S], R]) -> Callable[[S], R]:
+def reading(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
     """A method that reads a simulation: for the process that made it, and between two slices of frames."""
 
     @functools.wraps(method)
-    def door(self: S) -> R:
+    def door(self: S, *args: P.args, **kwargs: P.kwargs) -> R:
         access = self._access
         access.demand_own_process()
         use = access.use
@@ -243,8 +243,8 @@ def reading(method: Callable[[S], R]) -> Callable[[S], R]:
                     raise access.busy(f"reading {method.__name__}", use)
                 access.stop_if_ending()
                 with access.state_lock:  # at the end of the program another thread holds it for good
-                    return method(self)
-            return access.read_in_turn(lambda: method(self))
+                    return method(self, *args, **kwargs)
+            return access.read_in_turn(lambda: method(self, *args, **kwargs))
         finally:
             access.demand_own_process()  # a signal handler may have forked meanwhile: what was read is zeros there
 

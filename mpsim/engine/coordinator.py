@@ -131,9 +131,13 @@ class Coordinator:
         """Begin the record of a run of so many frames, with averages for measures of these names."""
         solver = self.solver
         whole, guarded = solver.time == solver.frame * self._settings.dt, solver.guarded
-        averages = RunAverages(names, frames, self.state, whole)
+        averages = RunAverages(names, frames, self._of_state, whole)
         self.between_frames(lambda: self.solver.set_tallied(averages.counting))
         return RunRecord(max(solver.choice.workers), averages, whole, guarded)
+
+    def _of_state(self, function: Callable[[State], Any]) -> Any:
+        """What a function of the present state gives, in all processes that share the simulation."""
+        return self.solver.once(lambda: function(self.solver.state()))
 
     def recovery(self, record: RunRecord) -> RecoverySnapshots | None:
         """Snapshots for a run to go back to if a worker dies; None if the settings do not ask for it."""
@@ -233,10 +237,6 @@ class Coordinator:
         solver, notices = self.solver, self._access.notices
         with interrupts_held_back(), self._access.moving():
             return self.step_limits.check(solver, notices, new)
-
-    def state(self) -> State:
-        """Copies of positions and velocities now."""
-        return self.solver.state()
 
     def snapshot(self) -> tuple[Any, Any]:
         """Copies of everything that the next frame depends on: of the solver, and of the emitters."""

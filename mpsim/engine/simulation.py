@@ -7,11 +7,12 @@ import dataclasses
 import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Unpack
+from typing import TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mpsim.core import checks
 from mpsim.core.columns import GivenColumns
 from mpsim.core.errors import CheckpointError, InputError
 from mpsim.core.state import State
@@ -24,12 +25,14 @@ from mpsim.engine.observers import Observer, Observers
 from mpsim.engine.report import Report
 from mpsim.engine.run_loop import BetweenSlices, run_frames
 from mpsim.engine.solvers.base import Columns, Solver
-from mpsim.engine.solvers.methods import capabilities_of, same_bits
-from mpsim.engine.solvers.mpi_ranks import ranks_of
+from mpsim.engine.solvers.methods import capabilities_of, on_ranks, same_bits
+from mpsim.engine.solvers.mpi_ranks import communicator_of, ranks_of
 from mpsim.features import FEATURES
 from mpsim.measure.run_averages import checked
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
+
+Result = TypeVar("Result")
 
 
 class Simulation:
@@ -138,18 +141,74 @@ class Simulation:
     @reading
     def state(self) -> State:
         """Copies of all positions and velocities, in the order of the scene's discs (added ones follow)."""
+        return self._whole("state").state()
+
+    @reading
+    def state_between(self, first: int, last: int) -> State:
+        """The state of the discs numbered `first` to `last` - 1, wherever on several ranks they are.
+
+        Args:
+            first, last: 0 <= first <= last <= count.
+
+        Raises:
+            InputError: naming the argument, its rule and the value received.
+
+        >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+        >>> with Simulation(scene) as sim:
+        ...     bool((sim.state_between(10, 20).position == sim.state.position[10:20]).all())
+        True
+        """
+        solver = self._whole("state_between")
+        last = checks.whole("last", last, 0, solver.count, "It is the number behind the last disc.")
+        first = checks.whole("first", first, 0, last, "It is the number of the first disc, at most last.")
+        return solver.state_between(first, last)
+
+    @reading
+    def local_state(self) -> tuple[NDArray[np.int64], State]:
+        """The discs that this process has: their numbers, rising, and their state.
+
+        Without ranks these are all. Of several ranks each has its own, without those absorbed, and nothing is sent: an
+        analysis takes the sum over them itself.
+
+        >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+        >>> with Simulation(scene) as sim:
+        ...     numbers, state = sim.local_state()
+        ...     len(numbers), state.position.shape
+        (50, (50, 2))
+        """
+        return self._whole("local_state").local_state()
+
+    def once(self, act: Callable[[], Result]) -> Result:
+        """What a function gives that one process calls: of several ranks the first one, whose answer all get.
+
+        All ranks call it. The function may read the simulation, of which it then sees the discs of all ranks; what it
+        raises, all raise. Without ranks it is simply called.
+
+        Args:
+            act: called without arguments. It must not run or change the simulation.
+
+        >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+        >>> with Simulation(scene) as sim:
+        ...     sim.once(lambda: sim.count)
+        50
+        """
+        return self._coordinator.open_solver().once(act)
+
+    def _whole(self, what: str) -> Solver:
+        """The solver, with a whole state to read."""
         if (solver := self._coordinator.open_solver()).half_done:  # in a signal handler, just after a worker has died
-            raise self._access.busy("reading state", self._access.use)
-        return solver.state()
+            raise self._access.busy(f"reading {what}", self._access.use)
+        return solver
 
     @property
     def pids(self) -> list[int]:
         """Process numbers of the worker processes (the coordinator, this process, is not among them); at any moment."""
         return self._coordinator.open_solver().pids
 
+    @reading
     def digest(self) -> str:
         """Hex digest of the state in the order of the scene's discs: equal digests mean equal bits."""
-        return self.state.digest()
+        return self._whole("digest").digest()
 
     @exclusive
     def run(
@@ -251,7 +310,7 @@ class Simulation:
             CheckpointError: if there is no whole file, or it is of a newer version.
             InputError: for a method with other bits than the saved one.
         """
-        found = checkpoint_file.read(path, checkpoint_validation.check)
+        found = _read(path, comm, on_ranks(method) or comm is not None)
         settings = dataclasses.replace(found.settings, workers=workers, start_method=start_method)
         if method is not None:
             settings = dataclasses.replace(settings, method=same_bits(found.settings.method, method))
@@ -355,3 +414,15 @@ class Simulation:
     @property
     def _solver(self) -> Solver:
         return self._coordinator.solver
+
+
+def _read(path: str | os.PathLike[str], comm: object, together: bool) -> checkpoint_file.Checkpoint:
+    """A checkpoint, verified; together: on ranks, by the first one."""
+    if not together:
+        return checkpoint_file.read(path, checkpoint_validation.check)
+    ranks = communicator_of(comm)
+    try:
+        ranks.demand_alike("paths of checkpoints", os.path.abspath(path))
+        return checkpoint_file.read_together(path, checkpoint_validation.check, ranks.once)
+    finally:
+        ranks.close()

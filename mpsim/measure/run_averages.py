@@ -23,6 +23,9 @@ from mpsim.measure.registry import COUNTED, DRIFTS, NAMES, OBSERVABLES, SAMPLED
 from mpsim.measure.statistics import Measure, block_average
 from mpsim.scene.scene import Scene
 
+OfState = Callable[[Callable[[State], Any]], Any]
+"""Calls a function with the present state, and returns what it gives."""
+
 SAMPLES = 200
 """Approximate number of states sampled in a run: each costs a copy of all positions and velocities."""
 
@@ -187,15 +190,19 @@ class RunAverages:
     Args:
         names: of measures, checked.
         frames: of the run; states are sampled about every frames / SAMPLES frames.
-        state: returns a copy of the current state.
+        of_state: what a function of the present state gives. Where several processes share the simulation, one of them
+            calls it, and all get what it gives.
         whole: whether the run begins with a whole frame. After Ctrl-C inside a frame it does not; the counts then
             include all of that frame: rates are right, but drifts between two states are not.
     """
 
-    def __init__(self, names: tuple[str, ...], frames: int, state: Callable[[], State], whole: bool = True):
+    def __init__(self, names: tuple[str, ...], frames: int, of_state: OfState, whole: bool = True):
         self._names = names
-        self._state = state
-        self._before = state() if whole and any(name in DRIFTS for name in names) else None
+        self._of_state = of_state
+        self._drifts = whole and any(name in DRIFTS for name in names)
+        self._before: State | None = None  # in the process that is given states
+        if self._drifts:
+            of_state(self._keep_before)
         self._counts: list[Counts] = []
         self._sampled: dict[str, Callable[[State, Scene], Any]] = {n: SAMPLED[n] for n in names if n in SAMPLED}
         if any(name in COMPONENTS for name in names):
@@ -217,9 +224,9 @@ class RunAverages:
         if counts is not None:
             self._counts.append(counts)
         if self._samples and done % self._every == 0:
-            now = self._state()
+            found = self._of_state(lambda now: {name: self._sampled[name](now, scene) for name in self._samples})
             for name, values in self._samples.items():
-                values.append(self._sampled[name](now, scene))
+                values.append(found[name])
 
     def mark(self) -> tuple[int, dict[str, int]]:
         """The amount of data collected so far, for `rewind`."""
@@ -246,22 +253,31 @@ class RunAverages:
                 results[name] = COUNTED[name](counts, run)
             elif name in SAMPLED:
                 results[name] = block_average(self._samples[name], constant=OBSERVABLES[name].constant(run))
-            elif self._before is None or not len(counts):
-                results[name] = Measure(float("nan"), float("nan"), 1, settled=False)
             else:
-                value = DRIFTS[name](counts, run, self._before, self._state())
+                value = self._drift(name, counts, run) if self._drifts and len(counts) else float("nan")
                 results[name] = Measure(value, float("nan"), 1, settled=False)
         return results
+
+    def _keep_before(self, state: State) -> None:
+        self._before = state
+
+    def _drift(self, name: str, counts: Counts, run: Run) -> float:
+        def since_then(now: State) -> float:
+            assert self._before is not None  # as `_drifts` says
+            return DRIFTS[name](counts, run, self._before, now)
+
+        return self._of_state(since_then)
 
     def _with_what_is_needed(self, run: Run) -> Run:
         """The run with the quantities that the requested measures take from states."""
         walls = "pressure" in self._names and not all(run.scene.periodic)
         if walls or "pressure_virial" in self._names or "pressure" in self._names:
-            state = self._state()
             if walls:
-                run = replace(run, speed=_speed(state), count=int(state.present.sum()))
+                speed, count = self._of_state(lambda state: (_speed(state), int(state.present.sum())))
+                run = replace(run, speed=speed, count=count)
             if "pressure_virial" in self._names or not walls:
-                run = replace(run, kinetic_energy=_energy_without_drift(state, run.scene))
+                energy = self._of_state(lambda state: _energy_without_drift(state, run.scene))
+                run = replace(run, kinetic_energy=energy)
         if self._samples.get("flow"):
             run = replace(run, flow=np.array(self._samples["flow"]), every=self._every)
         return run

@@ -82,12 +82,12 @@ class FrameFile:
         """Write the present frame, unless it is there already. Returns whether it was written.
 
         Args:
-            sim: whose frame it is. Nothing is asked of it for which its ranks would have to talk to each other.
+            sim: whose frame it is.
             now: the frame.
             every: frames of the simulation between two of the file.
         """
         if self._unchecked:
-            self._continue(sim, now, every)
+            self._continue(sim, now.whole(), every)
             self._unchecked = False
         if now.frame <= self.last:
             return False

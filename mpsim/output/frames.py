@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import checks
+from mpsim.core.chunks import ChunkedArray
 from mpsim.core.columns import Column, in_state
 from mpsim.core.errors import TrajectoryError
-from mpsim.core.state import State, in_frame, present_in
+from mpsim.core.state import Box, State, in_chunks, in_frame, present_in
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.methods import capabilities_of
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,13 @@ class Frame:
         others: Any = {column.name: self.known.get(column.name) for column in in_state()}
         return State(self.position, self.velocity, box=walls, **others)
 
+    def whole(self) -> "Frame":
+        """The same frame with all that it holds in memory."""
+        known = {
+            name: np.asarray(value) if hasattr(value, "__array__") else value for name, value in self.known.items()
+        }
+        return replace(self, position=np.asarray(self.position), known=known)
+
     def _get(self, name: str) -> Any:
         if name not in self.known:
             found = ", ".join(["position", *sorted(self.known)])
@@ -134,20 +143,30 @@ def kind_of(column: Column) -> str:
 
 
 def frame_of(sim: Simulation) -> Frame:
-    """The discs of a simulation as they are now, between two frames."""
+    """The discs of a simulation as they are now, between two frames.
+
+    On ranks, where no process has them all, in chunks; of a scene that absorbs discs, whose numbers have gaps, whole.
+    """
+    if capabilities_of(sim.settings).on_ranks and not sim.scene.absorbing:
+        none, found = sim.state_between(0, 0), in_chunks(sim.state_between, sim.count)
+        ids = ChunkedArray(np.dtype(np.int64), (sim.count,), np.arange)
+        found = {name: value for name, value in found.items() if name not in ("present", "box")}
+        return _frame(sim, none.box, found, sim.radii, sim.masses, ids)
     state = sim.state
-    here, walls = present_in(state), state.box
-    assert walls is not None  # that of a simulation has them
+    here = present_in(state)
+    found = {"position": state.position[here], **in_frame(state)}
+    return _frame(sim, state.box, found, sim.radii[here], sim.masses[here], np.arange(len(state.position))[here])
+
+
+def _frame(sim: Simulation, walls: Box | None, found: dict[str, Any], radius: Any, mass: Any, ids: Any) -> Frame:
+    """The present frame, of discs of which this is found."""
+    assert walls is not None  # those of a simulation are known
     x_low, x_high, y_low, y_high = walls
-    known = {
-        "time": sim.frame * sim.settings.dt,  # sim.time but for the rounding of the exact solver's clock
-        "radius": sim.radii[here],
-        "mass": sim.masses[here],
-        "ids": np.arange(len(state.position))[here],
-        **in_frame(state),
-    }
+    position = found.pop("position")
+    time = sim.frame * sim.settings.dt  # sim.time but for the rounding of the exact solver's clock
+    known = {"time": time, "radius": radius, "mass": mass, "ids": ids, **found}
     box, origin = (x_high - x_low, y_high - y_low), (x_low, y_low)
-    return Frame(sim.frame, box, origin, sim.scene.periodic, state.position[here], Path(), known)
+    return Frame(sim.frame, box, origin, sim.scene.periodic, position, Path(), known)
 
 
 def select(frame: Frame, ids: NDArray[np.int64]) -> Frame:

@@ -45,7 +45,7 @@ class GsdWriter:
         made.particles.diameter = (2 * frame.radius).astype(np.float32)
         made.particles.mass = frame.mass.astype(np.float32)
         if "image" in frame.known:
-            made.particles.image = np.pad(frame.image.astype(np.int32), ((0, 0), (0, 1)))
+            made.particles.image = np.pad(np.asarray(frame.image, np.int32), ((0, 0), (0, 1)))
         try:
             for name, values in _chunks_of(frame):  # not by `append`, which would hold all of them, and copies
                 self._file.file.write_chunk(name, np.ascontiguousarray(values))

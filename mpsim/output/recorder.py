@@ -82,8 +82,7 @@ class Recorder:
         if sim.frame <= self._last:
             return
         self._last = sim.frame
-        state = sim.state
-        self._first_rank.once(lambda: self._append(row_of(sim, state, frames, met)))
+        sim.once(lambda: self._append(row_of(sim, sim.state, frames, met)))
 
     def _append(self, row: list[float]) -> None:
         assert self._file is not None  # as `_ownership` has looked
@@ -107,7 +106,7 @@ def row_of(sim: Simulation, state: State, frames: int, met: int) -> list[float]:
     """The row of a state, in the order of COLUMNS.
 
     Args:
-        sim: whose state it is. Nothing is asked of it for which its ranks would have to talk to each other.
+        sim: whose state it is.
         state: of all discs.
         frames, met: frames since the row before, and contacts resolved in them.
     """

@@ -146,13 +146,12 @@ class TrajectoryWriter:
         """Write the present frame, unless it is there already."""
         started = time.perf_counter()
         self._ownership.bind_or_check(sim)
-        now = frame_of(sim)
-        self.frames += self._first_rank.once(lambda: self._append(sim, now))
+        self.frames += sim.once(lambda: self._append(sim))
         self.seconds += time.perf_counter() - started
 
-    def _append(self, sim: Simulation, now: Frame) -> bool:
+    def _append(self, sim: Simulation) -> bool:
         assert self._file is not None  # as `_ownership` has looked
-        return self._file.append(sim, now, self.every)
+        return self._file.append(sim, frame_of(sim), self.every)
 
     def __enter__(self) -> "TrajectoryWriter":
         return self

@@ -27,7 +27,7 @@ from mpsim.output.frames import Frame, kind_of
 PROPERTIES = "species:S:1:pos:R:3:radius:R:1:mass:R:1:masses:R:1:velo:R:3:momenta:R:3:id:I:1"
 """Columns that mpsim writes: mass and velo by the names that OVITO knows, masses and momenta by those of ASE."""
 
-PART = 50_000
+PART = 20_000
 """Discs whose lines are made at a time."""
 
 _KEY = re.compile(r'([A-Za-z_][\w-]*)\s*=\s*(?:"([^"]*)"|\{([^}]*)\}|(\S+))')

@@ -6,7 +6,7 @@ from functools import cache
 
 import pytest
 from support.pages import ROOT
-from support.ranks import CASES, found, on_ranks
+from support.ranks import CASES, found, on_ranks, told_by_script
 
 import mpsim
 
@@ -18,13 +18,6 @@ NUMBERS = [1, 2, *(pytest.param(number, marks=pytest.mark.long) for number in (3
 def alone(name):
     """What one process finds."""
     return found(name, method="grid")
-
-
-def told_by_script(number, *words, script):
-    """What a script prints last on so many ranks."""
-    done = on_ranks(number, *words, script=script)
-    assert done.code == 0, done.err
-    return json.loads(done.out.splitlines()[-1])
 
 
 def told_by(number, names, workers=1):

@@ -174,6 +174,13 @@ def on_ranks(
         return Outcome(done.returncode, done.stdout, done.stderr, time.perf_counter() - began)
 
 
+def told_by_script(number, *words, script):
+    """What a script prints last on so many ranks."""
+    done = on_ranks(number, *words, script=script)
+    assert done.code == 0, done.err
+    return json.loads(done.out.splitlines()[-1])
+
+
 def tell(*words: Any) -> None:
     """Print what each rank says, from the first one: `mpiexec` may mix what several print. All ranks call it."""
     for each in library().COMM_WORLD.gather(words) or []:

@@ -202,6 +202,20 @@ class Solver(ABC):
     def state(self) -> State:
         """Copies of positions and velocities now, (N, 2), with what else a state has. Taking them changes nothing."""
 
+    def state_between(self, first: int, last: int) -> State:
+        """The same of the discs of these numbers, from `first` to before `last`."""
+        state = self.state()
+        parts = {name: value[first:last] for name, value in vars(state).items() if isinstance(value, np.ndarray)}
+        return State(**parts, box=state.box)
+
+    def local_state(self) -> tuple[NDArray[np.int64], State]:
+        """Numbers, rising, of the discs that this process has, and their state."""
+        return np.arange(self.count), self.state()
+
+    def digest(self) -> str:
+        """Hex digest of the state: `State.digest`."""
+        return self.state().digest()
+
     @property
     def radii(self) -> NDArray[np.float64]:
         """Radius of each disc, shape (N,), read-only [length]."""
@@ -274,7 +288,10 @@ class Solver(ABC):
         return said
 
     def once(self, act: Callable[[], Result]) -> Result:
-        """What an act gives that one process does: the first, where several share the simulation."""
+        """What an act gives that one process does: the first, where several share the simulation.
+
+        It may read the discs of all of them; what it raises, all raise.
+        """
         return act()
 
     # --- what a report says

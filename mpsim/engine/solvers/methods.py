@@ -65,6 +65,11 @@ def capabilities_of(settings: Settings) -> Capabilities:
     )
 
 
+def on_ranks(method: str | None) -> bool:
+    """Whether a method of this name runs on ranks."""
+    return method in METHODS and METHODS[method].solver.capabilities.on_ranks
+
+
 def choose(count: int, settings: Settings, comm: Any = None) -> Choice:
     """What runs `count` discs under these settings; comm: a communicator, of methods that run on ranks."""
     method = settings.method
@@ -72,15 +77,14 @@ def choose(count: int, settings: Settings, comm: Any = None) -> Choice:
         method = "naive" if count <= NAIVE_UP_TO else "parallel" if count >= PARALLEL_FROM else "grid"
     if not METHODS[method].workers:
         return Choice(method, (1,))
-    on_ranks = METHODS[method].solver.capabilities.on_ranks
-    workers, remark = settings.workers or (1 if on_ranks else usable_cores()), ""
+    workers, remark = settings.workers or (1 if on_ranks(method) else usable_cores()), ""
     if workers > 1 and not may_start_processes():
         remark = "mpsim: this process is daemonic and may not start others; running on one worker."
     elif workers > 1 and JIT_DISABLED:
         remark = "mpsim: without compilation there are no atomics to wait with; running on one worker."
     if remark:
         workers = 1
-    if on_ranks:
+    if on_ranks(method):
         return Choice(method, (workers * ranks_of(comm),), remark, comm)
     if settings.method != "auto":
         return Choice(method, (workers,), remark)

@@ -6,10 +6,8 @@ columns that meet there, before the pass that resolves them. Columns are dealt i
 these have wandered.
 """
 
-import hashlib
 import math
 import os
-import pickle
 import time
 from collections.abc import Callable, Iterable, Mapping
 from itertools import chain
@@ -26,16 +24,19 @@ from mpsim.core.state import State
 from mpsim.engine.columns import columns_of, given_in
 from mpsim.engine.feature_arrays import giant_radius
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs
-from mpsim.engine.solvers.discs import disc_at, state_of
-from mpsim.engine.solvers.mpi_columns import Range, borders_of, columns_of_places, dealt
+from mpsim.engine.solvers.discs import disc_at
+from mpsim.engine.solvers.mpi_columns import Range, borders_of, dealt
+from mpsim.engine.solvers.mpi_numbers import DiscsByNumber, absorbed_in
 from mpsim.engine.solvers.mpi_part import Part
 from mpsim.engine.solvers.mpi_ranks import LOST, NOT_FINITE, Communicator
 from mpsim.engine.solvers.parameters import Present
 from mpsim.engine.solvers.slices import Slice, totals
 from mpsim.engine.solvers.snapshots import Snapshot
 from mpsim.engine.solvers.speed_limit import Fastest, disc_too_fast, fastest_in
-from mpsim.engine.solvers.speeds import Speeds
+from mpsim.engine.solvers.speeds import Part as SpeedsOfPart
+from mpsim.engine.solvers.speeds import Speeds, Walls, sides_at, speeds_together
 from mpsim.engine.solvers.stepped import SteppedSolver
+from mpsim.engine.workers.arrays import Grid
 from mpsim.engine.workers.system_limits import resident_bytes
 from mpsim.features.radii import has_radii
 from mpsim.kernels import layout
@@ -44,6 +45,12 @@ from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
 Result = TypeVar("Result")
+
+Rows = Callable[[int, int], tuple[NDArray[Any], NDArray[Any]]]
+"""Places and velocities of a range of discs, shape (last - first, 2), called with (first, last)."""
+
+NOWHERE = np.zeros((0, 2))
+"""Places of no disc."""
 
 BALANCE_EVERY = 64
 """Frames from one look at how the discs are shared to the next."""
@@ -63,17 +70,18 @@ class MpiSolver(SteppedSolver):
         super().__init__(scene, settings, choice)
         _refuse(scene, settings, scene.radii)
         self._fastest = Fastest()
+        self._numbered: DiscsByNumber | None = None
         self._workers = 1  # of each rank, itself included
         self._ranks: Communicator | None = None
         self._part: Part | None = None
         self._last_frame = 0
         self._half_done = False
+        self._acts_once = False  # this is the first rank, and the others wait for what it asks
 
     def start(self) -> None:
         """Take the discs of own columns."""
-        scene = self._scene
-        self._meet({})
-        self._enter(NewDiscs(scene.position, scene.velocity, self._radii, self._brought(given_in(scene))), (0, 0))
+        self._meet()
+        self._enter_all(self._scene.rows, given_in(self._scene), (0, 0))
 
     def close(self) -> None:
         """Stop the workers of this rank, remove its block, and free the communicator."""
@@ -90,43 +98,60 @@ class MpiSolver(SteppedSolver):
         if part is not None:
             part.close()
 
-    def _meet(self, snapshot: Snapshot) -> None:
-        """Duplicate the communicator, and refuse ranks that were given different scenes, settings or checkpoints."""
+    def _meet(self) -> None:
+        """Duplicate the communicator, and refuse ranks that were given different scenes or settings."""
         if self._ranks is None:
             self._ranks = Communicator(self.choice.comm)
         self._workers = max(self.choice.workers) // self._ranks.size
-        self._demand_alike("scene, settings and checkpoint", _fingerprint(self._scene, self._settings, snapshot))
+        given = self._scene.digest(), self._settings, source_digest()
+        self._ranks.demand_alike("scene and settings", given)
 
-    def _demand_alike(self, what: str, digest: str) -> None:
-        """Refuse what differs on some ranks."""
-        told = self._shared().all_of(digest)
-        if others := [rank for rank, each in enumerate(told) if each != told[0]]:
-            raise InputError(
-                f"{what} must be the same on all ranks; those of rank {others[0]} differ from those of rank 0. Make "
-                "them alike, with the same seed or file, on each."
-            )
+    def _enter_all(self, rows: Rows, given: Mapping[str, NDArray[Any]], progress: tuple[int, int]) -> None:
+        """Take the discs of own columns, of all discs.
 
-    def _brought(self, given: dict[str, Any]) -> dict[str, NDArray[Any]]:
-        return {**given, columns.MASS.name: self._masses}
+        Args:
+            rows: called with (first, last), gives places and velocities of a range: each rank asks for its share.
+            given: columns by id of all discs, by name, shape (N, *components).
+            progress: frames and steps done.
+        """
+        ranks, all_given = self._shared(), {**given, columns.MASS.name: self._masses}
+        first, last = (self.count * each // ranks.size for each in (ranks.rank, ranks.rank + 1))
+        share = {name: values[first:last] for name, values in all_given.items()}
+        entering = NewDiscs(*rows(first, last), self._radii[first:last], share)
+        of_all = NewDiscs(NOWHERE, NOWHERE, self._radii, all_given)
+        self._enter(lambda part, grid: part.records_of(entering, first, grid), of_all, 0, progress)
 
-    def _enter(self, discs: NewDiscs, progress: tuple[int, int]) -> None:
-        """Deal the columns, and take the discs of own ones."""
+    def _enter(
+        self,
+        records: Callable[[Part, Grid], NDArray[Any]],
+        brought: NewDiscs,
+        first: int,
+        progress: tuple[int, int],
+    ) -> None:
+        """Deal the columns of the grid, and the discs to whom they belong.
+
+        Args:
+            records: of this rank's share of all discs, whichever those are.
+            brought, first: as of `Part.fill`.
+            progress: frames and steps done.
+        """
         ranks, scene = self._shared(), self._scene
-        self._grid = self._grid_of(self.count)
-        if self._grid.columns < ranks.size:
+        self._grid = grid = self._grid_of(self.count)
+        if grid.columns < ranks.size:
             raise InputError(
-                f"ranks must be at most as many as the grid has columns, {self._grid.columns} for this scene; got "
-                f"{ranks.size}. Start fewer: mpiexec -n {self._grid.columns}."
+                f"ranks must be at most as many as the grid has columns, {grid.columns} for this scene; got "
+                f"{ranks.size}. Start fewer: mpiexec -n {grid.columns}."
             )
-        column = columns_of_places(discs.position[:, 0], self._grid, scene.width, self._settings.precision)
-        column[discs.of(columns.EXITS)[:, 0] != 0] = self._grid.columns  # of no rank
-        own = self._take(dealt(np.bincount(column, minlength=self._grid.columns)[: self._grid.columns], ranks.size))
         if self._part is None:
             self._part = Part(scene, self._settings, self._workers, self.tallied)
-        part = self._part
+        part, self._numbered = self._part, None
+        given = records(part, grid)
+        column = given["cell"] // (grid.rows + 2)
+        own = self._take(dealt(ranks.sum_of(np.bincount(column, minlength=grid.columns)), ranks.size))
+        taken = ranks.deal(given, self._rank_of(column), max(ranks.size, 2))
 
         def begin() -> None:
-            part.fill(discs, np.flatnonzero((column >= own.first) & (column < own.last)), own, self._grid)
+            part.fill(taken, own, grid, self.count, brought, first)
             self._control.done, self._control.steps = progress
             self._configure()
             part.start()
@@ -170,7 +195,7 @@ class MpiSolver(SteppedSolver):
     def advance(self, frames: int, workers: int, stop: float = math.inf) -> Slice:
         """Run frames on all ranks: as many as the rank that is given the fewest."""
         part, ranks, frames = self._held(), self._shared(), self._frames_to(stop, frames)
-        self._half_done = True
+        self._half_done, self._numbered = True, None
         with interrupts_held_back():  # it is many calls, which no rank may leave before the others
             if self.frame % BALANCE_EVERY == 0:
                 self._balance(part, ranks)
@@ -315,9 +340,21 @@ class MpiSolver(SteppedSolver):
     # --- steps
 
     def speeds(self, new: NewDiscs | None = None) -> Speeds:
-        """How fast the discs of all ranks are."""
-        found = self._gathered()
-        return self._speeds(found["velocity"], self._absorbed_in(found), new)
+        """How fast the discs of all ranks are, those that are about to be added included: of one rank."""
+        scene, sides = self._scene, sides_at(self._scene, self.time)
+        radii, present = self._radii, ~self.absorbed if scene.absorbing else None
+        (numbers, own), walls = self.local_state(), Walls(sides, scene.periodic, scene.largest_radius)
+        velocity = own.velocity
+        if new is not None:
+            radii = kept_sizes(radii, new.radius)
+            present = None if present is None else np.append(present, np.ones(len(new.position), bool))
+            if self._shared().rank == 0:
+                numbers, velocity = (
+                    np.append(numbers, range(self.count, len(radii))),
+                    np.append(velocity, new.velocity, 0),
+                )
+        part = SpeedsOfPart.of(numbers, velocity, radii[numbers], walls)
+        return speeds_together(part, self._shared().all_of, radii if present is None else radii[present], sides)
 
     @property
     def too_fast(self) -> bool:
@@ -334,87 +371,97 @@ class MpiSolver(SteppedSolver):
 
     def state(self) -> State:
         """Copies of the discs of all ranks, on each of them, in the order of the scene's."""
-        found = self._gathered()
-        absorbed = self._absorbed_in(found)
-        found.pop(columns.EXITS.name, None)
-        position, velocity = found.pop("position"), found.pop("velocity")
-        return state_of(self._scene, self._held().arrays, position, velocity, found, absorbed)
+        return self.state_between(0, self.count)
+
+    def state_between(self, first: int, last: int) -> State:
+        """Copies of the discs of a range of numbers, whichever ranks have them."""
+        return self._by_number().state(first, last)
+
+    def local_state(self) -> tuple[NDArray[np.int64], State]:
+        """Numbers, rising, of the discs in own columns, and their state."""
+        return self._by_number().own_state()
+
+    def digest(self) -> str:
+        """Hex digest of the state, which the first rank reads in chunks."""
+        return self.once(lambda: self._by_number().digest())
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:
         """Which discs have left through an absorbing edge, shape (N,)."""
-        return self._absorbed_in(self._gathered()) if self._scene.absorbing else np.zeros(self.count, bool)
+        return absorbed_in(self._by_number().rows(0, self.count) if self._scene.absorbing else {}, self.count)
 
-    def _absorbed_in(self, found: dict[str, NDArray[Any]]) -> NDArray[np.bool_]:
-        exits = found.get(columns.EXITS.name)
-        return np.zeros(self.count, bool) if exits is None else exits[:, 0] != 0
+    def _by_number(self) -> DiscsByNumber:
+        """The discs of all ranks by number; as long as none moves."""
+        if self._numbered is None:
+            self._numbered = DiscsByNumber(self._held(), self._scene, self.count, self._told_of)
+        return self._numbered
 
-    def _gathered(self) -> dict[str, NDArray[Any]]:
-        """What steps have changed of the discs of all ranks, in the order of the scene's: a row for each, by name."""
-        ids, own = self._held().rows()
-        found = {name: np.empty((self.count, *rows.shape[1:]), rows.dtype) for name, rows in own.items()}
-        for order, rows in self._shared().all_of((ids, own)):
-            for name, values in rows.items():
-                found[name][order] = values
-        return found
+    def _told_of(self, asked: tuple[int, int]) -> list[Any]:
+        """What each rank has of a range."""
+        ranks, own = self._shared(), self._by_number().own
+        return ranks.ask(asked, own) if self._acts_once else ranks.all_of(own(asked))
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
         """Append discs, ids continuing. All discs are dealt anew: the grid may be another one."""
         radii, masses = kept_sizes(self._radii, new.radius), kept_sizes(self._masses, new.mass)
         _refuse(self._scene, self._settings, radii)
-        old = self._discs_of(self.snapshot())
-        given = {each.name: np.concatenate([old.of(each), new.of(each)]) for each in columns_of(self._scene)}
-        position = np.concatenate([old.position, new.position])
-        velocity = np.concatenate([old.velocity, new.velocity])
+        first, own = self.count, self._held().discs()
         self._half_done = True
         self.count, self._radii, self._masses = len(radii), radii, masses
-        given[columns.MASS.name] = masses
-        self._enter(NewDiscs(position, velocity, radii, given), (self.frame, int(self._control.steps)))
+
+        def records(part: Part, grid: Grid) -> NDArray[Any]:
+            """Own discs, and of one rank the new ones."""
+            added = part.records_of(new, first, grid)
+            return np.concatenate([part.in_grid(own, grid), added[: len(added) * (self._shared().rank == 0)]])
+
+        self._enter(records, new, first, (self.frame, int(self._control.steps)))
         self._half_done = False
 
     # --- snapshots
 
     def snapshot(self) -> Snapshot:
-        """Copies of everything that the next frame depends on, of all ranks and on each of them."""
-        part, found = self._held(), self._gathered()
-        found |= {"radii": self._radii, "masses": self._masses}
+        """Everything that the next frame depends on, of all ranks. What steps change is read when it is asked for."""
+        part = self._held()
+        found: Snapshot = {**self._by_number().snapshot(), "radii": self._radii, "masses": self._masses}
         for column in columns_of(self._scene):
-            if column.name in part.changing:
-                found[column.name] = found[column.name] if column.discs_first else found[column.name].T.copy()
-            elif column.kept:
+            if column.kept and column.name not in found:
                 found[column.name] = column.take(part.arrays[column.name], self.count)
         found["progress"] = np.array([self._control.done, self._control.steps])
         return found
 
     def restore(self, snapshot: Snapshot, choice: Choice, room: int = 0) -> None:
         """Go back, or on, to a snapshot, which all ranks have."""
-        self._meet(snapshot)
-        _refuse(self._scene, self._settings, snapshot["radii"])
+        self._meet()
+        _refuse(self._scene, self._settings, np.asarray(snapshot["radii"]))
         self.choice = choice
         self._leave_part()
         progress = self._begin_from(snapshot)
-        self._enter(self._discs_of(snapshot), progress)
-
-    def _discs_of(self, snapshot: Snapshot) -> NewDiscs:
-        """All discs of a snapshot."""
         given = {
-            column.name: snapshot[column.name] if column.discs_first else snapshot[column.name].T
+            column.name: column.by_disc(np.asarray(snapshot[column.name]))
             for column in columns_of(self._scene)
             if column.name in snapshot
         }
-        return NewDiscs(snapshot["position"], snapshot["velocity"], self._radii, self._brought(given))
+        position, velocity = snapshot["position"], snapshot["velocity"]
+        self._enter_all(lambda first, last: (position[first:last], velocity[first:last]), given, progress)
 
     def demand_alike(self, what: str, given: object) -> None:
         """Refuse what differs on some ranks."""
-        self._demand_alike(what, hashlib.blake2b(pickle.dumps(given)).hexdigest())
+        self._shared().demand_alike(what, given)
 
     def any_of(self, said: bool) -> bool:
         """Whether something is so on any rank."""
         return self._shared().agree(int(said), 0, 0).trouble > 0
 
     def once(self, act: Callable[[], Result]) -> Result:
-        """What an act gives that rank 0 alone does; what it raises, all raise."""
-        return self._shared().once(act)
+        """What an act gives that rank 0 alone does; what it raises, all raise. It may read discs of all ranks."""
+        if self._acts_once:
+            return act()
+        ranks = self._shared()
+        self._acts_once = ranks.rank == 0
+        try:
+            return ranks.once(act, self._by_number().own)
+        finally:
+            self._acts_once, self._numbered = False, None
 
     # --- what a report says
 
@@ -451,18 +498,3 @@ def _refuse(scene: Scene, settings: Settings, radii: NDArray[np.float64]) -> Non
             f"method='mpi' cannot do everything that others can; here are {', '.join(found)}. "
             "Leave them out, or use method='parallel' on one machine."
         )
-
-
-def _fingerprint(scene: Scene, settings: Settings, snapshot: Snapshot) -> str:
-    """Of what all ranks must have been given alike; without a snapshot they start."""
-    return _digest_of(snapshot, f"{scene.digest()} {settings} {source_digest()}")
-
-
-def _digest_of(arrays: Mapping[str, Any], text: str = "") -> str:
-    """Hex digest over a text and arrays, by name; what is no array is left out."""
-    digest = hashlib.blake2b(text.encode())
-    for name, values in sorted(arrays.items()):
-        if isinstance(values, np.ndarray):
-            digest.update(name.encode())
-            digest.update(np.ascontiguousarray(values).tobytes())
-    return digest.hexdigest()

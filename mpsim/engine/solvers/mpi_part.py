@@ -11,7 +11,7 @@ from mpsim.engine.columns import columns_of
 from mpsim.engine.feature_arrays import feature_specs, fill_features
 from mpsim.engine.solvers.base import NewDiscs
 from mpsim.engine.solvers.grid import shares_of
-from mpsim.engine.solvers.mpi_columns import Border, Range
+from mpsim.engine.solvers.mpi_columns import Border, Range, columns_of_places
 from mpsim.engine.solvers.parameters import Present, configure
 from mpsim.engine.workers.arrays import Grid, block_arrays
 from mpsim.engine.workers.pool import WorkerPool
@@ -45,6 +45,7 @@ class Part:
         names = [column.name for column in columns_of(scene)]
         has_spins, has_images = columns.SPIN.name in names, columns.IMAGE.name in names
         self._record = records.message_in(settings.precision, has_radii(scene), has_spins, has_images)
+        self._travelling = [columns.SPIN.name] * has_spins + [columns.IMAGE.name] * has_images
         self._outgoing = [np.zeros(FEWEST, self._record) for _ in range(3)]
         self._pair = self._room_for_pair(2 * FEWEST)
         self._tallied = tallied
@@ -94,39 +95,74 @@ class Part:
         """Own discs, `count` of them, and what lies behind them."""
         return self.arguments().a
 
-    def rows(self) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]]:
-        """Numbers of own discs, and of those that are known to be absorbed; and a row for each, by name."""
-        live, count, exits = self.live, self.count, self.arrays.get("exits", np.zeros((3, 0)))
-        gone = np.flatnonzero(exits[0])
-        ids = np.concatenate([live.id[:count], gone])
-        place, velocity = (
-            np.stack([live.x[:count], live.y[:count]], axis=1),
-            np.stack([live.vx[:count], live.vy[:count]], axis=1),
-        )
-        rows = {
-            "position": np.concatenate([place, exits[1:, gone].T.astype(place.dtype)]),
-            "velocity": np.concatenate([velocity, np.zeros((len(gone), 2), place.dtype)]),
-        }
-        return ids, rows | {name: self.arrays[name][..., ids].T for name in self.changing}
+    def numbers(self) -> NDArray[np.int64]:
+        """Numbers of own discs, in the order of the grid, and of those that are known to be absorbed."""
+        return np.concatenate([self.live.id[: self.count], self._absorbed()])
 
-    def fill(self, discs: NewDiscs, mine: NDArray[np.int64], own: Range, grid: Grid) -> None:
-        """Take the discs of this rank, numbers `mine`, of all discs, and its columns of the grid of the whole scene."""
-        scene, count = self._scene, len(mine)
-        self._own, self._count_of_all, self._grid, self._stride = own, len(discs.position), grid, grid.rows + 2
+    def _absorbed(self) -> NDArray[np.int64]:
+        exits = self.arrays.get(columns.EXITS.name)
+        return np.zeros(0, np.int64) if exits is None else np.flatnonzero(exits[0])
+
+    def rows_of(self, places: NDArray[np.int64]) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]]:
+        """Numbers of some discs, and a row for each, by name; places: among those of `numbers`."""
+        live, gone = self.live, self._absorbed()
+        slots, absorbed = places[places < self.count], gone[places[places >= self.count] - self.count]
+        exits = self.arrays.get(columns.EXITS.name, np.zeros((3, 0)))
+        place, velocity = (np.stack([x[slots], y[slots]], axis=1) for x, y in ((live.x, live.y), (live.vx, live.vy)))
+        numbers = np.concatenate([live.id[slots], absorbed])
+        rows = {
+            "position": np.concatenate([place, exits[1:, absorbed].T.astype(place.dtype)]),
+            "velocity": np.concatenate([velocity, np.zeros((len(absorbed), 2), place.dtype)]),
+        }
+        return numbers, rows | {name: self.arrays[name][..., numbers].T for name in self.changing}
+
+    def records_of(self, discs: NewDiscs, first: int, grid: Grid) -> NDArray[Any]:
+        """Discs that enter as records, numbers from `first` on, cells in their columns of a grid of the scene.
+
+        Those that have been absorbed are left out.
+        """
+        found = np.zeros(len(discs.position), self._record)
+        found["x"], found["y"] = discs.position.T
+        found["vx"], found["vy"] = discs.velocity.T
+        found["id"] = np.arange(first, first + len(found))
+        further = {"spin": lambda: discs.of(columns.SPIN), "radius": lambda: discs.radius}
+        further |= {"image_x": lambda: discs.of(columns.IMAGE)[:, 0], "image_y": lambda: discs.of(columns.IMAGE)[:, 1]}
+        for name, values in further.items():
+            if name in (self._record.names or ()):
+                found[name] = values()
+        return self.in_grid(found[discs.of(columns.EXITS)[:, 0] == 0], grid)
+
+    def in_grid(self, records: NDArray[Any], grid: Grid) -> NDArray[Any]:
+        """Records with cells in their columns of a grid of the scene."""
+        column = columns_of_places(records["x"], grid, self._scene.width, self._settings.precision)
+        records["cell"] = column * (grid.rows + 2)
+        return records
+
+    def fill(self, records: NDArray[Any], own: Range, grid: Grid, count: int, brought: NewDiscs, first: int) -> None:
+        """Take the discs of this rank, and its columns of the grid of the whole scene.
+
+        Args:
+            records: its discs.
+            own: its columns.
+            grid: of the scene.
+            count: number of all discs.
+            brought: discs of which all ranks are to know what no record has: columns that stay as they are, and all
+                of those that have been absorbed.
+            first: number of the first of these.
+        """
+        self._own, self._count_of_all, self._grid, self._stride = own, count, grid, grid.rows + 2
         self._pair_start = np.zeros(3 * self._stride + 1, np.int32)
-        self._renew(count, with_discs=False)
-        fill_features(self.arrays, scene)
+        self._renew(len(records), with_discs=False)
+        fill_features(self.arrays, self._scene)
+        absorbed = np.flatnonzero(brought.of(columns.EXITS)[:, 0])  # of which there is no record
         for column in columns.COLUMNS:
-            if column.name in self.arrays:
-                column_values = discs.of(column)
-                self.arrays[column.name][..., : len(column_values)] = column_values.T
-        live = self.live
-        live.x[:count], live.y[:count] = discs.position[mine].T
-        live.vx[:count], live.vy[:count] = discs.velocity[mine].T
-        live.id[:count] = mine
-        if live.radius is not None:
-            live.radius[:count] = discs.radius[mine]
-        self._begin(count)
+            if column.name in self.arrays and column.name in brought.columns:
+                array, values = self.arrays[column.name][..., first:], brought.of(column).T
+                which = absorbed if column.name in self._travelling else slice(values.shape[-1])
+                array[..., which] = values[..., which]
+        now = self.arguments()
+        kernels.unpack_own(records, len(records), now.a, now.features)
+        self._begin(len(records))
 
     def start(self) -> None:
         """Compile or load the kernels, and start the workers, unless they run already."""

@@ -1,7 +1,9 @@
 """What ranks tell each other. All of them make the same calls in the same order; `mpi4py` is imported here alone."""
 
+import hashlib
 import importlib
 import os
+import pickle
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeVar
 
@@ -14,6 +16,10 @@ Result = TypeVar("Result")
 
 
 NOT_FINITE, LOST = 1, 2
+
+
+def _nothing(question: Any) -> None:
+    """The answer where nobody asks."""
 
 
 class Agreement(NamedTuple):
@@ -145,16 +151,61 @@ class Communicator:
         """What each rank has handed over, in their order."""
         return self._comm.allgather(value)
 
-    def once(self, act: Callable[[], Result]) -> Result:
-        """What an act gives that the first rank alone does; what it raises, all raise."""
-        result: Any = None
-        error: Exception | None = None
+    def demand_alike(self, what: str, given: object) -> None:
+        """Refuse what differs on some ranks.
+
+        Raises:
+            InputError: naming what, on all ranks.
+        """
+        told = self.all_of(hashlib.blake2b(pickle.dumps(given)).hexdigest())
+        if others := [rank for rank, each in enumerate(told) if each != told[0]]:
+            raise InputError(
+                f"{what} must be the same on all ranks; those of rank {others[0]} differ from those of rank 0. Make "
+                "them alike, with the same seed or file, on each."
+            )
+
+    def sum_of(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Sums over the ranks of integers, which do not depend on the order."""
+        total = np.empty_like(values)
+        self._comm.Allreduce(values, total, op=self._mpi.SUM)
+        return total
+
+    def once(self, act: Callable[[], Result], answer: Callable[[Any], Any] = _nothing) -> Result:
+        """What an act gives that the first rank alone does; what it raises, all raise.
+
+        answer: what a rank answers while the first one acts, to what that one asks by `ask`.
+        """
         if self.rank == 0:
-            try:
-                result = act()
-            except Exception as raised:
-                error = raised
-        result, error = self._comm.bcast((result, error))
-        if error is not None:
-            raise error
-        return result
+            outcome = _outcome_of(act)
+            self._comm.bcast((True, outcome))
+            return _given_by(outcome)
+        ended, told = self._comm.bcast(None)
+        while not ended:
+            self._comm.gather(_outcome_of(lambda question=told: answer(question)))
+            ended, told = self._comm.bcast(None)
+        return _given_by(told)
+
+    def ask(self, question: Any, answer: Callable[[Any], Any]) -> list[Any]:
+        """What each rank answers, in their order; of the first rank, while it acts `once`."""
+        self._comm.bcast((False, question))
+        return [_given_by(each) for each in self._comm.gather(_outcome_of(lambda: answer(question)))]
+
+
+def _outcome_of(act: Callable[[], Any]) -> bytes:
+    """What an act gives and what it raises, to be sent to other ranks, which wait for it whatever happens."""
+    try:
+        result, error = act(), None
+    except BaseException as raised:
+        result, error = None, raised
+    try:
+        return pickle.dumps((result, error))
+    except Exception as unsendable:
+        return pickle.dumps((None, TypeError(f"what goes to other ranks must be sendable; got {unsendable}")))
+
+
+def _given_by(outcome: bytes) -> Any:
+    """What an act has given; what it has raised is raised."""
+    result, error = pickle.loads(outcome)
+    if error is not None:
+        raise error
+    return result

@@ -1,0 +1,117 @@
+"""The discs of all ranks in the order of their numbers: any range of them, which is all that one rank has to hold."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core import columns
+from mpsim.core.chunks import Array, ChunkedArray
+from mpsim.core.state import State, digest_of, in_chunks
+from mpsim.engine.columns import columns_of
+from mpsim.engine.solvers.discs import state_of
+from mpsim.engine.solvers.mpi_part import Part
+from mpsim.scene.scene import Scene
+
+Range = tuple[int, int]
+"""From a first number to before a last one."""
+
+Rows = dict[str, NDArray[Any]]
+"""A row for each disc, by name of what it is."""
+
+
+class Sorted(NamedTuple):
+    """Own discs by number.
+
+    Attributes:
+        numbers: in order.
+        places: where each of them is among those of `Part.numbers`.
+    """
+
+    numbers: NDArray[np.int64]
+    places: NDArray[np.int64]
+
+
+class DiscsByNumber:
+    """What a rank tells of its discs, and what all ranks together know of a range.
+
+    Args:
+        part: of this rank.
+        scene: of the simulation.
+        count: number of all discs.
+        ask: what each rank answers to a range: the numbers that it has of it, and their rows.
+    """
+
+    def __init__(self, part: Part, scene: Scene, count: int, ask: Callable[[Range], list[tuple[Any, Rows]]]):
+        self._part = part
+        self._scene = scene
+        self._count = count
+        self._ask = ask
+        self._sorted: Sorted | None = None
+
+    def own(self, asked: Range) -> tuple[NDArray[np.int64], Rows]:
+        """The numbers that this rank has of a range, and a row for each, by name."""
+        if asked == (0, self._count):  # of all, none has to be looked for
+            return self._part.rows_of(np.arange(len(self._part.numbers())))
+        if self._sorted is None:  # kept, as who asks for one range asks for the next
+            numbers = self._part.numbers()
+            order = np.argsort(numbers, kind="stable")
+            self._sorted = Sorted(numbers[order], order)
+        first, last = np.searchsorted(self._sorted.numbers, asked)
+        return self._part.rows_of(self._sorted.places[first:last])
+
+    def rows(self, first: int, last: int) -> Rows:
+        """What steps have changed of the discs of a range, in their order."""
+        found: Rows = {}
+        for numbers, own in self._ask((first, last)):
+            for name, values in own.items():
+                if name not in found:
+                    found[name] = np.empty((last - first, *values.shape[1:]), values.dtype)
+                found[name][numbers - first] = values
+        return found
+
+    def state(self, first: int, last: int) -> State:
+        """The discs of a range, in their order."""
+        return self._state_of(self.rows(first, last), last - first)
+
+    def own_state(self) -> tuple[NDArray[np.int64], State]:
+        """Numbers, rising, of the discs that this rank moves, and their state."""
+        live = self._part.numbers()[: self._part.count]
+        numbers, found = self._part.rows_of(np.argsort(live))
+        return numbers, self._state_of(found, len(live))
+
+    def digest(self) -> str:
+        """Digest of the state of all discs, read in chunks."""
+        values = in_chunks(self.state, self._count)
+        if not self._scene.absorbing:
+            del values["present"]  # which all of them are
+        return digest_of(values)
+
+    def _state_of(self, found: Rows, count: int) -> State:
+        """The state of so many discs of which this is found."""
+        absorbed = absorbed_in(found, count)
+        found.pop(columns.EXITS.name, None)
+        position, velocity = found.pop("position"), found.pop("velocity")
+        return state_of(self._scene, self._part.arrays, position, velocity, found, absorbed)
+
+    def snapshot(self) -> dict[str, Array]:
+        """What steps have changed, as a snapshot holds it, to be read in chunks."""
+        kept = {column.name: column for column in columns_of(self._scene)}
+        found: dict[str, Array] = {}
+        for name, values in self.rows(0, 0).items():
+            if (column := kept.get(name)) is None:
+                shape, rows_last = (self._count, *values.shape[1:]), False
+            else:
+                shape, rows_last = column.kept_shape(self._count), not column.discs_first
+            found[name] = ChunkedArray(values.dtype, shape, self._reader(name), rows_last)
+        return found
+
+    def _reader(self, name: str) -> Callable[[int, int], NDArray[Any]]:
+        return lambda first, last: self.rows(first, last)[name]
+
+
+def absorbed_in(rows: Rows, count: int) -> NDArray[np.bool_]:
+    """Which of the discs of a range have left through an absorbing edge, shape (count,)."""
+    exits = rows.get(columns.EXITS.name)
+    return np.zeros(count, bool) if exits is None else exits[:, 0] != 0

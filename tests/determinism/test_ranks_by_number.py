@@ -1,0 +1,219 @@
+"""No rank needs all discs: starts, frames, digests, files and ranges of discs take the memory of a rank's share."""
+
+import pytest
+from support.ranks import CASES, on_ranks, told_by_script
+
+import mpsim
+
+READING = """
+import json, sys, warnings, numpy as np, mpsim
+from mpi4py import MPI
+from support.ranks import CASES
+
+warnings.simplefilter("ignore", mpsim.EmitterWarning)
+case, comm = CASES[sys.argv[1]](), MPI.COMM_WORLD
+with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="mpi")) as sim:
+    sim.run(frames=30)
+    whole, (numbers, own) = sim.state, sim.local_state()
+    assert (own.position == whole.position[numbers]).all()
+    assert (own.velocity == whole.velocity[numbers]).all()
+    assert (np.diff(numbers) > 0).all()
+    here = np.sort(np.concatenate(comm.allgather(numbers)))
+    assert (here == np.flatnonzero(whole.present)).all(), "each disc is with one rank"
+    part = sim.state_between(50, 170)
+    assert (part.position == whole.position[50:170]).all()
+    told = sim.once(lambda: [comm.rank, sim.digest(), sim.state_between(7, 9).position.tolist(), sim.state.digest()])
+    assert told == [0, sim.digest(), whole.position[7:9].tolist(), whole.digest()]
+    try:
+        sim.once(lambda: 1 / (comm.rank * 0))
+    except ZeroDivisionError:
+        told = "raised"
+    try:
+        sim.once(lambda: lambda: 0)
+    except TypeError as error:
+        assert "sendable" in str(error)
+    all_raised = comm.allgather(told)
+if comm.rank == 0:
+    print(json.dumps([all_raised, whole.digest()]))
+"""
+
+
+@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")  # whose disc waits
+@pytest.mark.parametrize("name", ["rough torus", "doors"])
+def test_ranks_read_ranges_of_discs_and_what_the_first_one_does_once(name):
+    raised, digest = told_by_script(2, name, script=READING)
+    assert raised == ["raised", "raised"]
+    case = CASES[name]()
+    with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="grid")) as sim:
+        sim.run(frames=30)
+        assert sim.digest() == digest
+        assert sim.state_between(50, 170).digest() == mpsim.State(**parts_of(sim.state, 50, 170)).digest()
+
+
+def parts_of(state, first, last):
+    parts = {name: value[first:last] for name, value in vars(state).items() if hasattr(value, "shape")}
+    return parts | {"box": state.box}
+
+
+AT_A_TIME, AS_TEXT = 16e6, 32e6
+"""Bytes that a rank needs beyond its share, however many discs there are, for those that it reads at a time; and of a
+trajectory for their text."""
+MAPPED = 16
+"""Bytes of a disc in a checkpoint, float32: the first rank reads the file through to verify it. Its pages are the
+system's, which takes them back, but count as those of the process."""
+
+MEMORY = """
+import json, psutil, sys, mpsim
+from mpi4py import MPI
+from mpsim.core import chunks
+
+comm, count, path = MPI.COMM_WORLD, int(sys.argv[1]), sys.argv[2]
+settings, peaks = mpsim.Settings(dt=0.02, method="mpi", precision="float32"), {}
+
+def scene(count):
+    return mpsim.Scene.lattice(count=count, packing=0.4, radius=0.5, seed=3)
+
+def forget():
+    with open("/proc/self/clear_refs", "w") as file:
+        file.write("5")
+
+def note(what):
+    with open("/proc/self/status") as file:
+        peak = next(int(line.split()[1]) * 1024 for line in file if line.startswith("VmHWM"))
+    peaks[what] = max(comm.allgather((peak - before) / count))
+    forget()
+
+def life(count, note=lambda what: None):
+    with mpsim.Simulation(scene(count), settings) as sim:
+        note("start")
+        sim.run(frames=3)
+        note("frames")
+        sim.digest()
+        note("digest")
+        sim.save(path)
+        note("save")
+        with mpsim.Trajectory.write(path + ".xyz", mode="w", comm=comm) as out:
+            sim.run(frames=1, observe=out)
+        note("trajectory")
+        digest = sim.digest()
+    forget()
+    with mpsim.Simulation.resume(path, method="mpi") as sim:
+        note("resume")
+        sim.run(frames=1)
+        assert sim.digest() == digest
+        forget()
+        chunks.CHUNK = count
+        sim.digest()
+        note("digest at once")
+    return digest
+
+life(3000)
+before = psutil.Process().memory_info().rss
+forget()
+digest = life(count, note)
+if comm.rank == 0:
+    print(json.dumps([digest, peaks]))
+"""
+
+
+@pytest.mark.parametrize("number", [2, pytest.param(4, marks=pytest.mark.long)])
+def test_memory_of_a_rank_falls_as_their_number_grows(number, tmp_path, figures):
+    """The control: a digest for which the first rank gets all discs at once."""
+    count = 600_000 * number
+    alone, shared = (told_by_script(each, str(count), str(tmp_path / "run"), script=MEMORY) for each in (1, number))
+    assert alone[0] == shared[0], "digests"
+    ratios = {what: shared[1][what] / alone[1][what] for what in alone[1]}
+    beyond = {what: (shared[1][what] - alone[1][what] / number) * count for what in alone[1]}
+    figures.note("R24", f"mpi on {number}", "peak memory of a rank over that of one", "1 / ranks", f"{ratios}")
+    assert beyond.pop("digest at once") > 1.5 * AT_A_TIME, beyond
+    assert beyond.pop("trajectory") < AS_TEXT, beyond
+    assert beyond.pop("resume") < AT_A_TIME + MAPPED * count, beyond
+    assert max(beyond.values()) < AT_A_TIME, beyond
+
+
+def test_a_lattice_is_the_same_on_ranks_and_in_one_process(tmp_path):
+    """Each rank makes its share; the arrays of all discs are never made."""
+    script = """
+        import json, sys, mpsim
+        from mpsim.scene.lattice import Lattice
+
+        def refuse(lattice):
+            raise AssertionError("all discs at once")
+
+        scene = mpsim.Scene.lattice(count=900, packing=0.6, radius=0.5, boundary=("periodic", "walls"), seed=5)
+        Lattice.position = Lattice.velocity = property(refuse)
+        with mpsim.Simulation(scene, mpsim.Settings(dt=0.03, method="mpi")) as sim:
+            sim.run(frames=50)
+            digest = sim.digest()
+            sim.save(sys.argv[1])
+        try:
+            scene.position
+        except AssertionError:
+            if sim.settings.method == "mpi" and digest:
+                from mpi4py import MPI
+                MPI.COMM_WORLD.rank or print(json.dumps(digest))
+    """
+    digest = told_by_script(2, str(tmp_path / "run"), script=script)
+    scene = mpsim.Scene.lattice(count=900, packing=0.6, radius=0.5, boundary=("periodic", "walls"), seed=5)
+    arrays = mpsim.Scene(
+        width=scene.width, height=scene.height, position=scene.position, velocity=scene.velocity, radius=0.5,
+        boundary=("periodic", "walls"),
+    )  # fmt: skip
+    for start in (scene, arrays):
+        with mpsim.Simulation(start, mpsim.Settings(dt=0.03, method="grid")) as sim:
+            sim.run(frames=50)
+            assert sim.digest() == digest
+            ended = sim.state.digest()
+    with mpsim.Simulation.resume(tmp_path / "run", method="grid") as sim:
+        assert (sim.frame, sim.state.digest()) == (50, ended)
+
+
+FAST = """
+import json, sys, warnings, mpsim
+from mpi4py import MPI
+from support.ranks import CASES
+
+warnings.simplefilter("ignore")
+case = CASES["fast"]()
+given = case.settings | dict(method=sys.argv[1], on_fast="substep", dt=0.02)
+with mpsim.Simulation(case.scene, mpsim.Settings(**given)) as sim:
+    found = []
+    for _ in range(4):
+        sim.run(frames=16)
+        speeds = sim._coordinator.solver.speeds()
+        exact = [value.hex() for value in (speeds.speed, speeds.mean_speed, speeds.collision_rate)]
+        found.append([sim.substeps, speeds.disc, exact])
+    sim.add([1.0, 1.0], [900.0, 0.0])
+    sim.run(frames=16)
+    found.append([sim.substeps, sim.digest()])
+if MPI.COMM_WORLD.rank == 0:
+    print(json.dumps(found))
+"""
+
+
+@pytest.mark.parametrize("number", [2, pytest.param(3, marks=pytest.mark.long)])
+def test_speeds_are_looked_at_to_the_last_bit_and_so_are_the_sub_steps_that_follow(number):
+    assert told_by_script(number, "mpi", script=FAST) == told_by_script(1, "grid", script=FAST)
+
+
+PATHS = """
+import sys, mpsim
+from mpi4py import MPI
+from support.ranks import tell
+
+path, rank = sys.argv[1], MPI.COMM_WORLD.rank
+with mpsim.Simulation(mpsim.Scene.load("gas"), mpsim.Settings(method="mpi")) as sim:
+    sim.save(path)
+for wrong in (f"{path}{rank}", path + ".missing"):
+    try:
+        mpsim.Simulation.resume(wrong, method="mpi")
+    except mpsim.MpsimError as error:
+        tell(type(error).__name__, error)
+"""
+
+
+def test_ranks_that_are_given_other_files_or_none_are_told_so(tmp_path):
+    done = on_ranks(2, str(tmp_path / "run"), script=PATHS)
+    assert done.code == 0, done.err
+    assert done.out.count("InputError paths of checkpoints must be the same on all ranks") == 2
+    assert done.out.count("CheckpointError the checkpoint") == 2
