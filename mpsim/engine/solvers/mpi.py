@@ -25,7 +25,7 @@ from mpsim.engine.columns import columns_of, given_in
 from mpsim.engine.feature_arrays import giant_radius
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs
 from mpsim.engine.solvers.discs import disc_at
-from mpsim.engine.solvers.mpi_columns import Range, borders_of, dealt
+from mpsim.engine.solvers.mpi_columns import Border, Range, borders_of, dealt, in_turns
 from mpsim.engine.solvers.mpi_numbers import DiscsByNumber, absorbed_in
 from mpsim.engine.solvers.mpi_part import Part
 from mpsim.engine.solvers.mpi_ranks import LOST, NOT_FINITE, Communicator
@@ -235,6 +235,7 @@ class MpiSolver(SteppedSolver):
         ranks = self._shared()
         own = Range(*map(int, firsts[ranks.rank : ranks.rank + 2]))
         self._firsts, self._borders = firsts, borders_of(own, ranks.rank, ranks.size, self._scene.periodic[0])
+        self._together = in_turns(self._borders, own)
         return own
 
     def _rank_of(self, column: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -285,8 +286,8 @@ class MpiSolver(SteppedSolver):
         for turn in range(self._settings.passes):
             if turn:
                 part.run(layout.EVEN)
-            for phase in (layout.EVEN, layout.ODD):  # brackets of a pass need not wait for each other
-                self._resolve_borders(phase, part, ranks, frame)
+            for borders in self._together:
+                self._resolve_borders(borders, part, ranks, frame)
             part.run(layout.ODD, layout.NO_FRAME if turn + 1 < self._settings.passes else ahead)
 
     def _migrated(self, part: Part, ranks: Communicator, frame: int) -> NDArray[Any]:
@@ -308,16 +309,14 @@ class MpiSolver(SteppedSolver):
         part.arrays["times"][0, frame, layout.WAIT] += time.perf_counter_ns() - began
         return arrived
 
-    def _resolve_borders(self, phase: int, part: Part, ranks: Communicator, frame: int) -> None:
-        """The brackets at borders that this pass has."""
-        parity = int(phase == layout.ODD)
-        borders = [each for each in self._borders if (each.column - (not each.is_left)) % 2 == parity]
+    def _resolve_borders(self, borders: list[Border], part: Part, ranks: Communicator, frame: int) -> None:
+        """The brackets at some borders."""
         began = time.perf_counter_ns()
         given = [(border.other, int(border.is_periodic), part.column_at(border)) for border in borders]
         taken = ranks.exchange(given)
         part.arrays["times"][0, frame, layout.WAIT] += time.perf_counter_ns() - began
         for border, (_, _, own), beyond in zip(borders, given, taken, strict=True):
-            part.resolve_at(phase, border, len(own), beyond)
+            part.resolve_at(layout.ODD if border.is_odd else layout.EVEN, border, len(own), beyond)
 
     def _diverged(self, part: Part, ranks: Communicator) -> DivergedError:
         """The exception for a disc that is not finite, the one of the least number."""

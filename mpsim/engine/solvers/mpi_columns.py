@@ -37,6 +37,11 @@ class Border(NamedTuple):
     is_left: bool
     is_periodic: bool = False
 
+    @property
+    def is_odd(self) -> bool:
+        """Whether the odd pass has the bracket of the two, which is that of the left one."""
+        return (self.column - (not self.is_left)) % 2 == 1
+
 
 def columns_of_places(x: NDArray[Any], grid: Grid, width: float, precision: str) -> NDArray[np.int64]:
     """Column of each disc."""
@@ -63,3 +68,14 @@ def borders_of(own: Range, rank: int, ranks: int, periodic: bool) -> list[Border
     at_end = rank == ranks - 1
     right = [Border((rank + 1) % ranks, last - 1, is_left=True, is_periodic=at_end)] if not at_end or meets else []
     return left + right
+
+
+def in_turns(borders: list[Border], own: Range) -> list[list[Border]]:
+    """The borders at which columns go at a time, in the order of the passes.
+
+    All at once, as no bracket of a pass is at two of them: of two own columns at borders, one that the odd pass needs
+    meets no other border's before. Only a single own column is at both: the even pass comes first.
+    """
+    if own.last - own.first > 1:
+        return [borders] if borders else []
+    return [turn for odd in (False, True) if (turn := [border for border in borders if border.is_odd == odd])]

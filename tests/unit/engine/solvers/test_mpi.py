@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mpsim.engine.solvers.mpi_columns import Border, Range, borders_of, dealt
+from mpsim.engine.solvers.mpi_columns import Border, Range, borders_of, dealt, in_turns
 
 
 @pytest.mark.parametrize("ranks", [1, 2, 3, 7, 10])
@@ -48,3 +48,12 @@ def test_the_last_columns_meet_the_first_ones_beyond_a_periodic_border():
     assert borders_of(Range(0, 3), 0, 2, True) == [Border(1, 0, False, True), Border(1, 2, is_left=True)]
     assert borders_of(Range(6, 9), 2, 3, True) == [Border(1, 0, is_left=False), Border(0, 2, True, True)]
     assert borders_of(Range(0, 9), 0, 1, True) == [], "one rank has both"
+
+
+def test_columns_go_at_once_but_for_one_that_is_at_two_borders():
+    even, odd = Border(0, 1, is_left=False), Border(2, 1, is_left=True)
+    assert (even.is_odd, odd.is_odd) == (False, True)
+    assert in_turns([odd, even], Range(1, 2)) == [[even], [odd]]
+    borders = borders_of(Range(1, 5), 1, 3, False)
+    assert in_turns(borders, Range(1, 5)) == [borders]
+    assert in_turns([], Range(0, 5)) == in_turns([], Range(0, 1)) == []
