@@ -354,6 +354,14 @@ def check_clear(found: Deepest | None, name: str, position: Floats, radius: Floa
         )
 
 
+def demand_none(capsules: Floats, what: str) -> None:
+    """Refuse obstacles where there may be none: for these discs, in words."""
+    if len(capsules):
+        raise InputError(
+            f"obstacles must be left out for {what}; got one or more. Use Scene.random, whose discs keep clear of them."
+        )
+
+
 RADII = 16
 """Largest number of radii for which discs of that size and above are checked against the room among capsules."""
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.errors import InputError
+from mpsim.features.capsules import demand_none
 from mpsim.scene.starts import Sites, thermal_velocities, widest_spacing
 
 Floats = NDArray[np.float64]
@@ -211,16 +212,11 @@ def demand_equal_discs(radius: Any, others: dict[str, Any]) -> None:
             "mass must be left out for discs on a lattice, which have mass 1 each; got one or more. Use Scene.random, "
             "or give places and velocities of discs of other masses."
         )
-    obstacles = others.get("obstacles", ())
-    if not isinstance(obstacles, tuple | list) or len(obstacles):
-        raise InputError(
-            "obstacles must be left out for discs on a lattice, which fills the box; got one or more. Use "
-            "Scene.random, whose discs keep clear of them."
-        )
 
 
 def demand_whole_box(scene: Any) -> None:
-    """Refuse a wall that starts inside the box of a scene, among discs on a lattice."""
+    """Refuse what stands in the box of a scene, among discs on a lattice: capsules, or a wall that starts there."""
+    demand_none(scene.capsules, "discs on a lattice, which fills the box")
     wall = scene.moving_wall
     if wall is not None and scene.box != (0.0, scene.width, 0.0, scene.height):
         raise InputError(
