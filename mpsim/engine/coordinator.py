@@ -86,8 +86,9 @@ class Coordinator:
 
     def _begin(self, warned_of: Iterable[tuple[str, type[Warning]]], start: Callable[[], None]) -> None:
         try:
-            for text, kind in warned_of:
-                warnings.warn(text, kind, stacklevel=level_of_caller())
+            with self.solver.together():
+                for text, kind in warned_of:
+                    warnings.warn(text, kind, stacklevel=level_of_caller())
             methods.note_remark(self.solver.choice, None, self._access.notices)
             self._access.notices.give()
             with self._access.state_lock, refusals_named():  # the end of the program waits until it can be closed

@@ -6,6 +6,7 @@ from typing import Generic, NamedTuple
 from mpsim.engine.access import Access
 from mpsim.engine.checkpointer import Checkpointer
 from mpsim.engine.coordinator import Coordinator
+from mpsim.engine.interruption import Interruption
 from mpsim.engine.observers import Observed, Observers
 from mpsim.engine.run_record import RunRecord
 
@@ -17,19 +18,21 @@ class BetweenSlices(NamedTuple, Generic[Observed]):
         sim: at which observers look.
         observers, checkpoints: those of the run.
         progress: called as progress(done, of_frames); None: nobody asks.
+        interruption: Ctrl-C, where processes share the run.
     """
 
     sim: Observed
     observers: Observers[Observed]
     checkpoints: Checkpointer
     progress: Callable[[int, int], None] | None
+    interruption: Interruption
 
 
 def run_frames(
     frames: int, coordinator: Coordinator, access: Access, record: RunRecord, between: BetweenSlices[Observed]
 ) -> None:
     """Run so many frames, and record them; if a worker dies, go back to a snapshot if the settings say so."""
-    sim, observers, checkpoints, progress = between
+    sim, observers, checkpoints, progress, interruption = between
     recovery = coordinator.recovery(record)
     with access.callbacks():
         if record.whole:
@@ -51,3 +54,4 @@ def run_frames(
             checkpoints.look(record.done, last=record.done == frames)
             if progress is not None:
                 progress(record.done, frames)
+            interruption.look()

@@ -3,6 +3,7 @@
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
+import contextlib
 import dataclasses
 import os
 from collections.abc import Callable, Iterable
@@ -21,12 +22,13 @@ from mpsim.engine import checkpoint_validation, frame_count, insertion, precisio
 from mpsim.engine.access import Access, exclusive, reading
 from mpsim.engine.checkpointer import Checkpointer
 from mpsim.engine.coordinator import Coordinator
+from mpsim.engine.interruption import Interruption
 from mpsim.engine.observers import Observer, Observers
 from mpsim.engine.report import Report
 from mpsim.engine.run_loop import BetweenSlices, run_frames
 from mpsim.engine.solvers.base import Columns, Solver
 from mpsim.engine.solvers.methods import capabilities_of, on_ranks, same_bits
-from mpsim.engine.solvers.mpi_ranks import communicator_of, ranks_of
+from mpsim.engine.solvers.mpi_ranks import communicator_of, raised_together, ranks_of
 from mpsim.features import FEATURES
 from mpsim.measure.run_averages import checked
 from mpsim.scene.scene import Scene
@@ -62,7 +64,8 @@ class Simulation:
     """
 
     def __init__(self, scene: Scene, settings: Settings | None = None, *, comm: object = None):
-        self._set_up(scene, settings, comm)
+        with _refused_together(settings, comm):
+            self._set_up(scene, settings, comm)
         self._coordinator.start()
 
     def _set_up(self, scene: Scene, settings: Settings | None, comm: object) -> None:
@@ -254,8 +257,11 @@ class Simulation:
             record = coordinator.begin_record(names, frames)
         solver = coordinator.open_solver()
         place = None if checkpoint is None else solver.once(lambda: checkpoint_file.checked_place(checkpoint))
-        with Checkpointer(self.save, place, checkpoint_every, checkpoint_seconds, solver.any_of) as checkpoints:
-            between = BetweenSlices(self, observers, checkpoints, progress)
+        with (
+            Checkpointer(self.save, place, checkpoint_every, checkpoint_seconds, solver.any_of) as checkpoints,
+            Interruption(solver) as interruption,
+        ):
+            between = BetweenSlices(self, observers, checkpoints, progress, interruption)
             run_frames(frames, coordinator, access, record, between)
         with access.state_lock:
             return coordinator.report(record, observers.seconds)
@@ -414,6 +420,12 @@ class Simulation:
     @property
     def _solver(self) -> Solver:
         return self._coordinator.solver
+
+
+def _refused_together(settings: Settings | None, comm: object) -> contextlib.AbstractContextManager[None]:
+    """What one rank refuses in the block, all refuse; without ranks it is as ever."""
+    on_ranks = isinstance(settings, Settings) and capabilities_of(settings).on_ranks
+    return raised_together(comm) if on_ranks else contextlib.nullcontext()
 
 
 def _read(path: str | os.PathLike[str], comm: object, together: bool) -> checkpoint_file.Checkpoint:

@@ -264,11 +264,11 @@ from mpi4py import MPI
 from mpsim.engine.solvers import mpi
 from support.ranks import CASES
 
-mpi.UNEVEN, case = float(sys.argv[1]), CASES["corner"]()
+mpi.UNEVEN, case = float(sys.argv[2]), CASES[sys.argv[1]]()
 with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="mpi")) as sim:
     most = 0.0
-    for _ in range(case.frames // 80):
-        sim.run(frames=80)
+    for _ in range(case.frames):
+        sim.run(frames=1)
         shares = MPI.COMM_WORLD.allgather(sim._coordinator.solver._part.count)
         most = max(most, max(shares) * len(shares) / sum(shares))
     digest = sim.digest()
@@ -277,10 +277,12 @@ if MPI.COMM_WORLD.rank == 0:
 """
 
 
-def test_ranks_share_a_crowd_that_spreads_evenly_and_with_the_same_bits():
-    """The control: columns that are never dealt anew."""
-    found = [on_ranks(2, uneven, script=BALANCED) for uneven in ("1.1", "inf")]
-    assert [done.code for done in found] == [0, 0], found[0].err + found[1].err
-    (shifting, digest), (static, other) = (json.loads(done.out.splitlines()[-1]) for done in found)
-    assert digest == other == alone("corner")["digest"]
+@pytest.mark.parametrize("number", [2, pytest.param(4, marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", ["corner", "wandering"])
+def test_ranks_share_a_crowd_evenly_in_every_frame_and_with_the_same_bits(name, number):
+    """A crowd that spreads from a corner, and one that wanders. The control: columns that are never dealt anew."""
+    (shifting, digest), (static, other) = (
+        told_by_script(number, name, uneven, script=BALANCED) for uneven in ("1.1", "inf")
+    )
+    assert digest == other == alone(name)["digest"]
     assert shifting < 1.3 < static

@@ -103,6 +103,12 @@ def diverging():
         discs.x[:count][discs.id[:count] == 7] = np.nan
         sim.run(frames=3)
 
+def refused_alone():
+    runs(start, unguarded=world.rank == 1)
+
+def too_fast_alone():
+    runs(start if world.rank == 0 else other(velocity=start.velocity * 1e3), on_fast="error")
+
 giants = other(radius=np.where(np.arange(200) == 7, 5.0, 0.5), position=start.position * 2 + 4, width=99, height=99)
 few = mpsim.Scene(width=3, height=30, position=[[1.5, 5], [1.5, 20]], velocity=np.zeros((2, 2)), radius=1.4)
 acts = {
@@ -113,6 +119,8 @@ acts = {
     "communicator of grid": lambda: runs(start, comm=world, method="grid"),
     "different scenes": lambda: runs(gas(200, 0.2, seed=world.rank)),
     "different gravity": lambda: runs(other(gravity=(0.0, -float(world.rank)))),
+    "refused on one rank": refused_alone,
+    "too fast on one rank": too_fast_alone,
     "different settings": lambda: runs(start, dt=0.01 * (1 + world.rank)),
     "too many ranks": lambda: runs(few),
     "added": added,
@@ -143,6 +151,8 @@ WORDS = {
     "communicator of grid": ("InputError", "comm may be given only with method='mpi'"),
     "different scenes": ("InputError", "those of rank 1 differ from those of rank 0"),
     "different gravity": ("InputError", "those of rank 1 differ from those of rank 0"),
+    "refused on one rank": ("InputError", "unguarded=True"),
+    "too fast on one rank": ("TooFastError", "on_fast='warn'"),
     "different settings": ("InputError", "those of rank 1 differ from those of rank 0"),
     "too many ranks": ("InputError", "ranks must be at most as many as the grid has columns, 1 "),
     "added": ("none", ""),
@@ -339,3 +349,35 @@ def test_without_mpi_the_error_says_what_to_install():
             print(error)
     """
     assert "pip install 'mpsim[mpi]'" in run_script(text).out
+
+
+INTERRUPTED = """
+import os, signal, sys, mpsim
+from mpi4py import MPI
+from support.ranks import tell
+from support.scenes import gas
+
+with mpsim.Simulation(gas(500, 0.3), mpsim.Settings(method="mpi", dt=0.01)) as sim:
+    def at(done, frames):
+        if done > 30 and MPI.COMM_WORLD.rank == 1:
+            os.kill(os.getpid(), signal.SIGINT)
+    try:
+        sim.run(frames=10**9, progress=at)
+    except KeyboardInterrupt:
+        tell("interrupted at", sim.frame)
+    sim.save(sys.argv[1])
+    sim.run(frames=5)
+    tell("digest", sim.digest())
+"""
+
+
+def test_ctrl_c_on_one_rank_comes_to_all_at_one_frame_and_the_simulation_goes_on(tmp_path):
+    done = on_ranks(2, str(tmp_path / "run"), script=INTERRUPTED, bound=BOUND)
+    assert done.code == 0, done.err
+    (one, other, *digests) = done.out.splitlines()
+    assert one == other
+    assert one.startswith("interrupted at ")
+    with mpsim.Simulation.resume(tmp_path / "run", method="grid") as sim:
+        assert sim.frame == int(one.split()[-1])
+        sim.run(frames=5)
+        assert digests == [f"digest {sim.digest()}"] * 2

@@ -72,6 +72,19 @@ def corner() -> mpsim.Scene:
     )
 
 
+def wandering() -> mpsim.Scene:
+    """A crowd that goes round a long box, past all columns."""
+    crowd = gas(600, 0.5, seed=5)
+    return mpsim.Scene(
+        width=4 * crowd.width,
+        height=crowd.height,
+        position=crowd.position,
+        velocity=0.2 * crowd.velocity + np.array([4.0, 0.0]),
+        radius=0.5,
+        boundary=("periodic", "walls"),
+    )
+
+
 def fast() -> mpsim.Scene:
     """Some discs cross the columns of several ranks in one step."""
     start = gas(300, 0.2, seed=6)
@@ -135,6 +148,7 @@ CASES = {
     "rough torus": lambda: Case(rough_torus(), {"dt": 0.05}, 60),
     "push": lambda: Case(gas(700, 0.6, seed=3), {"dt": 0.05, "contact": "push"}, 60),
     "corner": lambda: Case(corner(), {"dt": 0.05, "precision": "float32"}, 400, ("pressure", "contact_rate")),
+    "wandering": lambda: Case(wandering(), {"dt": 0.05, "precision": "float32"}, 600),
     "doors": lambda: Case(doors(), {"dt": 0.02}, 120),
     "in a small unit": lambda: Case(scaled(gas(700, 0.4, seed=3), 2.0**-9), {"dt": 0.05, "precision": "float32"}, 60),
     "fast": lambda: Case(fast(), {"dt": 0.05, "precision": "float32"}, 60),

@@ -4,6 +4,7 @@ A new method is one file with a class that derives from `Solver`, a line in `met
 of `scene/settings.py`. Callers ask for `capabilities` (`methods.capabilities_of`), never for a class or a name.
 """
 
+import contextlib
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -282,6 +283,10 @@ class Solver(ABC):
         Raises:
             InputError: naming what.
         """
+
+    def together(self) -> contextlib.AbstractContextManager[None]:
+        """A block in which what one raises of the processes that share the simulation, all raise. Before `start`."""
+        return contextlib.nullcontext()
 
     def any_of(self, said: bool) -> bool:
         """Whether something is so in any of the processes that share the simulation; all ask in the same order."""

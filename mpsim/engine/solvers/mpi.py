@@ -6,10 +6,11 @@ columns that meet there, before the pass that resolves them. Columns are dealt i
 these have wandered.
 """
 
+import contextlib
 import math
 import os
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from itertools import chain
 from typing import Any, ClassVar, TypeVar
 
@@ -21,14 +22,14 @@ from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import DivergedError, InputError
 from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
+from mpsim.core.version import __version__
 from mpsim.engine.columns import columns_of, given_in
-from mpsim.engine.feature_arrays import giant_radius
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs
 from mpsim.engine.solvers.discs import disc_at
 from mpsim.engine.solvers.mpi_columns import Border, Range, borders_of, dealt, in_turns
 from mpsim.engine.solvers.mpi_numbers import DiscsByNumber, absorbed_in
-from mpsim.engine.solvers.mpi_part import Part
-from mpsim.engine.solvers.mpi_ranks import LOST, NOT_FINITE, Communicator
+from mpsim.engine.solvers.mpi_part import Part, refuse
+from mpsim.engine.solvers.mpi_ranks import LOST, NOT_FINITE, Communicator, raised_together
 from mpsim.engine.solvers.parameters import Present
 from mpsim.engine.solvers.slices import Slice, totals
 from mpsim.engine.solvers.snapshots import Snapshot
@@ -53,10 +54,11 @@ NOWHERE = np.zeros((0, 2))
 """Places of no disc."""
 
 BALANCE_EVERY = 64
-"""Frames from one look at how the discs are shared to the next."""
+"""Frames after which it is looked at how the discs are shared, whether or not a rank has come to have many."""
 
 UNEVEN = 1.1
-"""Discs of the rank with the most, in parts of the mean, from which on columns are dealt anew."""
+"""Discs of the rank with the most, in parts of the mean or of what whole columns leave it, from which on columns are
+dealt anew."""
 
 
 class MpiSolver(SteppedSolver):
@@ -68,7 +70,7 @@ class MpiSolver(SteppedSolver):
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         super().__init__(scene, settings, choice)
-        _refuse(scene, settings, scene.radii)
+        refuse(scene, settings, scene.radii)
         self._fastest = Fastest()
         self._numbered: DiscsByNumber | None = None
         self._workers = 1  # of each rank, itself included
@@ -76,6 +78,7 @@ class MpiSolver(SteppedSolver):
         self._part: Part | None = None
         self._last_frame = 0
         self._half_done = False
+        self._tolerated, self._is_uneven = math.inf, False
         self._acts_once = False  # this is the first rank, and the others wait for what it asks
 
     def start(self) -> None:
@@ -103,8 +106,8 @@ class MpiSolver(SteppedSolver):
         if self._ranks is None:
             self._ranks = Communicator(self.choice.comm)
         self._workers = max(self.choice.workers) // self._ranks.size
-        given = self._scene.digest(), self._settings, source_digest()
-        self._ranks.demand_alike("scene and settings", given)
+        self._ranks.demand_alike("versions of mpsim and of its compiler", (__version__, source_digest()))
+        self._ranks.demand_alike("scene and settings", (self._scene.digest(), self._settings))
 
     def _enter_all(self, rows: Rows, given: Mapping[str, NDArray[Any]], progress: tuple[int, int]) -> None:
         """Take the discs of own columns, of all discs.
@@ -147,7 +150,9 @@ class MpiSolver(SteppedSolver):
         part, self._numbered = self._part, None
         given = records(part, grid)
         column = given["cell"] // (grid.rows + 2)
-        own = self._take(dealt(ranks.sum_of(np.bincount(column, minlength=grid.columns)), ranks.size))
+        counts = ranks.sum_of(np.bincount(column, minlength=grid.columns))
+        own = self._take(dealt(counts, ranks.size))
+        self._tolerate(counts)
         taken = ranks.deal(given, self._rank_of(column), max(ranks.size, 2))
 
         def begin() -> None:
@@ -165,14 +170,7 @@ class MpiSolver(SteppedSolver):
             act()
         except Exception as raised:
             error = raised
-        self._raise_any(self._shared().all_of(error))
-
-    @staticmethod
-    def _raise_any(errors: Iterable[Exception | None]) -> None:
-        for rank, error in enumerate(errors):
-            if error is not None:
-                error.add_note(f"on rank {rank}")
-                raise error
+        self._shared().raise_any(self._shared().all_of(error))
 
     def _configure(self) -> None:
         """Write what follows from what is simulated now."""
@@ -197,7 +195,7 @@ class MpiSolver(SteppedSolver):
         part, ranks, frames = self._held(), self._shared(), self._frames_to(stop, frames)
         self._half_done, self._numbered = True, None
         with interrupts_held_back():  # it is many calls, which no rank may leave before the others
-            if self.frame % BALANCE_EVERY == 0:
+            if self.frame % BALANCE_EVERY == 0 or self._is_uneven:
                 self._balance(part, ranks)
             frames = min(frames, BALANCE_EVERY - self.frame % BALANCE_EVERY)
             self._begin_command(part, ranks.agree(0, 0, frames).frames)
@@ -220,15 +218,24 @@ class MpiSolver(SteppedSolver):
         if ranks.size == 1 or self._control.in_order == 0:
             return
         counts = np.concatenate(ranks.all_of(part.discs_in_columns()))
-        if np.add.reduceat(counts, self._firsts[:-1]).max() * ranks.size < UNEVEN * counts.sum():
-            return
-        firsts = dealt(counts, ranks.size)
-        if np.array_equal(firsts, self._firsts):
-            return
-        own, discs = self._take(firsts), part.discs()
-        arrived = ranks.deal(discs, self._rank_of(part.columns_of(discs)), ranks.size)
-        self._on_all(lambda: part.move_to(own, arrived))
-        self._configure()
+        firsts = self._firsts
+        if self._most_in(counts) * ranks.size >= UNEVEN * counts.sum():
+            firsts = dealt(counts, ranks.size)
+        if not np.array_equal(firsts, self._firsts):
+            own, discs = self._take(firsts), part.discs()
+            arrived = ranks.deal(discs, self._rank_of(part.columns_of(discs)), ranks.size)
+            self._on_all(lambda: part.move_to(own, arrived))
+            self._configure()
+        self._tolerate(counts)
+
+    def _most_in(self, counts: NDArray[np.int64]) -> int:
+        """Discs of the rank that has the most; counts: in each column."""
+        return int(np.add.reduceat(counts, self._firsts[:-1]).max())
+
+    def _tolerate(self, counts: NDArray[np.int64]) -> None:
+        """From now on columns are to be dealt anew when a rank has far more discs than it has to have."""
+        mean = counts.sum() / len(self._firsts[:-1])
+        self._tolerated, self._is_uneven = UNEVEN * max(self._most_in(counts), mean), False
 
     def _take(self, firsts: NDArray[np.int64]) -> Range:
         """From now on each rank r has the columns from firsts[r] to before firsts[r + 1]. Returns own ones."""
@@ -269,7 +276,7 @@ class MpiSolver(SteppedSolver):
         counts = fastest_in(part.team), int(part.team["collisions"].sum())
         told = ranks.all_of((part.failure, *counts, arrays["times"][own, :frames], tally))
         failures, fastest, collisions, times, tallies = zip(*told, strict=True)
-        self._raise_any(failures)
+        ranks.raise_any(failures)
         self._fastest = max(fastest)
         if tally is not None:
             scale = float(arrays["parameters"].tally_scale)
@@ -299,12 +306,13 @@ class MpiSolver(SteppedSolver):
             target = self._rank_of(part.columns_of(leaving))
             farthest = ranks.distance(target)
         trouble = LOST if part.failure is not None else 0 if part.is_finite else NOT_FINITE
-        agreed = ranks.agree(trouble, farthest, int(self._control.frames))
+        agreed = ranks.agree(trouble, farthest, int(self._control.frames), part.count)
         if agreed.trouble == LOST:
-            self._raise_any(ranks.all_of(part.failure))
+            ranks.raise_any(ranks.all_of(part.failure))
         if agreed.trouble:
             raise self._diverged(part, ranks)
-        self._control.frames = agreed.frames
+        self._is_uneven = agreed.discs > self._tolerated
+        self._control.frames = min(agreed.frames, frame + 1) if self._is_uneven else agreed.frames
         arrived = ranks.deal(leaving, target, agreed.farthest) if agreed.farthest else leaving[:0]
         part.arrays["times"][0, frame, layout.WAIT] += time.perf_counter_ns() - began
         return arrived
@@ -403,7 +411,7 @@ class MpiSolver(SteppedSolver):
     def add(self, new: NewDiscs, choice: Choice) -> None:
         """Append discs, ids continuing. All discs are dealt anew: the grid may be another one."""
         radii, masses = kept_sizes(self._radii, new.radius), kept_sizes(self._masses, new.mass)
-        _refuse(self._scene, self._settings, radii)
+        refuse(self._scene, self._settings, radii)
         first, own = self.count, self._held().discs()
         self._half_done = True
         self.count, self._radii, self._masses = len(radii), radii, masses
@@ -431,7 +439,7 @@ class MpiSolver(SteppedSolver):
     def restore(self, snapshot: Snapshot, choice: Choice, room: int = 0) -> None:
         """Go back, or on, to a snapshot, which all ranks have."""
         self._meet()
-        _refuse(self._scene, self._settings, np.asarray(snapshot["radii"]))
+        refuse(self._scene, self._settings, np.asarray(snapshot["radii"]))
         self.choice = choice
         self._leave_part()
         progress = self._begin_from(snapshot)
@@ -446,6 +454,10 @@ class MpiSolver(SteppedSolver):
     def demand_alike(self, what: str, given: object) -> None:
         """Refuse what differs on some ranks."""
         self._shared().demand_alike(what, given)
+
+    def together(self) -> contextlib.AbstractContextManager[None]:
+        """A block in which what one rank raises, all raise."""
+        return raised_together(self.choice.comm)
 
     def any_of(self, said: bool) -> bool:
         """Whether something is so on any rank."""
@@ -479,21 +491,3 @@ class MpiSolver(SteppedSolver):
         own = [resident_bytes(pid) for pid in (os.getpid(), *self.pids)]
         resident, arrays = zip(*self._shared().all_of((own, self._held().nbytes)), strict=True)
         return tuple(chain.from_iterable(resident)), sum(arrays)
-
-
-def _refuse(scene: Scene, settings: Settings, radii: NDArray[np.float64]) -> None:
-    """Refuse, by name, what ranks cannot do; radii: of all discs.
-
-    Raises:
-        InputError: naming it.
-    """
-    reasons = {
-        "discs far larger than all but a few": has_radii(scene) and giant_radius(radii) is not None,
-        "unguarded=True": settings.unguarded,
-        "on_worker_death='restart'": settings.on_worker_death != "raise",
-    }
-    if found := [name for name, there in reasons.items() if there]:
-        raise InputError(
-            f"method='mpi' cannot do everything that others can; here are {', '.join(found)}. "
-            "Leave them out, or use method='parallel' on one machine."
-        )

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from mpsim.core import columns
 from mpsim.core.deferred_signals import interrupts_held_back
+from mpsim.core.errors import InputError
 from mpsim.engine.columns import columns_of
-from mpsim.engine.feature_arrays import feature_specs, fill_features
+from mpsim.engine.feature_arrays import feature_specs, fill_features, giant_radius
 from mpsim.engine.solvers.base import NewDiscs
 from mpsim.engine.solvers.grid import shares_of
 from mpsim.engine.solvers.mpi_columns import Border, Range, columns_of_places
@@ -394,6 +395,24 @@ class Part:
     def _with_room(self, outgoing: NDArray[Any], count: int) -> NDArray[Any]:
         """A message with room for so many discs."""
         return outgoing if count <= len(outgoing) else np.zeros(2 * count, self._record)
+
+
+def refuse(scene: Scene, settings: Settings, radii: NDArray[np.float64]) -> None:
+    """Refuse, by name, what ranks cannot do; radii: of all discs.
+
+    Raises:
+        InputError: naming it.
+    """
+    reasons = {
+        "discs far larger than all but a few": has_radii(scene) and giant_radius(radii) is not None,
+        "unguarded=True": settings.unguarded,
+        "on_worker_death='restart'": settings.on_worker_death != "raise",
+    }
+    if found := [name for name, there in reasons.items() if there]:
+        raise InputError(
+            f"method='mpi' cannot do everything that others can; here are {', '.join(found)}. "
+            "Leave them out, or use method='parallel' on one machine."
+        )
 
 
 def _is_of_discs(name: str) -> bool:

@@ -1,10 +1,11 @@
 """What ranks tell each other. All of them make the same calls in the same order; `mpi4py` is imported here alone."""
 
+import contextlib
 import hashlib
 import importlib
 import os
 import pickle
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -29,11 +30,13 @@ class Agreement(NamedTuple):
         trouble: the worst on any rank: 0, none; NOT_FINITE, a disc is not finite; LOST, it cannot go on.
         farthest: ranks that a disc goes on at most; 0: none goes to another.
         frames: after so many the command ends: the fewest that any rank wants.
+        discs: of the rank that has the most.
     """
 
     trouble: int
     farthest: int
     frames: int
+    discs: int
 
 
 def library() -> Any:
@@ -75,6 +78,24 @@ def communicator_of(comm: Any) -> "Communicator":
     return Communicator(comm)
 
 
+@contextlib.contextmanager
+def raised_together(comm: Any) -> Iterator[None]:
+    """A block in which what one rank raises, all raise: before there is a solver that they share.
+
+    Raises:
+        InputError: as `ranks_of`.
+    """
+    ranks, error = communicator_of(comm), None
+    try:
+        try:
+            yield
+        except Exception as raised:
+            error = raised
+        ranks.raise_any(ranks.all_of(error))
+    finally:
+        ranks.close()
+
+
 class Communicator:
     """The ranks that share a simulation, by a communicator of their own, so that no message of the caller's is taken.
 
@@ -92,7 +113,7 @@ class Communicator:
         self.rank: int = self._comm.rank
         self.size: int = self._comm.size
         self._creator = os.getpid()
-        self._told, self._heard = np.zeros(3, np.int64), np.zeros(3, np.int64)
+        self._told, self._heard = np.zeros(4, np.int64), np.zeros(4, np.int64)
 
     def close(self) -> None:
         """Give the communicator back; in a fork it is left alone, as MPI may not be called there."""
@@ -103,11 +124,11 @@ class Communicator:
 
     # --- in each step
 
-    def agree(self, trouble: int, farthest: int, frames: int) -> Agreement:
+    def agree(self, trouble: int, farthest: int, frames: int, discs: int = 0) -> Agreement:
         """What all ranks are to know, from what each of them knows."""
-        self._told[:] = trouble, farthest, -frames
+        self._told[:] = trouble, farthest, -frames, discs
         self._comm.Allreduce(self._told, self._heard, op=self._mpi.MAX)
-        return Agreement(int(self._heard[0]), int(self._heard[1]), -int(self._heard[2]))
+        return Agreement(int(self._heard[0]), int(self._heard[1]), -int(self._heard[2]), int(self._heard[3]))
 
     def exchange(self, parts: Sequence[tuple[int, int, NDArray[Any]]]) -> list[NDArray[Any]]:
         """Give each of some ranks an array of records, and take what they give, which call this too.
@@ -146,6 +167,14 @@ class Communicator:
         return np.concatenate([records[:0], *self.exchange(parts)])
 
     # --- seldom
+
+    @staticmethod
+    def raise_any(errors: Iterable[Exception | None]) -> None:
+        """Raise the first error of those that ranks have met, with a note whose it is."""
+        for rank, error in enumerate(errors):
+            if error is not None:
+                error.add_note(f"on rank {rank}")
+                raise error
 
     def all_of(self, value: Any) -> list[Any]:
         """What each rank has handed over, in their order."""
