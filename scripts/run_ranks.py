@@ -52,14 +52,14 @@ class Sent(NamedTuple):
     Attributes:
         border_messages, border_bytes: of columns at borders.
         migration_messages, migration_bytes: of discs that go to another rank.
-        agreements: reductions over all ranks.
+        reductions: over all ranks (Allreduce).
     """
 
     border_messages: float
     border_bytes: float
     migration_messages: float
     migration_bytes: float
-    agreements: float
+    reductions: float
 
 
 class Network(NamedTuple):
@@ -242,7 +242,7 @@ def report(sizes: list[int]) -> str:
         f"less grid); a message {model.network.latency * 1e6:g} µs "
         f"and {model.network.bandwidth / 1e9:g} GB/s."
     )
-    rows = ["| discs | 16 ranks | 256 | 4,096 | ranks up to which half is work |", "|---|---|---|---|---|"]
+    rows = ["| discs | 16 ranks | 256 | 4,096 | ranks at 50 % efficiency |", "|---|---|---|---|---|"]
     blocks = ["\n".join(lines) for lines in (times, counts, [*rows, *model_table(model)])]
     return "\n\n".join([*blocks[:2], said, blocks[2], made_by(machine())])
 

@@ -207,8 +207,7 @@ def _advance(folder: RunFolder, sim: Simulation, target: int, as_json: bool, qui
                 progress=progress,
             )
             folder.finish(sim, report, time.perf_counter() - started, compiled + report.compile_seconds)
-        last = frame_of(sim)
-        first_rank.once(lambda: final_picture(sim.scene, last, folder[PICTURE]))
+        sim.once(lambda: final_picture(sim.scene, frame_of(sim).whole(), folder[PICTURE]))
     if as_json:
         click.echo(json_text(folder.record))
         return

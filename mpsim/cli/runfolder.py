@@ -208,8 +208,8 @@ class RunFolder:
     def finish(self, sim: Simulation, report: Report, wall_seconds: float, compile_seconds: float) -> None:
         """Record what a part of the run did, its times, and the last state."""
         self.record["parts"].append(part_of(sim, report, wall_seconds, compile_seconds))
-        table, state = report.to_csv(first_frame=sim.frame - report.frames + 1), sim.state
-        self.first_rank.once(lambda: self._write_results(table, state))
+        table = report.to_csv(first_frame=sim.frame - report.frames + 1)
+        sim.once(lambda: self._write_results(table, sim.state))
         self.note(sim, "done" if sim.frame >= self.record["target"] else "paused")
 
     def _write_results(self, table: str, state: State) -> None:

@@ -188,6 +188,15 @@ def read(path: str | os.PathLike[str], check: Check, mapped: bool = False) -> Ch
         return found
 
 
+def method_of(path: str | os.PathLike[str]) -> str | None:
+    """The method that the header of a checkpoint names; None if it cannot be read: then `read` says why."""
+    with contextlib.suppress(_DamagedError, CheckpointError, *_NO_STATE):
+        own = place_of(path)
+        with _damage_reported(own), untrusted.opened(own) as file, ArrayFile(file) as archive:
+            return str(_header_of(archive)["settings"]["method"])
+    return None
+
+
 def read_together(
     path: str | os.PathLike[str], check: Check, once: Callable[[Callable[[], tuple[str, str]]], tuple[str, str]]
 ) -> Checkpoint:

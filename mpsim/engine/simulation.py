@@ -6,6 +6,7 @@
 import contextlib
 import dataclasses
 import os
+import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TypeVar, Unpack
@@ -75,10 +76,7 @@ class Simulation:
         settings = Settings() if settings is None else settings
         if not isinstance(settings, Settings):
             raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
-        if comm is not None and not capabilities_of(settings).on_ranks:
-            raise InputError(
-                f"comm may be given only with method='mpi'; the method is {settings.method!r}. Leave it out."
-            )
+        _check_comm(settings, comm)
         self._scene = scene
         self._settings = settings
         self._access = Access()
@@ -179,7 +177,7 @@ class Simulation:
         ...     len(numbers), state.position.shape
         (50, (50, 2))
         """
-        return self._whole("local_state").local_state()
+        return self._coordinator.open_solver().local_state()
 
     def once(self, act: Callable[[], Result]) -> Result:
         """What a function gives that one process calls: of several ranks the first one, whose answer all get.
@@ -199,6 +197,9 @@ class Simulation:
 
     def _whole(self, what: str) -> Solver:
         """The solver, with a whole state to read."""
+        use = self._access.use
+        if capabilities_of(self._settings).on_ranks and use is not None and use.thread != threading.get_ident():
+            raise self._access.busy(f"reading {what} of other ranks", use)  # whose turn comes at other moments
         if (solver := self._coordinator.open_solver()).half_done:  # in a signal handler, just after a worker has died
             raise self._access.busy(f"reading {what}", self._access.use)
         return solver
@@ -250,7 +251,9 @@ class Simulation:
             OutputError: a checkpoint or trajectory cannot be written; the simulation is as it was before that.
         """
         coordinator, access = self._coordinator, self._access
-        coordinator.open_solver()
+        measures = measures if measures is None or isinstance(measures, str) else tuple(measures)
+        given = frames, until, measures, checkpoint, checkpoint_every, checkpoint_seconds
+        coordinator.open_solver().demand_alike("arguments of run", given)
         frames = frame_count.frames_wanted(frames, until, self._settings.dt, self.frame, self.time)
         observers, names = Observers(observe), checked(measures, self._scene, self.count)
         with access.state_lock:
@@ -289,6 +292,7 @@ class Simulation:
         ...         again.frame
         20
         """
+        self._coordinator.open_solver().demand_alike("paths of checkpoints", path)
         with self._access.state_lock:
             solver = self._coordinator.open_solver()
             run, arrays = {"frame": solver.frame, "emission": self._coordinator.emission.progress}, solver.snapshot()
@@ -316,12 +320,12 @@ class Simulation:
             CheckpointError: if there is no whole file, or it is of a newer version.
             InputError: for a method with other bits than the saved one.
         """
-        found = _read(path, comm, on_ranks(method) or comm is not None)
+        saved = checkpoint_file.method_of(path) if method is None else method
+        found = _read(path, comm, on_ranks(saved) or comm is not None)
         settings = dataclasses.replace(found.settings, workers=workers, start_method=start_method)
         if method is not None:
             settings = dataclasses.replace(settings, method=same_bits(found.settings.method, method))
-        if capabilities_of(settings).on_ranks:
-            ranks_of(comm)  # whose errors are not those of the file
+        _check_comm(settings, comm)  # whose errors are not those of the file
         try:
             sim = cls.__new__(cls)
             sim._set_up(found.scene, settings, comm)
@@ -428,13 +432,21 @@ def _refused_together(settings: Settings | None, comm: object) -> contextlib.Abs
     return raised_together(comm) if on_ranks else contextlib.nullcontext()
 
 
+def _check_comm(settings: Settings, comm: object) -> None:
+    """Refuse a communicator that is none, or that the method has no use for."""
+    if capabilities_of(settings).on_ranks:
+        ranks_of(comm)
+    elif comm is not None:
+        raise InputError(f"comm may be given only with method='mpi'; the method is {settings.method!r}. Leave it out.")
+
+
 def _read(path: str | os.PathLike[str], comm: object, together: bool) -> checkpoint_file.Checkpoint:
     """A checkpoint, verified; together: on ranks, by the first one."""
     if not together:
         return checkpoint_file.read(path, checkpoint_validation.check)
     ranks = communicator_of(comm)
     try:
-        ranks.demand_alike("paths of checkpoints", os.path.abspath(path))
+        ranks.demand_alike("paths of checkpoints", str(checkpoint_file.place_of(path)))
         return checkpoint_file.read_together(path, checkpoint_validation.check, ranks.once)
     finally:
         ranks.close()

@@ -436,9 +436,9 @@ class Scene(HasDiscs):
     ) -> "Scene":
         """Equal discs near the sites of a hexagonal lattice that fills the box, with thermal velocities.
 
-        Each follows from its number: `rows` makes any range of them in the memory of that range, and a file or another
-        process gets the arguments, not arrays. They are numbered column by column. Each is moved from its site at
-        random, by less than half of the gap to its neighbours, so that none overlap.
+        Each follows from its number: `rows` makes any range of them in the memory of that range, and a checkpoint or
+        another process gets the arguments, not arrays; a scene file holds arrays. They are numbered column by column.
+        Each is moved from its site at random, by less than half of the gap to its neighbours, so that none overlap.
 
         Args:
             count: number of discs, >= 0.

@@ -132,7 +132,8 @@ def widest_spacing(kind: str, lengths: Callable[[float], tuple[float, float]], c
     def enough(spacing: float) -> bool:
         return Sites.fitting(kind, *lengths(spacing), spacing).number >= count
 
-    high = 4 * max(lengths(0.0)) or 1.0
+    longest = max(lengths(0.0))
+    high = min(4 * longest, max(longest, 1e300)) or 1.0
     low = high
     for _ in range(100):
         if enough(low):

@@ -117,9 +117,11 @@ if MPI.COMM_WORLD.rank == 0:
 """
 
 
-@pytest.mark.parametrize("wrong", ["sent[:0]", "before.setdefault('it', sent)"], ids=["left out", "late"])
+@pytest.mark.parametrize(
+    "wrong", ["sent[:0]", "[before.get('it', sent), before.update(it=sent)][0]"], ids=["left out", "late"]
+)
 def test_a_column_that_is_left_out_or_late_changes_the_digest(wrong):
-    """The control."""
+    """The control: no column in any step, or that of the step before."""
     assert told_by_script(2, script=WRONG.format(wrong=wrong))["digest"] != alone("bare")["digest"]
 
 
@@ -226,15 +228,22 @@ def test_the_command_line_runs_on_ranks_and_speaks_once():
 
 def test_the_program_of_the_page_stops_and_goes_on(tmp_path):
     page = (ROOT / "docs" / "howto" / "cluster.md").read_text()
-    program = re.search(r"```python\n(# gas\.py\n.*?)```", page, re.DOTALL)[1]
-    program = program.replace('"gas.mpsim"', repr(str(tmp_path / "gas.mpsim"))).replace("5_000", "500")
-    whole = on_ranks(2, script=program)
-    assert whole.code == 0, whole.err
-    again = on_ranks(1, script=program)  # all is done
-    assert again.code == 0, again.err
-    assert again.out.split()[-1] == whole.out.split()[-1]
-    assert whole.out.startswith("200 "), whole.out
-    assert again.out.startswith("200 "), again.out
+    program = re.search(r"```python\n(# gas\.py\n.*?)```", page, re.DOTALL)[1].replace("5_000", "500")
+
+    def printed(number, frames, name):
+        """What the program prints on so many ranks, with a number of frames and a checkpoint of its own."""
+        changed = program.replace('200, Path("gas.mpsim")', f"{frames}, Path({str(tmp_path / name)!r})")
+        assert changed != program
+        done = on_ranks(number, script=changed)
+        assert done.code == 0, done.err
+        return done.out.split()
+
+    whole = printed(2, 200, "whole")
+    stopped = printed(2, 70, "parts")
+    continued = printed(1, 200, "parts")
+    assert (whole[0], stopped[0], continued[0]) == ("200", "70", "200")
+    assert whole[-1] == continued[-1] != stopped[-1], "digests"
+    assert printed(2, 200, "parts")[-1] == whole[-1], "all is done"
 
 
 GROWING = """

@@ -6,7 +6,7 @@ from support.ranks import CASES, on_ranks, told_by_script
 import mpsim
 
 READING = """
-import json, sys, warnings, numpy as np, mpsim
+import json, sys, threading, warnings, numpy as np, mpsim
 from mpi4py import MPI
 from support.ranks import CASES
 
@@ -32,7 +32,34 @@ with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="mpi"))
         sim.once(lambda: lambda: 0)
     except TypeError as error:
         assert "sendable" in str(error)
-    all_raised = comm.allgather(told)
+    class Odd(Exception):
+        def __init__(self, one, other):
+            super().__init__(f"{one} {other}")
+
+    def fail():
+        raise Odd("an odd", "error")
+
+    def refused(act):
+        try:
+            act()
+        except Exception as error:
+            return f"{type(error).__name__}: {error}"
+
+    assert "Odd: an odd error" in refused(lambda: sim.once(fail))
+    assert refused(lambda: sim.once(lambda: sim.run(3))).startswith("BusyError: what `once` calls may only read")
+    assert refused(lambda: sim.once(lambda: sim.add([3, 3], [0, 0]))).startswith("BusyError")
+    assert "must be the same on all ranks; got (0, 10), (1, 10)" in refused(lambda: sim.state_between(comm.rank, 10))
+    assert refused(lambda: sim.run(3, checkpoint=f"{comm.rank}.mpsim")).startswith("InputError: arguments of run must")
+    assert refused(lambda: sim.save(f"{comm.rank}.mpsim")).startswith("InputError: paths of checkpoints must")
+    all_raised, read = comm.allgather(told), []
+
+    def read_elsewhere(done, frames):
+        thread = threading.Thread(target=lambda: read.append(refused(lambda: sim.state)))
+        thread.start()
+        thread.join()
+
+    sim.run(1, progress=read_elsewhere)
+    assert read[0].startswith("BusyError"), read
 if comm.rank == 0:
     print(json.dumps([all_raised, whole.digest()]))
 """
@@ -204,7 +231,7 @@ from support.ranks import tell
 path, rank = sys.argv[1], MPI.COMM_WORLD.rank
 with mpsim.Simulation(mpsim.Scene.load("gas"), mpsim.Settings(method="mpi")) as sim:
     sim.save(path)
-for wrong in (f"{path}{rank}", path + ".missing"):
+for wrong in (f"{path}{rank}", path + ".missing", 5):
     try:
         mpsim.Simulation.resume(wrong, method="mpi")
     except mpsim.MpsimError as error:
@@ -217,3 +244,4 @@ def test_ranks_that_are_given_other_files_or_none_are_told_so(tmp_path):
     assert done.code == 0, done.err
     assert done.out.count("InputError paths of checkpoints must be the same on all ranks") == 2
     assert done.out.count("CheckpointError the checkpoint") == 2
+    assert done.out.count("InputError the path of a checkpoint must be a file name; got 5") == 2

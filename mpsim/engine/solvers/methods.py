@@ -67,7 +67,7 @@ def capabilities_of(settings: Settings) -> Capabilities:
 
 def on_ranks(method: str | None) -> bool:
     """Whether a method of this name runs on ranks."""
-    return method in METHODS and METHODS[method].solver.capabilities.on_ranks
+    return isinstance(method, str) and method in METHODS and METHODS[method].solver.capabilities.on_ranks
 
 
 def choose(count: int, settings: Settings, comm: Any = None) -> Choice:

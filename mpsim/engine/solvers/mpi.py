@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import columns
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.errors import DivergedError, InputError
+from mpsim.core.errors import BusyError, DivergedError, InputError
 from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
 from mpsim.core.version import __version__
@@ -27,7 +27,7 @@ from mpsim.engine.columns import columns_of, given_in
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs
 from mpsim.engine.solvers.discs import disc_at
 from mpsim.engine.solvers.mpi_columns import Border, Range, borders_of, dealt, in_turns
-from mpsim.engine.solvers.mpi_numbers import DiscsByNumber, absorbed_in
+from mpsim.engine.solvers.mpi_numbers import DiscsByNumber, absorbed_in, answers_to_one
 from mpsim.engine.solvers.mpi_part import Part, refuse
 from mpsim.engine.solvers.mpi_ranks import LOST, NOT_FINITE, Communicator, raised_together
 from mpsim.engine.solvers.parameters import Present
@@ -406,7 +406,9 @@ class MpiSolver(SteppedSolver):
     def _told_of(self, asked: tuple[int, int]) -> list[Any]:
         """What each rank has of a range."""
         ranks, own = self._shared(), self._by_number().own
-        return ranks.ask(asked, own) if self._acts_once else ranks.all_of(own(asked))
+        if self._acts_once:
+            return ranks.ask(asked, own)
+        return answers_to_one(ranks.all_of((asked, own(asked))))
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
         """Append discs, ids continuing. All discs are dealt anew: the grid may be another one."""
@@ -453,6 +455,8 @@ class MpiSolver(SteppedSolver):
 
     def demand_alike(self, what: str, given: object) -> None:
         """Refuse what differs on some ranks."""
+        if self._acts_once:
+            raise BusyError("what `once` calls may only read a simulation; it was to be changed. Do it on all ranks.")
         self._shared().demand_alike(what, given)
 
     def together(self) -> contextlib.AbstractContextManager[None]:

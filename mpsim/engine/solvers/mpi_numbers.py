@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import columns
 from mpsim.core.chunks import Array, ChunkedArray
+from mpsim.core.errors import InputError
 from mpsim.core.state import State, digest_of, in_chunks
 from mpsim.engine.columns import columns_of
 from mpsim.engine.solvers.discs import state_of
@@ -115,3 +116,17 @@ def absorbed_in(rows: Rows, count: int) -> NDArray[np.bool_]:
     """Which of the discs of a range have left through an absorbing edge, shape (count,)."""
     exits = rows.get(columns.EXITS.name)
     return np.zeros(count, bool) if exits is None else exits[:, 0] != 0
+
+
+def answers_to_one(told: list[tuple[Range, Any]]) -> list[Any]:
+    """What ranks have told, with what each was asked.
+
+    Raises:
+        InputError: if they were not asked the same.
+    """
+    if len({asked for asked, _ in told}) > 1:
+        ranges = ", ".join(str(asked) for asked, _ in told)
+        raise InputError(
+            f"the range of discs must be the same on all ranks; got {ranges}. Ask for one range, or use local_state."
+        )
+    return [answer for _, answer in told]

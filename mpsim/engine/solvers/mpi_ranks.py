@@ -186,7 +186,7 @@ class Communicator:
         Raises:
             InputError: naming what, on all ranks.
         """
-        told = self.all_of(hashlib.blake2b(pickle.dumps(given)).hexdigest())
+        told = self.all_of(_digest_of(given))
         if others := [rank for rank, each in enumerate(told) if each != told[0]]:
             raise InputError(
                 f"{what} must be the same on all ranks; those of rank {others[0]} differ from those of rank 0. Make "
@@ -220,6 +220,33 @@ class Communicator:
         return [_given_by(each) for each in self._comm.gather(_outcome_of(lambda: answer(question)))]
 
 
+def _digest_of(given: object) -> str:
+    """Digest of what is given: of equal arrays, numbers and texts the same, wherever they lie in memory."""
+    digest = hashlib.blake2b()
+
+    def take(value: Any) -> None:
+        if isinstance(value, (tuple, list)):
+            digest.update(f"{len(value)} values ".encode())
+            for each in value:
+                take(each)
+        elif isinstance(value, dict):
+            take(sorted(value.items()))
+        elif isinstance(value, np.ndarray) and not value.dtype.hasobject:
+            digest.update(f"{value.dtype.str} {value.shape} ".encode() + value.tobytes())
+        else:
+            digest.update(_pickled(value))
+
+    take(given)
+    return digest.hexdigest()
+
+
+def _pickled(value: object) -> bytes:
+    try:
+        return pickle.dumps(value)
+    except Exception:  # whatever it is, it is refused by who knows what it should be
+        return type(value).__name__.encode()
+
+
 def _outcome_of(act: Callable[[], Any]) -> bytes:
     """What an act gives and what it raises, to be sent to other ranks, which wait for it whatever happens."""
     try:
@@ -227,9 +254,13 @@ def _outcome_of(act: Callable[[], Any]) -> bytes:
     except BaseException as raised:
         result, error = None, raised
     try:
-        return pickle.dumps((result, error))
+        outcome = pickle.dumps((result, error))
+        if error is not None:
+            pickle.loads(outcome)  # an exception may be written and not read
+        return outcome
     except Exception as unsendable:
-        return pickle.dumps((None, TypeError(f"what goes to other ranks must be sendable; got {unsendable}")))
+        what = unsendable if error is None else f"{type(error).__name__}: {error}"
+        return pickle.dumps((None, TypeError(f"what goes to other ranks must be sendable; got {what}")))
 
 
 def _given_by(outcome: bytes) -> Any:
