@@ -403,7 +403,7 @@ def test_records_of_very_many_empty_lists_are_refused(tmp_path):
 
 def test_a_record_whose_file_names_are_none_is_refused(tmp_path):
     keys = ("target", "every", "trajectory", "measures", "parts")
-    record = {"format": 1, "scene": "gas", "status": "done", **dict.fromkeys(keys, 1)}
+    record = {"format": 1, "scene": "gas", "status": "done", "settings": {"method": "grid"}, **dict.fromkeys(keys, 1)}
     (tmp_path / "run.json").write_text(json.dumps(record))
     refused(RunFolder.open, tmp_path, match="run.json must hold trajectory")
 
