@@ -112,7 +112,9 @@ def scaling(timings: Sequence[Timing], crossover: int | None, path: Path) -> Non
         if crossover is not None:
             for axes in (above, below):
                 axes.axvline(crossover, color="#555555", linestyle="--", linewidth=1)
-            below.annotate(f" parallel faster from {crossover:,} discs on", (crossover, 0.15), color="#555555")
+            side = "left" if crossover**2 < common[0] * common[-1] else "right"  # of the text, which stays inside
+            text = f" parallel faster from {crossover:,} discs on "
+            below.annotate(text, (crossover, 0.15), color="#555555", horizontalalignment=side)
         below.set(ylabel="speed-up of the workers\n(grid / parallel)", xlabel="discs", ylim=(0, max([2.2, *speed_up])))
         save_figure(figure, path)
 
