@@ -93,8 +93,9 @@ def test_a_unit_of_length_that_is_a_power_of_two_changes_no_bit_but_those_of_the
     assert (small.velocity * 2.0**9 == usual.velocity).all()
 
 
-def test_workers_find_the_same():
-    assert found("bare", method="parallel", workers=2) == alone("bare")
+@pytest.mark.parametrize("name", DEFAULT)
+def test_workers_find_the_same(name):
+    assert found(name, method="parallel", workers=2) == alone(name)
 
 
 WRONG = """

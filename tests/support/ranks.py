@@ -18,8 +18,9 @@ import numpy as np
 
 import mpsim
 from mpsim.engine.solvers.mpi_ranks import Communicator, library
+from mpsim.measure.registry import NAMES
 from support.processes import Outcome
-from support.scenes import gas
+from support.scenes import gas, zoo
 
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
 TESTS = Path(__file__).parents[1]
@@ -140,8 +141,11 @@ def scaled(scene: mpsim.Scene, factor: float) -> mpsim.Scene:
     )
 
 
+ALL_MEASURES = tuple(name for name in NAMES if name != "pressure_xy")
+"""Those of a gas between walls."""
+
 CASES = {
-    "bare": lambda: Case(gas(700, 0.4, seed=3), {"dt": 0.05, "precision": "float32"}, 60, ("pressure", "contact_rate")),
+    "bare": lambda: Case(gas(700, 0.4, seed=3), {"dt": 0.05, "precision": "float32"}, 60, ALL_MEASURES),
     "everything": lambda: Case(
         everything(), {"dt": 0.02, "passes": 2, "substeps": 2}, 40, ("contact_rate", "largest_overlap")
     ),
@@ -155,12 +159,23 @@ CASES = {
 }
 """By name; made when they are asked for."""
 
+ZOO = ("gravity", "acceleration", "radii", "masses", "lossy", "rough", "obstacles", "absorbing", "piston", "emitters")
+ZOO += ("periodic", "periodic-x rough", "periodic-y masses", "reflect")
+CASES |= {
+    f"zoo {words}": lambda words=words: Case(
+        zoo(words.replace("reflect", ""), count=60, side=12.0),
+        {"dt": 0.02, "law": "reflect" if words == "reflect" else "elastic"},
+        40,
+    )
+    for words in ZOO
+}
+
 
 def found(name: str, **settings: Any) -> dict[str, Any]:
     """Digest, contacts and measures of a case."""
     case = CASES[name]()
     with warnings.catch_warnings():
-        for expected in (mpsim.FastWarning, mpsim.EmitterWarning):
+        for expected in (mpsim.FastWarning, mpsim.EmitterWarning, mpsim.OverlapWarning):
             warnings.simplefilter("ignore", expected)
         with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, **settings)) as sim:
             report = sim.run(frames=case.frames, measures=case.measures)
