@@ -11,6 +11,7 @@ from support.ranks import CASES, found, on_ranks, told_by_script
 import mpsim
 
 DEFAULT = ("bare", "everything", "rough torus", "doors")
+FEATURES = [name for name in CASES if name.startswith("zoo")]
 NUMBERS = [1, 2, *(pytest.param(number, marks=pytest.mark.long) for number in (3, 4, 8))]
 
 
@@ -36,8 +37,15 @@ def test_ranks_find_what_one_process_finds(number, name):
 @pytest.mark.long
 @pytest.mark.parametrize("number", [2, 3, 4, 8])
 def test_ranks_find_what_one_process_finds_in_other_scenes(number):
-    for name, told in told_by(number, set(CASES) - set(DEFAULT)).items():
+    for name, told in told_by(number, set(CASES) - set(DEFAULT) - set(FEATURES)).items():
         assert told == alone(name), name
+
+
+@pytest.mark.long
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize("name", FEATURES)
+def test_ranks_find_what_one_process_finds_with_each_feature(name):
+    assert told_by(3, [name])[name] == alone(name)
 
 
 @pytest.mark.parametrize(
