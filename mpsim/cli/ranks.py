@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from mpsim.cli import terminal
-from mpsim.core.deferred_signals import Handled
+from mpsim.core.deferred_signals import Noted
 from mpsim.core.errors import InputError
 from mpsim.engine.solvers.mpi_ranks import library
 from mpsim.output.first_rank import FirstRank
@@ -82,17 +82,17 @@ def interrupts_agreed(first_rank: FirstRank) -> Iterator[Callable[[], None]]:
     if first_rank.comm is None:
         yield lambda: None
         return
-    came: list[int] = []
-    handled = Handled(signal.SIGINT, lambda number, frame: came.append(number))
+    noted = Noted(signal.SIGINT)
+    noted.begin()
 
     def raise_if_any() -> None:
-        if first_rank.any_of(bool(came)):
+        if first_rank.any_of(noted.came):
             raise KeyboardInterrupt
 
     try:
         yield raise_if_any
     finally:
-        handled.put_back()
+        noted.end()
 
 
 def _all_fail(world: Any) -> bool:

@@ -149,6 +149,43 @@ class Handled:
         _act(self._number, self._action, None)
 
 
+class Noted:
+    """A signal that is noted, from `begin` to `end`, for somebody who looks at `came` now and then.
+
+    Only the main thread can have it noted. In a fork, where nobody looks, it does what it did before.
+
+    Attributes:
+        came: whether it has come.
+    """
+
+    def __init__(self, number: int):
+        self.came: bool = False
+        self._number = number
+        self._creator = os.getpid()
+        self._handled: Handled | None = None
+
+    def begin(self) -> None:
+        """From now on note it."""
+        if threading.current_thread() is threading.main_thread():
+            self._handled = Handled(self._number, self._note)
+
+    def end(self) -> None:
+        """Restore the earlier handler. May be called again."""
+        handled, self._handled = self._handled, None
+        if handled is not None:
+            handled.put_back()
+
+    def send_again(self) -> None:
+        """After `end`: let it do what it does without us."""
+        signal.raise_signal(self._number)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        if os.getpid() != self._creator and self._handled is not None:
+            self._handled.put_back()
+            signal.raise_signal(number)
+        self.came = True
+
+
 @contextmanager
 def terminated_by_exit() -> Iterator[None]:
     """Turn SIGTERM into SystemExit(143) in this block, so that open resources of the block are closed.

@@ -1,15 +1,13 @@
 """Checkpoints along a run, and the one when the process is asked to end."""
 
-import os
 import signal
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from mpsim.core import checks
-from mpsim.core.deferred_signals import Handled
+from mpsim.core.deferred_signals import Noted
 from mpsim.core.errors import InputError
 from mpsim.engine.frame_count import MOST_FRAMES_OF_A_RUN
 
@@ -49,24 +47,20 @@ class Checkpointer:
         self._seconds = checks.positive("checkpoint_seconds", seconds, "[s]")
         self._last = time.monotonic()
         self._frames = 0
-        self._asked_to_end = False
-        self._handled: Handled | None = None
-        self._creator = os.getpid()
+        self._termination = Noted(signal.SIGTERM)
 
     def __enter__(self) -> "Checkpointer":
-        if self._path is not None and threading.current_thread() is threading.main_thread():
-            self._handled = Handled(signal.SIGTERM, self._note)
+        if self._path is not None:
+            self._termination.begin()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *exception: object) -> None:
-        handled, self._handled = self._handled, None
-        if handled is not None:
-            handled.put_back()
+        self._termination.end()
         if kind is None:
-            if self._path is not None and self._any_of(self._asked_to_end):  # after the last look
+            if self._path is not None and self._any_of(self._termination.came):  # after the last look
                 raise SystemExit(128 + signal.SIGTERM)
-        elif self._asked_to_end and kind is not SystemExit:
-            signal.raise_signal(signal.SIGTERM)  # the run has ended otherwise: let it do what it does without us
+        elif self._termination.came and kind is not SystemExit:  # the run has ended otherwise
+            self._termination.send_again()
 
     def frames_ahead(self, done: int) -> int:
         """Number of frames until the next checkpoint; very large if frames do not count."""
@@ -84,15 +78,9 @@ class Checkpointer:
             return
         by_frames = self._every is not None and done - self._frames >= self._every
         by_time = self._every is None and time.monotonic() - self._last >= self._seconds
-        asked_to_end = self._any_of(self._asked_to_end)
+        asked_to_end = self._any_of(self._termination.came)
         if self._any_of(by_frames or by_time) or last or asked_to_end:
             self._save(self._path)
             self._last, self._frames = time.monotonic(), done
         if asked_to_end:
             raise SystemExit(128 + signal.SIGTERM)
-
-    def _note(self, number: int, frame: Any) -> None:
-        if os.getpid() != self._creator and self._handled is not None:  # a fork, where nobody looks at it
-            self._handled.put_back()
-            signal.raise_signal(signal.SIGTERM)
-        self._asked_to_end = True

@@ -1,11 +1,8 @@
 """Ctrl-C in a run that several processes share: it comes to all of them between the same two slices of frames."""
 
-import os
 import signal
-import threading
-from typing import Any
 
-from mpsim.core.deferred_signals import Handled
+from mpsim.core.deferred_signals import Noted
 from mpsim.engine.solvers.base import Solver
 
 
@@ -21,35 +18,25 @@ class Interruption:
 
     def __init__(self, solver: Solver):
         self._solver = solver
-        self._creator = os.getpid()
-        self._came = False
-        self._handled: Handled | None = None
+        self._noted = Noted(signal.SIGINT)
 
     def __enter__(self) -> "Interruption":
-        if self._is_shared and threading.current_thread() is threading.main_thread():
-            self._handled = Handled(signal.SIGINT, self._note)
+        if self._is_shared:
+            self._noted.begin()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *exception: object) -> None:
-        handled, self._handled = self._handled, None
-        if handled is not None:
-            handled.put_back()
+        self._noted.end()
         if kind is None:
             self.look()  # it may have come after the last slice
-        elif self._came and kind is not KeyboardInterrupt:
-            signal.raise_signal(signal.SIGINT)  # the run has ended otherwise: let it do what it does without us
+        elif self._noted.came and kind is not KeyboardInterrupt:  # the run has ended otherwise
+            self._noted.send_again()
 
     def look(self) -> None:
         """Raise KeyboardInterrupt in all processes if Ctrl-C has come to one. All of them look."""
-        if self._is_shared and self._solver.any_of(self._came):
+        if self._is_shared and self._solver.any_of(self._noted.came):
             raise KeyboardInterrupt
 
     @property
     def _is_shared(self) -> bool:
         return self._solver.capabilities.on_ranks
-
-    def _note(self, number: int, frame: Any) -> None:
-        if os.getpid() != self._creator and self._handled is not None:  # a fork, where nobody looks
-            self._handled.put_back()
-            signal.raise_signal(signal.SIGINT)
-        self._came = True
