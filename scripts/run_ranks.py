@@ -16,7 +16,9 @@ import warnings
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import matplotlib
 import numpy as np
+from numpy.typing import NDArray
 from pages import begin_page, fill_blocks, made_by
 from rich.console import Console
 from run_bench import machine
@@ -24,8 +26,10 @@ from run_bench import machine
 import mpsim
 from mpsim.engine.solvers.mpi_ranks import Communicator
 from mpsim.kernels import records
+from mpsim.output.drawing import STYLE, new_figure, save_figure
 
 PAGE = Path(__file__).parents[1] / "docs" / "scaling.md"
+PICTURE = "ranks.png"
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
 
 PACKING, STEP, RECORD = 0.4, 0.02, records.message_in("float32", False, False, False).itemsize
@@ -42,6 +46,9 @@ KINDS = {
 TURNS, RUNS = 5, 5
 """Of each kind, and runs in a turn, of which the median counts."""
 
+OF_A_STEP = 4
+"""Numbers that ranks agree about in a step; before a command they have no discs to tell."""
+
 FRAMES = 30_000_000
 """Frames of a run, times discs."""
 
@@ -52,7 +59,8 @@ class Sent(NamedTuple):
     Attributes:
         border_messages, border_bytes: of columns at borders.
         migration_messages, migration_bytes: of discs that go to another rank.
-        reductions: over all ranks (Allreduce).
+        reductions: over all ranks (Allreduce), of steps. Each command has one more.
+        border_microseconds: from the first border message sent to the last one received; the median.
     """
 
     border_messages: float
@@ -60,6 +68,7 @@ class Sent(NamedTuple):
     migration_messages: float
     migration_bytes: float
     reductions: float
+    border_microseconds: float
 
 
 class Network(NamedTuple):
@@ -68,12 +77,17 @@ class Network(NamedTuple):
     latency: float = 1.5e-6
     bandwidth: float = 12.5e9
 
+    def seconds(self, length: float) -> float:
+        """Of a message of so many bytes [s]."""
+        return self.latency + length / self.bandwidth
+
 
 class Counter:
     """Counts what `Communicator` sends."""
 
     def __init__(self) -> None:
         self.counts = np.zeros(5)
+        self._border_seconds: list[float] = []
         self._right = {name: getattr(Communicator, name) for name in ("exchange", "deal", "agree")}
         self._dealing = False
 
@@ -86,21 +100,29 @@ class Counter:
         for name, right in self._right.items():
             setattr(Communicator, name, right)
 
+    def mean(self, frames: int) -> Sent:
+        """Of so many frames."""
+        middle = float(np.median(self._border_seconds)) if self._border_seconds else 0.0
+        return Sent(*(self.counts / frames), middle * 1e6)
+
     def _counting(self, name: str) -> Any:
         right = self._right[name]
 
         def count(ranks: Communicator, *arguments: Any) -> Any:
             if name == "agree":
-                self.counts[4] += 1
+                self.counts[4] += len(arguments) == OF_A_STEP
             elif name == "exchange":
                 first = 2 * self._dealing
                 self.counts[first] += len(arguments[0])
                 self.counts[first + 1] += sum(part.nbytes for _, _, part in arguments[0])
-            self._dealing = name == "deal"
+            is_of_border = name == "exchange" and not self._dealing
+            self._dealing, began = name == "deal", time.perf_counter()
             try:
                 return right(ranks, *arguments)
             finally:
                 self._dealing = False
+                if is_of_border:
+                    self._border_seconds.append(time.perf_counter() - began)
 
         return count
 
@@ -108,7 +130,8 @@ class Counter:
 def expected(discs: int) -> Sent:
     """What the formulas say of one border: a column has sqrt(4 N packing / pi) discs, and v dt / (d sqrt(2 pi)) go."""
     column = math.sqrt(4 * discs * PACKING / math.pi)
-    return Sent(1, RECORD * column, 1, RECORD * column * STEP / math.sqrt(2 * math.pi), 1)
+    leaving = RECORD * column * STEP / math.sqrt(2 * math.pi)
+    return Sent(1, RECORD * column, 1, leaving, 1, Network().seconds(RECORD * column) * 1e6)
 
 
 def frame_seconds(discs: int, settings: dict[str, Any]) -> tuple[float, Sent]:
@@ -123,7 +146,7 @@ def frame_seconds(discs: int, settings: dict[str, Any]) -> tuple[float, Sent]:
                 began = time.perf_counter()
                 sim.run(frames=frames)
                 times.append((time.perf_counter() - began) / frames)
-    return float(np.median(times)), Sent(*(counter.counts / (RUNS * frames)))
+    return float(np.median(times)), counter.mean(RUNS * frames)
 
 
 def in_processes(discs: int, kind: str) -> tuple[float, Sent]:
@@ -167,8 +190,8 @@ class Model(NamedTuple):
         if ranks == 1:
             return self.step
         column = math.sqrt(4 * discs * PACKING / math.pi)
-        border = self.network.latency + RECORD * column / self.network.bandwidth
-        migration = self.network.latency + RECORD * column * STEP / math.sqrt(2 * math.pi) / self.network.bandwidth
+        border = self.network.seconds(RECORD * column)
+        migration = self.network.seconds(RECORD * column * STEP / math.sqrt(2 * math.pi))
         agreement = 2 * math.ceil(math.log2(ranks)) * self.network.latency
         return self.step + 2 * (border + self.disc * column) + migration + agreement
 
@@ -224,27 +247,67 @@ def model_table(model: Model) -> list[str]:
     return [*lines, f"| 1e+07 a rank | {' | '.join(weak)} | |"]
 
 
-def report(sizes: list[int]) -> str:
-    """All tables, in Markdown."""
+def efficiencies(found: dict[str, list[tuple[float, Sent]]]) -> dict[int, NDArray[np.float64]]:
+    """Quartiles of the measured efficiency, middle first, by number of ranks: time of grid over that of all ranks."""
+    alone = np.array([seconds for seconds, _ in found["grid"]])
+    kinds = {1: "1 rank", 2: "2 ranks"}
+    return {
+        ranks: np.percentile(
+            [one / (ranks * time) for one, (time, _) in zip(alone, found[kind], strict=True)], [50, 25, 75]
+        )
+        for ranks, kind in kinds.items()
+    }
+
+
+def draw(model: Model, points: dict[int, dict[int, NDArray[np.float64]]], path: Path) -> None:
+    """Efficiency against ranks: lines, the model; marks with quartiles, what was measured, by number of discs."""
+    with matplotlib.rc_context(fname=STYLE):
+        figure = new_figure(8, 4.8)
+        axes = figure.add_subplot()
+        for number, discs in enumerate([*points, 1e7, 1e9, 1e11]):
+            colour = f"C{number}"
+            columns = math.sqrt(discs * math.pi / (4 * PACKING))
+            ranks = [2**each for each in range(18) if 2**each <= columns]
+            axes.plot(
+                ranks, [model.efficiency(discs, each) for each in ranks], color=colour, label=f"{discs:,.0f} discs"
+            )
+            for at, (middle, low, high) in points.get(int(discs), {}).items():
+                axes.errorbar(at, middle, [[middle - low], [high - middle]], color=colour, marker="o", zorder=3)
+        weak = [2**each for each in range(18)]
+        label = "10,000,000 discs a rank"
+        axes.plot(
+            weak, [model.efficiency(1e7 * each, each) for each in weak], color="black", linestyle="--", label=label
+        )
+        axes.set(xscale="log", xlabel="ranks", ylabel="parallel efficiency", ylim=(0, 1.05))
+        axes.set_title("Efficiency of ranks: marks, measured; lines, the model")
+        figure.legend(loc="outside right center")
+        save_figure(figure, path)
+
+
+def report(sizes: list[int], picture: Path) -> str:
+    """All tables, in Markdown, and the picture."""
     times = ["| discs | | ns a disc and frame | times as fast as grid | as one rank | time over 2 workers |"]
     times += ["|---|---|---|---|---|---|"]
     counts = ["| discs | a frame, of one rank | formula | counted |", "|---|---|---|---|"]
-    disc, step = 0.0, math.inf
+    disc, step, points = 0.0, math.inf, {}
     for discs in sizes:
         found = measured(discs)
         times += times_table(discs, found)
         counts += sent_table(discs, found["2 ranks"][0][1])
+        points[discs] = efficiencies(found)
         grid, rank = (float(np.median([seconds for seconds, _ in found[kind]])) for kind in ("grid", "1 rank"))
         disc, step = grid / discs, min(step, max(rank - grid, 0.0))
     model = Model(disc, step, Network())
+    draw(model, points, picture)
     said = (
         f"A disc takes {model.disc * 1e9:.1f} ns, the calls of a step {model.step * 1e6:.0f} µs (one rank "
         f"less grid); a message {model.network.latency * 1e6:g} µs "
         f"and {model.network.bandwidth / 1e9:g} GB/s."
     )
     rows = ["| discs | 16 ranks | 256 | 4,096 | ranks at 50 % efficiency |", "|---|---|---|---|---|"]
+    shown = f"![efficiency against ranks](pictures/{PICTURE})"
     blocks = ["\n".join(lines) for lines in (times, counts, [*rows, *model_table(model)])]
-    return "\n\n".join([*blocks[:2], said, blocks[2], made_by(machine())])
+    return "\n\n".join([*blocks[:2], said, blocks[2], shown, made_by(machine())])
 
 
 def main() -> int:
@@ -257,7 +320,9 @@ def main() -> int:
     if options.one:
         tell_one(options.one)
         return 0
-    text = report(options.discs)
+    pictures = options.page.parent / "pictures"
+    pictures.mkdir(parents=True, exist_ok=True)
+    text = report(options.discs, pictures / PICTURE)
     Console(soft_wrap=True, highlight=False).print(text, markup=False)
     begin_page(options.page, "run_ranks", "table")
     fill_blocks(options.page, "run_ranks", {"table": text})
