@@ -38,3 +38,18 @@ def any_present(value, other):
     if value is None:
         return present(other)
     return True
+
+
+@inlined
+def swap_entries(values, i, j):
+    """Two discs change places, where discs have such values, shape (N,)."""
+    if values is not None:
+        values[i], values[j] = values[j], values[i]
+
+
+@inlined
+def swap_rows(values, i, j):
+    """The same, shape (N, 2)."""
+    if values is not None:
+        for axis in range(2):
+            values[i, axis], values[j, axis] = values[j, axis], values[i, axis]

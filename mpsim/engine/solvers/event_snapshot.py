@@ -18,6 +18,8 @@ from mpsim.scene.scene import Scene
 SLACK = 1e-6
 """Fraction of a cell by which rounding may have put a centre beyond its limit."""
 
+PARTNER = (records.EVENT.names or ()).index("partner")
+
 _SAVED_AS = {"image": "winding"}
 """Columns that have another name in a snapshot."""
 
@@ -57,15 +59,24 @@ def cells_for(scene: Scene, count: int) -> tuple[int, int]:
 
 
 def taken(scene: Scene, arrays: dict[str, Any]) -> Snapshot:
-    """What a snapshot holds of the arrays of a block: no radii and masses, and no calendar, which is made anew."""
-    found = {name: records.numbers(arrays[name]).copy() for name in state.KEPT}
-    return found | {saved: arrays[name].copy() for saved, name in _saved_columns(scene).items()}
+    """What a snapshot holds of the arrays of a block, discs by number, wherever they lie: no radii and masses, and no
+    calendar, which is made anew."""
+    place = np.argsort(arrays["event"]["number"])  # of each disc
+    by_disc = ("disc", "event")
+    found = {name: records.numbers(arrays[name][place] if name in by_disc else arrays[name]) for name in state.KEPT}
+    number = np.append(arrays["event"]["number"], -1)  # of what lies at each place, and of none
+    found["event"][:, PARTNER] = number[found["event"][:, PARTNER]]
+    found["cell_head"] = number[arrays["cell_head"]]
+    found["cell_next"] = number[arrays["cell_next"]][place]
+    found = {name: np.array(values) for name, values in found.items()}
+    return found | {saved: arrays[name][place] for saved, name in _saved_columns(scene).items()}
 
 
 def put_back(scene: Scene, arrays: dict[str, Any], snapshot: Snapshot) -> None:
     """Write a snapshot into the arrays of a new block, the calendar aside."""
     for name in state.KEPT:
         records.numbers(arrays[name])[...] = snapshot[name]
+    arrays["event"]["number"] = np.arange(len(arrays["order"]))
     for saved, name in _saved_columns(scene).items():
         if saved in snapshot:  # counts of periods are not in files of older versions
             arrays[name][...] = snapshot[saved]

@@ -4,7 +4,7 @@ A ring of lists, one per small step of time, stands in front of a binary heap th
 step (Paul, J. Comput. Phys. 221, 615, 2007; Smallenburg, arXiv 2201.01100, 2022). One turn of the ring is a lap;
 a disc whose event lies beyond the lap is in no list until the next lap begins.
 
-The order of events is (time, disc), a total order: where the calendar keeps an event cannot matter for the result.
+The order of events is (time, number of the disc), a total order: where the calendar keeps an event cannot matter for the result.
 
 Time is counted from the start of the lap, so its resolution does not fade as a run grows long. A lap is a power of
 two long, which makes its subtraction exact for every time that lies in its second half or after it.
@@ -24,11 +24,11 @@ def due(disc, i):
 
 
 @inlined
-def sooner(disc, i, j):
+def sooner(store, i, j):
     """Whether disc i comes before disc j: by time, equal times by number."""
-    ti = due(disc, i)
-    tj = due(disc, j)
-    return ti < tj or (ti == tj and i < j)
+    ti = due(store.disc, i)
+    tj = due(store.disc, j)
+    return ti < tj or (ti == tj and store.event[i].number < store.event[j].number)
 
 
 @inlined
@@ -38,7 +38,7 @@ def heap_rise(position, i, store):
     while position > 0:
         parent = (position - 1) >> 1
         other = heap[parent]
-        if not sooner(store.disc, i, other):
+        if not sooner(store, i, other):
             break
         heap[position] = other
         store.entry[other].place = -2 - position
@@ -54,10 +54,10 @@ def heap_sink(position, i, store):
     size = store.counter.waiting
     child = 2 * position + 1
     while child < size:
-        if child + 1 < size and sooner(store.disc, heap[child + 1], heap[child]):
+        if child + 1 < size and sooner(store, heap[child + 1], heap[child]):
             child += 1
         other = heap[child]
-        if not sooner(store.disc, other, i):
+        if not sooner(store, other, i):
             break
         heap[position] = other
         store.entry[other].place = -2 - position
@@ -169,8 +169,8 @@ def fill(store):
 
 
 @linked
-def begin_lap(store):
-    """Count time from the end of this lap on, and fit the step to the rate of events.
+def count_from_lap(store):
+    """Count time from the end of this lap on, and fit the step to the rate of events. `fill` must follow.
 
     About one event a step is fastest. A step is doubled or halved, so it stays a power of two; in an idle scene it
     grows faster, so that a long wait takes few laps.
@@ -192,4 +192,3 @@ def begin_lap(store):
     elif 5 * events > 8 * steps and clock.step > 1e-200:
         clock.step *= 0.5
     clock.lap = clock.step * steps
-    fill(store)

@@ -29,6 +29,12 @@ def cell_of(i, store, box):
 
 
 @inlined
+def particle_of(i, store):
+    """The particle of the scene that disc i is."""
+    return store.order[store.event[i].number]
+
+
+@inlined
 def leave_list(i, cell, store):
     """Take disc i out of the list of its cell."""
     j = store.cell_head[cell]
@@ -107,7 +113,7 @@ def worst_overlap(store, box, features):
                     depth = ri + radius_of(j, box, features) - math.sqrt(rx * rx + ry * ry)
                     if j != i and depth > worst:
                         worst = depth
-                        pair = (store.order[i], store.order[j])
+                        pair = (particle_of(i, store), particle_of(j, store))
                     tests += 1
                     j = store.cell_next[j]
         if tests > 1_000_000 + 200 * disc.shape[0] and worst > 0.0:

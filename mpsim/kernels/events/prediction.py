@@ -42,7 +42,7 @@ def earliest_partner(i, now, first_column, last_column, first_row, last_row, sto
 
     Two images of one cell, in a periodic box two cells wide, are visited as two cells.
     """
-    disc = store.disc
+    disc, event = store.disc, store.event
     x, y, vx, vy = state_at(disc[i], now, features.gravity)
     radius = radius_of(i, box, features)
     best = INFINITY
@@ -60,7 +60,7 @@ def earliest_partner(i, now, first_column, last_column, first_row, last_row, sto
                 xj, yj, vxj, vyj = state_at(disc[j], now, features.gravity)
                 contact = radius + radius_of(j, box, features)
                 t = time_to_impact((xj - x) + shift_x, (yj - y) + shift_y, vxj - vx, vyj - vy, contact)
-                if t <= best and (t < best or j < partner):
+                if t < best or (t == best and partner >= 0 and event[j].number < event[partner].number):
                     best = t
                     partner = j
                 j = store.cell_next[j]

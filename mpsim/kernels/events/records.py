@@ -39,9 +39,10 @@ EVENT = _record(
     "collision_count",  # impacts of this disc so far, on discs and walls
     "side",  # of its cell by which it leaves next: LEFT, ...
     ("cell", 2),  # column and row
-    ("spare", 2),
+    "number",  # of the disc, which it keeps wherever it lies in memory; equal times go by it
+    "spare",
 )
-"""What a disc's next events are, and where it is."""
+"""What a disc's next events are, and where it is. A partner is named by its place in memory."""
 
 ENTRY = _record(
     np.int32,

@@ -21,11 +21,12 @@ import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.events.boundary import is_wall
-from mpsim.kernels.events.calendar import begin_lap, due, earliest, fill
-from mpsim.kernels.events.cells import cross, link_cells
+from mpsim.kernels.events.calendar import count_from_lap, due, earliest, fill
+from mpsim.kernels.events.cells import cross, link_cells, particle_of
 from mpsim.kernels.events.features.gravity import component
 from mpsim.kernels.events.flight import advance_to, is_finite
 from mpsim.kernels.events.impacts import collide, hit_wall
+from mpsim.kernels.events.ordering import is_disordered, order_in_space
 from mpsim.kernels.events.prediction import predict
 from mpsim.kernels.events.records import BACKWARDS, NOT_FINITE, PAUSED, REACHED, STALLED, STOPPED
 from mpsim.kernels.machine import now
@@ -57,6 +58,15 @@ def schedule(store, box, features):
 
 
 # --- one event after the other ------------------------------------------------------------------------------------
+
+
+@inlined
+def begin_lap(store, box, features):
+    """Begin a lap of the calendar, with discs in a good order in memory."""
+    count_from_lap(store)
+    if is_disordered(store, box):
+        order_in_space(store, box, features)
+    fill(store)
 
 
 @inlined
@@ -119,21 +129,21 @@ def advance(store, box, features, until, max_events):
             # A lap begins only when `until` lies beyond the one before: the laps do not depend on the stops.
             if clock.lap > until - clock.origin:
                 return REACHED, -1
-            begin_lap(store)
+            begin_lap(store, box, features)
             budget -= 1 + store.disc.shape[0] // 16
             continue
         t = due(store.disc, i)
         if t > until - clock.origin:
             return REACHED, -1
         if stalled(t, store):
-            return STALLED, store.order[i]
+            return STALLED, particle_of(i, store)
         clock.now = t
         budget -= 1
         counter.events += 1
         counter.lap_events += 1
         culprit = process_event(i, t, store, box, features)
         if culprit >= 0:
-            return NOT_FINITE, store.order[culprit]
+            return NOT_FINITE, particle_of(culprit, store)
     return PAUSED, -1
 
 

@@ -2,8 +2,8 @@
 
 Plain numpy: nothing in this file is compiled. The caller owns every array (`disc` should start on a multiple of 64
 bytes, so that one disc is one cache line). Together they hold the whole state of a run: a copy is a checkpoint.
-Discs are numbered inside by where they start in the box, so that neighbours lie close in memory; `order` maps
-that number to the particle of the scene.
+Discs are numbered inside by where they start in the box; `order` maps that number, `event.number`, to the
+particle of the scene. In memory they start in that order, and are ordered anew as they wander (ordering.py).
 """
 
 import math
@@ -83,6 +83,7 @@ def place(position, velocity, columns, time, store, box, features):
     store.disc["position"] = position[order]
     store.disc["velocity"] = velocity[order]
     store.disc["last_contact"] = -math.inf
+    store.event["number"] = np.arange(len(order))
     store.event["cell"] = np.stack([column[order], row[order]], axis=1)
     for name, values in columns.items():
         getattr(features, name)[:] = values[order]
@@ -108,6 +109,6 @@ def read_out(store, box, features, until, columns=()):
         found["velocity"][:, axis] = speed + gain
         if "image" in found:
             found["image"][:, axis] += periods
-    number = np.empty_like(store.order)
-    number[store.order] = np.arange(len(disc))
-    return {name: values[number] for name, values in found.items()}
+    place = np.empty_like(store.order)
+    place[store.order[store.event["number"]]] = np.arange(len(disc))
+    return {name: values[place] for name, values in found.items()}

@@ -14,6 +14,7 @@ from typing import Any
 
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.features import friction, gravity, images, properties, restitution
+from mpsim.kernels.optional import swap_entries, swap_rows
 
 FEATURES = (gravity, properties, restitution, friction, images)
 
@@ -46,6 +47,15 @@ def speed_off_wall(speed, axis, inward, last_contact, now, features, counter):
     """Speed inward of a disc that has met a wall at right angles to an axis at such a speed outward."""
     e = restitution.effective_restitution(features.wall_restitution, last_contact, now, features.contact_time, counter)
     return restitution.speed_off_wall(features.gravity, e * abs(speed), axis, inward, features.contact_time, counter)
+
+
+@inlined
+def swap_columns(features, i, j):
+    """Discs i and j change places in memory."""
+    swap_entries(features.radius, i, j)
+    swap_entries(features.mass, i, j)
+    swap_entries(features.spin, i, j)
+    swap_rows(features.image, i, j)
 
 
 # --- the points of an event at which they act ---------------------------------------------------------------------
