@@ -53,3 +53,18 @@ def swap_rows(values, i, j):
     if values is not None:
         for axis in range(2):
             values[i, axis], values[j, axis] = values[j, axis], values[i, axis]
+
+
+@inlined
+def copy_entry(source, i, target, j):
+    """A disc's own value goes to another array, where discs have such values, shape (N,)."""
+    if source is not None:
+        target[j] = source[i]
+
+
+@inlined
+def copy_row(source, i, target, j):
+    """The same, shape (N, 2)."""
+    if source is not None:
+        for axis in range(2):
+            target[j, axis] = source[i, axis]

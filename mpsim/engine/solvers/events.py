@@ -272,10 +272,7 @@ class EventSolver(Solver):
             block.create()
             event_snapshot.put_back(self._scene, block.arrays, snapshot)
             system = self._system_in(block)
-            counter = system.store.counter
-            lap_events = int(counter.lap_events)
             calendar.fill(system.store)  # whose order is total: where the calendar keeps an event cannot matter
-            counter.lap_events = lap_events
             radii, masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
         self._take(block, system)
         self.choice, self._radii, self._masses = choice, radii, masses

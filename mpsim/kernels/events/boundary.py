@@ -14,9 +14,16 @@ from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.features.hooks import through_border
 from mpsim.kernels.events.records import RIGHT, TOP
 
-Box = namedtuple("Box", "width height periodic_x periodic_y columns rows radius")
+COARSE = 2.0**-20
+"""Unit of a sum, in parts of a typical summand."""
+
+Box = namedtuple(
+    "Box",
+    "width height periodic_x periodic_y columns rows radius impulse_unit virial_unit",
+    defaults=(COARSE, COARSE),
+)
 """width, height [length]; periodic_x, periodic_y: bool; columns, rows of cells; radius of every disc, if the scene does
-not give one for each [length]."""
+not give one for each [length]; units of sums of impulses [mass length/time] and virials [mass length^2/time]."""
 
 
 @inlined

@@ -162,29 +162,30 @@ def fill(store):
     store.step_head[:] = NOWHERE
     store.counter.cursor = -1
     store.counter.waiting = 0
-    store.counter.lap_events = 0
     for i in range(store.disc.shape[0]):
         store.entry[i].place = NOWHERE
         insert(i, store)
 
 
-@linked
-def count_from_lap(store):
-    """Count time from the end of this lap on, and fit the step to the rate of events. `fill` must follow.
+@inlined
+def shift_times(disc, lap):
+    """Count the times of a disc from a lap later on."""
+    disc.last_update -= lap
+    disc.collision_time -= lap
+    disc.crossing_time -= lap
+    disc.last_contact -= lap
+
+
+@inlined
+def fit_lap(store):
+    """Count time from the end of this lap on, and fit the step to the rate of events.
 
     About one event a step is fastest. A step is doubled or halved, so it stays a power of two; in an idle scene it
-    grows faster, so that a long wait takes few laps.
+    grows faster, so that a long wait takes few laps. The times of the discs must be shifted, and the calendar filled.
     """
     clock = store.clock
-    lap = clock.lap
-    clock.origin += lap
-    clock.now -= lap
-    for i in range(store.disc.shape[0]):
-        disc = store.disc[i]
-        disc.last_update -= lap
-        disc.collision_time -= lap
-        disc.crossing_time -= lap
-        disc.last_contact -= lap
+    clock.origin += clock.lap
+    clock.now -= clock.lap
     steps = store.step_head.size
     events = store.counter.lap_events
     if 5 * events < 2 * steps and clock.step < 1e200:
@@ -192,3 +193,4 @@ def count_from_lap(store):
     elif 5 * events > 8 * steps and clock.step > 1e-200:
         clock.step *= 0.5
     clock.lap = clock.step * steps
+    store.counter.lap_events = 0

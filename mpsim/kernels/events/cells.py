@@ -4,8 +4,11 @@ import math
 
 from mpsim.kernels.compiling import compiled, inlined, linked
 from mpsim.kernels.events.boundary import cell_beyond, neighbour
+from mpsim.kernels.events.calendar import reschedule
 from mpsim.kernels.events.features.hooks import radius_of
+from mpsim.kernels.events.flight import INFINITY
 from mpsim.kernels.events.records import BOTTOM
+from mpsim.kernels.events.region import number_of_cell, place_along
 
 
 def plan_cells(width, height, largest_diameter, count):
@@ -23,9 +26,9 @@ def plan_cells(width, height, largest_diameter, count):
 
 @inlined
 def cell_of(i, store, box):
-    """Number of the cell that disc i is in, row by row."""
+    """Number of the cell that disc i is in; -1 if it is not in this store."""
     cell = store.event[i].cell
-    return cell[1] * box.columns + cell[0]
+    return number_of_cell(place_along(0, cell[0], store.region, box), cell[1], store.region, box)
 
 
 @inlined
@@ -36,7 +39,9 @@ def particle_of(i, store):
 
 @inlined
 def leave_list(i, cell, store):
-    """Take disc i out of the list of its cell."""
+    """Take disc i out of the list of its cell, if that is here."""
+    if cell < 0:
+        return
     j = store.cell_head[cell]
     if j == i:
         store.cell_head[cell] = store.cell_next[i]
@@ -48,7 +53,9 @@ def leave_list(i, cell, store):
 
 @inlined
 def enter_list(i, cell, store):
-    """Put disc i into the list of a cell."""
+    """Put disc i into the list of a cell, if that is here."""
+    if cell < 0:
+        return
     store.cell_next[i] = store.cell_head[cell]
     store.cell_head[cell] = i
 
@@ -61,7 +68,15 @@ def cross(i, side, store, box, features):
     leave_list(i, cell_of(i, store, box), store)
     store.event[i].cell[axis] = cell_beyond(i, axis, direction, store, box, features)
     enter_list(i, cell_of(i, store, box), store)
-    store.counter.crossings += 1
+    store.counter.crossings += store.region.counts
+
+
+@inlined
+def leave_store(i, store):
+    """Disc i has left the region of a store: nobody meets it any more, and nothing happens to it."""
+    store.disc[i].collision_time = store.disc[i].crossing_time = INFINITY
+    store.event[i].collision_count += 1
+    reschedule(i, store)
 
 
 @inlined
@@ -102,11 +117,11 @@ def worst_overlap(store, box, features):
     for i in range(disc.shape[0]):
         ri = radius_of(i, box, features)
         first_column, last_column, first_row, last_row = block_to_search(i, -1, store.event)
-        for row_ahead in range(first_row, last_row + 1):
-            row, shift_y = neighbour(row_ahead, box.rows, box.height, box.periodic_y)
-            for column_ahead in range(first_column, last_column + 1):
-                column, shift_x = neighbour(column_ahead, box.columns, box.width, box.periodic_x)
-                j = store.cell_head[row * box.columns + column] if row >= 0 and column >= 0 else -1
+        for column_ahead in range(first_column, last_column + 1):
+            column, shift_x = neighbour(column_ahead, box.columns, box.width, box.periodic_x)
+            for row_ahead in range(first_row, last_row + 1):
+                row, shift_y = neighbour(row_ahead, box.rows, box.height, box.periodic_y)
+                j = store.cell_head[column * box.rows + row] if row >= 0 and column >= 0 else -1
                 while j >= 0:
                     rx = (disc[j].position[0] - disc[i].position[0]) + shift_x
                     ry = (disc[j].position[1] - disc[i].position[1]) + shift_y

@@ -13,6 +13,8 @@ from mpsim.kernels.events.features.hooks import (
     speed_off_wall,
 )
 from mpsim.kernels.events.flight import advance_to
+from mpsim.kernels.events.records import VIRIAL, VIRIAL_XX, VIRIAL_XY
+from mpsim.kernels.events.sums import add
 from mpsim.kernels.nearest_image import nearest_image
 
 
@@ -30,7 +32,7 @@ def collide(i, j, now, store, box, features):
     ry = nearest_image(one.position[1] - other.position[1], box.height, box.periodic_y)
     b = rx * (one.velocity[0] - other.velocity[0]) + ry * (one.velocity[1] - other.velocity[1])
     if b < 0.0:
-        e = restitution_between(max(one.last_contact, other.last_contact), now, features, store.counter)
+        e = restitution_between(max(one.last_contact, other.last_contact), now, features, store)
         mass_i = mass_of(i, features)
         mass_j = mass_of(j, features)
         push = -(1.0 + e) * b / ((rx * rx + ry * ry) * (mass_i + mass_j))
@@ -42,11 +44,11 @@ def collide(i, j, now, store, box, features):
         between_discs(i, j, rx, ry, impulse, store, box, features)
         one.last_contact = now
         other.last_contact = now
-        store.counter.pairs += 1
-        virial = -(1.0 + e) * b * mass_i * mass_j / (mass_i + mass_j)
-        store.tally.virial += virial
-        store.tally.virial_xx += virial * rx * rx / (rx * rx + ry * ry)
-        store.tally.virial_xy += virial * rx * ry / (rx * rx + ry * ry)
+        store.counter.pairs += store.region.counts
+        virial = store.region.counts * (-(1.0 + e) * b * mass_i * mass_j / (mass_i + mass_j))
+        add(store.tally, VIRIAL, virial, box.virial_unit)
+        add(store.tally, VIRIAL_XX, virial * rx * rx / (rx * rx + ry * ry), box.virial_unit)
+        add(store.tally, VIRIAL_XY, virial * rx * ry / (rx * rx + ry * ry), box.virial_unit)
     store.event[i].collision_count += 1
     store.event[j].collision_count += 1
 
@@ -61,11 +63,11 @@ def hit_wall(i, now, side, store, box, features):
     length, _, _ = along(axis, box)
     inward = -1.0 if high else 1.0
     speed = -inward * disc.velocity[axis]
-    leaving = speed_off_wall(speed, axis, inward, disc.last_contact, now, features, store.counter)
+    leaving = speed_off_wall(speed, axis, inward, disc.last_contact, now, features, store)
     disc.position[axis] = length - radius if high else radius
     disc.velocity[axis] = inward * leaving
     on_wall(i, axis, inward, speed + leaving, store, box, features)
     disc.last_contact = now
     store.event[i].collision_count += 1
-    store.counter.walls += 1
-    store.tally.wall[side] += mass_of(i, features) * (speed + leaving)
+    store.counter.walls += store.region.counts
+    add(store.tally, side, store.region.counts * mass_of(i, features) * (speed + leaving), box.impulse_unit)

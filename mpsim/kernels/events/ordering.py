@@ -68,19 +68,26 @@ def swap_events(one, other):
         one.cell[axis], other.cell[axis] = other.cell[axis], one.cell[axis]
 
 
-@linked
-def order_in_space(store, box, features):
-    """Put the discs in the order of their cells. The calendar must be filled again."""
-    list_targets(store)
-    target, event = store.heap, store.event
-    for i in range(target.size):
-        if event[i].partner >= 0:
-            event[i].partner = target[event[i].partner]
+@inlined
+def put_at_targets(store, features):
+    """Put each disc at its place, which stands in the heap. Lists of cells and the calendar must be made anew."""
+    target = store.heap
     for i in range(target.size):
         while target[i] != i:
             j = target[i]
             swap_discs(store.disc[i], store.disc[j])
-            swap_events(event[i], event[j])
+            swap_events(store.event[i], store.event[j])
             swap_columns(features, i, j)
             target[i], target[j] = target[j], j
+
+
+@linked
+def order_in_space(store, box, features):
+    """Put the discs in the order of their cells. The calendar must be filled again."""
+    list_targets(store)
+    event = store.event
+    for i in range(store.heap.size):
+        if event[i].partner >= 0:
+            event[i].partner = store.heap[event[i].partner]
+    put_at_targets(store, features)
     link_cells(store, box)

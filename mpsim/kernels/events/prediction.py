@@ -10,6 +10,7 @@ from mpsim.kernels.events.cells import block_to_search
 from mpsim.kernels.events.features.hooks import radius_of
 from mpsim.kernels.events.flight import INFINITY, state_at, time_to_impact, time_to_leave
 from mpsim.kernels.events.records import BOTTOM, LEFT
+from mpsim.kernels.events.region import number_of_cell, place_along
 
 
 @inlined
@@ -47,15 +48,17 @@ def earliest_partner(i, now, first_column, last_column, first_row, last_row, sto
     radius = radius_of(i, box, features)
     best = INFINITY
     partner = -1
-    for row_ahead in range(first_row, last_row + 1):
-        row, shift_y = neighbour(row_ahead, box.rows, box.height, box.periodic_y)
-        if row < 0:
+    for column_ahead in range(first_column, last_column + 1):
+        column, shift_x = neighbour(column_ahead, box.columns, box.width, box.periodic_x)
+        column_place = place_along(0, column, store.region, box) if column >= 0 else -1
+        if column_place < 0:
             continue
-        for column_ahead in range(first_column, last_column + 1):
-            column, shift_x = neighbour(column_ahead, box.columns, box.width, box.periodic_x)
-            if column < 0:
+        for row_ahead in range(first_row, last_row + 1):
+            row, shift_y = neighbour(row_ahead, box.rows, box.height, box.periodic_y)
+            cell = number_of_cell(column_place, row, store.region, box) if row >= 0 else -1
+            if cell < 0:
                 continue
-            j = store.cell_head[row * box.columns + column]
+            j = store.cell_head[cell]
             while j >= 0:
                 xj, yj, vxj, vyj = state_at(disc[j], now, features.gravity)
                 contact = radius + radius_of(j, box, features)

@@ -76,17 +76,64 @@ COUNTER = _record(
     "stall",  # events since time last passed
 )
 
-TALLY = _record(
-    np.float64,
-    ("wall", 4),  # impulse on each wall [mass length/time]
-    "virial",  # sum of r.dp over impacts of two discs [mass length^2/time]
-    "virial_xx",  # of x dp_x
-    "virial_xy",  # of x dp_y
-)
-"""What impacts add up to."""
+# Entries of a tally: impulse on each wall [mass length/time], by side; sum of r.dp over impacts of two discs
+# [mass length^2/time], of x dp_x, and of x dp_y.
+VIRIAL, VIRIAL_XX, VIRIAL_XY, ENTRIES = range(4, 8)
 
-TOTALS = _record(np.float64, ("wall", 4), "virial", "virial_xx", "virial_xy", "collisions")
+FINE = 33
+"""Bits of the fine part of a sum: its unit is that of the coarse part over 2^FINE."""
+
+TALLY = _record(np.int64, ("coarse", ENTRIES), ("fine", ENTRIES))
+"""What impacts add up to, in fixed point: whole numbers add up to the same total in any order."""
+
+TOTALS = _record(np.int64, ("coarse", ENTRIES), ("fine", ENTRIES), "collisions")
 """The same, and impacts of two discs: what is counted of each frame."""
+
+REGION = _record(
+    np.int64,
+    "counts",  # 1: the event in hand counts here; 0: it is that of another tile
+    ("first", 2),  # first column and row of those that are here
+    ("here", 2),  # columns and rows that are here, from there on, through periodic borders
+    ("own_first", 2),  # of these the first that are the tile's own,
+    ("own", 2),  # and how many are
+    ("differs", 2),  # 1: there are others along this axis
+)
+"""The part of the box that lies in a store: all of it, or a tile and what lies around."""
+
+BANDS = 5
+"""Parts of a tile, and of what lies around it, along an axis: see region.py."""
+
+TILE = _record(
+    np.int64,
+    ("own_first", 2),  # first column and row,
+    ("own", 2),  # and how many
+    "first",  # where its discs lie,
+    "count",  # and how many there are
+    "room",  # where they are put at the end of a window,
+    "capacity",  # and how many there is room for
+    "found",  # discs that were put there
+    "status",  # REACHED, or what went wrong
+    ("seen", BANDS * BANDS),  # sums over what has happened in each band
+)
+"""A tile: the discs of a rectangle of cells, and what was found of them in a window."""
+
+PLAN = _record(
+    np.int64,
+    ("next", 1),  # the tile that is to be played next
+    "running",  # 1: there is a window to play
+    "frames",  # that end in it
+    "first_frame",  # of them
+    "ends_lap",  # 1: the window ends with the lap of the calendar
+    ("tiles", 2),  # along each axis
+    "halo",  # cells around a tile that are played with it
+    "windows",  # played so far
+    "again",  # of them by one worker for all, as tiles did not agree
+    "parts",  # windows in a lap
+)
+"""A window of time, as all workers are to play it."""
+
+PLAN_TIMES = _record(np.float64, "dt", "until", "reached")
+"""Length of a frame, end of the window where that is not the end of the lap, and end of the one before [time]."""
 
 PROGRESS = _record(
     np.int64,

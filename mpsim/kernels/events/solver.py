@@ -21,14 +21,16 @@ import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.events.boundary import is_wall
-from mpsim.kernels.events.calendar import count_from_lap, due, earliest, fill
-from mpsim.kernels.events.cells import cross, link_cells, particle_of
+from mpsim.kernels.events.calendar import due, earliest, fill, fit_lap, shift_times
+from mpsim.kernels.events.cells import cell_of, cross, leave_store, link_cells, particle_of
 from mpsim.kernels.events.features.gravity import component
 from mpsim.kernels.events.flight import advance_to, is_finite
 from mpsim.kernels.events.impacts import collide, hit_wall
 from mpsim.kernels.events.ordering import is_disordered, order_in_space
 from mpsim.kernels.events.prediction import predict
-from mpsim.kernels.events.records import BACKWARDS, NOT_FINITE, PAUSED, REACHED, STALLED, STOPPED
+from mpsim.kernels.events.records import BACKWARDS, ENTRIES, NOT_FINITE, PAUSED, REACHED, STALLED, STOPPED
+from mpsim.kernels.events.region import is_own
+from mpsim.kernels.events.watch import watch_disc
 from mpsim.kernels.machine import now
 
 STOP_ROUNDING = 1e-12
@@ -51,6 +53,7 @@ def schedule(store, box, features):
     wait = cell_length / (4.0 * speed * max(disc.shape[0], 1)) if speed > 0.0 else 1.0
     store.clock.step = math.ldexp(1.0, math.frexp(wait)[1])
     store.clock.lap = store.clock.step * store.step_head.size
+    store.counter.lap_events = 0
     fill(store)
     link_cells(store, box)
     for i in range(disc.shape[0]):
@@ -63,7 +66,9 @@ def schedule(store, box, features):
 @inlined
 def begin_lap(store, box, features):
     """Begin a lap of the calendar, with discs in a good order in memory."""
-    count_from_lap(store)
+    for i in range(store.disc.shape[0]):
+        shift_times(store.disc[i], store.clock.lap)
+    fit_lap(store)
     if is_disordered(store, box):
         order_in_space(store, box, features)
     fill(store)
@@ -78,13 +83,16 @@ def stalled(t, store):
 
 
 @inlined
-def process_event(i, now, store, box, features):
+def process_event(i, now, store, box, features, watch):
     """The event of disc i at time `now`, and what it makes anew. Returns a disc that is not finite, or -1."""
     disc = store.disc
     event = store.event
     other = np.int64(-1)
     side = np.int64(-1)
     deflected = True
+    store.region.counts = is_own(event[i].cell, store.region, box)
+    store.counter.events += store.region.counts
+    store.counter.lap_events += store.region.counts
     if disc[i].collision_time < disc[i].crossing_time:
         other = np.int64(event[i].partner)
         if event[other].collision_count == event[i].partner_collision_count:
@@ -94,7 +102,7 @@ def process_event(i, now, store, box, features):
         else:
             other = np.int64(-1)
             deflected = False
-            store.counter.stale_predictions += 1
+            store.counter.stale_predictions += store.region.counts
     else:
         advance_to(disc[i], now, features.gravity)
         side = np.int64(event[i].side)
@@ -103,10 +111,14 @@ def process_event(i, now, store, box, features):
             side = np.int64(-1)
         else:
             cross(i, side, store, box, features)
+            if cell_of(i, store, box) < 0:
+                leave_store(i, store)
+                return np.int64(-1)
     if not is_finite(disc[i]):
         return np.int64(i)
     while i >= 0:
         predict(i, now, side, deflected, store, box, features)
+        watch_disc(watch, i, store, box, features)
         i, other = other, np.int64(-1)
     return np.int64(-1)
 
@@ -119,7 +131,6 @@ def advance(store, box, features, until, max_events):
     NOT_FINITE, STALLED: the particle where it happened. BACKWARDS: `until` lies before the present.
     """
     clock = store.clock
-    counter = store.counter
     if not until - clock.origin >= clock.now:
         return BACKWARDS, -1
     budget = max_events
@@ -139,9 +150,7 @@ def advance(store, box, features, until, max_events):
             return STALLED, particle_of(i, store)
         clock.now = t
         budget -= 1
-        counter.events += 1
-        counter.lap_events += 1
-        culprit = process_event(i, t, store, box, features)
+        culprit = process_event(i, t, store, box, features, None)
         if culprit >= 0:
             return NOT_FINITE, particle_of(culprit, store)
     return PAUSED, -1
@@ -153,11 +162,9 @@ def advance(store, box, features, until, max_events):
 @inlined
 def write_totals(totals, store):
     """Write what has been counted since the start into a record of TOTALS."""
-    for side in range(4):
-        totals.wall[side] = store.tally.wall[side]
-    totals.virial = store.tally.virial
-    totals.virial_xx = store.tally.virial_xx
-    totals.virial_xy = store.tally.virial_xy
+    for entry in range(ENTRIES):
+        totals.coarse[entry] = store.tally.coarse[entry]
+        totals.fine[entry] = store.tally.fine[entry]
     totals.collisions = store.counter.pairs
 
 

@@ -21,16 +21,17 @@ from mpsim.kernels.events.records import (
     NOT_FINITE,
     OUTSIDE,
     REACHED,
+    REGION,
     TALLY,
 )
 
-Store = namedtuple("Store", "disc event entry cell_head cell_next step_head heap order clock counter tally")
+Store = namedtuple("Store", "disc event entry cell_head cell_next step_head heap order clock counter tally region")
 """The arrays and records of `layout`."""
 
-CALENDAR = ("entry", "step_head", "heap")
-"""Those that `calendar.fill` makes anew from the others."""
+MADE_ANEW = ("entry", "step_head", "heap", "region")
+"""Those that follow from the others, and from the box."""
 
-KEPT = tuple(name for name in Store._fields if name not in CALENDAR)
+KEPT = tuple(name for name in Store._fields if name not in MADE_ANEW)
 """Those that a copy of the state needs."""
 
 
@@ -49,7 +50,15 @@ def layout(count, cells):
         "clock": (CLOCK, ()),
         "counter": (COUNTER, ()),
         "tally": (TALLY, ()),
+        "region": (REGION, ()),
     }
+
+
+def hold_all(region, box):
+    """Write the region of a store that holds all of the box."""
+    region.counts = 1
+    region.first = region.own_first = region.differs = 0
+    region.here = region.own = box.columns, box.rows
 
 
 def first_misplaced(position, velocity, radius, box):
@@ -88,6 +97,7 @@ def place(position, velocity, columns, time, store, box, features):
     for name, values in columns.items():
         getattr(features, name)[:] = values[order]
     store.clock.origin = time
+    hold_all(store.region, box)
     return REACHED, -1
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.features import friction, gravity, images, properties, restitution
-from mpsim.kernels.optional import swap_entries, swap_rows
+from mpsim.kernels.optional import copy_entry, copy_row, swap_entries, swap_rows
 
 FEATURES = (gravity, properties, restitution, friction, images)
 
@@ -37,16 +37,16 @@ radius_of, mass_of = properties.radius_of, properties.mass_of
 
 
 @inlined
-def restitution_between(last_contact, now, features, counter):
+def restitution_between(last_contact, now, features, store):
     """Restitution of two discs at an impact; last_contact: the later one that either of them has had [time]."""
-    return restitution.effective_restitution(features.restitution, last_contact, now, features.contact_time, counter)
+    return restitution.effective_restitution(features.restitution, last_contact, now, features.contact_time, store)
 
 
 @inlined
-def speed_off_wall(speed, axis, inward, last_contact, now, features, counter):
+def speed_off_wall(speed, axis, inward, last_contact, now, features, store):
     """Speed inward of a disc that has met a wall at right angles to an axis at such a speed outward."""
-    e = restitution.effective_restitution(features.wall_restitution, last_contact, now, features.contact_time, counter)
-    return restitution.speed_off_wall(features.gravity, e * abs(speed), axis, inward, features.contact_time, counter)
+    e = restitution.effective_restitution(features.wall_restitution, last_contact, now, features.contact_time, store)
+    return restitution.speed_off_wall(features.gravity, e * abs(speed), axis, inward, features.contact_time, store)
 
 
 @inlined
@@ -56,6 +56,15 @@ def swap_columns(features, i, j):
     swap_entries(features.mass, i, j)
     swap_entries(features.spin, i, j)
     swap_rows(features.image, i, j)
+
+
+@inlined
+def copy_columns(source, i, target, j):
+    """What disc i has in one memory, to place j of another."""
+    copy_entry(source.radius, i, target.radius, j)
+    copy_entry(source.mass, i, target.mass, j)
+    copy_entry(source.spin, i, target.spin, j)
+    copy_row(source.image, i, target.image, j)
 
 
 # --- the points of an event at which they act ---------------------------------------------------------------------

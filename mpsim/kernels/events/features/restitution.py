@@ -25,18 +25,18 @@ FIELDS = {"restitution": restitution_of, "wall_restitution": wall_restitution_of
 
 
 @inlined
-def effective_restitution(restitution, last_contact, now, contact_time, counter):
+def effective_restitution(restitution, last_contact, now, contact_time, store):
     """The restitution of one impact, 1 where the guard acts."""
     if restitution is None:
         return 1.0
     if now - last_contact < contact_time and restitution < 1.0:
-        counter.guarded += 1
+        store.counter.guarded += store.region.counts
         return 1.0
     return restitution
 
 
 @inlined
-def speed_off_wall(gravity, speed, axis, inward, contact_time, counter):
+def speed_off_wall(gravity, speed, axis, inward, contact_time, store):
     """Speed inward after a bounce: never so small that gravity brings the disc back in less than `contact_time`.
 
     A disc at rest on a wall hovers in bounces of that duration, g contact_time^2/8 high at most, and the guard counts
@@ -46,6 +46,6 @@ def speed_off_wall(gravity, speed, axis, inward, contact_time, counter):
         return speed
     least = -0.5 * (inward * component(gravity, axis)) * contact_time
     if speed < least:
-        counter.guarded += 1
+        store.counter.guarded += store.region.counts
         return least
     return speed

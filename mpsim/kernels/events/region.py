@@ -1,0 +1,60 @@
+"""The region of a store: the cells that are in it, those that are the tile's own, and the bands along its borders.
+
+Cells are numbered column by column, from the first column and row of the region on. A store that holds the whole box
+is the region of one tile with no others.
+"""
+
+from mpsim.kernels.compiling import inlined
+
+BAND = 3
+"""Cells on either side of a border between two tiles in which both must find the same. A disc looks at the cells
+around its own, so what is left of the band never looks at what is right of it."""
+
+OUTER_LOW, INNER_LOW, MIDDLE, INNER_HIGH, OUTER_HIGH, ELSEWHERE = 0, 1, 2, 3, 4, -1
+
+
+@inlined
+def place_along(axis, cell, region, box):
+    """Column or row of a cell, counted from the first one here; -1 if it is not here."""
+    place = cell - region.first[axis]
+    if place < 0:
+        place += box.columns if axis == 0 else box.rows
+    return place if place < region.here[axis] else -1
+
+
+@inlined
+def number_of_cell(column_place, row, region, box):
+    """Number of the cell of a row in a column at such a place, -1 if it is not here."""
+    row_place = place_along(1, row, region, box)
+    return column_place * region.here[1] + row_place if column_place >= 0 and row_place >= 0 else -1
+
+
+@inlined
+def band_along(axis, cell, region, box):
+    """Where a cell lies along an axis: in the tile, in a band along a border of it, or ELSEWHERE."""
+    if region.differs[axis] == 0:
+        return MIDDLE
+    place = place_along(axis, cell, region, box)
+    if place < 0:
+        return ELSEWHERE
+    place -= region.own_first[axis]
+    own = region.own[axis]
+    if place < 0:
+        return OUTER_LOW if place >= -BAND else ELSEWHERE
+    if place < BAND:
+        return INNER_LOW
+    if place < own - BAND:
+        return MIDDLE
+    if place < own:
+        return INNER_HIGH
+    return OUTER_HIGH if place < own + BAND else ELSEWHERE
+
+
+@inlined
+def is_own(cell, region, box):
+    """Whether a cell is the tile's own."""
+    for axis in range(2):
+        place = place_along(axis, cell[axis], region, box) - region.own_first[axis]
+        if place < 0 or place >= region.own[axis]:
+            return False
+    return True

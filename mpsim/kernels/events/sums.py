@@ -1,0 +1,25 @@
+"""Sums of real numbers in fixed point, which do not depend on the order of what is added.
+
+A number is split into whole multiples of a unit and of 2^-33 of it. The sum is 0 <= fine < 2^33 beyond coarse units, so
+equal sums are equal numbers.
+"""
+
+import math
+
+import numpy as np
+
+from mpsim.kernels.compiling import inlined
+from mpsim.kernels.events.records import FINE
+
+CARRY = np.int64(1) << FINE
+MASK = CARRY - 1
+
+
+@inlined
+def add(tally, entry, value, unit):
+    """Add a number to an entry of a tally; unit: a power of two, in the unit of the number."""
+    scaled = value / unit
+    whole = math.floor(scaled)
+    fine = tally.fine[entry] + np.int64((scaled - whole) * CARRY)
+    tally.coarse[entry] += np.int64(whole) + (fine >> FINE)
+    tally.fine[entry] = fine & MASK

@@ -1,0 +1,390 @@
+"""Windows of time, which workers play tile by tile, and all take over together, or nobody does.
+
+    plan      worker 0: how far the window goes, at most to the end of the calendar's lap
+    ------------------------------------------------------------------------------------------------- barrier
+    play      each tile by the worker that comes first: load, play, put down in another memory
+    ------------------------------------------------------------------------------------------------- barrier
+    agree     have all tiles found the same along their borders?
+    take over yes: the discs back into the store, tile by tile; no: worker 0 plays the window in the store alone
+    ------------------------------------------------------------------------------------------------- barrier
+
+The store of the whole box is not touched until all agree. So which worker plays which tile, how many tiles there are and
+how long a window is changes no bit.
+"""
+
+from collections import namedtuple
+
+from mpsim.kernels.compiling import compiled, inlined, linked
+from mpsim.kernels.events.calendar import fill, fit_lap, shift_times
+from mpsim.kernels.events.cells import link_cells
+from mpsim.kernels.events.features.hooks import copy_columns
+from mpsim.kernels.events.flight import INFINITY
+from mpsim.kernels.events.ordering import put_at_targets
+from mpsim.kernels.events.records import ENTRIES, FINE, PAUSED, REACHED, STOPPED
+from mpsim.kernels.events.solver import STOP_ROUNDING, advance_frames, write_totals
+from mpsim.kernels.events.state import Store
+from mpsim.kernels.events.sums import MASK
+from mpsim.kernels.events.tiles import (
+    bands_agree,
+    begin_tile,
+    copy_disc,
+    copy_event,
+    load,
+    play_tile,
+    put_down,
+)
+from mpsim.kernels.events.watch import Watch
+from mpsim.kernels.layout import ABORT, RUNNING
+from mpsim.kernels.machine import atomic_add, now
+from mpsim.kernels.waiting import barrier, next_command
+
+MOST_FRAMES = 256
+"""Frames that end in a window at most."""
+
+MOST_EVENTS, FEWEST_STEPS = 2**62, 64
+
+MOST_PARTS = 64
+MOST_COLLISIONS, FEWEST_COLLISIONS = 0.6, 0.2
+"""Impacts of two discs in a window, per disc, beyond which the next ones are half or twice as long."""
+
+SLACK, FEWEST_ROOM = 4, 256
+"""Room for the discs of a tile at the end of a window: a fourth more than there are, and so many."""
+
+Shared = namedtuple("Shared", "disc event features tiles plan times counted counts latest control team")
+"""disc, event, features: where discs wait until all agree; tiles: TILE; plan, times: PLAN, PLAN_TIMES; counted: TOTALS
+by worker and frame; counts: COUNTER by worker; latest: of each worker the time of its last event, [time]; control,
+team: of the workers."""
+
+Own = namedtuple("Own", "store features bits places")
+"""What a worker has for itself: a store for a tile, its features, its discs as whole numbers, and `places`, of each
+number the place of the disc in that store."""
+
+
+# --- plan ---------------------------------------------------------------------------------------------------------
+
+
+@inlined
+def end_of_part(plan, times, clock):
+    """End of the part of the lap in which the present is, from the start of the lap, infinite for the last one."""
+    length = clock.lap / plan.parts
+    part = int((times.reached - clock.origin) / length) + 1
+    if part * length <= times.reached - clock.origin:
+        part += 1
+    return part * length if part < plan.parts else INFINITY
+
+
+@inlined
+def plan_window(plan, times, clock, first_frame, frames, stop):
+    """Plan the next window of so many frames that are left. Returns whether the stop lies in it."""
+    origin, dt = clock.origin, times.dt
+    part_end = end_of_part(plan, times, clock)
+    latest = min(part_end, clock.lap)
+    plan.first_frame, plan.frames, plan.ends_lap = first_frame, 0, 0
+    while plan.frames < min(frames, MOST_FRAMES):
+        end = (first_frame + plan.frames + 1) * dt
+        if stop <= end * (1.0 + STOP_ROUNDING):
+            if stop - origin < latest:
+                times.until = stop
+                return True
+            break
+        if end - origin >= latest:
+            break
+        times.until = end
+        plan.frames += 1
+    if plan.frames < min(frames, MOST_FRAMES):
+        plan.ends_lap = part_end == INFINITY
+        times.until = origin + part_end
+    return False
+
+
+@inlined
+def fit_parts(plan, collisions, count, agreed):
+    """Make windows shorter where they are too long for the halo, and longer where discs hardly collide in them."""
+    if (not agreed or collisions > MOST_COLLISIONS * count) and plan.parts < MOST_PARTS:
+        plan.parts *= 2
+    elif collisions < FEWEST_COLLISIONS * count and plan.parts > 1:
+        plan.parts //= 2
+
+
+# --- play ---------------------------------------------------------------------------------------------------------
+
+
+@inlined
+def steps_for(count, most):
+    """Steps of a calendar for so many discs: a power of two."""
+    steps = FEWEST_STEPS
+    while steps < 2 * count and 2 * steps <= most:
+        steps *= 2
+    return steps
+
+
+@linked
+def play_one(number, whole, features, box, shared, own, worker):
+    """Load, play and put down one tile."""
+    tile = shared.tiles[number]
+    tile.seen[:] = 0
+    count = load(number, shared.tiles, shared.plan, whole, features, own.store, own.features, box)
+    room, cells = own.store, own.store.region.here[0] * own.store.region.here[1]
+    steps = steps_for(count, room.step_head.size)
+    lists = room.cell_head[:cells], room.cell_next[:count], room.step_head[:steps], room.heap[:count]
+    records = room.clock, room.counter, room.tally, room.region
+    store = Store(room.disc[:count], room.event[:count], room.entry[:count], *lists, room.order, *records)
+    begin_tile(store, whole, own.places, box)
+    watch = Watch(own.bits, tile.seen)
+    tile.status = play_tile(store, box, own.features, watch, shared.plan, shared.times, shared.counted[worker])
+    put_down(tile, store, own.features, shared.disc, shared.event, shared.features, box)
+    shared.latest[worker] = max(shared.latest[worker], store.clock.now)
+
+
+@inlined
+def clear_totals(totals):
+    """Begin to count from zero."""
+    for entry in range(ENTRIES):
+        totals.coarse[entry] = totals.fine[entry] = 0
+    totals.collisions = 0
+
+
+@linked
+def play_tiles(whole, features, box, shared, own, worker):
+    """One worker's share of a window: tiles, as long as there are any."""
+    counter, counts = own.store.counter, shared.counts[worker]
+    counter.walls = counter.guarded = counter.events = counter.crossings = counter.stale_predictions = 0
+    for frame in range(shared.plan.frames + 1):
+        clear_totals(shared.counted[worker, frame])
+    shared.latest[worker] = whole.clock.now
+    number = atomic_add(shared.plan.next, 0, 1)
+    while number < shared.tiles.size:
+        play_one(number, whole, features, box, shared, own, worker)
+        number = atomic_add(shared.plan.next, 0, 1)
+    counts.walls, counts.guarded, counts.events = counter.walls, counter.guarded, counter.events
+    counts.crossings, counts.stale_predictions = counter.crossings, counter.stale_predictions
+
+
+# --- agree --------------------------------------------------------------------------------------------------------
+
+
+@inlined
+def tile_beyond(axis, tile, ahead, plan, box):
+    """The tile so many further along an axis on the other side of a border, or -1."""
+    tiles, periodic = plan.tiles[axis], box.periodic_x if axis == 0 else box.periodic_y
+    other = tile + ahead
+    if ahead == 0 or 0 <= other < tiles:
+        return other
+    return other % tiles if periodic and tiles > 1 else -1
+
+
+@linked
+def all_agree(tiles, plan, box):
+    """Whether all tiles have come to the end of the window, and found the same along their borders."""
+    agreed = True
+    for number in range(tiles.size):
+        tile = tiles[number]
+        agreed = agreed and tile.status == REACHED and tile.found <= tile.capacity
+        column, row = number // plan.tiles[1], number % plan.tiles[1]
+        for columns_ahead in range(2):
+            for rows_ahead in range(-1 if columns_ahead == 1 else 1, 2):
+                other_column = tile_beyond(0, column, columns_ahead, plan, box)
+                other_row = tile_beyond(1, row, rows_ahead, plan, box)
+                if other_column >= 0 and other_row >= 0:
+                    other = tiles[other_column * plan.tiles[1] + other_row]
+                    agreed = agreed and bands_agree(tile, other, columns_ahead, rows_ahead)
+    return agreed
+
+
+# --- take over ----------------------------------------------------------------------------------------------------
+
+
+@linked
+def take_discs(whole, features, shared, worker):
+    """Put this worker's share of the tiles back into the store."""
+    first, lap = 0, whole.clock.lap if shared.plan.ends_lap else 0.0
+    for number in range(shared.tiles.size):
+        tile = shared.tiles[number]
+        if number % shared.control.workers == worker:
+            for k in range(tile.found):
+                copy_disc(shared.disc[tile.room + k], whole.disc[first + k])
+                copy_event(shared.event[tile.room + k], whole.event[first + k])
+                copy_columns(shared.features, tile.room + k, features, first + k)
+                if shared.plan.ends_lap:
+                    shift_times(whole.disc[first + k], lap)
+        first += tile.found
+
+
+@inlined
+def add_totals(tally, totals):
+    """Add the totals of a frame to a tally."""
+    for entry in range(ENTRIES):
+        fine = tally.fine[entry] + totals.fine[entry]
+        tally.coarse[entry] += totals.coarse[entry] + (fine >> FINE)
+        tally.fine[entry] = fine & MASK
+
+
+@linked
+def take_counts(whole, shared):
+    """Add what all workers have counted, but in frames."""
+    counter = whole.counter
+    for worker in range(shared.control.workers):
+        counts = shared.counts[worker]
+        counter.walls += counts.walls
+        counter.guarded += counts.guarded
+        counter.events += counts.events
+        counter.lap_events += counts.events
+        counter.crossings += counts.crossings
+        counter.stale_predictions += counts.stale_predictions
+        whole.clock.now = max(whole.clock.now, shared.latest[worker])
+    if shared.plan.ends_lap:
+        fit_lap(whole)
+
+
+@linked
+def take_frames(whole, shared, done, progress, seen, times, totals):
+    """Add what all workers have counted in frames, and write it for those that have ended."""
+    for frame in range(shared.plan.frames + 1):
+        for worker in range(shared.control.workers):
+            add_totals(whole.tally, shared.counted[worker, frame])
+            whole.counter.pairs += shared.counted[worker, frame].collisions
+        if frame < shared.plan.frames:
+            if done + frame < totals.shape[0]:
+                write_totals(totals[done + frame], whole)
+            write_totals(seen, whole)
+            times[done + frame] = progress.spent // shared.plan.frames  # of a window, shared evenly
+    if shared.plan.frames > 0:
+        progress.spent = 0
+        progress.frame += shared.plan.frames
+
+
+@linked
+def deal_rooms(tiles):
+    """Say where the discs of each tile lie, and where they are to be put."""
+    first, room = 0, 0
+    for number in range(tiles.size):
+        tile = tiles[number]
+        tile.count = tile.found
+        tile.first = first
+        tile.capacity = tile.count + tile.count // SLACK + FEWEST_ROOM
+        tile.room = room
+        first += tile.count
+        room += tile.capacity
+
+
+# --- one worker for all -------------------------------------------------------------------------------------------
+
+
+@compiled
+def link(whole, box, places):
+    """Make a store whose discs lie tile by tile ready to be played as a whole."""
+    event = whole.event
+    for i in range(event.shape[0]):
+        places[event[i].number] = i
+    for i in range(event.shape[0]):
+        if event[i].partner >= 0:
+            event[i].partner = places[event[i].partner]
+    link_cells(whole, box)
+    fill(whole)
+
+
+@compiled
+def order_by_tiles(whole, box, features, tiles, plan):
+    """Put the discs of a store that is played as a whole tile by tile, partners by number."""
+    target, event, place = whole.heap, whole.event, 0
+    for number in range(tiles.size):
+        tile, before = tiles[number], place
+        for column in range(tile.own_first[0], tile.own_first[0] + tile.own[0]):
+            for row in range(tile.own_first[1], tile.own_first[1] + tile.own[1]):
+                i = whole.cell_head[column * box.rows + row]
+                while i >= 0:
+                    target[i] = place
+                    place += 1
+                    i = whole.cell_next[i]
+        tile.found = place - before
+    for i in range(target.size):
+        if event[i].partner >= 0:
+            event[i].partner = event[event[i].partner].number
+    put_at_targets(whole, features)
+    deal_rooms(tiles)
+
+
+@linked
+def play_as_one(whole, box, features, shared, own, frames, stop, progress, seen, times, totals):
+    """Play the window in hand, to the end of its last frame or the stop, as a whole: as `advance_frames`."""
+    link(whole, box, own.places)
+    found = advance_frames(
+        whole, box, features, shared.times.dt, frames, MOST_EVENTS, stop, progress, seen, times, totals,
+        shared.team[0].clock,
+    )  # fmt: skip
+    order_by_tiles(whole, box, features, shared.tiles, shared.plan)
+    return found
+
+
+# --- a command ----------------------------------------------------------------------------------------------------
+
+
+@compiled
+def run_windows(
+    whole, features, box, shared, own, frames, stop, patience, progress, seen, times, totals, worker, linger,
+):  # fmt: skip
+    """Play so many frames, or as many as end within a time [ns]: (frames finished, status, particle), of worker 0.
+
+    What it is given and returns is as of `advance_frames`. Other workers wait for such a command, and return what
+    `next_command` has heard when there is none.
+    """
+    control, mine, plan = shared.control, shared.team[worker], shared.plan
+    while True:
+        heard = next_command(control, mine, worker, linger)
+        if heard != RUNNING:
+            return 0, heard, -1
+        done, status, particle = 0, PAUSED, -1
+        started = now(mine.clock)
+        while True:
+            began = now(mine.clock)
+            stops = False
+            if worker == 0:
+                if done == frames:
+                    status = REACHED
+                plan.running = status == PAUSED and (done == 0 or began - started < patience)
+                if plan.running:
+                    stops = plan_window(plan, shared.times, whole.clock, progress.frame, frames - done, stop)
+                    plan.next[0] = 0
+            if barrier_of(control, mine) != RUNNING:
+                return done, -control.signals[ABORT], -1
+            if plan.running == 0:
+                break
+            play_tiles(whole, features, box, shared, own, worker)
+            if barrier_of(control, mine) != RUNNING:
+                return done, -control.signals[ABORT], -1
+            agreed = all_agree(shared.tiles, plan, box)
+            if agreed:
+                take_discs(whole, features, shared, worker)
+            if barrier_of(control, mine) != RUNNING:
+                return done, -control.signals[ABORT], -1
+            if worker == 0:
+                plan.windows += 1
+                progress.spent += now(mine.clock) - began
+                before = whole.counter.pairs
+                if agreed:
+                    take_frames(whole, shared, done, progress, seen, times, totals)
+                    take_counts(whole, shared)
+                    deal_rooms(shared.tiles)
+                    shared.times.reached = whole.clock.origin if plan.ends_lap else shared.times.until
+                    done += plan.frames
+                    if stops:
+                        status = STOPPED
+                else:
+                    plan.again += 1
+                    left = min(plan.frames + 1, frames - done)
+                    more, status, particle = play_as_one(
+                        whole, box, features, shared, own, left, stop, progress, seen, times[done:], totals[done:]
+                    )
+                    done += more
+                    shared.times.reached = min(stop, (progress.frame) * shared.times.dt)
+                    if status == REACHED:
+                        status = PAUSED
+                fit_parts(plan, whole.counter.pairs - before, whole.disc.shape[0], agreed)
+        if worker == 0:
+            return done, status, particle
+
+
+@inlined
+def barrier_of(control, mine):
+    """Wait until all workers have come here; why to leave, or RUNNING."""
+    return barrier(control, mine) if control.workers > 1 else control.signals[ABORT]
