@@ -12,6 +12,7 @@ from mpsim.engine.columns import columns_of
 from mpsim.engine.solvers.snapshots import MOST_STEPS, REAL, Shapes, Snapshot, check_periods, demand, shapes_in_each
 from mpsim.features.radii import has_radii
 from mpsim.kernels.events import records, state
+from mpsim.kernels.events.calendar import TURNS
 from mpsim.kernels.events.cells import plan_cells
 from mpsim.scene.scene import Scene
 
@@ -125,8 +126,8 @@ def _check_clock(arrays: Snapshot, frame_end: float) -> None:
     steps = state.layout(len(arrays["order"]), (1, 1))["step_head"][1][0]
     finite = np.isfinite(arrays["clock"]).all()
     demand(finite and clock.origin >= 0 and clock.step > 0, "its clock must be finite, its step > 0")
-    whole = np.frexp(clock.step)[0] == 0.5 and clock.lap == clock.step * steps
-    demand(whole, "its step must be a power of two, its lap all steps")
+    laps = clock.step * steps, clock.step * steps * TURNS  # in files of older versions, and now
+    demand(np.frexp(clock.step)[0] == 0.5 and clock.lap in laps, "its step must be a power of two, its lap all steps")
     in_frame = clock.origin + clock.now <= frame_end * (1 + 1e-9)
     demand(clock.now <= clock.lap and in_frame, "its present must lie in its lap and frame")
     counts = (counter[name] for name in ("pairs", "walls", "guarded", "events", "lap_events", "stall"))

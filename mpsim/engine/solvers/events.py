@@ -272,7 +272,7 @@ class EventSolver(Solver):
             block.create()
             event_snapshot.put_back(self._scene, block.arrays, snapshot)
             system = self._system_in(block)
-            calendar.fill(system.store)  # whose order is total: where the calendar keeps an event cannot matter
+            calendar.begin_turn(system.store.clock.now, system.store)  # whose order is total: where the calendar keeps an event cannot matter
             radii, masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
         self._take(block, system)
         self.choice, self._radii, self._masses = choice, radii, masses

@@ -1,13 +1,14 @@
 """The event calendar: which disc has the next event, at a cost that does not grow with their number.
 
 A ring of lists, one per small step of time, stands in front of a binary heap that sorts only the discs of the current
-step (Paul, J. Comput. Phys. 221, 615, 2007; Smallenburg, arXiv 2201.01100, 2022). One turn of the ring is a lap;
-a disc whose event lies beyond the lap is in no list until the next lap begins.
+step (Paul, J. Comput. Phys. 221, 615, 2007; Smallenburg, arXiv 2201.01100, 2022). A disc whose event lies beyond the
+present turn of the ring is in no list until the next turn begins.
 
-The order of events is (time, number of the disc), a total order: where the calendar keeps an event cannot matter for the result.
+The order of events is (time, number of the disc), a total order: where the calendar keeps an event cannot matter for
+the result, nor can when a turn begins.
 
-Time is counted from the start of the lap, so its resolution does not fade as a run grows long. A lap is a power of
-two long, which makes its subtraction exact for every time that lies in its second half or after it.
+Time is counted from the start of the lap, some turns long, so its resolution does not fade as a run grows long. A lap
+is a power of two long, which makes its subtraction exact for every time that lies in its second half or after it.
 """
 
 import numpy as np
@@ -15,6 +16,9 @@ import numpy as np
 from mpsim.kernels.compiling import inlined, linked
 
 NOWHERE = -1
+
+TURNS = 8
+"""Turns of the ring in a lap."""
 
 
 @inlined
@@ -117,9 +121,10 @@ def list_insert(i, step, store):
 def insert(i, store):
     """Enter disc i, which has no place: in the heap, in a list, or nowhere if its event lies beyond the lap."""
     t = due(store.disc, i)
-    if not t < store.clock.lap:
+    if not t < store.turn.end:
         return
-    step = np.int64(t / store.clock.step)
+    last = store.step_head.size - 1  # where rounding would put what is due at the end of the turn one further
+    step = min(np.int64((t - store.turn.start) / store.clock.step), last)
     if step <= store.counter.cursor:
         heap_push(i, store)
     else:
@@ -140,7 +145,7 @@ def reschedule(i, store):
 
 @inlined
 def earliest(store):
-    """The disc whose event is next, or -1 when nothing is left in this lap."""
+    """The disc whose event is next, or -1 when nothing is left in this turn."""
     counter = store.counter
     cursor = counter.cursor
     last = store.step_head.size - 1
@@ -157,8 +162,10 @@ def earliest(store):
 
 
 @linked
-def fill(store):
-    """Empty the calendar and enter every disc."""
+def begin_turn(start, store):
+    """Begin a turn of the ring at a time from the start of the lap, and enter every disc anew."""
+    store.turn.start = start
+    store.turn.end = min(start + store.clock.step * store.step_head.size, store.clock.lap)
     store.step_head[:] = NOWHERE
     store.counter.cursor = -1
     store.counter.waiting = 0
@@ -181,12 +188,12 @@ def fit_lap(store):
     """Count time from the end of this lap on, and fit the step to the rate of events.
 
     About one event a step is fastest. A step is doubled or halved, so it stays a power of two; in an idle scene it
-    grows faster, so that a long wait takes few laps. The times of the discs must be shifted, and the calendar filled.
+    grows faster, so that a long wait takes few laps. The times of the discs must be shifted, and a turn begun.
     """
     clock = store.clock
     clock.origin += clock.lap
     clock.now -= clock.lap
-    steps = store.step_head.size
+    steps = store.step_head.size * TURNS
     events = store.counter.lap_events
     if 5 * events < 2 * steps and clock.step < 1e200:
         clock.step *= 2.0 if events > 0 else 16.0

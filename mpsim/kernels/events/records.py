@@ -62,6 +62,9 @@ CLOCK = _record(
 )
 """Times [time]."""
 
+TURN = _record(np.float64, "start", "end")
+"""The turn of the calendar's ring, counted from the start of the lap [time]."""
+
 COUNTER = _record(
     np.int64,
     "pairs",  # impacts of two discs
@@ -127,7 +130,8 @@ PLAN = _record(
     ("tiles", 2),  # along each axis
     "halo",  # cells around a tile that are played with it
     "windows",  # played so far
-    "again",  # of them by one worker for all, as tiles did not agree
+    "again",  # of them once more in shorter ones, as tiles did not agree
+    "as_one",  # of them by one worker for all, as shorter ones did not help
     "parts",  # windows in a lap
 )
 """A window of time, as all workers are to play it."""

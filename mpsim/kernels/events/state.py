@@ -23,12 +23,13 @@ from mpsim.kernels.events.records import (
     REACHED,
     REGION,
     TALLY,
+    TURN,
 )
 
-Store = namedtuple("Store", "disc event entry cell_head cell_next step_head heap order clock counter tally region")
+Store = namedtuple("Store", "disc event entry cell_head cell_next step_head heap order clock counter tally region turn")
 """The arrays and records of `layout`."""
 
-MADE_ANEW = ("entry", "step_head", "heap", "region")
+MADE_ANEW = ("entry", "step_head", "heap", "region", "turn")
 """Those that follow from the others, and from the box."""
 
 KEPT = tuple(name for name in Store._fields if name not in MADE_ANEW)
@@ -51,6 +52,7 @@ def layout(count, cells):
         "counter": (COUNTER, ()),
         "tally": (TALLY, ()),
         "region": (REGION, ()),
+        "turn": (TURN, ()),
     }
 
 

@@ -9,7 +9,7 @@ Between windows a tile's discs lie together in the store, column by column, and 
 """
 
 from mpsim.kernels.compiling import inlined, linked
-from mpsim.kernels.events.calendar import due, earliest, fill
+from mpsim.kernels.events.calendar import begin_turn, due, earliest
 from mpsim.kernels.events.cells import link_cells
 from mpsim.kernels.events.features.hooks import copy_columns
 from mpsim.kernels.events.flight import INFINITY
@@ -113,9 +113,10 @@ def load(number, tiles, plan, whole, features, own, own_features, box):
 
 
 @linked
-def begin_tile(store, whole, places, box):
-    """Make ready a store whose discs have been loaded, partners by number.
+def begin_tile(store, whole, places, box, start, end):
+    """Make ready a store whose discs have been loaded, partners by number, to be played for a time.
 
+    start, end: of that time, from the start of the lap.
     places: of each number the place in this store, if the disc is here; else anything.
     """
     event, count = store.event, store.disc.shape[0]
@@ -132,10 +133,10 @@ def begin_tile(store, whole, places, box):
                 store.disc[i].collision_time = INFINITY
     clock = store.clock
     clock.now, clock.origin, clock.lap = whole.clock.now, whole.clock.origin, whole.clock.lap
-    clock.step = clock.lap / store.step_head.size
+    clock.step = (end - start) / store.step_head.size
     store.counter.stall = 0
     link_cells(store, box)
-    fill(store)
+    begin_turn(start, store)
 
 
 @inlined

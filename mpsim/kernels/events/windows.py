@@ -15,7 +15,7 @@ how long a window is changes no bit.
 from collections import namedtuple
 
 from mpsim.kernels.compiling import compiled, inlined, linked
-from mpsim.kernels.events.calendar import fill, fit_lap, shift_times
+from mpsim.kernels.events.calendar import begin_turn, fit_lap, shift_times
 from mpsim.kernels.events.cells import link_cells
 from mpsim.kernels.events.features.hooks import copy_columns
 from mpsim.kernels.events.flight import INFINITY
@@ -127,9 +127,11 @@ def play_one(number, whole, features, box, shared, own, worker):
     room, cells = own.store, own.store.region.here[0] * own.store.region.here[1]
     steps = steps_for(count, room.step_head.size)
     lists = room.cell_head[:cells], room.cell_next[:count], room.step_head[:steps], room.heap[:count]
-    records = room.clock, room.counter, room.tally, room.region
+    records = room.clock, room.counter, room.tally, room.region, room.turn
     store = Store(room.disc[:count], room.event[:count], room.entry[:count], *lists, room.order, *records)
-    begin_tile(store, whole, own.places, box)
+    origin = whole.clock.origin
+    end = whole.clock.lap if shared.plan.ends_lap else shared.times.until - origin
+    begin_tile(store, whole, own.places, box, shared.times.reached - origin, end)
     watch = Watch(own.bits, tile.seen)
     tile.status = play_tile(store, box, own.features, watch, shared.plan, shared.times, shared.counted[worker])
     put_down(tile, store, own.features, shared.disc, shared.event, shared.features, box)
@@ -280,7 +282,7 @@ def link(whole, box, places):
         if event[i].partner >= 0:
             event[i].partner = places[event[i].partner]
     link_cells(whole, box)
-    fill(whole)
+    begin_turn(whole.clock.now, whole)
 
 
 @compiled
@@ -369,14 +371,16 @@ def run_windows(
                     done += plan.frames
                     if stops:
                         status = STOPPED
+                elif plan.parts < MOST_PARTS:
+                    plan.again += 1  # in parts
                 else:
-                    plan.again += 1
+                    plan.as_one += 1
                     left = min(plan.frames + 1, frames - done)
                     more, status, particle = play_as_one(
                         whole, box, features, shared, own, left, stop, progress, seen, times[done:], totals[done:]
                     )
                     done += more
-                    shared.times.reached = min(stop, (progress.frame) * shared.times.dt)
+                    shared.times.reached = stop if status == STOPPED else progress.frame * shared.times.dt
                     if status == REACHED:
                         status = PAUSED
                 fit_parts(plan, whole.counter.pairs - before, whole.disc.shape[0], agreed)

@@ -22,7 +22,7 @@ def test_the_calendar_finds_the_earliest_of_all(steps):
     clock.lap, clock.step = 1.0, 1.0 / steps
     disc["crossing_time"] = math.inf
     disc["collision_time"] = rng.integers(0, 2000, count) / 1024
-    calendar.fill(run.store)
+    calendar.begin_turn(0.0, run.store)
     laps = 0
     for _ in range(6000):
         i = earliest(run.store)
@@ -30,7 +30,7 @@ def test_the_calendar_finds_the_earliest_of_all(steps):
         if i < 0:
             assert disc[expected].collision_time >= clock.lap
             calendar.count_from_lap(run.store)
-            calendar.fill(run.store)
+            calendar.begin_turn(0.0, run.store)
             laps += 1
             continue
         assert i == expected
