@@ -1,6 +1,7 @@
 """The exact solver as the coordinator sees it: event-driven, one process, float64."""
 
 import math
+import os
 import time
 from typing import Any, ClassVar, NamedTuple
 
@@ -16,6 +17,8 @@ from mpsim.core.state import State
 from mpsim.engine.columns import given_in
 from mpsim.engine.frame_count import frames_until
 from mpsim.engine.solvers import event_snapshot
+from mpsim.engine.solvers.event_tiles import WHOLE, Tiling, lay_out, packed, specs_of, tiling_of
+from mpsim.engine.solvers.event_windows import Windows
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Solver
 from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
@@ -27,7 +30,7 @@ from mpsim.features.radii import has_radii
 from mpsim.kernels import layout
 from mpsim.kernels import records as stepped
 from mpsim.kernels.events import calendar, records, solver, state
-from mpsim.kernels.events.boundary import Box
+from mpsim.kernels.events.boundary import COARSE, Box
 from mpsim.kernels.events.cells import worst_overlap
 from mpsim.kernels.events.features.hooks import features_of
 from mpsim.measure.driving import gravity_strength
@@ -54,6 +57,10 @@ ROUNDING = 1e-12
 """Depth of an overlap, in diameters of the largest disc, up to which a start counts as touching."""
 
 
+VIRIALS = {"virial": records.VIRIAL, "virial_xx": records.VIRIAL_XX, "virial_xy": records.VIRIAL_XY}
+"""Entries of a tally, by name in COUNTS."""
+
+
 class System(NamedTuple):
     """What kernels take of a block: its arrays, the box with its cells, and what the scene has besides."""
 
@@ -77,12 +84,14 @@ class EventSolver(Solver):
         _refuse_what_is_not_exact(scene, settings)
         super().__init__(scene, settings, choice)
         self._contact_time = _contact_time(scene, settings.dt)
+        self._units = _units(scene, settings.dt)
         self._events_per_call = 10 * FEWEST_EVENTS
         self._stopped = 0.0
         self._progress: Any = np.zeros((), records.PROGRESS)[()]
         self._seen: Any = np.zeros((), records.TOTALS)[()]
         self._clock: Any = np.zeros(2, np.int64)
         self._system: Any = None
+        self._windows: Windows | None = None
         self._block = self._room(scene.count)
 
     def start(self) -> None:
@@ -91,9 +100,15 @@ class EventSolver(Solver):
         self._system = self._placed(
             self._block, scene.position, scene.velocity, self._present_columns(given_in(scene)), 0.0
         )
-        # Compiles or loads the kernel, so that no frame time contains it, and no wait for Ctrl-C.
+        self._begin()
+
+    def _begin(self) -> None:
+        """Compile or load the kernels, so that no frame time contains it, and no wait for Ctrl-C; start workers."""
         with interrupts_held_back():  # as the stepped solvers do
-            self._run_kernel(np.zeros(0, np.int64), np.zeros(0, records.TOTALS), math.inf)
+            self._play_whole(0, np.zeros((1, 0), np.int64), np.zeros(0, records.TOTALS), math.inf)
+        if self._tiling(self.count) != WHOLE:
+            self._windows = Windows(self._block, self._system, self._settings.start_method)
+            self._windows.start(self._most_workers)
 
     # --- frames
 
@@ -108,35 +123,28 @@ class EventSolver(Solver):
             DivergedError, StalledError: the solver can then only be closed.
         """
         before, seen = int(self._system.store.counter.pairs), records.numbers(self._seen).copy()
-        times = np.zeros(frames, np.int64)
+        times = np.zeros((1 + self._most_workers, frames), np.int64)
         totals = np.zeros(frames if self.tallied else 0, records.TOTALS)
         done = self._run_kernel(times, totals, stop)
-        by_phase = np.zeros((1, done, len(layout.PHASES)), np.int64)
-        by_phase[0, :, layout.MOVE] = times[:done]
+        by_phase = np.zeros((self._most_workers, done, len(layout.PHASES)), np.int64)
+        if self._windows is None:
+            by_phase[0, :, layout.MOVE] = times[0, :done]
+        else:
+            by_phase[:, :, layout.MOVE] = times[1:, :done]
+            by_phase[:, :, layout.WAIT] = np.maximum(times[0, :done] - times[1:, :done], 0)
         contacts = int(self._system.store.counter.pairs) - before
         return Slice(by_phase, contacts, self._tally(totals[:done], seen) if self.tallied else None)
 
     def _run_kernel(self, times: NDArray[np.int64], totals: NDArray[Any], stop: float) -> int:
         """One call of the kernel. Returns the frames it finished."""
-        before, started, most = int(self._system.store.counter.events), time.perf_counter(), len(times)
-        # No call among the arguments: in a signal handler after it the process may fork, and the block be another's.
-        finished, status, particle = solver.advance_frames(
-            *self._system,
-            self._settings.dt,
-            most,
-            self._events_per_call,
-            stop,
-            self._progress,
-            self._seen,
-            times,
-            totals,
-            self._clock,
-        )
+        frames = times.shape[1]
+        if self._windows is None:
+            finished, status, particle = self._play_whole(frames, times, totals, stop)
+        else:
+            kept = self._present, self._progress, self._seen
+            finished, status, particle = self._windows.play(frames, times, totals, stop, *kept)
         if status == records.STOPPED:
             self._stopped = stop
-        if status == records.PAUSED:
-            done = int(self._system.store.counter.events) - before
-            self._fit_events_per_call(done, time.perf_counter() - started)
         if status == records.NOT_FINITE:
             now = self.state()
             place, speed = now.position[particle].tolist(), now.velocity[particle].tolist()
@@ -148,6 +156,29 @@ class EventSolver(Solver):
             )
         return int(finished)
 
+    def _play_whole(
+        self, frames: int, times: NDArray[np.int64], totals: NDArray[Any], stop: float
+    ) -> tuple[int, int, int]:
+        """Play the box as a whole, in this process: as `advance_frames`."""
+        before, started = int(self._system.store.counter.events), time.perf_counter()
+        # No call among the arguments: in a signal handler after it the process may fork, and the block be another's.
+        outcome = solver.advance_frames(
+            *self._system,
+            self._settings.dt,
+            frames,
+            self._events_per_call,
+            stop,
+            self._progress,
+            self._seen,
+            times[0],
+            totals,
+            self._clock,
+        )
+        if outcome[1] == records.PAUSED:
+            done = int(self._system.store.counter.events) - before
+            self._fit_events_per_call(done, time.perf_counter() - started)
+        return outcome
+
     def _fit_events_per_call(self, done: int, seconds: float) -> None:
         """Choose the number of events per call by the time of the last; how a run is cut into calls changes no bit."""
         fitting = done * SECONDS_AT_ONCE / max(seconds, 1e-9)
@@ -155,17 +186,18 @@ class EventSolver(Solver):
             max(min(fitting, 2 * self._events_per_call), self._events_per_call / 2, FEWEST_EVENTS)
         )
 
-    def _tally(self, totals: NDArray[Any], seen: NDArray[np.float64]) -> NDArray[Any]:
+    def _tally(self, totals: NDArray[Any], seen: NDArray[np.int64]) -> NDArray[Any]:
         """The kernel's counts in the form of the stepped solver's: impulses instead of r.dp, and no overlaps.
 
         totals: at the end of each frame; seen: those at the start, as plain numbers.
         """
         counts = records.of_numbers(records.TOTALS, np.diff(records.numbers(totals), axis=0, prepend=[seen]))
-        tally = np.zeros(len(counts), stepped.COUNTS)
-        for name in records.TOTALS.names or ():
-            tally[name] = counts[name]
-        for name in ("virial", "virial_xx", "virial_xy"):
-            tally[name] /= 2 * self._scene.largest_radius or 1.0
+        box, tally = self._system.box, np.zeros(len(counts), stepped.COUNTS)
+        units = counts["coarse"] + counts["fine"] / 2.0**records.FINE
+        tally["wall"] = units[:, : records.VIRIAL] * box.impulse_unit
+        for name, entry in VIRIALS.items():
+            tally[name] = units[:, entry] * (box.virial_unit / (2 * self._scene.largest_radius or 1.0))
+        tally["collisions"] = counts["collisions"]
         return tally
 
     def set_tallied(self, tallied: bool) -> None:
@@ -226,11 +258,15 @@ class EventSolver(Solver):
             seen = records.of_numbers(records.TOTALS, records.numbers(self._seen) - records.numbers(counted))
         self._take(block, system)
         self._radii, self._masses, self._seen = radii, masses, seen
+        self.choice = choice
+        self._begin()
 
     def _take(self, block: SharedBlock, system: System) -> None:
         """Continue in another block, which is filled, and close the old one; one of them is owned at every moment."""
-        old = self._block
+        old, windows, self._windows = self._block, self._windows, None
         self._system, self._block, self.count = system, block, len(system.store.order)
+        if windows is not None:
+            windows.close()
         old.close()
 
     @property
@@ -245,10 +281,24 @@ class EventSolver(Solver):
 
     def resources(self) -> tuple[tuple[int, ...], int]:
         """Resident bytes of this process, and the size of the block."""
-        return (psutil.Process().memory_info().rss,), self._block.nbytes
+        return tuple(psutil.Process(pid).memory_info().rss for pid in (os.getpid(), *self.pids)), self._block.nbytes
+
+    @property
+    def pids(self) -> list[int]:
+        """Process numbers of the workers other than this process."""
+        windows = self._windows  # which may just be replaced
+        return [] if windows is None else windows.pids
+
+    @property
+    def half_done(self) -> bool:
+        """Whether a worker has died in a window."""
+        return self._windows is not None and self._windows.failed
 
     def close(self) -> None:
-        """Remove the block. May be called again."""
+        """Stop the workers and remove the block. May be called again."""
+        windows, self._windows = self._windows, None
+        if windows is not None:
+            windows.close()
         self._system = self._seen = self._clock = None
         self._block.close()
 
@@ -256,6 +306,8 @@ class EventSolver(Solver):
 
     def snapshot(self) -> Snapshot:
         """Copies of everything that the next event depends on; the calendar follows from the discs' next events."""
+        if self._windows is not None:
+            self._windows.link()
         found = event_snapshot.taken(self._scene, self._block.arrays)
         found |= {"radii": self._radii, "masses": self._masses}
         return found | {name: records.numbers(each).copy() for name, each in self._kept.items()}
@@ -272,13 +324,16 @@ class EventSolver(Solver):
             block.create()
             event_snapshot.put_back(self._scene, block.arrays, snapshot)
             system = self._system_in(block)
-            calendar.begin_turn(system.store.clock.now, system.store)  # whose order is total: where the calendar keeps an event cannot matter
+            calendar.begin_turn(
+                system.store.clock.now, system.store
+            )  # whose order is total: where the calendar keeps an event cannot matter
             radii, masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
         self._take(block, system)
         self.choice, self._radii, self._masses = choice, radii, masses
         for name, each in self._kept.items():
             records.numbers(each)[:] = snapshot[name]
         self._stopped = 0.0  # a stop at which nothing was done yet is met again
+        self._begin()
 
     @staticmethod
     def snapshot_shapes(scene: Scene, settings: Settings, count: int) -> Shapes:
@@ -294,18 +349,44 @@ class EventSolver(Solver):
 
     def _room(self, count: int) -> SharedBlock:
         """A block for so many discs, which is still to be made."""
-        cells = event_snapshot.cells_for(self._scene, count)
+        cells, tiling = event_snapshot.cells_for(self._scene, count), self._tiling(count)
         shapes = state.layout(count, cells) | event_snapshot.column_shapes(self._scene, count)
-        return SharedBlock({name: ArraySpec(np.dtype(dtype), shape) for name, (dtype, shape) in shapes.items()})
+        specs = {name: ArraySpec(np.dtype(dtype), shape) for name, (dtype, shape) in shapes.items()}
+        if tiling != WHOLE:
+            specs |= specs_of(count, tiling, self._most_workers, shapes, self._laws(count))
+        return SharedBlock(specs)
+
+    @property
+    def _most_workers(self) -> int:
+        return max(self.choice.workers)
+
+    def _tiling(self, count: int) -> Tiling:
+        """The tiles for so many discs."""
+        cells = event_snapshot.cells_for(self._scene, count)
+        return tiling_of(count, cells, self._scene.periodic, self._most_workers)
+
+    def _box(self, count: int) -> Box:
+        """The box with the cells for so many discs."""
+        scene, (impulse, virial) = self._scene, self._units
+        common = 0.0 if has_radii(scene) else scene.largest_radius
+        return Box(
+            scene.width, scene.height, *scene.periodic, *event_snapshot.cells_for(scene, count), common, impulse, virial
+        )
+
+    def _laws(self, count: int) -> bytes:
+        """What workers must know of the scene."""
+        return packed(self._box(count), features_of(self._scene, {"contact_time": self._contact_time}))
 
     def _system_in(self, block: SharedBlock) -> System:
         """What kernels take of a block."""
         scene, arrays = self._scene, block.arrays
         store = state.Store(*(arrays[name] for name in state.Store._fields))
-        common = 0.0 if has_radii(scene) else scene.largest_radius
-        columns, rows = event_snapshot.cells_for(scene, len(store.order))
-        box = Box(scene.width, scene.height, *scene.periodic, columns, rows, common)
-        return System(store, box, features_of(scene, arrays | {"contact_time": self._contact_time}))
+        count = len(store.order)
+        tiling = self._tiling(count)
+        if tiling != WHOLE:
+            cells = event_snapshot.cells_for(scene, count)
+            lay_out(arrays, tiling, cells, self._settings.dt, self._most_workers, self._laws(count))
+        return System(store, self._box(count), features_of(scene, arrays | {"contact_time": self._contact_time}))
 
     def _present_columns(self, values: dict[str, Any]) -> dict[str, NDArray[Any]]:
         """Columns of the discs that are there, whose radii and masses are known."""
@@ -379,14 +460,28 @@ def _refuse_extremes(scene: Scene, dt: float) -> None:
         )
 
 
+def _units(scene: Scene, dt: float) -> tuple[float, float]:
+    """Units of sums of impulses [mass length/time] and of virials [mass length^2/time]: powers of two."""
+    diameter = 2 * scene.largest_radius or 1.0
+    mass = float(scene.masses.max(initial=0.0)) or 1.0
+    impulse = mass * (_typical_speed(scene) or diameter / dt)
+    coarse = math.ldexp(COARSE, math.frexp(impulse)[1])
+    return coarse, math.ldexp(coarse, math.frexp(diameter)[1])
+
+
 def _contact_time(scene: Scene, dt: float) -> float:
     """The contact time of the guard [time]."""
+    speed = _typical_speed(scene)
+    # Where nothing moves by itself, a fraction of the time of a frame: speeds are those of what is added later.
+    return GUARD * (scene.smallest_radius / speed if speed > 0 else dt)
+
+
+def _typical_speed(scene: Scene) -> float:
+    """Speed of a typical disc, of one that has fallen its radius, or of one that is emitted [length/time]."""
     squares = float((scene.velocity**2).sum(axis=1).mean()) if scene.count else 0.0
     smallest = scene.smallest_radius
     speeds = [
         math.sqrt(squares + gravity_strength(scene) * smallest),
         *(math.hypot(*np.array(each.velocity)) for each in scene.emitters),
     ]
-    speed = max(speeds)
-    # Where nothing moves by itself, a fraction of the time of a frame: speeds are those of what is added later.
-    return GUARD * (smallest / speed if speed > 0 else dt)
+    return max(speeds)

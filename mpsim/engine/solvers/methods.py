@@ -37,7 +37,7 @@ METHODS: dict[str, Method] = {
     "naive": Method(NaiveSolver, phases={"even columns": "pairs"}),
     "grid": Method(GridSolver, by_columns=True),
     "parallel": Method(GridSolver, workers=True, by_columns=True),
-    "event": Method(EventSolver, phases={"move": "events"}),
+    "event": Method(EventSolver, workers=True, phases={"move": "events"}),
     "mpi": Method(MpiSolver, workers=True, by_columns=True),
 }
 """Every method by its name in Settings; `auto` is one of AUTO."""
@@ -52,6 +52,10 @@ orders, so the choice between them must depend on the scene alone for the bits t
 PARALLEL_FROM = 200
 """Discs from which `auto` starts workers, where there are cores for them. Then it measures whether they pay: it may,
 because one worker or many give the same bits."""
+
+
+EVENT_FROM = 5_000
+"""Discs from which the exact solver has a worker for each core unless something else is said."""
 
 
 def capabilities_of(settings: Settings) -> Capabilities:
@@ -77,7 +81,8 @@ def choose(count: int, settings: Settings, comm: Any = None) -> Choice:
         method = "naive" if count <= NAIVE_UP_TO else "parallel" if count >= PARALLEL_FROM else "grid"
     if not METHODS[method].workers:
         return Choice(method, (1,))
-    workers, remark = settings.workers or (1 if on_ranks(method) else usable_cores()), ""
+    alone = on_ranks(method) or (method == "event" and count < EVENT_FROM)
+    workers, remark = settings.workers or (1 if alone else usable_cores()), ""
     if workers > 1 and not may_start_processes():
         remark = "mpsim: this process is daemonic and may not start others; running on one worker."
     elif workers > 1 and JIT_DISABLED:

@@ -20,6 +20,7 @@ from mpsim.core.errors import ResourceError
 from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.system_limits import refusal_of_process
+from mpsim.engine.workers.tiles import arguments_in_block, idle_call, load_windows, wait_for_windows
 from mpsim.kernels import compile_notice, layout
 from mpsim.kernels.features.hooks import features_of
 from mpsim.kernels.frame.rank import run_part
@@ -90,17 +91,23 @@ def buffers_of(block: SharedBlock) -> tuple[layout.Discs, layout.Discs]:
 
 def kernel_of(block: SharedBlock) -> Callable[..., int]:
     """What the workers of a block call: for whole commands, or, on the ranks of MPI, for parts of a step."""
+    if "tiles" in block.arrays:
+        return wait_for_windows
     control = block.arrays["control"]
     return run_part if control.members > control.workers else run_grid
 
 
 def load_kernels(block: SharedBlock) -> None:
     """Compile or load everything that coordinator and workers call, by running no frame on private records."""
-    arguments, kernel = kernel_arguments(block, 0), kernel_of(block)
-    control = arguments.control.copy()
-    control.frames, control.workers = 0, 1
-    control.part, control.ahead = layout.ODD, layout.NO_FRAME  # of no columns
-    kernel(*arguments._replace(control=control, team=np.zeros_like(arguments.team)))
+    if "tiles" in block.arrays:
+        load_windows(arguments_in_block(block.arrays))
+        control = block.arrays["control"].copy()
+    else:
+        arguments, kernel = kernel_arguments(block, 0), kernel_of(block)
+        control = arguments.control.copy()
+        control.frames, control.workers = 0, 1
+        control.part, control.ahead = layout.ODD, layout.NO_FRAME  # of no columns
+        kernel(*arguments._replace(control=control, team=np.zeros_like(arguments.team)))
     store_word(control.signals, layout.MAIL, 1)
     add_to_word(control.signals, layout.ANNOUNCED, load_word(control.signals, layout.MAIL))
 
@@ -171,12 +178,14 @@ def _serve(worker: int, connection: Connection, block: SharedBlock) -> None:
                 arguments = _join(worker, connection, block)
 
 
-def _join(worker: int, connection: Connection, block: SharedBlock) -> GridArguments:
+def _join(worker: int, connection: Connection, block: SharedBlock) -> tuple[Any, ...]:
     """Say that this worker is ready for the next command in the block; returns the arguments of its kernel."""
     control, mine = block.arrays["control"], block.arrays["team"][worker]
     mine.commands = load_word(control.signals, layout.COMMAND)
     mine.mails = load_word(control.signals, layout.MAIL)
     connection.send(("ready", None))
+    if "tiles" in block.arrays:
+        return idle_call(arguments_in_block(block.arrays), worker, LINGER)
     return kernel_arguments(block, worker)
 
 

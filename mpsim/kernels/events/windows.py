@@ -20,7 +20,7 @@ from mpsim.kernels.events.cells import link_cells
 from mpsim.kernels.events.features.hooks import copy_columns
 from mpsim.kernels.events.flight import INFINITY
 from mpsim.kernels.events.ordering import put_at_targets
-from mpsim.kernels.events.records import ENTRIES, FINE, PAUSED, REACHED, STOPPED
+from mpsim.kernels.events.records import ABORTED, ENTRIES, FINE, PAUSED, REACHED, STOPPED
 from mpsim.kernels.events.solver import STOP_ROUNDING, advance_frames, write_totals
 from mpsim.kernels.events.state import Store
 from mpsim.kernels.events.sums import MASK
@@ -50,10 +50,10 @@ MOST_COLLISIONS, FEWEST_COLLISIONS = 0.6, 0.2
 SLACK, FEWEST_ROOM = 4, 256
 """Room for the discs of a tile at the end of a window: a fourth more than there are, and so many."""
 
-Shared = namedtuple("Shared", "disc event features tiles plan times counted counts latest control team")
+Shared = namedtuple("Shared", "disc event features tiles plan times counted counts latest busy control team")
 """disc, event, features: where discs wait until all agree; tiles: TILE; plan, times: PLAN, PLAN_TIMES; counted: TOTALS
-by worker and frame; counts: COUNTER by worker; latest: of each worker the time of its last event, [time]; control,
-team: of the workers."""
+by worker and frame; counts: COUNTER by worker; latest: of each worker the time of its last event [time]; busy: what it
+has worked for since a frame ended [ns]; control, team: of the workers."""
 
 Own = namedtuple("Own", "store features bits places")
 """What a worker has for itself: a store for a tile, its features, its discs as whole numbers, and `places`, of each
@@ -249,9 +249,12 @@ def take_frames(whole, shared, done, progress, seen, times, totals):
             if done + frame < totals.shape[0]:
                 write_totals(totals[done + frame], whole)
             write_totals(seen, whole)
-            times[done + frame] = progress.spent // shared.plan.frames  # of a window, shared evenly
+            times[0, done + frame] = progress.spent // shared.plan.frames  # of a window, shared evenly
+            for worker in range(shared.control.workers):
+                times[1 + worker, done + frame] = shared.busy[worker] // shared.plan.frames
     if shared.plan.frames > 0:
         progress.spent = 0
+        shared.busy[:] = 0
         progress.frame += shared.plan.frames
 
 
@@ -327,7 +330,8 @@ def run_windows(
 ):  # fmt: skip
     """Play so many frames, or as many as end within a time [ns]: (frames finished, status, particle), of worker 0.
 
-    What it is given and returns is as of `advance_frames`. Other workers wait for such a command, and return what
+    What it is given and returns is as of `advance_frames`, but times: of all, and of each worker what it has worked for,
+    int64 [ns], shape (1 + workers, frames). Other workers wait for such a command, and return what
     `next_command` has heard when there is none.
     """
     control, mine, plan = shared.control, shared.team[worker], shared.plan
@@ -348,17 +352,20 @@ def run_windows(
                     stops = plan_window(plan, shared.times, whole.clock, progress.frame, frames - done, stop)
                     plan.next[0] = 0
             if barrier_of(control, mine) != RUNNING:
-                return done, -control.signals[ABORT], -1
+                return done, ABORTED, -1
             if plan.running == 0:
                 break
             play_tiles(whole, features, box, shared, own, worker)
+            shared.busy[worker] += now(mine.clock) - began
             if barrier_of(control, mine) != RUNNING:
-                return done, -control.signals[ABORT], -1
+                return done, ABORTED, -1
             agreed = all_agree(shared.tiles, plan, box)
+            began_to_take = now(mine.clock)
             if agreed:
                 take_discs(whole, features, shared, worker)
+            shared.busy[worker] += now(mine.clock) - began_to_take
             if barrier_of(control, mine) != RUNNING:
-                return done, -control.signals[ABORT], -1
+                return done, ABORTED, -1
             if worker == 0:
                 plan.windows += 1
                 progress.spent += now(mine.clock) - began
@@ -377,7 +384,7 @@ def run_windows(
                     plan.as_one += 1
                     left = min(plan.frames + 1, frames - done)
                     more, status, particle = play_as_one(
-                        whole, box, features, shared, own, left, stop, progress, seen, times[done:], totals[done:]
+                        whole, box, features, shared, own, left, stop, progress, seen, times[0, done:], totals[done:]
                     )
                     done += more
                     shared.times.reached = stop if status == STOPPED else progress.frame * shared.times.dt

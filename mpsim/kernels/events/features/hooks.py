@@ -21,6 +21,9 @@ FEATURES = (gravity, properties, restitution, friction, images)
 Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
 """What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it."""
 
+COLUMNS = ("radius", "mass", "spin", "image")
+"""Those that are arrays with a row for each disc, in the order of the discs in memory."""
+
 BARE = Features(*[None] * len(Features._fields))
 """Of a scene without features."""
 

@@ -1,0 +1,141 @@
+"""How the box of the exact solver is divided into tiles, and the arrays in which workers play them."""
+
+import math
+import pickle
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mpsim.engine.workers.arrays import ArraySpec
+from mpsim.engine.workers.tiles import WAITING
+from mpsim.kernels import records as stepped
+from mpsim.kernels.events import records
+from mpsim.kernels.events.features.hooks import COLUMNS
+from mpsim.kernels.events.windows import FEWEST_ROOM, MOST_FRAMES, SLACK
+
+HALO = 10
+"""Cells around a tile that are played with it. What is missing beyond spreads inward by two or three diameters for each
+collision that a disc has; see docs/exact.md."""
+
+CACHED = 16_000
+"""Discs that fit the cache with all that is known of them."""
+
+PARTS = 16
+"""Windows in a lap to begin with: rather too short, as tiles that do not agree are played again."""
+
+
+class Tiling(NamedTuple):
+    """Tiles along each axis; (1, 1): the box is played as a whole."""
+
+    columns: int
+    rows: int
+
+    @property
+    def number(self) -> int:
+        """Of tiles."""
+        return self.columns * self.rows
+
+
+WHOLE = Tiling(1, 1)
+
+
+def tiling_of(count: int, cells: tuple[int, int], periodic: tuple[bool, bool], workers: int) -> Tiling:
+    """The tiles into which to divide a box of so many cells along each axis, WHOLE where that does not pay.
+
+    A tile is at least as wide as its halo, so that only tiles side by side need each other's discs.
+    """
+    best, least = WHOLE, _cost(count, cells, periodic, workers, WHOLE)
+    for each in product(*(_numbers_along(cells[axis], periodic[axis]) for axis in range(2))):
+        tiling = Tiling(*each)
+        if tiling != WHOLE and (cost := _cost(count, cells, periodic, workers, tiling)) < least:
+            best, least = tiling, cost
+    return best
+
+
+def _numbers_along(cells: int, periodic: bool) -> list[int]:
+    """Numbers of tiles that an axis may have: all small ones, and then ever fewer."""
+    most = max(cells // HALO, 1)
+    numbers = sorted({min(round(1.15**power), most) for power in range(60)})
+    return [each for each in numbers if not (periodic and each == 2 and cells < 4 * HALO)]
+
+
+def _cost(count: int, cells: tuple[int, int], periodic: tuple[bool, bool], workers: int, tiling: Tiling) -> float:
+    """What a division costs, against one worker that plays all from the cache."""
+    work = 1.0
+    for length, number, around in zip(cells, tiling, periodic, strict=True):
+        borders = 0 if number == 1 else 2 if around else 2 - 2 / number
+        work *= 1 + borders * HALO * number / length
+    in_one = count * work / tiling.number
+    misses = 1 + CACHE_MISS * max(math.log2(max(in_one, 1) / CACHED), 0.0)
+    shared = math.ceil(tiling.number / workers) / tiling.number
+    return (
+        work * misses * shared
+        + (WINDOW if tiling != WHOLE else 0.0) * shared
+        + (BARRIERS / max(count, 1)) * (tiling != WHOLE)
+    )
+
+
+CACHE_MISS = 0.35
+"""What twice as many discs as fit the cache cost more."""
+
+WINDOW = 0.35
+"""What it costs to load tiles and to put them back, against playing them."""
+
+BARRIERS = 300.0
+"""What the waiting of a window costs, in discs."""
+
+
+def specs_of(
+    count: int, tiling: Tiling, workers: int, arrays: dict[str, tuple[Any, tuple[int, ...]]], laws: bytes
+) -> dict[str, ArraySpec]:
+    """The arrays beside those of the whole box that tiles need, in the shared block.
+
+    Args:
+        count, tiling, workers: of the simulation.
+        arrays: dtype and shape of those of the whole box, by name.
+        laws: as of `packed`.
+    """
+    room = count + count // SLACK + tiling.number * FEWEST_ROOM
+    each = {
+        f"{WAITING}{name}": (dtype, (room, *shape[1:]))
+        for name, (dtype, shape) in arrays.items()
+        if name in ("disc", "event", *COLUMNS)
+    }
+    each |= {
+        "tiles": (records.TILE, (tiling.number,)),
+        "plan": (records.PLAN, ()),
+        "plan_times": (records.PLAN_TIMES, ()),
+        "counted": (records.TOTALS, (workers, MOST_FRAMES + 1)),
+        "counts": (records.COUNTER, (workers,)),
+        "latest": (np.float64, (workers,)),
+        "busy": (np.int64, (workers,)),
+        "control": (stepped.CONTROL, ()),
+        "team": (stepped.MEMBER, (workers,)),
+        "laws": (np.uint8, (len(laws),)),
+    }
+    return {name: ArraySpec(np.dtype(dtype), shape) for name, (dtype, shape) in each.items()}
+
+
+def packed(box: Any, features: Any) -> bytes:
+    """What workers must know of a scene besides the arrays of the block."""
+    return pickle.dumps(
+        (box, {name: value for name, value in features._asdict().items() if not isinstance(value, np.ndarray)})
+    )
+
+
+def lay_out(
+    arrays: dict[str, Any], tiling: Tiling, cells: tuple[int, int], dt: float, workers: int, laws: bytes
+) -> None:
+    """Write the tiles and the plan into a new block."""
+    edges = [np.arange(number + 1) * length // number for number, length in zip(tiling, cells, strict=True)]
+    places = np.array(list(product(range(tiling.columns), range(tiling.rows))))
+    for axis in range(2):
+        place = places[:, axis]
+        arrays["tiles"]["own_first"][:, axis] = edges[axis][place]
+        arrays["tiles"]["own"][:, axis] = edges[axis][place + 1] - edges[axis][place]
+    arrays["plan"].tiles[:] = tiling
+    arrays["plan"].halo, arrays["plan"].parts = HALO, PARTS
+    arrays["plan_times"].dt = dt
+    arrays["control"].workers = arrays["control"].members = workers
+    arrays["laws"][:] = np.frombuffer(laws, np.uint8)

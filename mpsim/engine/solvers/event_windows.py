@@ -1,0 +1,104 @@
+"""Windows of time as the coordinator plays them: on the tiles of a block, with its workers."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core.deferred_signals import interrupts_held_back
+from mpsim.engine.workers.pool import WorkerPool
+from mpsim.engine.workers.shared import SharedBlock
+from mpsim.engine.workers.tiles import arguments_of
+from mpsim.engine.workers.worker import load_kernels
+from mpsim.kernels.events import records
+from mpsim.kernels.events.windows import link, order_by_tiles, run_windows
+
+PATIENCE = 30_000_000
+"""Nanoseconds after which a command ends with the window in hand."""
+
+
+class Windows:
+    """Plays frames on the tiles of a block, by this process and, after `start`, workers.
+
+    Args:
+        block: with the arrays of tiles, and a store whose discs have been placed.
+        system: the store, its box and features.
+        start_method: as of Settings.
+
+    Attributes:
+        failed: a worker has died, or a window was left in the middle.
+    """
+
+    def __init__(self, block: SharedBlock, system: Any, start_method: str | None):
+        self._block = block
+        self._arguments = arguments_of(block.arrays, system.features, system.box)
+        self._start_method = start_method
+        self._pool: WorkerPool | None = None
+        self._is_linked = True
+        self.failed = False
+
+    def start(self, workers: int) -> None:
+        """Compile or load the kernels, and start so many workers, this process included."""
+        with interrupts_held_back():
+            load_kernels(self._block)
+        if workers > 1:
+            self._pool = WorkerPool(self._block, self._start_method)
+            self._pool.start(workers)
+
+    def close(self) -> None:
+        """Stop the workers. May be called again."""
+        pool, self._pool = self._pool, None
+        if pool is not None:
+            pool.stop()
+        del self._arguments
+
+    @property
+    def pids(self) -> list[int]:
+        """Process numbers of the workers."""
+        return [] if self._pool is None else self._pool.pids
+
+    def play(
+        self,
+        frames: int,
+        times: NDArray[np.int64],
+        totals: NDArray[Any],
+        stop: float,
+        present: float,
+        progress: Any,
+        seen: Any,
+    ) -> tuple[int, int, int]:
+        """Play so many frames or fewer: as `advance_frames`; times: as of `run_windows`.
+
+        present: the time that has been reached.
+
+        Raises:
+            WorkerDied, WorkerStalled: if a worker has ended, or has not come.
+        """
+        self._order(present)
+        self._arguments.shared.control.done = progress.frame
+        pool, self.failed = self._pool, True
+        if pool is not None:
+            pool.wake()
+        try:
+            outcome = run_windows(*self._arguments, frames, stop, PATIENCE, progress, seen, times, totals, 0, 0)
+        finally:
+            if pool is not None:
+                pool.settle()
+        if outcome[1] == records.ABORTED:
+            assert pool is not None  # only its watcher, or a barrier, ends a window
+            raise pool.failure()
+        self.failed = False
+        return outcome
+
+    def link(self) -> None:
+        """Make the store of the whole box one that can be played as a whole, and copied."""
+        if not self._is_linked:
+            link(self._arguments.whole, self._arguments.box, self._arguments.own.places)
+            self._is_linked = True
+
+    def _order(self, present: float) -> None:
+        if self._is_linked:
+            whole, features, box, shared, _ = self._arguments
+            order_by_tiles(whole, box, features, shared.tiles, shared.plan)
+            shared.times.reached = present
+            self._is_linked = False

@@ -1,0 +1,100 @@
+"""What workers of the exact solver call: windows of time on the tiles of a shared block."""
+
+import math
+import pickle
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.kernels.events import records, state
+from mpsim.kernels.events.features.hooks import BARE, COLUMNS
+from mpsim.kernels.events.windows import Own, Shared, run_windows
+
+WAITING = "waiting."
+"""Before the names of the arrays in which discs wait until all tiles agree."""
+
+
+class TileArguments(NamedTuple):
+    """Arguments of `run_windows`, in its order: those that stay."""
+
+    whole: Any
+    features: Any
+    box: Any
+    shared: Shared
+    own: Own
+
+
+def arguments_of(arrays: dict[str, Any], features: Any, box: Any) -> TileArguments:
+    """Arguments for one worker, with memory of its own, of which the system gives what is written to.
+
+    Args:
+        arrays: of the block.
+        features, box: of the whole box.
+    """
+    store = state.Store(*(arrays[name] for name in state.Store._fields))
+    waiting = features._replace(**{name: arrays[WAITING + name] for name in COLUMNS if name in arrays})
+    names = ("tiles", "plan", "plan_times", "counted", "counts", "latest", "busy", "control", "team")
+    shared = Shared(arrays[f"{WAITING}disc"], arrays[f"{WAITING}event"], waiting, *(arrays[name] for name in names))
+    return TileArguments(store, features, box, shared, _own_of(store, features))
+
+
+def _own_of(store: Any, features: Any) -> Own:
+    """Memory for the largest tile that there can be: all discs."""
+    fields = {}
+    for name, array in store._asdict().items():
+        record = np.empty(array.shape, array.dtype)
+        fields[name] = record[()] if not array.shape else record
+    for name in ("clock", "counter", "tally", "region", "turn"):
+        fields[name] = np.zeros((), fields[name].dtype)[()]
+    columns = {name: np.empty_like(value) for name in COLUMNS if (value := getattr(features, name)) is not None}
+    bits = fields["disc"].view(np.int64).reshape(len(store.disc), -1)
+    return Own(state.Store(**fields), features._replace(**columns), bits, np.zeros(len(store.disc), np.int32))
+
+
+def arguments_in_block(arrays: dict[str, Any]) -> TileArguments:
+    """`arguments_of` in a worker, which knows the block alone."""
+    box, numbers = pickle.loads(arrays["laws"].tobytes())
+    features = BARE._replace(**numbers, **{name: arrays[name] for name in COLUMNS if name in arrays})
+    return arguments_of(arrays, features, box)
+
+
+class TileCall(NamedTuple):
+    """Arguments of `run_windows`, in its order; see there."""
+
+    whole: Any
+    features: Any
+    box: Any
+    shared: Shared
+    own: Own
+    frames: int
+    stop: float
+    patience: int
+    progress: Any
+    seen: Any
+    times: NDArray[np.int64]
+    totals: NDArray[Any]
+    worker: int
+    linger: int
+
+
+def idle_call(arguments: TileArguments, worker: int, linger: int) -> TileCall:
+    """A call that plays no frame, or, of a worker, waits for commands."""
+    progress: Any = np.zeros((), records.PROGRESS)[()]
+    seen: Any = np.zeros((), records.TOTALS)[()]
+    times, totals = np.zeros((1, 0), np.int64), np.zeros(0, records.TOTALS)
+    return TileCall(*arguments, 0, math.inf, 0, progress, seen, times, totals, worker, linger)
+
+
+def wait_for_windows(*call: Any) -> int:
+    """Play windows as a worker; returns what it has heard instead of a command."""
+    return run_windows(*call)[1]
+
+
+def load_windows(arguments: TileArguments) -> None:
+    """Compile or load what coordinator and workers call, by playing nothing on private records."""
+    shared = arguments.shared
+    control, plan = shared.control.copy(), shared.plan.copy()
+    control.workers = 1
+    private = shared._replace(control=control, plan=plan, team=np.zeros_like(shared.team))
+    run_windows(*idle_call(arguments._replace(shared=private), 0, 0))
