@@ -148,7 +148,7 @@ def test_a5_discs_on_a_line(figures):
     assert control > 1e-6
     quantity = f"discs on a line after {done} events"
     figures.note("A5", "exact", quantity, "within 1e-9", f"{error:.1e}", f"radius 1e-9 smaller: {control:.0e}")
-    force = (run.store.tally.wall[records.LEFT] + run.store.tally.wall[records.RIGHT]) / (2.0 * until)
+    force = (run.walls[records.LEFT] + run.walls[records.RIGHT]) / (2.0 * until)
     known = reference_motion.line_gas_force((speed**2).sum() / 2, count, length, 0.5)
     naive = (speed**2).sum() / length
     assert abs(force / known - 1.0) < 2e-3
@@ -224,7 +224,7 @@ def test_a10_floor_carries_the_weight(figures):
     g, until = 0.8, 50.0
     run = Run(position, velocity, length, length, radius, gravity=(0.0, -g))
     run.advance(until)
-    wall = run.store.tally.wall
+    wall = run.walls
     gained = run.state()[1][:, 1].sum() - velocity[:, 1].sum()
     weight = 64 * g * until + gained
     error, alone = (

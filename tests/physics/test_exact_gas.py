@@ -10,6 +10,7 @@ from support.scenes import gas as scene_of
 from support.scenes import simulate
 
 from mpsim import Scene
+from mpsim.kernels.events import records
 from mpsim.measure import Measure, independent_average, reference, reference_motion, speed_kurtosis
 
 
@@ -20,7 +21,7 @@ def test_b1_two_discs_in_a_box(figures):
         x, v = two_discs(seed, 1.0, radius, False)
         run = Run(x, v, 1.0, 1.0, radius)
         run.advance(until)
-        rates.append([run.store.tally.wall.sum() / 4.0, run.count("walls"), run.count("pairs")])
+        rates.append([run.walls.sum() / 4.0, run.count("walls"), run.count("pairs")])
     exact, wrong = (reference.two_discs(1, 1, r, energy=2.0) for r in (radius, 1.01 * radius))
     names = {"force on a wall": "force_x", "rate of wall hits": "wall_rate", "pair rate": "pair_rate"}
     for (quantity, name), column in zip(names.items(), np.transpose(rates) / until, strict=True):
@@ -57,7 +58,7 @@ def test_c6_wall_and_pair_counters_agree_exactly(figures):
     until = 60.0
     run.advance(until)
     x, v = run.state()
-    (left, right, bottom, top), virial = run.store.tally.wall, run.store.tally.virial
+    (left, right, bottom, top), virial = run.walls, run.tally(records.VIRIAL)
     # d/dt sum r.p = 2K + forces: with positions counted from the box centre both walls of an axis push with arm
     # (L - 2R)/2. The left side is what the same two states give directly.
     half = 0.5 * length
@@ -178,10 +179,10 @@ def bulk(columns, rows, packing, starts, collisions, shape=1.0):
         rate = count * 4 * packing / math.sqrt(math.pi) * reference.contact_value(min(packing, 0.62))
         until = collisions / rate
         run.advance(until / 10)
-        before = run.store.tally.virial
+        before = run.tally(records.VIRIAL)
         run.advance(until * 1.1)
         temperature = kinetic(velocity) / (count - 1)
-        values.append(1 + (run.store.tally.virial - before) / (2 * count * temperature * until))
+        values.append(1 + (run.tally(records.VIRIAL) - before) / (2 * count * temperature * until))
     return independent_average(values)
 
 

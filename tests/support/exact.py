@@ -77,6 +77,16 @@ class Run:
         found = state.read_out(*self.system, self.time if time is None else time)
         return found["position"], found["velocity"]
 
+    def tally(self, entry):
+        """Impulse on a wall, by side, or a virial, in the units of the scene."""
+        tally, unit = self.store.tally, self.box.impulse_unit if entry < records.VIRIAL else self.box.virial_unit
+        return (int(tally.coarse[entry]) + int(tally.fine[entry]) / 2.0**records.FINE) * unit
+
+    @property
+    def walls(self):
+        """Impulse on each wall, by side."""
+        return np.array([self.tally(side) for side in range(4)])
+
     def spin(self):
         """In the order of the discs as given; zeros of smooth ones."""
         found = state.read_out(*self.system, self.time, ["spin"] if self.features.spin is not None else [])

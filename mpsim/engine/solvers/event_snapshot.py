@@ -60,9 +60,7 @@ def cells_for(scene: Scene, count: int) -> tuple[int, int]:
 
 
 def taken(scene: Scene, arrays: dict[str, Any]) -> Snapshot:
-    """What a snapshot holds of the arrays of a block, discs by number, wherever they lie: no radii and masses, and no
-    calendar, which is made anew.
-    """
+    """What a snapshot holds of the arrays of a block, discs by number. No radii and masses, and no calendar."""
     place = np.argsort(arrays["event"]["number"])  # of each disc
     by_disc = ("disc", "event")
     found = {name: records.numbers(arrays[name][place] if name in by_disc else arrays[name]) for name in state.KEPT}

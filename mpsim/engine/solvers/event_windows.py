@@ -34,6 +34,7 @@ class Windows:
         self._arguments = arguments_of(block.arrays, system.features, system.box)
         self._start_method = start_method
         self._pool: WorkerPool | None = None
+        self._command: Any = np.zeros((), records.COMMAND)[()]
         self._is_linked = True
         self.failed = False
 
@@ -76,11 +77,12 @@ class Windows:
         """
         self._order(present)
         self._arguments.shared.control.done = progress.frame
+        self._command.frames, self._command.stop, self._command.patience = frames, stop, PATIENCE
         pool, self.failed = self._pool, True
         if pool is not None:
             pool.wake()
         try:
-            outcome = run_windows(*self._arguments, frames, stop, PATIENCE, progress, seen, times, totals, 0, 0)
+            outcome = run_windows(*self._arguments, self._command, progress, seen, times, totals, 0, 0)
         finally:
             if pool is not None:
                 pool.settle()

@@ -17,9 +17,9 @@ from mpsim.core.state import State
 from mpsim.engine.columns import given_in
 from mpsim.engine.frame_count import frames_until
 from mpsim.engine.solvers import event_snapshot
+from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Solver
 from mpsim.engine.solvers.event_tiles import WHOLE, Tiling, lay_out, packed, specs_of, tiling_of
 from mpsim.engine.solvers.event_windows import Windows
-from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Solver
 from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
 from mpsim.engine.workers.arrays import ArraySpec

@@ -67,9 +67,7 @@ class TileCall(NamedTuple):
     box: Any
     shared: Shared
     own: Own
-    frames: int
-    stop: float
-    patience: int
+    command: Any
     progress: Any
     seen: Any
     times: NDArray[np.int64]
@@ -83,7 +81,8 @@ def idle_call(arguments: TileArguments, worker: int, linger: int) -> TileCall:
     progress: Any = np.zeros((), records.PROGRESS)[()]
     seen: Any = np.zeros((), records.TOTALS)[()]
     times, totals = np.zeros((1, 0), np.int64), np.zeros(0, records.TOTALS)
-    return TileCall(*arguments, 0, math.inf, 0, progress, seen, times, totals, worker, linger)
+    command: Any = np.array((0, 0, math.inf), records.COMMAND)[()]
+    return TileCall(*arguments, command, progress, seen, times, totals, worker, linger)
 
 
 def wait_for_windows(*call: Any) -> int:

@@ -124,6 +124,10 @@ PLAN = _record(
     np.int64,
     ("next", 1),  # the tile that is to be played next
     "running",  # 1: there is a window to play
+    "stops",  # 1: at its end is where the command is to stop
+    "done",  # frames finished in this command
+    "status",  # of the command: PAUSED, or why it ends
+    "particle",  # where
     "frames",  # that end in it
     "first_frame",  # of them
     "ends_lap",  # 1: the window ends with the lap of the calendar
@@ -133,8 +137,12 @@ PLAN = _record(
     "again",  # of them once more in shorter ones, as tiles did not agree
     "as_one",  # of them by one worker for all, as shorter ones did not help
     "parts",  # windows in a lap
+    "whole_part",  # 1: this window is one of these, not cut short
 )
 """A window of time, as all workers are to play it."""
+
+COMMAND = np.dtype((Record, np.dtype([("frames", np.int64), ("patience", np.int64), ("stop", np.float64)])))
+"""Frames to play, time after which no window is begun any more [ns], and the time at which to stop [time]."""
 
 PLAN_TIMES = _record(np.float64, "dt", "until", "reached")
 """Length of a frame, end of the window where that is not the end of the lap, and end of the one before [time]."""

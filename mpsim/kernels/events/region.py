@@ -39,15 +39,9 @@ def band_along(axis, cell, region, box):
         return ELSEWHERE
     place -= region.own_first[axis]
     own = region.own[axis]
-    if place < 0:
-        return OUTER_LOW if place >= -BAND else ELSEWHERE
-    if place < BAND:
-        return INNER_LOW
-    if place < own - BAND:
-        return MIDDLE
-    if place < own:
-        return INNER_HIGH
-    return OUTER_HIGH if place < own + BAND else ELSEWHERE
+    if place < -BAND or place >= own + BAND:
+        return ELSEWHERE
+    return (place >= 0) + (place >= BAND) + (place >= own - BAND) + (place >= own)  # OUTER_LOW, INNER_LOW, ...
 
 
 @inlined

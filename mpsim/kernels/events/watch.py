@@ -4,50 +4,18 @@ Each event in a band adds a hash of all that it leaves of the disc: state, count
 on the order of events; sums that are equal stand for equal histories but for one case in 2^64.
 """
 
-import math
 from collections import namedtuple
 
 import numpy as np
 
 from mpsim.kernels.compiling import inlined
+from mpsim.kernels.events.features.hooks import with_columns
+from mpsim.kernels.events.hashing import mixed
 from mpsim.kernels.events.records import BANDS
 from mpsim.kernels.events.region import ELSEWHERE, MIDDLE, band_along
 
 Watch = namedtuple("Watch", "bits seen")
 """bits: the records of the discs as whole numbers, shape (N, 8); seen: sums by band, shape (25,)."""
-
-FACTOR = np.int64(0x2545F4914F6CDD1D)
-MANTISSA = 2.0**53
-
-
-@inlined
-def mixed(digest, value):
-    """A digest with one more number in it."""
-    digest = (digest ^ value) * FACTOR
-    return digest ^ (digest >> 29)
-
-
-@inlined
-def with_real(digest, value):
-    """The same with a real number."""
-    fraction, exponent = math.frexp(value)
-    return mixed(mixed(digest, np.int64(fraction * MANTISSA)), np.int64(exponent))
-
-
-@inlined
-def with_spin(digest, spin, i):
-    """With the spin, where discs have one."""
-    if spin is not None:
-        return with_real(digest, spin[i])
-    return digest
-
-
-@inlined
-def with_image(digest, image, i):
-    """With the counts of periods, where there are some."""
-    if image is not None:
-        return mixed(mixed(digest, image[i, 0]), image[i, 1])
-    return digest
 
 
 @inlined
@@ -66,7 +34,7 @@ def digest_of(i, bits, store, features):
     digest = mixed(digest, np.int64(event.side))
     digest = mixed(digest, np.int64(event.cell[0]))
     digest = mixed(digest, np.int64(event.cell[1]))
-    return with_image(with_spin(digest, features.spin, i), features.image, i)
+    return with_columns(digest, features, i)
 
 
 @inlined

@@ -8,11 +8,13 @@
     take over yes: the discs back into the store, tile by tile; no: worker 0 plays the window in the store alone
     ------------------------------------------------------------------------------------------------- barrier
 
-The store of the whole box is not touched until all agree. So which worker plays which tile, how many tiles there are and
-how long a window is changes no bit.
+The store of the whole box is not touched until all agree. So which worker plays which tile, how many tiles there are,
+and how long a window is, changes no bit.
 """
 
 from collections import namedtuple
+
+import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined, linked
 from mpsim.kernels.events.calendar import begin_turn, fit_lap, shift_times
@@ -79,7 +81,7 @@ def plan_window(plan, times, clock, first_frame, frames, stop):
     origin, dt = clock.origin, times.dt
     part_end = end_of_part(plan, times, clock)
     latest = min(part_end, clock.lap)
-    plan.first_frame, plan.frames, plan.ends_lap = first_frame, 0, 0
+    plan.first_frame, plan.frames, plan.ends_lap, plan.whole_part = first_frame, 0, 0, 0
     while plan.frames < min(frames, MOST_FRAMES):
         end = (first_frame + plan.frames + 1) * dt
         if stop <= end * (1.0 + STOP_ROUNDING):
@@ -93,6 +95,9 @@ def plan_window(plan, times, clock, first_frame, frames, stop):
         plan.frames += 1
     if plan.frames < min(frames, MOST_FRAMES):
         plan.ends_lap = part_end == INFINITY
+        plan.whole_part = (
+            times.reached - origin <= (part_end if part_end < INFINITY else clock.lap) - 0.9 * clock.lap / plan.parts
+        )
         times.until = origin + part_end
     return False
 
@@ -102,7 +107,7 @@ def fit_parts(plan, collisions, count, agreed):
     """Make windows shorter where they are too long for the halo, and longer where discs hardly collide in them."""
     if (not agreed or collisions > MOST_COLLISIONS * count) and plan.parts < MOST_PARTS:
         plan.parts *= 2
-    elif collisions < FEWEST_COLLISIONS * count and plan.parts > 1:
+    elif collisions < FEWEST_COLLISIONS * count and plan.parts > 1 and plan.whole_part:
         plan.parts //= 2
 
 
@@ -309,93 +314,127 @@ def order_by_tiles(whole, box, features, tiles, plan):
     deal_rooms(tiles)
 
 
-@linked
-def play_as_one(whole, box, features, shared, own, frames, stop, progress, seen, times, totals):
-    """Play the window in hand, to the end of its last frame or the stop, as a whole: as `advance_frames`."""
-    link(whole, box, own.places)
-    found = advance_frames(
-        whole, box, features, shared.times.dt, frames, MOST_EVENTS, stop, progress, seen, times, totals,
-        shared.team[0].clock,
-    )  # fmt: skip
-    order_by_tiles(whole, box, features, shared.tiles, shared.plan)
-    return found
-
-
 # --- a command ----------------------------------------------------------------------------------------------------
 
 
-@compiled
-def run_windows(
-    whole, features, box, shared, own, frames, stop, patience, progress, seen, times, totals, worker, linger,
-):  # fmt: skip
-    """Play so many frames, or as many as end within a time [ns]: (frames finished, status, particle), of worker 0.
+@linked
+def begin_window(whole, shared, command, started, progress):
+    """Plan the next window, if there is to be one. By worker 0."""
+    plan, mine = shared.plan, shared.team[0]
+    if plan.done == command.frames:
+        plan.status = REACHED
+    in_time = plan.done == 0 or now(mine.clock) - started < command.patience
+    plan.running = plan.status == PAUSED and in_time
+    if plan.running:
+        left = command.frames - plan.done
+        plan.stops = plan_window(plan, shared.times, whole.clock, progress.frame, left, command.stop)
+        plan.next[0] = 0
 
-    What it is given and returns is as of `advance_frames`, but times: of all, and of each worker what it has worked for,
-    int64 [ns], shape (1 + workers, frames). Other workers wait for such a command, and return what
-    `next_command` has heard when there is none.
-    """
-    control, mine, plan = shared.control, shared.team[worker], shared.plan
-    while True:
-        heard = next_command(control, mine, worker, linger)
-        if heard != RUNNING:
-            return 0, heard, -1
-        done, status, particle = 0, PAUSED, -1
-        started = now(mine.clock)
-        while True:
-            began = now(mine.clock)
-            stops = False
-            if worker == 0:
-                if done == frames:
-                    status = REACHED
-                plan.running = status == PAUSED and (done == 0 or began - started < patience)
-                if plan.running:
-                    stops = plan_window(plan, shared.times, whole.clock, progress.frame, frames - done, stop)
-                    plan.next[0] = 0
-            if barrier_of(control, mine) != RUNNING:
-                return done, ABORTED, -1
-            if plan.running == 0:
-                break
-            play_tiles(whole, features, box, shared, own, worker)
-            shared.busy[worker] += now(mine.clock) - began
-            if barrier_of(control, mine) != RUNNING:
-                return done, ABORTED, -1
-            agreed = all_agree(shared.tiles, plan, box)
-            began_to_take = now(mine.clock)
-            if agreed:
-                take_discs(whole, features, shared, worker)
-            shared.busy[worker] += now(mine.clock) - began_to_take
-            if barrier_of(control, mine) != RUNNING:
-                return done, ABORTED, -1
-            if worker == 0:
-                plan.windows += 1
-                progress.spent += now(mine.clock) - began
-                before = whole.counter.pairs
-                if agreed:
-                    take_frames(whole, shared, done, progress, seen, times, totals)
-                    take_counts(whole, shared)
-                    deal_rooms(shared.tiles)
-                    shared.times.reached = whole.clock.origin if plan.ends_lap else shared.times.until
-                    done += plan.frames
-                    if stops:
-                        status = STOPPED
-                elif plan.parts < MOST_PARTS:
-                    plan.again += 1  # in parts
-                else:
-                    plan.as_one += 1
-                    left = min(plan.frames + 1, frames - done)
-                    more, status, particle = play_as_one(
-                        whole, box, features, shared, own, left, stop, progress, seen, times[0, done:], totals[done:]
-                    )
-                    done += more
-                    shared.times.reached = stop if status == STOPPED else progress.frame * shared.times.dt
-                    if status == REACHED:
-                        status = PAUSED
-                fit_parts(plan, whole.counter.pairs - before, whole.disc.shape[0], agreed)
-        if worker == 0:
-            return done, status, particle
+
+@linked
+def take_over(whole, shared, progress, seen, times, totals):
+    """Count what has happened in a window of which all tiles agree, whose discs are in the store again. By worker 0."""
+    plan = shared.plan
+    take_frames(whole, shared, plan.done, progress, seen, times, totals)
+    shared.times.reached = shared.times.until
+    take_counts(whole, shared)
+    if plan.ends_lap:
+        shared.times.reached = whole.clock.origin
+    deal_rooms(shared.tiles)
+    plan.done += plan.frames
+    if plan.stops:
+        plan.status = STOPPED
+
+
+@linked
+def play_again(whole, box, features, shared, own, command, progress, seen, times, totals):
+    """What is done if tiles do not agree: first shorter windows, at last one worker for all. By worker 0."""
+    plan = shared.plan
+    if plan.parts < MOST_PARTS:
+        plan.again += 1
+        return
+    plan.as_one += 1
+    left, done = min(plan.frames + 1, command.frames - plan.done), plan.done
+    link(whole, box, own.places)
+    finished, status, particle = advance_frames(
+        whole, box, features, shared.times.dt, left, MOST_EVENTS, command.stop, progress, seen, times[0, done:],
+        totals[done:], shared.team[0].clock,
+    )  # fmt: skip
+    order_by_tiles(whole, box, features, shared.tiles, plan)
+    plan.done += finished
+    shared.times.reached = command.stop if status == STOPPED else progress.frame * shared.times.dt
+    if status != REACHED:
+        plan.status, plan.particle = status, particle
+
+
+@linked
+def end_window(whole, box, features, shared, own, command, agreed, began, progress, seen, times, totals):
+    """Take a window over, or see that it is played again. By worker 0."""
+    before = whole.counter.pairs
+    shared.plan.windows += 1
+    progress.spent += now(shared.team[0].clock) - began
+    if agreed:
+        take_over(whole, shared, progress, seen, times, totals)
+    else:
+        play_again(whole, box, features, shared, own, command, progress, seen, times, totals)
+    fit_parts(shared.plan, whole.counter.pairs - before, whole.disc.shape[0], agreed)
 
 
 @inlined
 def barrier_of(control, mine):
     """Wait until all workers have come here; why to leave, or RUNNING."""
     return barrier(control, mine) if control.workers > 1 else control.signals[ABORT]
+
+
+@linked
+def work(whole, box, features, shared, own, worker):
+    """One worker's share of a window. Returns whether all tiles agree, or ABORTED."""
+    control, mine = shared.control, shared.team[worker]
+    began = now(mine.clock)
+    play_tiles(whole, features, box, shared, own, worker)
+    shared.busy[worker] += now(mine.clock) - began
+    if barrier_of(control, mine) != RUNNING:
+        return ABORTED
+    agreed = all_agree(shared.tiles, shared.plan, box)
+    began = now(mine.clock)
+    if agreed:
+        take_discs(whole, features, shared, worker)
+    shared.busy[worker] += now(mine.clock) - began
+    return np.int64(agreed) if barrier_of(control, mine) == RUNNING else ABORTED
+
+
+@compiled
+def run_windows(
+    whole, features, box, shared, own, command, progress, seen, times, totals, worker, linger
+):  # fmt: skip
+    """Play frames, or as many as end within a time: (frames finished, status, particle), of worker 0.
+
+    command: COMMAND. progress, seen, totals: as of `advance_frames`. times: int64 [ns], shape (1 + workers, frames): of
+    each frame, and what each worker has worked for it. Other workers wait for a command, and return as their
+    status what `next_command` has heard instead of one.
+    """
+    mine, plan = shared.team[worker], shared.plan
+    while True:
+        heard = next_command(shared.control, mine, worker, linger)
+        if heard != RUNNING:
+            return 0, heard, -1
+        started = now(mine.clock)
+        if worker == 0:
+            plan.done, plan.status, plan.particle = 0, PAUSED, -1
+        while True:
+            began = now(mine.clock)
+            if worker == 0:
+                begin_window(whole, shared, command, started, progress)
+            if barrier_of(shared.control, mine) != RUNNING:
+                return 0, ABORTED, -1
+            if plan.running == 0:
+                if barrier_of(shared.control, mine) != RUNNING:  # the plan may change when all have seen that
+                    return 0, ABORTED, -1
+                break
+            outcome = work(whole, box, features, shared, own, worker)
+            if outcome == ABORTED:
+                return 0, ABORTED, -1
+            if worker == 0:
+                end_window(whole, box, features, shared, own, command, outcome, began, progress, seen, times, totals)
+        if worker == 0:
+            return plan.done, plan.status, plan.particle

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.features.properties import mass_of, radius_of
+from mpsim.kernels.events.hashing import mixed_real
 
 
 class Friction(NamedTuple):
@@ -30,6 +31,14 @@ def wall_friction_of(scene: Any) -> Friction | None:
 
 FIELDS = {"friction": friction_of, "wall_friction": wall_friction_of, "spin": None}
 """spin: shape (N,), counter-clockwise [1/time]."""
+
+
+@inlined
+def with_spin(digest, spin, i):
+    """A hash with the spin of disc i in it, where discs have one."""
+    if spin is not None:
+        return mixed_real(digest, spin[i])
+    return digest
 
 
 @inlined

@@ -62,6 +62,12 @@ def swap_columns(features, i, j):
 
 
 @inlined
+def with_columns(digest, features, i):
+    """A hash with all that events change of disc i in them."""
+    return images.with_periods(friction.with_spin(digest, features.spin, i), features.image, i)
+
+
+@inlined
 def copy_columns(source, i, target, j):
     """What disc i has in one memory, to place j of another."""
     copy_entry(source.radius, i, target.radius, j)

@@ -1,9 +1,18 @@
 """Counts of periods: how often each disc has left through a periodic border, so that its path can be unwrapped."""
 
 from mpsim.kernels.compiling import inlined
+from mpsim.kernels.events.hashing import mixed
 
 FIELDS = {"image": None}
 """image: shape (N, 2), periods along x and y, int64; where an axis is periodic."""
+
+
+@inlined
+def with_periods(digest, image, i):
+    """A hash with the counts of disc i in it, where there are some."""
+    if image is not None:
+        return mixed(mixed(digest, image[i, 0]), image[i, 1])
+    return digest
 
 
 @inlined

@@ -10,6 +10,7 @@ from support.internals import machine_code
 from mpsim.kernels.events import calendar
 
 earliest, reschedule = map(machine_code, (calendar.earliest, calendar.reschedule))
+fit_lap, shift_times = map(machine_code, (calendar.fit_lap, calendar.shift_times))
 
 
 @pytest.mark.parametrize("steps", [1, 8, 512])
@@ -24,12 +25,18 @@ def test_the_calendar_finds_the_earliest_of_all(steps):
     disc["collision_time"] = rng.integers(0, 2000, count) / 1024
     calendar.begin_turn(0.0, run.store)
     laps = 0
-    for _ in range(6000):
+    for _ in range(20_000):
         i = earliest(run.store)
         expected = np.lexsort((np.arange(count), disc["collision_time"]))[0]
         if i < 0:
-            assert disc[expected].collision_time >= clock.lap
-            calendar.count_from_lap(run.store)
+            turn = run.store.turn
+            assert disc[expected].collision_time >= turn.end
+            if turn.end < clock.lap:
+                calendar.begin_turn(turn.end, run.store)
+                continue
+            for each in disc:
+                shift_times(each, clock.lap)
+            fit_lap(run.store)
             calendar.begin_turn(0.0, run.store)
             laps += 1
             continue
