@@ -144,10 +144,12 @@ path, what, name, workers = sys.argv[1:]
 case, workers = CASES[name](), int(workers)
 if what == "save":
     with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="mpi", workers=workers)) as sim:
+        assert len(sim.pids) == workers - 1
         sim.run(frames=20)
         sim.save(path)
 else:
     with mpsim.Simulation.resume(path, method="mpi", workers=workers) as sim:
+        assert len(sim.pids) == workers - 1
         sim.run(frames=case.frames - 20)
         digest = sim.digest()
         if MPI.COMM_WORLD.rank == 0:
@@ -174,15 +176,23 @@ def test_a_checkpoint_goes_from_ranks_to_workers_and_back(name, tmp_path):
     assert resumed.out.split()[-1] == whole
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(("number", "workers"), [(1, 1), (2, 1), (8, 1), (4, 2), (1, 4), (3, 1)])
-def test_a_checkpoint_goes_to_half_and_to_twice_as_many_ranks_and_workers(number, workers, tmp_path):
+LARGER = [((4, 1), (number, workers)) for number, workers in ((1, 1), (2, 1), (8, 1), (4, 2), (1, 4), (3, 1), (2, 2))]
+LARGER += [((2, 2), (4, 2)), ((2, 2), (1, 4)), ((4, 2), (2, 1)), ((1, 4), (2, 2))]
+
+
+@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")  # whose disc waits
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [((2, 2), (1, 1)), ((1, 1), (2, 2)), *(pytest.param(*each, marks=pytest.mark.long) for each in LARGER)],
+    ids=lambda each: f"{each[0]} x {each[1]}",
+)
+def test_a_checkpoint_goes_to_half_and_to_twice_as_many_ranks_and_workers(before, after, tmp_path):
+    """Ranks, and workers of each."""
     path = tmp_path / "ranks.mpsim"
-    saved = on_ranks(4, str(path), "save", "doors", "1", script=SAVED)
-    assert saved.code == 0, saved.err
-    resumed = on_ranks(number, str(path), "resume", "doors", str(workers), script=SAVED)
-    assert resumed.code == 0, resumed.err
-    assert resumed.out.split()[-1] == alone("doors")["digest"]
+    for (number, workers), what in ((before, "save"), (after, "resume")):
+        done = on_ranks(number, str(path), what, "doors", str(workers), script=SAVED)
+        assert done.code == 0, done.err
+    assert done.out.split()[-1] == alone("doors")["digest"]
 
 
 WRITING = """
