@@ -1,6 +1,7 @@
-"""No rank needs all discs: starts, frames, digests, files and ranges of discs take the memory of a rank's share."""
+"""No rank needs all discs: starts, frames, digests, measures, files and ranges of discs take a rank's share."""
 
 import pytest
+from support.measured import LARGE, measured
 from support.ranks import CASES, on_ranks, told_by_script
 
 import mpsim
@@ -93,12 +94,15 @@ MEMORY = """
 import json, psutil, sys, mpsim
 from mpi4py import MPI
 from mpsim.core import chunks
+from support.measured import measures_of
 
 comm, count, path = MPI.COMM_WORLD, int(sys.argv[1]), sys.argv[2]
 settings, peaks = mpsim.Settings(dt=0.02, method="mpi", precision="float32"), {}
 
 def scene(count):
     return mpsim.Scene.lattice(count=count, packing=0.4, radius=0.5, seed=3)
+
+MEASURES = measures_of(scene(1000))
 
 def forget():
     with open("/proc/self/clear_refs", "w") as file:
@@ -115,6 +119,8 @@ def life(count, note=lambda what: None):
         note("start")
         sim.run(frames=3)
         note("frames")
+        sim.run(frames=1, measures=MEASURES)
+        note("measures")
         sim.digest()
         note("digest")
         sim.save(path)
@@ -132,6 +138,8 @@ def life(count, note=lambda what: None):
         chunks.CHUNK = count
         sim.digest()
         note("digest at once")
+        sim.run(frames=1, measures=MEASURES)
+        note("measures at once")
     return digest
 
 life(3000)
@@ -145,14 +153,14 @@ if comm.rank == 0:
 
 @pytest.mark.parametrize("number", [2, pytest.param(4, marks=pytest.mark.long)])
 def test_memory_of_a_rank_falls_as_their_number_grows(number, tmp_path, figures):
-    """The control: a digest for which the first rank gets all discs at once."""
+    """The control: a digest, and measures, for which the first rank gets all discs at once."""
     count = 600_000 * number
     alone, shared = (told_by_script(each, str(count), str(tmp_path / "run"), script=MEMORY) for each in (1, number))
     assert alone[0] == shared[0], "digests"
     ratios = {what: shared[1][what] / alone[1][what] for what in alone[1]}
     beyond = {what: (shared[1][what] - alone[1][what] / number) * count for what in alone[1]}
     figures.note("R24", f"mpi on {number}", "peak memory of a rank over that of one", "1 / ranks", f"{ratios}")
-    assert beyond.pop("digest at once") > 1.5 * AT_A_TIME, beyond
+    assert min(beyond.pop(f"{what} at once") for what in ("digest", "measures")) > 1.5 * AT_A_TIME, beyond
     assert beyond.pop("trajectory") < AS_TEXT, beyond
     assert beyond.pop("resume") < AT_A_TIME + MAPPED * count, beyond
     assert max(beyond.values()) < AT_A_TIME, beyond
@@ -193,6 +201,51 @@ def test_a_lattice_is_the_same_on_ranks_and_in_one_process(tmp_path):
             ended = sim.state.digest()
     with mpsim.Simulation.resume(tmp_path / "run", method="grid") as sim:
         assert (sim.frame, sim.state.digest()) == (50, ended)
+
+
+MOMENTS = """
+import json, sys, mpsim
+from mpi4py import MPI
+from mpsim.core import chunks
+from mpsim.engine.solvers.mpi_numbers import DiscsByNumber
+from support.measured import LARGE, measured
+
+read, rows = [], DiscsByNumber.rows
+
+def noted(self, first, last):
+    read.append(last - first)
+    return rows(self, first, last)
+
+DiscsByNumber.rows = noted
+scene = LARGE[sys.argv[1]]()
+with mpsim.Simulation(scene, mpsim.Settings(dt=0.02, method="mpi")) as sim:
+    found, most = measured(sim), max(read, default=0)  # only the first rank reads
+    at_once = sim.once(lambda: mpsim.measure.kinetic_energy(sim.state, scene))
+if MPI.COMM_WORLD.rank == 0:
+    print(json.dumps([found, most / chunks.CHUNK, max(read), at_once.hex()]))
+"""
+
+
+@pytest.mark.parametrize("number", [1, 2])
+@pytest.mark.parametrize("name", LARGE)
+def test_measures_of_more_than_a_chunk_of_discs_are_those_of_one_process_and_read_a_chunk_at_a_time(name, number):
+    """The control: the energy of a state that is read at once, which has the same bits."""
+    scene = LARGE[name]()
+    with mpsim.Simulation(scene, mpsim.Settings(dt=0.02, method="grid")) as sim:
+        expected, energy = measured(sim), mpsim.measure.kinetic_energy(sim.state, scene)
+    found, chunks_at_once, most, at_once = told_by_script(number, name, script=MOMENTS)
+    assert found == expected
+    assert chunks_at_once == 1
+    assert (most, at_once) == (scene.count, energy.hex())
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_measures_of_more_than_a_chunk_of_discs_are_the_same_on_workers(name):
+    found = []
+    for method, workers in (("grid", None), ("parallel", 2)):
+        with mpsim.Simulation(LARGE[name](), mpsim.Settings(dt=0.02, method=method, workers=workers)) as sim:
+            found.append(measured(sim))
+    assert found[0] == found[1]
 
 
 FAST = """
