@@ -5,6 +5,7 @@ those of one sum over all where they fit one chunk. Only the discs that are pres
 """
 
 import functools
+import math
 import operator
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
@@ -115,6 +116,11 @@ def number_present(discs: Discs) -> int:
     return total(discs, lambda part: part.number)
 
 
+def any_present(discs: Discs) -> bool:
+    """Whether any disc has not left."""
+    return any(part.number for part in parts(discs))
+
+
 def any_spin(discs: Discs) -> bool:
     """Whether the discs have angular velocities."""
     return next(parts(discs)).state.spin is not None
@@ -136,21 +142,28 @@ def mass_and_momentum(discs: Discs, masses: Floats) -> tuple[float, Floats]:
     return float(mass), np.array(momentum)
 
 
-def weighted_squares(discs: Discs, masses: Floats, drift: Any = 0.0) -> float:
-    """Sum of m (v - drift)^2, twice the energy of translation [mass length^2/time^2]; masses: shape (N,)."""
+def number_and_squares(discs: Discs, masses: Floats, drift: Any = 0.0) -> tuple[int, float]:
+    """Number of discs, and the sum of m (v - drift)^2, twice their energy of translation [mass length^2/time^2].
 
-    def term(part: Part) -> float:
+    Args:
+        discs: at one moment.
+        masses: shape (N,) [mass].
+        drift: shape (2,), or 0 [length/time].
+    """
+
+    def term(part: Part) -> Floats:
         squares = part.velocity - drift
         np.square(squares, out=squares)
         squares *= part.of(masses)[:, None]
-        return float(squares.sum())
+        return np.array([len(squares), squares.sum()])
 
-    return total(discs, term)
+    number, squares = total(discs, term).tolist()
+    return int(number), squares
 
 
 def energy_of_translation(discs: Discs, masses: Floats) -> float:
     """Sum of m v^2 / 2 [mass length^2/time^2]; masses: shape (N,)."""
-    return 0.5 * weighted_squares(discs, masses)
+    return 0.5 * number_and_squares(discs, masses)[1]
 
 
 def energy_of_rotation(discs: Discs, masses: Floats, radii: Floats) -> float:
@@ -169,10 +182,10 @@ def momenta(discs: Discs, masses: Floats) -> float:
     return total(discs, lambda part: float((part.of(masses) * np.hypot(*part.velocity.T)).sum()))
 
 
-def component_speed(discs: Discs) -> float:
-    """Root mean square of one velocity component [length/time]; 0 without discs."""
-    count, squares = total(discs, lambda part: np.array([part.number, (part.velocity**2).sum()]))
-    return float(np.sqrt(squares / (2 * count))) if count else 0.0
+def number_and_speed(discs: Discs) -> tuple[int, float]:
+    """Number of discs, and the root mean square of one velocity component [length/time], 0 without discs."""
+    number, squares = number_and_squares(discs, equal_sizes(1.0, count_of(discs)))
+    return number, math.sqrt(squares / (2 * number)) if number else 0.0
 
 
 def flow_of_momentum(discs: Discs, scene: Scene) -> tuple[float, float, float]:

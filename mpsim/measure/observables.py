@@ -185,13 +185,15 @@ def temperature(state: Discs, scene: Scene, *, remove_drift: bool = False) -> fl
     >>> temperature(state, scene), temperature(state, scene, remove_drift=True)
     (2.5, 1.0)
     """
-    count = moments.number_present(state)
-    _demand_discs("temperature", count, 2 if remove_drift else 1)
     masses, drift = masses_of("temperature", scene, state), 0.0
     if remove_drift:
+        count = moments.number_present(state)
+        _demand_discs("temperature", count, 2)
         mass, momentum = moments.mass_and_momentum(state, masses)
         drift = (momentum / count) / (mass / count)
-    return moments.weighted_squares(state, masses, drift) / (2 * (count - 1 if remove_drift else count))
+    count, squares = moments.number_and_squares(state, masses, drift)
+    _demand_discs("temperature", count, 1)
+    return squares / (2 * (count - 1 if remove_drift else count))
 
 
 def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None) -> Overlap:

@@ -14,7 +14,7 @@ from mpsim.measure import counted, observables
 from mpsim.measure.counted import Counts, Run
 from mpsim.measure.drifts import ENERGY_DRIFT, MOMENTUM_DRIFT, Drift
 from mpsim.measure.driving import conserves_energy
-from mpsim.measure.moments import any_moves, number_present
+from mpsim.measure.moments import any_moves, any_present
 from mpsim.measure.statistics import Measure
 from mpsim.scene.scene import Scene
 
@@ -33,7 +33,7 @@ Needs = Literal["nothing", "discs", "motion"]
 
 _NEEDED: dict[Needs, Callable[[Discs], bool]] = {
     "nothing": lambda discs: True,
-    "discs": lambda discs: number_present(discs) > 0,
+    "discs": any_present,
     "motion": any_moves,
 }
 

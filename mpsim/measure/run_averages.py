@@ -276,7 +276,7 @@ class RunAverages:
         walls = "pressure" in self._names and not all(run.scene.periodic)
         if walls or "pressure_virial" in self._names or "pressure" in self._names:
             if walls:
-                speed, count = self._of_discs(lambda now: (moments.component_speed(now), moments.number_present(now)))
+                count, speed = self._of_discs(moments.number_and_speed)
                 run = replace(run, speed=speed, count=count)
             if "pressure_virial" in self._names or not walls:
                 energy = self._of_discs(lambda now: _energy_without_drift(now, self._scene))
