@@ -194,11 +194,13 @@ def flow_of_momentum(discs: Discs, scene: Scene) -> tuple[float, float, float]:
 
     def mass_and_flow(part: Part) -> Floats:
         mass = part.of(masses)
-        return np.array([mass.sum(), *(mass @ part.velocity)])
+        return np.array([mass.sum(), *(mass[:, None] * part.velocity).sum(axis=0)])
 
     def squares(part: Part) -> Floats:
         mass, (x, y) = part.of(masses), (part.velocity - drift).T
-        return np.array([mass @ (x * x), mass @ (y * y), mass @ (x * y)])
+        return np.array(
+            [(mass * x * x).sum(), (mass * y * y).sum(), (mass * x * y).sum()]
+        )  # no BLAS: its bits follow its threads
 
     mass, *flow = total(discs, mass_and_flow)
     drift = np.array(flow) * scene.periodic / max(mass, 1e-300)
