@@ -103,7 +103,8 @@ class Counter:
     def mean(self, frames: int) -> Sent:
         """Of so many frames."""
         middle = float(np.median(self._border_seconds)) if self._border_seconds else 0.0
-        return Sent(*(self.counts / frames), middle * 1e6)
+        messages, bytes_sent, discs, disc_bytes, reductions = self.counts / frames
+        return Sent(messages, bytes_sent, discs, disc_bytes, reductions, middle * 1e6)
 
     def _counting(self, name: str) -> Any:
         right = self._right[name]

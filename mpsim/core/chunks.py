@@ -10,6 +10,15 @@ CHUNK = 2**16
 """Rows that are read at a time."""
 
 
+def ranges(count: int) -> list[tuple[int, int]]:
+    """First row and the one after the last of each chunk of so many rows.
+
+    >>> ranges(CHUNK + 1), ranges(0)
+    ([(0, 65536), (65536, 65537)], [])
+    """
+    return [(first, min(first + CHUNK, count)) for first in range(0, count, CHUNK)]
+
+
 class ChunkedArray:
     """An array of which any range of rows can be read. Slices are arrays; `numpy.asarray` reads all of it.
 
@@ -56,13 +65,12 @@ class ChunkedArray:
 
     def chunks(self) -> Iterator[NDArray[Any]]:
         """All of it in the order of C, in contiguous arrays."""
-        count = self.shape[-1 if self._rows_last else 0]
-        ranges = [(first, min(first + CHUNK, count)) for first in range(0, count, CHUNK)]
+        parts = ranges(self.shape[-1 if self._rows_last else 0])
         if not self._rows_last or self.ndim == 1:
-            yield from (np.ascontiguousarray(self._read(*each)) for each in ranges)
+            yield from (np.ascontiguousarray(self._read(*each)) for each in parts)
             return
         for component in np.ndindex(self.shape[:-1]):
-            yield from (np.ascontiguousarray(self._read(*each)[(slice(None), *component)]) for each in ranges)
+            yield from (np.ascontiguousarray(self._read(*each)[(slice(None), *component)]) for each in parts)
 
 
 Array = NDArray[Any] | ChunkedArray

@@ -6,7 +6,7 @@
 import functools
 import hashlib
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Unpack
@@ -16,7 +16,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from mpsim.core import atomic, checks, columns, untrusted
 from mpsim.core.archive import DAMAGE, ArrayFile
-from mpsim.core.chunks import ChunkedArray, chunks_of
+from mpsim.core.chunks import ChunkedArray, chunks_of, ranges
 from mpsim.core.columns import StateColumns
 from mpsim.core.errors import InputError, OutputError, reason_of
 
@@ -182,6 +182,63 @@ class State:
                 f"{str(source)!r} holds {sorted(map(str, shapes))} of {sorted(map(str, kinds))}."
             )
         return state
+
+
+class StateInChunks:
+    """All discs at one moment, of which any range can be read: for sums over them where no process holds them whole.
+
+    Args:
+        between: called with (first, last), gives the state of the discs of these numbers, as long as none moves.
+        count: number of all discs.
+
+    >>> whole = State(np.arange(6.0).reshape(3, 2), np.ones((3, 2)))
+    >>> discs = StateInChunks(lambda first, last: part_of(whole, first, last), 3)
+    >>> discs.count, discs.between(1, 3).position.tolist()
+    (3, [[2.0, 3.0], [4.0, 5.0]])
+    """
+
+    def __init__(self, between: Callable[[int, int], State], count: int):
+        self.count: int = count
+        self.between: Callable[[int, int], State] = functools.lru_cache(maxsize=1)(between)  # one sum after the other
+
+
+Discs = State | StateInChunks
+"""All discs at one moment: their state, or what reads it in chunks."""
+
+
+def count_of(discs: Discs) -> int:
+    """Number of discs, N, absorbed ones included.
+
+    >>> count_of(State(np.zeros((3, 2)), np.ones((3, 2))))
+    3
+    """
+    return len(discs.position) if isinstance(discs, State) else discs.count
+
+
+def part_of(state: State, first: int, last: int) -> State:
+    """The discs numbered `first` to `last` - 1, whose arrays are views.
+
+    >>> part_of(State(np.zeros((3, 2)), np.ones((3, 2))), 1, 3).velocity.tolist()
+    [[1.0, 1.0], [1.0, 1.0]]
+    """
+    count = count_of(state)
+    if (first, last) == (0, count):
+        return state
+    end = None if last == count else last  # so that a velocity too many is in the last part, and is refused
+    parts = {name: value[first:end] for name, value in vars(state).items() if name != "box" and value is not None}
+    return State(**parts, box=state.box)
+
+
+def parts_of(discs: Discs) -> Iterator[tuple[slice, State]]:
+    """The discs in the order of their numbers, a chunk at a time: which they are, and their state.
+
+    Where there are no discs, one part without any.
+
+    >>> [(rows, len(part.velocity)) for rows, part in parts_of(State(np.zeros((2, 2)), np.ones((2, 2))))]
+    [(slice(0, 2, None), 2)]
+    """
+    between = functools.partial(part_of, discs) if isinstance(discs, State) else discs.between
+    yield from ((slice(*each), between(*each)) for each in ranges(count_of(discs)) or [(0, 0)])
 
 
 def digest_of(values: Mapping[str, Any]) -> str:

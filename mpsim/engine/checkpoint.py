@@ -87,6 +87,9 @@ class Checkpoint:
     digest: str
 
 
+Verified = tuple[Path, str, tuple[int, ...]]
+"""A file whose digest is right: its path, that digest, and its `_identity`."""
+
 Check = Callable[[Checkpoint], None]
 """Raises ValueError for a checkpoint in which no simulation can have been."""
 
@@ -198,26 +201,27 @@ def method_of(path: str | os.PathLike[str]) -> str | None:
 
 
 def read_together(
-    path: str | os.PathLike[str], check: Check, once: Callable[[Callable[[], tuple[str, str]]], tuple[str, str]]
+    path: str | os.PathLike[str], check: Check, once: Callable[[Callable[[], Verified]], Verified]
 ) -> Checkpoint:
     """`read` by processes that share a simulation: the first one verifies the file; none holds its arrays in memory.
+
+    One that has another file there, such as a copy on the disk of its machine, verifies that itself.
 
     Args:
         path, check: as of `read`.
         once: what an act gives that the first of them does.
 
     Raises:
-        CheckpointError: as `read`, of all; or if one of them has another file there, or none.
+        CheckpointError: as `read`, of all; of one that has a damaged file there, another one, or none.
     """
 
-    def verify() -> tuple[str, str]:
+    def verify() -> Verified:
         found = read(path, check, mapped=True)
-        return str(found.path), found.digest
+        return found.path, found.digest, _identity(found.path)
 
-    verified, digest = once(verify)
-    own = Path(verified)
+    own, digest, identity = once(verify)
     try:
-        found = _made_from(own, *_unpacked(own, mapped=True, verified=True))
+        found = _made_from(own, *_unpacked(own, mapped=True, verified=identity))
     except _DamagedError as damage:
         raise _differs(own, str(damage)) from None
     if found.digest != digest:
@@ -225,10 +229,16 @@ def read_together(
     return found
 
 
+def _identity(file: Path | int) -> tuple[int, ...]:
+    """What a file has on all machines that share its disk, and no copy of it; the number of the disk differs."""
+    found = os.stat(file)
+    return found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+
+
 def _differs(path: Path, how: str) -> CheckpointError:
     return CheckpointError(
-        f"the checkpoint {str(path)!r} must be the same file on all ranks; on this one {how}. Give all of them "
-        "one that they can read."
+        f"the checkpoint {str(path)!r} must be the same file on all ranks; on {platform.node()} {how}. Give all of "
+        "them one that they can read."
     )
 
 
@@ -413,13 +423,13 @@ def _damage_reported(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _unpacked(path: Path, mapped: bool = False, verified: bool = False) -> tuple[dict[str, Any], Arrays]:
+def _unpacked(path: Path, mapped: bool = False, verified: tuple[int, ...] = ()) -> tuple[dict[str, Any], Arrays]:
     """Header and arrays of a file whose digest is right.
 
     Args:
         path: of the file.
         mapped: whether arrays stay in its pages.
-        verified: whether the digest is known to be right.
+        verified: `_identity` of the file of which the digest is known to be right.
     """
     with _damage_reported(path), untrusted.opened(path) as file, ArrayFile(file) as archive:
         header = _header_of(archive)
@@ -427,7 +437,7 @@ def _unpacked(path: Path, mapped: bool = False, verified: bool = False) -> tuple
         if format_version <= FORMAT:
             take = archive.map if mapped else archive.read
             arrays = {name: take(name) for name in archive.names if name != HEADER}
-            if not verified and digest_of(header, arrays) != said:
+            if _identity(file.fileno()) != verified and digest_of(header, arrays) != said:
                 raise _DamagedError("its content does not match its digest")
             return header, _of_format_1(arrays) if format_version == 1 else arrays
     raise CheckpointError(

@@ -20,7 +20,7 @@ from mpsim.core.errors import (
     WorkerStalled,
     level_of_caller,
 )
-from mpsim.core.state import State
+from mpsim.core.state import Discs, StateInChunks
 from mpsim.engine.access import Access
 from mpsim.engine.batch_size import BatchSizer
 from mpsim.engine.emission import Emission, Insert, Progress
@@ -132,13 +132,19 @@ class Coordinator:
         """Begin the record of a run of so many frames, with averages for measures of these names."""
         solver = self.solver
         whole, guarded = solver.time == solver.frame * self._settings.dt, solver.guarded
-        averages = RunAverages(names, frames, self._of_state, whole)
+        averages = RunAverages(names, frames, self._scene, self._of_discs, whole)
         self.between_frames(lambda: self.solver.set_tallied(averages.counting))
         return RunRecord(max(solver.choice.workers), averages, whole, guarded)
 
-    def _of_state(self, function: Callable[[State], Any]) -> Any:
-        """What a function of the present state gives, in all processes that share the simulation."""
-        return self.solver.once(lambda: function(self.solver.state()))
+    def _of_discs(self, function: Callable[[Discs], Any]) -> Any:
+        """What a function of the present state gives, in all processes that share the simulation.
+
+        On ranks, where no process has it all, it is read in chunks.
+        """
+        solver = self.solver
+        if solver.capabilities.on_ranks:
+            return solver.once(lambda: function(StateInChunks(solver.state_between, solver.count)))
+        return function(solver.state())
 
     def recovery(self, record: RunRecord) -> RecoverySnapshots | None:
         """Snapshots for a run to go back to if a worker dies; None if the settings do not ask for it."""
@@ -196,7 +202,7 @@ class Coordinator:
             raise
         if part.times.shape[1]:
             self._batch_sizer.note(workers, part.times.shape[1], float(np.median(part.times[0].sum(axis=1))) * 1e-9)
-        record.take(part, self._scene)
+        record.take(part)
         self.last_frame = solver.frame
         self._warn_of_rest(solver.guarded - record.guarded)
         if solver.too_fast:  # look now: the run may end here, or be saved

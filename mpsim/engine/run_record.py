@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from mpsim.engine.solvers.slices import Slice
 from mpsim.kernels.layout import PHASES
 from mpsim.measure.run_averages import RunAverages
-from mpsim.scene.scene import Scene
 
 
 class Mark(NamedTuple):
@@ -39,14 +38,14 @@ class RunRecord:
         self.collisions: int = 0
         self._times = [np.zeros((workers, 0, len(PHASES)), np.int64)]
 
-    def take(self, part: Slice, scene: Scene) -> None:
+    def take(self, part: Slice) -> None:
         """Add what one command of the solver took and counted."""
         size = part.times.shape[1]
         self.done += size
         self._times.append(part.times)
         self.collisions += part.contacts
         if size:
-            self.averages.take(part.tally, self.done, scene)
+            self.averages.take(part.tally, self.done)
 
     def mark(self) -> Mark:
         """How far the run has come, for `rewind`."""

@@ -447,6 +447,7 @@ def _read(path: str | os.PathLike[str], comm: object, together: bool) -> checkpo
     ranks = communicator_of(comm)
     try:
         ranks.demand_alike("paths of checkpoints", str(checkpoint_file.place_of(path)))
-        return checkpoint_file.read_together(path, checkpoint_validation.check, ranks.once)
+        with raised_together(comm):
+            return checkpoint_file.read_together(path, checkpoint_validation.check, ranks.once)
     finally:
         ranks.close()

@@ -210,7 +210,7 @@ class StepLimits:
         anyway = frame == self._squeezed or self._is_look(frame, count, SELDOM)
         if not anyway and not is_crowded(self._scene, solver.radii, solver.time):
             return
-        text = pressed(solver, self._scene, self._settings)
+        text = solver.once(lambda: pressed(solver, self._scene, self._settings))
         if text and self._settings.on_fast == "error":
             raise TooFastError(f"{text} on_fast='warn' runs it all the same.")
         if text:

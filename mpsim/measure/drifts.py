@@ -1,21 +1,60 @@
-"""Drifts: what the final state of a run and the counts in between say about its conservation laws."""
+"""Drifts: what the first and the last state of a run and the counts in between say about its conservation laws."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mpsim.core.state import State
-from mpsim.measure import observables
+from mpsim.core.state import Discs
+from mpsim.measure import moments, observables
 from mpsim.measure.counted import Counts, Run
+from mpsim.scene.scene import Scene
 
 
-def energy_drift(counts: Counts, run: Run, before: State, after: State) -> float:
+class Energies(NamedTuple):
+    """Kinetic and potential energy of a state [mass length^2/time^2]."""
+
+    kinetic: float
+    potential: float
+
+
+class Momenta(NamedTuple):
+    """Sums of m v, shape (2,), and of m |v| [mass length/time]."""
+
+    total: NDArray[np.float64]
+    largest: float
+
+
+class Drift(NamedTuple):
+    """A drift.
+
+    Attributes:
+        of: what it takes of a state.
+        rate: the drift, from what it took of the first and the last state of a run and the counts in between.
+    """
+
+    of: Callable[[Discs, Scene], Any]
+    rate: Callable[[Counts, Run, Any, Any], float]
+
+
+def _energies(discs: Discs, scene: Scene) -> Energies:
+    return Energies(observables.kinetic_energy(discs, scene), observables.potential_energy(discs, scene))
+
+
+def _momenta(discs: Discs, scene: Scene) -> Momenta:
+    masses = moments.masses_of("momentum_drift", scene, discs)
+    return Momenta(observables.momentum(discs, scene), moments.momenta(discs, masses))
+
+
+def _energy_drift(counts: Counts, run: Run, before: Energies, after: Energies) -> float:
     """Change of kinetic plus potential energy per time, over the larger of both kinetic energies [1/time]."""
-    kinetic = [observables.kinetic_energy(state, run.scene) for state in (before, after)]
-    potential = [observables.potential_energy(state, run.scene) for state in (before, after)]
-    change = kinetic[1] - kinetic[0] + potential[1] - potential[0]
-    return change / (max(kinetic) * run.dt * len(counts)) if max(kinetic) else 0.0
+    largest = max(before.kinetic, after.kinetic)
+    change = after.kinetic - before.kinetic + after.potential - before.potential
+    return change / (largest * run.dt * len(counts)) if largest else 0.0
 
 
-def momentum_drift(counts: Counts, run: Run, before: State, after: State) -> float:
+def _momentum_drift(counts: Counts, run: Run, before: Momenta, after: Momenta) -> float:
     """Change of momentum that is not due to walls or gravity, per time, over the sum of m |v| [1/time], >= 0.
 
     Newton's third law keeps it at rounding; `reflect` violates that law. The larger sum of both states is taken.
@@ -27,6 +66,9 @@ def momentum_drift(counts: Counts, run: Run, before: State, after: State) -> flo
         given += (run.count if run.scene.mass is None else run.scene.mass.sum()) * run.scene.gravity * time
     if run.scene.acceleration is not None:
         given += (run.scene.acceleration.T * masses).sum(axis=1) * time
-    gained = observables.momentum(after, run.scene) - observables.momentum(before, run.scene)
-    momenta = max(float((masses * np.hypot(*state.velocity.astype(float).T)).sum()) for state in (before, after))
-    return float(np.hypot(*(gained - given))) / (momenta * time) if momenta else 0.0
+    largest = max(before.largest, after.largest)
+    return float(np.hypot(*(after.total - before.total - given))) / (largest * time) if largest else 0.0
+
+
+ENERGY_DRIFT = Drift(_energies, _energy_drift)
+MOMENTUM_DRIFT = Drift(_momenta, _momentum_drift)

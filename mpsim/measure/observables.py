@@ -3,7 +3,7 @@
 All is computed in float64, whatever the precision of the state. Masses are those of the scene, 1 if it has none. Only
 the discs that are present count, not absorbed ones. Along a periodic axis distances are those of the nearest images,
 displacements those of the motion itself. If discs were added since the start, a state holds more than its scene; then
-all discs must be equal.
+all discs must be equal. Sums over discs take a state or what reads it in chunks (`moments`).
 """
 
 import math
@@ -14,7 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
-from mpsim.core.state import State, present_in
+from mpsim.core.state import Discs, State
+from mpsim.measure import moments
+from mpsim.measure.moments import Part, checked_positions, masses_of, one_of_each, radii_of
 from mpsim.measure.pairs import close_pairs, lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene
 
@@ -75,7 +77,7 @@ class TrajectoryDeviation:
     disc: int
 
 
-def kinetic_energy(state: State, scene: Scene) -> float:
+def kinetic_energy(state: Discs, scene: Scene) -> float:
     """Kinetic energy, sum of m v^2 / 2 over the discs [mass length^2/time^2], >= 0. `scene`: that of the state.
 
     Of discs that spin that of rotation too, which `rotational_energy` is alone.
@@ -87,11 +89,11 @@ def kinetic_energy(state: State, scene: Scene) -> float:
     >>> kinetic_energy(State(scene.position, scene.velocity), scene)
     13.0
     """
-    translation = energy_of_velocities(state, _masses("kinetic_energy", scene, state)[:, 0])
-    return translation if state.spin is None else translation + rotational_energy(state, scene)
+    translation = moments.energy_of_translation(state, masses_of("kinetic_energy", scene, state))
+    return translation + rotational_energy(state, scene) if moments.any_spin(state) else translation
 
 
-def rotational_energy(state: State, scene: Scene) -> float:
+def rotational_energy(state: Discs, scene: Scene) -> float:
     """Kinetic energy of rotation, sum of m a^2 spin^2 / 4 over the discs [mass length^2/time^2]; 0 of smooth ones.
 
     The moment of inertia of a uniform disc of radius a is m a^2 / 2. `scene`: that of the state. In equilibrium, which
@@ -105,27 +107,11 @@ def rotational_energy(state: State, scene: Scene) -> float:
     >>> rotational_energy(State(scene.position, scene.velocity, spin=scene.spin), scene)
     1.0
     """
-    masses, radii = _masses("rotational_energy", scene, state)[:, 0], _radii("rotational_energy", scene, state)
-    return energy_of_spins(state, masses, radii)
+    name = "rotational_energy"
+    return moments.energy_of_rotation(state, masses_of(name, scene, state), radii_of(name, scene, state))
 
 
-def energy_of_velocities(state: State, masses: NDArray[np.float64]) -> float:
-    """`kinetic_energy` of translation alone, for masses, shape (N,) or (1,), of the discs present."""
-    squares = _velocity(state)
-    np.square(squares, out=squares)
-    squares *= masses[:, None]
-    return 0.5 * float(squares.sum())
-
-
-def energy_of_spins(state: State, masses: NDArray[np.float64], radii: NDArray[np.float64]) -> float:
-    """`rotational_energy` for masses, shape (N,) or (1,), and radii, shape (N,), of the discs present."""
-    if state.spin is None:
-        return 0.0
-    spin = checks.finite_array("state.spin", state.spin, (len(state.present),), "(N,)")[state.present]
-    return 0.25 * float((masses * (radii * spin) ** 2).sum())
-
-
-def potential_energy(state: State, scene: Scene) -> float:
+def potential_energy(state: Discs, scene: Scene) -> float:
     """Energy in gravity and in each disc's own acceleration, - sum of m_i (g + a_i).r_i from the box's origin.
 
     Each of these fields is uniform and constant, so kinetic plus potential energy is conserved by exact motion [D].
@@ -142,19 +128,22 @@ def potential_energy(state: State, scene: Scene) -> float:
     >>> potential_energy(State(scene.position, scene.velocity), scene)
     20.0
     """
-    position, energy = _position(state), 0.0
+    name, gravity, acceleration = "potential_energy", scene.gravity, scene.acceleration
     if has_periodic_field(scene):
         raise InputError(
             "potential_energy needs fields that point along axes with walls; got one along a periodic axis, round "
             "which discs fall without end. Give that axis walls, or compare kinetic energies."
         )
-    mass = _masses("potential_energy", scene, state)
-    if scene.gravity is not None:
-        energy -= float((mass * position @ scene.gravity).sum())
-    if scene.acceleration is not None:
-        own = _each("potential_energy", "acceleration", scene.acceleration, state)
-        energy -= float((mass * position * own).sum())
-    return energy
+    masses = masses_of(name, scene, state)
+    own = None if acceleration is None else one_of_each(name, "acceleration", acceleration, state)
+
+    def work(part: Part) -> NDArray[np.float64]:
+        moment = part.of(masses)[:, None] * part.position
+        of_gravity = 0.0 if gravity is None else (moment @ gravity).sum()
+        return np.array([of_gravity, 0.0 if own is None else (moment * part.of(own)).sum()])
+
+    of_gravity, of_own = moments.total(state, work).tolist()
+    return 0.0 - of_gravity - of_own
 
 
 def has_periodic_field(scene: Scene) -> bool:
@@ -165,7 +154,7 @@ def has_periodic_field(scene: Scene) -> bool:
     )
 
 
-def momentum(state: State, scene: Scene) -> NDArray[np.float64]:
+def momentum(state: Discs, scene: Scene) -> NDArray[np.float64]:
     """Total momentum, sum of m v, shape (2,) [mass length/time]. `scene`: that of the state.
 
     Raises:
@@ -175,11 +164,10 @@ def momentum(state: State, scene: Scene) -> NDArray[np.float64]:
     >>> momentum(State(scene.position, scene.velocity), scene).tolist()
     [3.0, 5.0]
     """
-    velocity = _velocity(state)
-    return (_masses("momentum", scene, state) * velocity).sum(axis=0)
+    return moments.mass_and_momentum(state, masses_of("momentum", scene, state))[1]
 
 
-def temperature(state: State, scene: Scene, *, remove_drift: bool = False) -> float:
+def temperature(state: Discs, scene: Scene, *, remove_drift: bool = False) -> float:
     """Temperature kT: mean of m v_x^2 and m v_y^2 over the discs [mass length^2/time^2], >= 0.
 
     Args:
@@ -197,13 +185,15 @@ def temperature(state: State, scene: Scene, *, remove_drift: bool = False) -> fl
     >>> temperature(state, scene), temperature(state, scene, remove_drift=True)
     (2.5, 1.0)
     """
-    velocity = _velocity(state)
-    _demand_discs("temperature", len(velocity), 2 if remove_drift else 1)
-    mass = _masses("temperature", scene, state)
+    masses, drift = masses_of("temperature", scene, state), 0.0
     if remove_drift:
-        drift = (mass * velocity).mean(axis=0) / mass.mean()
-        return float((mass * (velocity - drift) ** 2).sum()) / (2 * (len(velocity) - 1))
-    return float((mass * velocity**2).mean())
+        count = moments.number_present(state)
+        _demand_discs("temperature", count, 2)
+        mass, momentum = moments.mass_and_momentum(state, masses)
+        drift = (momentum / count) / (mass / count)
+    count, squares = moments.number_and_squares(state, masses, drift)
+    _demand_discs("temperature", count, 1)
+    return squares / (2 * (count - 1 if remove_drift else count))
 
 
 def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None) -> Overlap:
@@ -224,8 +214,10 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
     Overlap(pairs=1, largest=0.25, mean=0.25, worst=(0, 1))
     """
     rounding = TOUCHING * float(np.finfo(state.position.dtype).eps) * max(scene.width, scene.height)
-    position, numbers = _position(state), np.flatnonzero(state.present)
-    radii = _radii("overlap", scene, state) if radii is None else _each("overlap", "radius", radii, state)
+    whole, numbers = Part(slice(None), state), np.flatnonzero(state.present)
+    position, name = whole.position, "overlap"
+    each = radii_of(name, scene, state) if radii is None else one_of_each(name, "radius", radii, state)
+    radii = whole.of(each)
     diameter = 2 * float(radii.max(initial=0.0))
     pairs, total, largest, worst = 0, 0.0, 0.0, None
     for i, j, distance in close_pairs(position, diameter - rounding, lengths_of(scene)):
@@ -243,7 +235,7 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
     return Overlap(pairs, largest, total / pairs if pairs else 0.0, worst)
 
 
-def speed_kurtosis(state: State) -> float:
+def speed_kurtosis(state: Discs) -> float:
     """Fourth moment of the speeds over the square of the second, <v^4>/<v^2>^2 [1], >= 1.
 
     1 for equal speeds, 2 for a Maxwell distribution in two dimensions; `reference.speed_kurtosis` is the value for N
@@ -256,8 +248,14 @@ def speed_kurtosis(state: State) -> float:
     >>> speed_kurtosis(State(np.zeros((2, 2)), np.array([[1.0, 0.0], [0.0, 3.0]])))
     1.64
     """
-    squares, _ = _moving_squares("speed_kurtosis", state)
-    return float((squares**2).mean() / squares.mean() ** 2)
+    unit = _moving_unit("speed_kurtosis", state)
+
+    def powers(part: Part) -> NDArray[np.float64]:
+        squares = _squares(part, unit)
+        return np.array([len(squares), squares.sum(), (squares**2).sum()])
+
+    count, second, fourth = moments.total(state, powers)
+    return float((fourth / count) / (second / count) ** 2)
 
 
 def speed_distribution(state: State, bins: int | ArrayLike = 50) -> SpeedDistribution:
@@ -281,8 +279,8 @@ def speed_distribution(state: State, bins: int | ArrayLike = 50) -> SpeedDistrib
     >>> found.density.tolist(), round(found.distance, 6)
     ([0.0, 0.5, 0.5], 0.334701)
     """
-    squares, unit = _moving_squares("speed_distribution", state)
-    squares.sort()
+    unit = _moving_unit("speed_distribution", state)
+    squares = np.sort(_squares(Part(slice(None), state), unit))
     mean_square, speed = float(squares.mean()), unit * np.sqrt(squares)
     edges = _edges(bins, float(speed[-1]))
     below = -np.expm1(-((edges / unit) ** 2) / mean_square)
@@ -333,7 +331,7 @@ def mean_squared_displacement(before: State, after: State, scene: Scene | None =
     if before.image is None or after.image is None:
         moved = _difference(before, after, common, scene)
     else:
-        moved = _places(after.unwrapped)[common] - _places(before.unwrapped)[common]
+        moved = checked_positions(after.unwrapped)[common] - checked_positions(before.unwrapped)[common]
     return float((moved**2).sum(axis=1).mean())
 
 
@@ -369,35 +367,18 @@ def _edges(bins: int | ArrayLike, largest: float) -> NDArray[np.float64]:
     return edges
 
 
-def _position(state: State) -> NDArray[np.float64]:
-    """Positions of the discs that are present."""
-    return _places(state.position)[state.present]
-
-
-def _places(position: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Positions of all discs, checked to be finite."""
-    return checks.finite_array("state.position", position, (None, 2), "(N, 2)")
-
-
-def _velocity(state: State) -> NDArray[np.float64]:
-    """Velocities of the discs that are present, a copy."""
-    velocity = checks.finite_array("state.velocity", state.velocity, (len(state.present), 2), "(N, 2)")
-    velocity.flags.writeable = True
-    return velocity[present_in(state)]
-
-
-def _moving_squares(name: str, state: State) -> tuple[NDArray[np.float64], float]:
-    """Squared speeds in units of the largest velocity component squared, and that component.
-
-    In these units fourth powers neither overflow nor vanish, however fast or slow the discs are.
-    """
-    velocity = _velocity(state)
-    unit = float(np.abs(velocity).max(initial=0.0))
+def _moving_unit(name: str, discs: Discs) -> float:
+    """The largest velocity component, in units of which fourth powers neither overflow nor vanish [length/time]."""
+    largest = [(np.abs(part.velocity).max(initial=0.0), part.number) for part in moments.parts(discs)]
+    unit, count = float(max(each for each, _ in largest)), sum(count for _, count in largest)
     if unit == 0:
-        raise InputError(
-            f"{name} needs a disc that moves; got {len(velocity)} discs, none moving. Give them velocities."
-        )
-    return ((velocity / unit) ** 2).sum(axis=1), unit
+        raise InputError(f"{name} needs a disc that moves; got {count} discs, none moving. Give them velocities.")
+    return unit
+
+
+def _squares(part: Part, unit: float) -> NDArray[np.float64]:
+    """Squared speeds in units of a velocity, shape (K,)."""
+    return ((part.velocity / unit) ** 2).sum(axis=1)
 
 
 def _common(state: State, reference: State, name: str) -> NDArray[np.int64]:
@@ -414,32 +395,8 @@ def _common(state: State, reference: State, name: str) -> NDArray[np.int64]:
 
 def _difference(state: State, reference: State, discs: NDArray[np.int64], scene: Scene | None) -> NDArray[np.float64]:
     """Differences of the positions of some discs in two states, to the nearest images along periodic axes."""
-    a, b = _places(state.position)[discs], _places(reference.position)[discs]
+    a, b = checked_positions(state.position)[discs], checked_positions(reference.position)[discs]
     return a - b if scene is None else to_nearest_image(a - b, lengths_of(scene))
-
-
-def _masses(name: str, scene: Scene, state: State) -> NDArray[np.float64]:
-    """Masses of the discs present as a column, shape (N, 1), or (1, 1) if all are 1."""
-    if scene.mass is None and all(emitter.mass in (None, 1.0) for emitter in scene.emitters):
-        return np.ones((1, 1))
-    return _each(name, "mass", scene.masses, state)[:, None]
-
-
-def _radii(name: str, scene: Scene, state: State) -> NDArray[np.float64]:
-    """Radius of each disc that is present, shape (N,)."""
-    if isinstance(scene.radius, float) and scene.smallest_radius == scene.largest_radius:
-        return np.full(int(state.present.sum()), scene.radius)
-    return _each(name, "radius", scene.radii, state)
-
-
-def _each(name: str, what: str, values: NDArray[np.float64], state: State) -> NDArray[np.float64]:
-    """Values that the scene has for each disc, for those that are present."""
-    if len(values) != len(state.present):
-        raise InputError(
-            f"{name} needs one {what} of the scene per disc; got {len(values)} and {len(state.present)} discs. "
-            f"Make a scene that holds all discs, with the {what} of each."
-        )
-    return values[state.present]
 
 
 def _demand_discs(name: str, count: int, fewest: int) -> None:

@@ -9,10 +9,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from mpsim.core.state import State
-from mpsim.measure import counted, drifts, observables
+from mpsim.core.state import Discs
+from mpsim.measure import counted, observables
 from mpsim.measure.counted import Counts, Run
+from mpsim.measure.drifts import ENERGY_DRIFT, MOMENTUM_DRIFT, Drift
 from mpsim.measure.driving import conserves_energy
+from mpsim.measure.moments import any_moves, any_present
 from mpsim.measure.statistics import Measure
 from mpsim.scene.scene import Scene
 
@@ -27,6 +29,13 @@ pairs. distribution: the largest difference of two cumulative distributions. sho
 
 Needs = Literal["nothing", "discs", "motion"]
 """What a sampled observable is undefined without: nothing, as a sum over discs; any disc; any disc that moves."""
+
+
+_NEEDED: dict[Needs, Callable[[Discs], bool]] = {
+    "nothing": lambda discs: True,
+    "discs": any_present,
+    "motion": any_moves,
+}
 
 
 def _never(run: Run) -> bool:
@@ -57,19 +66,17 @@ class Observable:
     """
 
     counted: Callable[[Counts, Run], Measure] | None = None
-    sampled: Callable[[State, Scene], float] | None = None
-    drift: Callable[[Counts, Run, State, State], float] | None = None
+    sampled: Callable[[Discs, Scene], float] | None = None
+    drift: Drift | None = None
     constant: Callable[[Run], bool] = _never
     needs: Needs = "motion"
     error: Error | None = None
     unit: str = "%"
 
-    def sample(self, state: State, scene: Scene) -> float:
+    def sample(self, discs: Discs, scene: Scene) -> float:
         """The sampled value of a state; NaN where it is undefined."""
         assert self.sampled is not None  # `SAMPLED` has no other
-        present = state.velocity[state.present]
-        undefined = {"nothing": False, "discs": not len(present), "motion": not present.any()}[self.needs]
-        return float("nan") if undefined else self.sampled(state, scene)
+        return self.sampled(discs, scene) if _NEEDED[self.needs](discs) else float("nan")
 
 
 OBSERVABLES: dict[str, Observable] = {
@@ -80,8 +87,8 @@ OBSERVABLES: dict[str, Observable] = {
     "pressure_xy": Observable(counted=counted.pressure_xy),
     "collision_rate": Observable(counted=counted.contact_rate, error="relative"),
     "contact_rate": Observable(counted=counted.contact_rate),
-    "energy_drift": Observable(drift=drifts.energy_drift, error="difference", unit="1/time"),
-    "momentum_drift": Observable(drift=drifts.momentum_drift, error="mean", unit="1/time"),
+    "energy_drift": Observable(drift=ENERGY_DRIFT, error="difference", unit="1/time"),
+    "momentum_drift": Observable(drift=MOMENTUM_DRIFT, error="mean", unit="1/time"),
     "overlap": Observable(counted=counted.overlap, error="depth", unit="diam."),
     "largest_overlap": Observable(counted=counted.largest_overlap, error="largest", unit="diam."),
     "kinetic_energy": Observable(sampled=observables.kinetic_energy, constant=_with_energy, needs="nothing"),

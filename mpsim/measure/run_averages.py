@@ -4,7 +4,7 @@ Which there are, and of which kinds, `registry` says. States are sampled at fixe
 workers nor the length of a slice can change an average.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from itertools import chain
 from typing import Any, NamedTuple
@@ -13,21 +13,22 @@ import numpy as np
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError, NotRecordedError
-from mpsim.core.state import State
+from mpsim.core.state import Discs, count_of
 from mpsim.features import FEATURES
 from mpsim.kernels import records
-from mpsim.measure import observables
+from mpsim.measure import moments, observables
 from mpsim.measure.counted import COMPONENTS, Counts, Run
 from mpsim.measure.driving import adds_discs, has_body_force, has_losses, is_inelastic
 from mpsim.measure.registry import COUNTED, DRIFTS, NAMES, OBSERVABLES, SAMPLED
 from mpsim.measure.statistics import Measure, block_average
 from mpsim.scene.scene import Scene
 
-OfState = Callable[[Callable[[State], Any]], Any]
-"""Calls a function with the present state, and returns what it gives."""
+OfDiscs = Callable[[Callable[[Discs], Any]], Any]
+"""Calls a function with the present state, or what reads it in chunks, and returns what it gives."""
 
 SAMPLES = 200
-"""Approximate number of states sampled in a run: each costs a copy of all positions and velocities."""
+"""Approximate number of states sampled in a run: each costs a copy of all positions and velocities, chunk by chunk on
+ranks."""
 
 FLOW_SAMPLES = 1000
 """The same for the flow of momentum, the kinetic part of a pressure, which fluctuates more."""
@@ -190,23 +191,23 @@ class RunAverages:
     Args:
         names: of measures, checked.
         frames: of the run; states are sampled about every frames / SAMPLES frames.
-        of_state: what a function of the present state gives. Where several processes share the simulation, one of them
+        scene: whose discs they are.
+        of_discs: what a function of the present state gives. Where several processes share the simulation, one of them
             calls it, and all get what it gives.
         whole: whether the run begins with a whole frame. After Ctrl-C inside a frame it does not; the counts then
             include all of that frame: rates are right, but drifts between two states are not.
     """
 
-    def __init__(self, names: tuple[str, ...], frames: int, of_state: OfState, whole: bool = True):
+    def __init__(self, names: tuple[str, ...], frames: int, scene: Scene, of_discs: OfDiscs, whole: bool = True):
         self._names = names
-        self._of_state = of_state
-        self._drifts = whole and any(name in DRIFTS for name in names)
-        self._before: State | None = None  # in the process that is given states
-        if self._drifts:
-            of_state(self._keep_before)
+        self._scene = scene
+        self._of_discs = of_discs
+        self._drifts = {name: DRIFTS[name] for name in names if name in DRIFTS and whole}
+        self._before = self._conserved()
         self._counts: list[Counts] = []
-        self._sampled: dict[str, Callable[[State, Scene], Any]] = {n: SAMPLED[n] for n in names if n in SAMPLED}
+        self._sampled: dict[str, Callable[[Discs, Scene], Any]] = {n: SAMPLED[n] for n in names if n in SAMPLED}
         if any(name in COMPONENTS for name in names):
-            self._sampled["flow"] = _flow
+            self._sampled["flow"] = moments.flow_of_momentum
         self._samples: dict[str, list[Any]] = {name: [] for name in self._sampled}
         self._every = max(frames // (FLOW_SAMPLES if "flow" in self._sampled else SAMPLES), 1)
 
@@ -219,12 +220,12 @@ class RunAverages:
         """Number of frames until the next sample; very large if none is needed."""
         return self._every - done % self._every if self._samples else 2**62
 
-    def take(self, counts: Counts | None, done: int, scene: Scene) -> None:
+    def take(self, counts: Counts | None, done: int) -> None:
         """Add the counts of a slice, and sample the state if it is due."""
         if counts is not None:
             self._counts.append(counts)
         if self._samples and done % self._every == 0:
-            found = self._of_state(lambda now: {name: self._sampled[name](now, scene) for name in self._samples})
+            found = self._of_all(self._sampled)
             for name, values in self._samples.items():
                 values.append(found[name])
 
@@ -243,6 +244,7 @@ class RunAverages:
         """The measures at the end of the run."""
         counts = np.concatenate(self._counts) if self._counts else np.zeros(0, records.COUNTS)
         run = self._with_what_is_needed(run)
+        after = self._conserved() if len(counts) else {}
         results = Measures()
         unknown = {name for name, values in self._samples.items() if not values or np.isnan(values).any()}
         unknown |= set() if len(counts) else set(COUNTED)
@@ -254,53 +256,39 @@ class RunAverages:
             elif name in SAMPLED:
                 results[name] = block_average(self._samples[name], constant=OBSERVABLES[name].constant(run))
             else:
-                value = self._drift(name, counts, run) if self._drifts and len(counts) else float("nan")
+                rate = DRIFTS[name].rate
+                value = rate(counts, run, self._before[name], after[name]) if name in after else float("nan")
                 results[name] = Measure(value, float("nan"), 1, settled=False)
         return results
 
-    def _keep_before(self, state: State) -> None:
-        self._before = state
+    def _of_all(self, functions: Mapping[str, Callable[[Discs, Scene], Any]]) -> dict[str, Any]:
+        """What each of some functions gives of the present state, by name."""
+        if not functions:
+            return {}
+        return self._of_discs(lambda now: {name: each(now, self._scene) for name, each in functions.items()})
 
-    def _drift(self, name: str, counts: Counts, run: Run) -> float:
-        def since_then(now: State) -> float:
-            assert self._before is not None  # as `_drifts` says
-            return DRIFTS[name](counts, run, self._before, now)
-
-        return self._of_state(since_then)
+    def _conserved(self) -> dict[str, Any]:
+        """What the drifts take of the present state, by name."""
+        return self._of_all({name: drift.of for name, drift in self._drifts.items()})
 
     def _with_what_is_needed(self, run: Run) -> Run:
         """The run with the quantities that the requested measures take from states."""
         walls = "pressure" in self._names and not all(run.scene.periodic)
         if walls or "pressure_virial" in self._names or "pressure" in self._names:
             if walls:
-                speed, count = self._of_state(lambda state: (_speed(state), int(state.present.sum())))
+                count, speed = self._of_discs(moments.number_and_speed)
                 run = replace(run, speed=speed, count=count)
             if "pressure_virial" in self._names or not walls:
-                energy = self._of_state(lambda state: _energy_without_drift(state, run.scene))
+                energy = self._of_discs(lambda now: _energy_without_drift(now, self._scene))
                 run = replace(run, kinetic_energy=energy)
         if self._samples.get("flow"):
             run = replace(run, flow=np.array(self._samples["flow"]), every=self._every)
         return run
 
 
-def _speed(state: State) -> float:
-    """Root mean square of one velocity component of the discs present."""
-    velocity = state.velocity[state.present].astype(np.float64)
-    return float(np.sqrt((velocity**2).mean())) if len(velocity) else 0.0
-
-
-def _flow(state: State, scene: Scene) -> tuple[float, float, float]:
-    """Sums of m v_x v_x, m v_y v_y, m v_x v_y, without the mean flow along periodic axes."""
-    velocity = state.velocity.astype(np.float64)
-    masses = np.ones(len(velocity)) if scene.mass is None else scene.mass
-    drift = masses @ velocity * scene.periodic / max(float(masses.sum()), 1e-300)
-    x, y = (velocity - drift).T
-    return float(masses @ (x * x)), float(masses @ (y * y)), float(masses @ (x * y))
-
-
-def _energy_without_drift(state: State, scene: Scene) -> float:
+def _energy_without_drift(discs: Discs, scene: Scene) -> float:
     """Kinetic energy without that of the mean flow along periodic axes, which no collision changes."""
-    energy = observables.kinetic_energy(state, scene)
-    mass = float(scene.masses.sum()) if scene.mass is not None else len(state.position)
-    flow = observables.momentum(state, scene)[list(scene.periodic)]
+    energy = observables.kinetic_energy(discs, scene)
+    mass = float(scene.masses.sum()) if scene.mass is not None else count_of(discs)
+    flow = observables.momentum(discs, scene)[list(scene.periodic)]
     return energy - float((flow**2).sum()) / (2 * mass) if mass else energy

@@ -14,7 +14,8 @@ from mpsim.core import atomic, checks, untrusted
 from mpsim.core.errors import InputError, OutputError, reason_of
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
-from mpsim.measure.observables import energy_of_spins, energy_of_velocities, overlap
+from mpsim.measure.moments import energy_of_rotation, energy_of_translation
+from mpsim.measure.observables import overlap
 from mpsim.output.first_rank import FirstRank
 from mpsim.output.ownership import Ownership
 
@@ -111,8 +112,8 @@ def row_of(sim: Simulation, state: State, frames: int, met: int) -> list[float]:
         frames, met: frames since the row before, and contacts resolved in them.
     """
     here = state.present
-    radii, masses = sim.radii[here], sim.masses[here]
-    energy = energy_of_velocities(state, masses) + energy_of_spins(state, masses, radii)
+    radii = sim.radii[here]
+    energy = energy_of_translation(state, sim.masses) + energy_of_rotation(state, sim.masses, sim.radii)
     depth = overlap(State(state.position[here], state.velocity[here]), sim.scene, radii)
     count = len(radii)
     rate = 2 * met / (count * frames * sim.settings.dt) if count and frames > 0 else math.nan

@@ -21,6 +21,7 @@ import mpsim
 from mpsim import measure
 from mpsim.engine.feature_arrays import typical_momentum
 from mpsim.measure import run_averages
+from mpsim.measure.drifts import Drift
 from mpsim.measure.statistics import Measure
 
 
@@ -348,10 +349,14 @@ def check_that_factors_are_seen(seed, names):
             kinds for kinds in (run_averages.COUNTED, run_averages.SAMPLED, run_averages.DRIFTS) if name in kinds
         )
         right = kinds[name]
-        kinds[name] = lambda *given, right=right: SCALED[type(right(*given))](right(*given))
+        kinds[name] = right._replace(rate=scaled(right.rate)) if isinstance(right, Drift) else scaled(right)
         with pytest.raises(AssertionError, match=name):
             check_run(seed)
         kinds[name] = right
+
+
+def scaled(right):
+    return lambda *given: SCALED[type(right(*given))](right(*given))
 
 
 SCALED = {float: lambda value: value * 1.00001, Measure: lambda found: replace(found, value=found.value * 1.00001)}

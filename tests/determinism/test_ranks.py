@@ -144,10 +144,12 @@ path, what, name, workers = sys.argv[1:]
 case, workers = CASES[name](), int(workers)
 if what == "save":
     with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="mpi", workers=workers)) as sim:
+        assert len(sim.pids) == workers - 1
         sim.run(frames=20)
         sim.save(path)
 else:
     with mpsim.Simulation.resume(path, method="mpi", workers=workers) as sim:
+        assert len(sim.pids) == workers - 1
         sim.run(frames=case.frames - 20)
         digest = sim.digest()
         if MPI.COMM_WORLD.rank == 0:
@@ -174,15 +176,23 @@ def test_a_checkpoint_goes_from_ranks_to_workers_and_back(name, tmp_path):
     assert resumed.out.split()[-1] == whole
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(("number", "workers"), [(1, 1), (2, 1), (8, 1), (4, 2), (1, 4), (3, 1)])
-def test_a_checkpoint_goes_to_half_and_to_twice_as_many_ranks_and_workers(number, workers, tmp_path):
+LARGER = [((4, 1), (number, workers)) for number, workers in ((1, 1), (2, 1), (8, 1), (4, 2), (1, 4), (3, 1), (2, 2))]
+LARGER += [((2, 2), (4, 2)), ((2, 2), (1, 4)), ((4, 2), (2, 1)), ((1, 4), (2, 2))]
+
+
+@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")  # whose disc waits
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [((2, 2), (1, 1)), ((1, 1), (2, 2)), *(pytest.param(*each, marks=pytest.mark.long) for each in LARGER)],
+    ids=lambda each: f"{each[0]} x {each[1]}",
+)
+def test_a_checkpoint_goes_to_half_and_to_twice_as_many_ranks_and_workers(before, after, tmp_path):
+    """Ranks, and workers of each."""
     path = tmp_path / "ranks.mpsim"
-    saved = on_ranks(4, str(path), "save", "doors", "1", script=SAVED)
-    assert saved.code == 0, saved.err
-    resumed = on_ranks(number, str(path), "resume", "doors", str(workers), script=SAVED)
-    assert resumed.code == 0, resumed.err
-    assert resumed.out.split()[-1] == alone("doors")["digest"]
+    for (number, workers), what in ((before, "save"), (after, "resume")):
+        done = on_ranks(number, str(path), what, "doors", str(workers), script=SAVED)
+        assert done.code == 0, done.err
+    assert done.out.split()[-1] == alone("doors")["digest"]
 
 
 WRITING = """
@@ -280,27 +290,38 @@ import json, sys
 import mpsim
 from mpi4py import MPI
 from mpsim.engine.solvers import mpi
-from support.ranks import CASES
+from support import ranks
 
-mpi.UNEVEN, case = float(sys.argv[2]), CASES[sys.argv[1]]()
-with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="mpi")) as sim:
-    most = 0.0
-    for _ in range(case.frames):
-        sim.run(frames=1)
-        shares = MPI.COMM_WORLD.allgather(sim._coordinator.solver._part.count)
-        most = max(most, max(shares) * len(shares) / sum(shares))
+name, finer, uneven, method = sys.argv[1:]
+mpi.UNEVEN, case, finer = float(uneven), ranks.CASES[name](), int(finer)
+scene = getattr(ranks, name)(case.scene.count * finer**2)
+agree, most = mpi.Communicator.agree, [0]
+
+def noted(*given):
+    agreed = agree(*given)
+    most.append(agreed.discs)
+    return agreed
+
+mpi.Communicator.agree = noted
+with mpsim.Simulation(scene, mpsim.Settings(**case.settings, method=method)) as sim:
+    sim.run(frames=case.frames * finer)
     digest = sim.digest()
 if MPI.COMM_WORLD.rank == 0:
-    print(json.dumps([most, digest]))
+    print(json.dumps([max(most) * MPI.COMM_WORLD.size / scene.count, digest]))
 """
 
 
-@pytest.mark.parametrize("number", [2, pytest.param(4, marks=pytest.mark.long)])
+@pytest.mark.parametrize(("number", "finer"), [(2, 1), pytest.param(4, 2, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", ["corner", "wandering"])
-def test_ranks_share_a_crowd_evenly_in_every_frame_and_with_the_same_bits(name, number):
-    """A crowd that spreads from a corner, and one that wanders. The control: columns that are never dealt anew."""
-    (shifting, digest), (static, other) = (
-        told_by_script(number, name, uneven, script=BALANCED) for uneven in ("1.1", "inf")
+def test_ranks_share_a_crowd_evenly_in_every_step_and_with_the_same_bits(name, number, finer):
+    """A crowd that spreads from a corner, and one that wanders. The control: columns that are never dealt anew.
+
+    In one call of `run`, whose commands are as long as they will be. Four ranks have a crowd of twice as many columns:
+    with the columns of two, a single one would be a third of a rank's share.
+    """
+    told = [(number, "1.1", "mpi"), (number, "inf", "mpi"), (1, "inf", "grid")]
+    (shifting, digest), (static, other), (_, whole) = (
+        told_by_script(ranks, name, str(finer), *how, script=BALANCED) for ranks, *how in told
     )
-    assert digest == other == alone(name)["digest"]
+    assert digest == other == whole
     assert shifting < 1.3 < static

@@ -1,6 +1,7 @@
-"""No rank needs all discs: starts, frames, digests, files and ranges of discs take the memory of a rank's share."""
+"""No rank needs all discs: starts, frames, digests, measures, files and ranges of discs take a rank's share."""
 
 import pytest
+from support.measured import LARGE, measured
 from support.ranks import CASES, on_ranks, told_by_script
 
 import mpsim
@@ -82,9 +83,10 @@ def parts_of(state, first, last):
     return parts | {"box": state.box}
 
 
-AT_A_TIME, AS_TEXT = 16e6, 32e6
-"""Bytes that a rank needs beyond its share, however many discs there are, for those that it reads at a time; and of a
-trajectory for their text."""
+AT_A_TIME, AS_SUMS, AS_TEXT = 16e6, 28e6, 32e6
+"""Bytes that a rank needs beyond its share, however many discs there are, for those that it reads at a time; of
+measures for them in float64, and of a trajectory for their text."""
+DISCS_OF_A_RANK = 600_000
 MAPPED = 16
 """Bytes of a disc in a checkpoint, float32: the first rank reads the file through to verify it. Its pages are the
 system's, which takes them back, but count as those of the process."""
@@ -93,6 +95,7 @@ MEMORY = """
 import json, psutil, sys, mpsim
 from mpi4py import MPI
 from mpsim.core import chunks
+from support.measured import measures_of
 
 comm, count, path = MPI.COMM_WORLD, int(sys.argv[1]), sys.argv[2]
 settings, peaks = mpsim.Settings(dt=0.02, method="mpi", precision="float32"), {}
@@ -134,28 +137,53 @@ def life(count, note=lambda what: None):
         note("digest at once")
     return digest
 
-life(3000)
+def measured(count, note=lambda what: None):
+    with mpsim.Simulation(scene(count), settings) as sim:
+        sim.run(frames=3)
+        forget()
+        for what, chunk in (("measures", CHUNK), ("measures at once", count)):
+            chunks.CHUNK = chunk
+            sim.run(frames=1, measures=measures_of(sim.scene))
+            note(what)
+        return sim.digest()
+
+CHUNK, act = chunks.CHUNK, {"files": life, "measures": measured}[sys.argv[3]]
+act(3000)
+chunks.CHUNK = CHUNK
 before = psutil.Process().memory_info().rss
 forget()
-digest = life(count, note)
+digest = act(count, note)
 if comm.rank == 0:
     print(json.dumps([digest, peaks]))
 """
 
 
+def beyond_the_share(number, act, tmp_path, figures):
+    """Bytes that a rank of so many needs at most beyond its share of what one rank needs, by what is done."""
+    count, path = DISCS_OF_A_RANK * number, str(tmp_path / "run")
+    alone, shared = (told_by_script(each, str(count), path, act, script=MEMORY) for each in (1, number))
+    assert alone[0] == shared[0], "digests"
+    ratios = {what: shared[1][what] / alone[1][what] for what in alone[1]}
+    figures.note("R24", f"mpi on {number}", "peak memory of a rank over that of one", "1 / ranks", f"{ratios}")
+    return {what: (shared[1][what] - alone[1][what] / number) * count for what in alone[1]}
+
+
 @pytest.mark.parametrize("number", [2, pytest.param(4, marks=pytest.mark.long)])
 def test_memory_of_a_rank_falls_as_their_number_grows(number, tmp_path, figures):
     """The control: a digest for which the first rank gets all discs at once."""
-    count = 600_000 * number
-    alone, shared = (told_by_script(each, str(count), str(tmp_path / "run"), script=MEMORY) for each in (1, number))
-    assert alone[0] == shared[0], "digests"
-    ratios = {what: shared[1][what] / alone[1][what] for what in alone[1]}
-    beyond = {what: (shared[1][what] - alone[1][what] / number) * count for what in alone[1]}
-    figures.note("R24", f"mpi on {number}", "peak memory of a rank over that of one", "1 / ranks", f"{ratios}")
+    beyond, count = beyond_the_share(number, "files", tmp_path, figures), DISCS_OF_A_RANK * number
     assert beyond.pop("digest at once") > 1.5 * AT_A_TIME, beyond
     assert beyond.pop("trajectory") < AS_TEXT, beyond
     assert beyond.pop("resume") < AT_A_TIME + MAPPED * count, beyond
     assert max(beyond.values()) < AT_A_TIME, beyond
+
+
+@pytest.mark.parametrize("number", [2, pytest.param(4, marks=pytest.mark.long)])
+def test_measures_take_the_memory_of_a_share_and_of_some_discs_at_a_time(number, tmp_path, figures):
+    """The control: all discs at a time."""
+    beyond = beyond_the_share(number, "measures", tmp_path, figures)
+    assert beyond["measures at once"] > 1.1 * AS_SUMS, beyond
+    assert beyond["measures"] < AS_SUMS, beyond
 
 
 def test_a_lattice_is_the_same_on_ranks_and_in_one_process(tmp_path):
@@ -193,6 +221,51 @@ def test_a_lattice_is_the_same_on_ranks_and_in_one_process(tmp_path):
             ended = sim.state.digest()
     with mpsim.Simulation.resume(tmp_path / "run", method="grid") as sim:
         assert (sim.frame, sim.state.digest()) == (50, ended)
+
+
+MOMENTS = """
+import json, sys, mpsim
+from mpi4py import MPI
+from mpsim.core import chunks
+from mpsim.engine.solvers.mpi_numbers import DiscsByNumber
+from support.measured import LARGE, measured
+
+read, rows = [], DiscsByNumber.rows
+
+def noted(self, first, last):
+    read.append(last - first)
+    return rows(self, first, last)
+
+DiscsByNumber.rows = noted
+scene = LARGE[sys.argv[1]]()
+with mpsim.Simulation(scene, mpsim.Settings(dt=0.02, method="mpi")) as sim:
+    found, most = measured(sim), max(read, default=0)  # only the first rank reads
+    at_once = sim.once(lambda: mpsim.measure.kinetic_energy(sim.state, scene))
+if MPI.COMM_WORLD.rank == 0:
+    print(json.dumps([found, most / chunks.CHUNK, max(read), at_once.hex()]))
+"""
+
+
+@pytest.mark.parametrize("number", [1, 2])
+@pytest.mark.parametrize("name", LARGE)
+def test_measures_of_more_than_a_chunk_of_discs_are_those_of_one_process_and_read_a_chunk_at_a_time(name, number):
+    """The control: the energy of a state that is read at once, which has the same bits."""
+    scene = LARGE[name]()
+    with mpsim.Simulation(scene, mpsim.Settings(dt=0.02, method="grid")) as sim:
+        expected, energy = measured(sim), mpsim.measure.kinetic_energy(sim.state, scene)
+    found, chunks_at_once, most, at_once = told_by_script(number, name, script=MOMENTS)
+    assert found == expected
+    assert chunks_at_once == 1
+    assert (most, at_once) == (scene.count, energy.hex())
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_measures_of_more_than_a_chunk_of_discs_are_the_same_on_workers(name):
+    found = []
+    for method, workers in (("grid", None), ("parallel", 2)):
+        with mpsim.Simulation(LARGE[name](), mpsim.Settings(dt=0.02, method=method, workers=workers)) as sim:
+            found.append(measured(sim))
+    assert found[0] == found[1]
 
 
 FAST = """

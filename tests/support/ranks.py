@@ -65,17 +65,17 @@ def everything(count: int = 500) -> mpsim.Scene:
     )
 
 
-def corner() -> mpsim.Scene:
+def corner(count: int = 300) -> mpsim.Scene:
     """All discs in one corner of a large box, of which most columns are empty at first."""
-    dense = gas(300, 0.5, seed=5)
+    dense = gas(count, 0.5, seed=5)
     return mpsim.Scene(
         width=4 * dense.width, height=dense.height, position=dense.position, velocity=dense.velocity, radius=0.5
     )
 
 
-def wandering() -> mpsim.Scene:
+def wandering(count: int = 600) -> mpsim.Scene:
     """A crowd that goes round a long box, past all columns."""
-    crowd = gas(600, 0.5, seed=5)
+    crowd = gas(count, 0.5, seed=5)
     return mpsim.Scene(
         width=4 * crowd.width,
         height=crowd.height,

@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 
 import pytest
-from support.ranks import on_ranks
+from support.ranks import on_ranks, told_by_script
 from support.scripts import fixture_of
 
 script = fixture_of("run_ranks")
@@ -48,3 +48,49 @@ def test_the_model_without_costs_is_ideal_and_with_them_ends(script):
     assert slow.efficiency(1e6, 64) < 0.5 < slow.efficiency(1e6, 4)
     assert slow.most_ranks(1e6) == 8
     assert free.most_ranks(1e6) == 512, "a column of 1,401 for each rank at least, and what both sides do"
+
+
+BETWEEN = f"""
+import json, sys
+sys.path.insert(0, {str(SCRIPTS)!r})
+import mpsim, run_ranks
+from mpi4py import MPI
+from mpsim.engine.solvers.mpi_ranks import Communicator
+
+frames, boundary, found = 100, sys.argv[1], []
+exchange = Communicator.exchange
+
+def counted(ranks, parts):
+    found.extend(part.nbytes for _, _, part in parts)
+    return exchange(ranks, parts)
+
+scene = mpsim.Scene.random(count=10_000, packing=run_ranks.PACKING, radius=0.5, seed=1, boundary=boundary)
+settings = mpsim.Settings(dt=run_ranks.STEP, precision="float32", method="mpi")
+with mpsim.Simulation(scene, settings) as sim:
+    sim.run(frames=30)
+    Communicator.exchange, deal = counted, Communicator.deal
+    Communicator.deal = lambda ranks, records, *others: (  # discs that go are not border columns
+        setattr(Communicator, "exchange", exchange),
+        deal(ranks, records, *others),
+        setattr(Communicator, "exchange", counted),
+    )[1]
+    sim.run(frames=frames)
+told = MPI.COMM_WORLD.gather([len(found) / frames, sum(found) / frames])
+if MPI.COMM_WORLD.rank == 0:
+    print(json.dumps(told))
+"""
+
+
+@pytest.mark.parametrize(("boundary", "borders", "longer"), [("walls", [1, 2, 1], 0), ("periodic", [2, 2, 2], 16)])
+def test_each_rank_of_three_sends_a_column_at_each_of_its_borders_as_long_as_the_formula_says(
+    boundary, borders, longer, script
+):
+    """Whatever the number of ranks: the one in the middle has two borders, and between walls the others have one.
+
+    longer: bytes of a disc, for the image flags of periodic axes.
+    """
+    told = told_by_script(3, boundary, script=BETWEEN)
+    assert [messages for messages, _ in told] == borders
+    column = script.expected(10_000).border_bytes * (1 + longer / script.RECORD)
+    for messages, sent in told:
+        assert sent == pytest.approx(messages * column, rel=0.1)

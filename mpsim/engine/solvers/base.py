@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mpsim.core.columns import MASS, Column
 from mpsim.core.sizes import kept_sizes
-from mpsim.core.state import State
+from mpsim.core.state import State, part_of
 from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot
 from mpsim.engine.solvers.speed_limit import SpeedLimit
@@ -205,9 +205,7 @@ class Solver(ABC):
 
     def state_between(self, first: int, last: int) -> State:
         """The same of the discs of these numbers, from `first` to before `last`."""
-        state = self.state()
-        parts = {name: value[first:last] for name, value in vars(state).items() if isinstance(value, np.ndarray)}
-        return State(**parts, box=state.box)
+        return part_of(self.state(), first, last)
 
     def local_state(self) -> tuple[NDArray[np.int64], State]:
         """Numbers, rising, of the discs that this process has, and their state."""

@@ -27,7 +27,7 @@ from mpsim.engine.columns import columns_of, given_in
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs
 from mpsim.engine.solvers.discs import disc_at
 from mpsim.engine.solvers.mpi_columns import Border, Range, borders_of, dealt, in_turns
-from mpsim.engine.solvers.mpi_numbers import DiscsByNumber, absorbed_in, answers_to_one
+from mpsim.engine.solvers.mpi_numbers import DiscsByNumber, answers_to_one
 from mpsim.engine.solvers.mpi_part import Part, refuse
 from mpsim.engine.solvers.mpi_ranks import LOST, NOT_FINITE, Communicator, raised_together
 from mpsim.engine.solvers.parameters import Present
@@ -395,7 +395,7 @@ class MpiSolver(SteppedSolver):
     @property
     def absorbed(self) -> NDArray[np.bool_]:
         """Which discs have left through an absorbing edge, shape (N,)."""
-        return absorbed_in(self._by_number().rows(0, self.count) if self._scene.absorbing else {}, self.count)
+        return self._by_number().absorbed() if self._scene.absorbing else np.zeros(self.count, bool)
 
     def _by_number(self) -> DiscsByNumber:
         """The discs of all ranks by number; as long as none moves."""

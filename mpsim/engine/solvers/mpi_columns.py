@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.engine.solvers.grid import shares_of
 from mpsim.engine.workers.arrays import Grid
 
 
@@ -55,7 +54,9 @@ def dealt(counts: NDArray[np.int64], ranks: int) -> NDArray[np.int64]:
     counts: discs in each column.
     """
     discs_before = np.concatenate([[0], np.cumsum(counts)])
-    firsts = shares_of(discs_before[:-1], np.arange(ranks + 1) * discs_before[-1] // ranks)
+    middles = (discs_before[:-1] + discs_before[1:]) / 2  # so that the border of columns is taken that is nearest
+    firsts = np.searchsorted(middles, np.arange(ranks + 1) * (discs_before[-1] / ranks))
+    firsts[0], firsts[-1] = 0, len(counts)
     most = len(counts) - ranks + np.arange(ranks + 1)
     return np.minimum(np.maximum.accumulate(firsts - np.arange(ranks + 1)) + np.arange(ranks + 1), most)
 

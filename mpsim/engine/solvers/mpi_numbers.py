@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import columns
-from mpsim.core.chunks import Array, ChunkedArray
+from mpsim.core.chunks import Array, ChunkedArray, ranges
 from mpsim.core.errors import InputError
 from mpsim.core.state import State, digest_of, in_chunks
 from mpsim.engine.columns import columns_of
@@ -81,6 +81,13 @@ class DiscsByNumber:
         live = self._part.numbers()[: self._part.count]
         numbers, found = self._part.rows_of(np.argsort(live))
         return numbers, self._state_of(found, len(live))
+
+    def absorbed(self) -> NDArray[np.bool_]:
+        """Which of all discs have left through an absorbing edge, shape (N,), read in chunks."""
+        found = np.zeros(self._count, bool)
+        for first, last in ranges(self._count):
+            found[first:last] = absorbed_in(self.rows(first, last), last - first)
+        return found
 
     def digest(self) -> str:
         """Digest of the state of all discs, read in chunks."""

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.chunks import CHUNK
+from mpsim.core.chunks import ranges
 from mpsim.features.packing_bounds import densest_packing
 from mpsim.scene.scene import Scene
 
@@ -114,8 +114,7 @@ def speeds_together(
     if not count:
         return Speeds()
     mean_square = mean_from(sum(all_of(part.counted(largest, count))), largest, count)
-    pieces = [(first, min(first + CHUNK, count)) for first in range(0, count, CHUNK)]
-    return _with_means(fastest, mean_square, radius, sides, pieces)
+    return _with_means(fastest, mean_square, radius, sides, ranges(count))
 
 
 class Walls(NamedTuple):

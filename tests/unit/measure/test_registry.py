@@ -45,10 +45,10 @@ def test_what_does_not_say_that_it_is_constant_is_not_settled_before_it_changes(
     monkeypatch.setitem(SAMPLED, "temperature", observed.sample)
     scene = gas(10, 0.2)
     averages = RunAverages(
-        ("temperature", "kinetic_energy"), 50, lambda look: look(State(scene.position, scene.velocity))
+        ("temperature", "kinetic_energy"), 50, scene, lambda look: look(State(scene.position, scene.velocity))
     )
     for frame in range(1, 51):
-        averages.take(np.zeros(1, records.COUNTS), frame, scene)
+        averages.take(np.zeros(1, records.COUNTS), frame)
     measures = averages.measures(Run(scene, scene.count, 0.01))
     assert (measures["temperature"].value, measures["temperature"].settled) == (0.25, False)
     assert measures["kinetic_energy"].settled

@@ -170,8 +170,8 @@ def test_absorbed_discs_do_not_slow_down_those_that_press_on_the_walls():
         count = len(present)
         scene = scene_of(position=[[5, 4], [2, 2]][:count], velocity=np.zeros((count, 2)), absorbing="left")
         state = State(scene.position, np.array([[0.3, 0.4], [0, 0]])[:count], present=np.array(present))
-        averages = run_averages.RunAverages(("pressure",), 200, lambda look, state=state: look(state))
-        averages.take(np.zeros(200, records.COUNTS), 200, scene)
+        averages = run_averages.RunAverages(("pressure",), 200, scene, lambda look, state=state: look(state))
+        averages.take(np.zeros(200, records.COUNTS), 200)
         found = averages.measures(counted.Run(scene, scene.count, 0.1))["pressure"]
         assert found.value == 0
         assert not found.settled

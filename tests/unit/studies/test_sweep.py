@@ -7,8 +7,7 @@ import json
 import math
 import re
 import threading
-from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -18,7 +17,8 @@ from support.swept import double, gas
 
 import mpsim
 from mpsim import InputError, sweep
-from mpsim.studies.sweep_points import canonical, seed_of, text_of
+from mpsim.studies import executors
+from mpsim.studies.sweep_points import canonical, points_of, seed_of, text_of
 
 PACKINGS = {"packing": [0.1, 0.3]}
 
@@ -48,6 +48,31 @@ def test_another_value_another_seed_or_another_order_changes_no_other_row():
     assert {key: new[key] for key in old} == old
     assert len({seed for seed, _ in new.values()}) == len(new) == 9
     assert len({values["x"] for _, values in new.values()}) == 9, "the control: seeds make different runs"
+
+
+WIDE = {"count": [8, 12, 16], "packing": [0.1, 0.3], "law": ["elastic", "reflect"]}
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {name: WIDE[name] for name in ("law", "count", "packing")},
+        {name: values[::-1] for name, values in WIDE.items()},
+        WIDE | {"count": [4, *WIDE["count"]]},
+        WIDE | {"packing": [0.1, 0.2, 0.3]},
+        WIDE | {"law": ["other", "reflect", "elastic"]},
+    ],
+    ids=["names in another order", "values backwards", "a first value", "one between", "a last axis changed"],
+)
+def test_seeds_are_of_points_and_not_of_their_places_in_the_grid(other):
+    """The control: nearly all points of the grid have another place in the other one."""
+    old, new = (
+        {(frozenset(each.values.items()), each.run): (place, each.seed) for place, each in enumerate(points)}
+        for points in (points_of(WIDE, 3), points_of(other, [2, 1, 0]))
+    )
+    assert {key: new[key][1] for key in old} == {key: seed for key, (_, seed) in old.items()}
+    assert len({seed for _, seed in new.values()}) == len(new) >= len(old) == 36
+    assert sum(new[key][0] == place for key, (place, _) in old.items()) <= 4
 
 
 def test_the_seed_is_that_of_the_documented_rule():
@@ -255,10 +280,48 @@ def test_progress_counts_runs_failures_and_the_time_left(capsys, monkeypatch):
     assert re.search(r"2/2\S* runs", capsys.readouterr().err)
 
 
-def test_ten_thousand_points_cost_little_each():
-    """Some 50 us each; a look at every pending run for each one that ends would take minutes."""
-    table = sweep(double, {"x": range(10_000)})
-    assert Counter(row.values["y"] - 2 * row.point["x"] for row in table.rows) == {0: 10_000}
+class Watched(Future):
+    """A future that counts how often anything of it is asked for."""
+
+    looks = 0
+
+    def __getattribute__(self, name):
+        Watched.looks += 1
+        return super().__getattribute__(name)
+
+
+class Waiting(Executor):
+    """Has done nothing until it holds as many tasks as it gets at a time, and ends them one by one, the last first."""
+
+    def __init__(self, most):
+        self.most, self.left, self.held = most, 10_000, []
+
+    def submit(self, task, /, *arguments):
+        future = Watched()
+        self.held.append((future, task, arguments))
+        self.left -= 1
+        if len(self.held) == self.most or not self.left:
+            while self.held:
+                last, task, arguments = self.held.pop()
+                last.set_result(task(*arguments))
+        return future
+
+
+def test_ten_thousand_points_are_each_in_their_place_and_looked_at_a_few_times(monkeypatch):
+    """Whatever else is pending: one that looks at all of that for each run that ends looks a thousand times as often.
+
+    The control: `wait` of concurrent.futures, which does.
+    """
+    Watched.looks, most = 0, 1000
+    monkeypatch.setattr(executors, "MOST_SUBMITTED", most)
+    table = sweep(double, {"x": range(10_000)}, executor=Waiting(most))
+    assert [(row.point["x"], row.values["y"]) for row in table.rows] == [(x, 2 * x) for x in range(10_000)]
+    assert 10_000 < Watched.looks < 100 * 10_000
+    pending, Watched.looks = [Watched() for _ in range(most)], 0
+    for future in pending:
+        future.set_result(0)
+        wait(pending, return_when=FIRST_COMPLETED)
+    assert Watched.looks > 100 * most
 
 
 def test_the_text_of_a_point_is_json():

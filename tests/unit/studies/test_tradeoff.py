@@ -2,13 +2,18 @@
 
 import csv
 import io
+import json
 import re
+import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import astuple
+from pathlib import Path
 
 import numpy as np
 import pytest
+from support.processes import assert_clean, run_script
 from support.scenes import gas
 from support.selection import long_but
 
@@ -115,6 +120,38 @@ def test_any_executor_gives_the_errors_of_threads_to_the_bit(elsewhere, request,
     arguments = (gas(20, 0.3, gravity=(0, -0.5)), [COARSE, REFLECT], 10)
     there = tradeoff(*arguments, replicas=2, executor=executor)
     assert errors_of(there) == errors_of(tradeoff(*arguments, replicas=2))
+
+
+ON_RANKS = """
+import json, os
+from dataclasses import astuple
+from mpi4py.futures import MPIPoolExecutor
+from mpsim import Settings, tradeoff
+from mpsim.studies import cost
+from support.scenes import gas
+
+made = {"median": 2.0, "low": 1.0, "high": 3.0, "memory": 100.0, "method": "grid", "workers": 1}
+cost.measure = lambda *_: dict(made)
+
+if __name__ == "__main__":
+    candidates = [Settings(dt=0.1, method="grid"), Settings(dt=0.05, method="grid", contact="push", law="reflect")]
+    with MPIPoolExecutor() as executor:
+        submitted, submit = [], executor.submit
+        executor.submit = lambda *task: submitted.append(task) or submit(*task)
+        there = tradeoff(gas(20, 0.3, gravity=(0, -0.5)), candidates, 10, replicas=2, executor=executor)
+        assert len(submitted) >= 4, "its runs were handed over"
+        assert executor.submit(os.getpid).result() != os.getpid()
+    print(json.dumps([{name: str(astuple(each)) for name, each in row.errors.items()} for row in there.rows]))
+"""
+
+
+def test_ranks_of_mpi_give_the_errors_of_threads_to_the_bit(quick):
+    mpiexec = str(Path(sys.executable).with_name("mpiexec"))
+    outcome = run_script(ON_RANKS, prefix=(mpiexec, "-n", "2"), flags=("-W", "error", "-m", "mpi4py.futures"))
+    assert_clean(outcome)
+    here = tradeoff(gas(20, 0.3, gravity=(0, -0.5)), [COARSE, REFLECT], 10, replicas=2)
+    exact = [{name: str(astuple(each)) for name, each in errors.items()} for errors in errors_of(here)]
+    assert json.loads(outcome.out) == exact
 
 
 class Recording(ThreadPoolExecutor):

@@ -14,7 +14,7 @@ from support.scenes import gas
 
 import mpsim
 from mpsim import Settings, tune
-from mpsim.studies import ensemble
+from mpsim.studies import cost, ensemble
 from mpsim.studies import tune as chooser
 from mpsim.studies.cost import Cost
 from mpsim.studies.default_candidates import families
@@ -383,6 +383,27 @@ def test_a_real_answer_is_inside_its_budgets_and_was_verified_by_runs_that_did_n
     with mpsim.Simulation(SCENE, dataclasses.replace(found.settings, workers=1)) as sim:
         depth = sim.run(until=50, measures=["overlap"]).measures["overlap"]
     assert depth.value / (2 * SCENE.radius) == pytest.approx(found.errors["overlap"].value, rel=0.1)
+
+
+def test_processes_give_the_answer_of_threads_and_its_errors_to_the_bit(processes, monkeypatch):
+    """With costs that are those of the steps: measured ones would choose otherwise now and then."""
+    timed, submitted, submit = [], [], processes.submit
+
+    def measure(scene, settings, until, whole):
+        timed.append(settings)
+        price = 100.0 if settings.method == "event" else 1 / settings.dt
+        return {"median": price, "low": price, "high": price, "memory": 100.0, "method": "grid", "workers": 1}
+
+    monkeypatch.setattr(cost, "measure", measure)
+    monkeypatch.setattr(processes, "submit", lambda *task: submitted.append(task) or submit(*task))
+    answers = [
+        tune(SCENE, {"overlap": 0.05, "trajectory": 0.2}, until=5, replicas=2, candidates=[PUSH], executor=executor)
+        for executor in (processes, None)
+    ]
+    there, here = answers
+    assert (there.settings, there.errors) == (here.settings, here.errors)
+    assert timed[: len(timed) // 2] == timed[len(timed) // 2 :], "and it is found by the same way"
+    assert len(submitted) > 2 * 16, "runs to choose by and to verify by, in those processes"
 
 
 def test_a_real_budget_out_of_reach_is_refused():

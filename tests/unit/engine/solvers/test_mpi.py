@@ -27,6 +27,13 @@ def test_columns_are_dealt_in_nearly_equal_numbers_of_discs():
     assert abs(discs - 195).max() < 40, "but for one column"
 
 
+def test_the_border_of_columns_is_taken_that_is_nearest_to_an_equal_share():
+    counts = np.random.default_rng(1).integers(1, 40, 200)
+    discs_before = np.append(0, np.cumsum(counts))
+    for first, share in zip(dealt(counts, 20), counts.sum() * np.arange(21) / 20, strict=True):
+        assert abs(discs_before[first] - share) == abs(discs_before - share).min()
+
+
 def test_a_column_has_in_its_rank_the_parity_that_it_has_in_the_grid():
     for first in range(5):
         own = Range(first, first + 3)

@@ -1,0 +1,208 @@
+"""Sums over discs, a chunk of them at a time, in float64: where no process holds all discs, as on ranks, none has to.
+
+The sum of each chunk is added in the order of the discs' numbers. So it has the same bits wherever the discs are, and
+those of one sum over all where they fit one chunk. Only the discs that are present count.
+"""
+
+import functools
+import math
+import operator
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+from mpsim.core.sizes import equal_sizes
+from mpsim.core.state import Discs, State, count_of, parts_of, present_in
+from mpsim.scene.scene import Scene
+
+Floats = NDArray[np.float64]
+
+
+class Part(NamedTuple):
+    """Some discs one after the other, of which K are present. What it gives is of these.
+
+    Attributes:
+        rows: their numbers.
+        state: of them.
+    """
+
+    rows: slice
+    state: State
+
+    @property
+    def number(self) -> int:
+        """K."""
+        return int(np.count_nonzero(self.state.present))
+
+    @property
+    def position(self) -> Floats:
+        """Positions, checked to be finite, shape (K, 2) [length]."""
+        return checked_positions(self.state.position)[present_in(self.state)]
+
+    @property
+    def velocity(self) -> Floats:
+        """Velocities, checked to be finite, shape (K, 2) [length/time]."""
+        shape = len(self.state.present), 2
+        return checks.finite_array("state.velocity", self.state.velocity, shape, "(N, 2)")[present_in(self.state)]
+
+    @property
+    def spin(self) -> Floats:
+        """Angular velocities of discs that spin, checked to be finite, shape (K,) [1/time]."""
+        shape = (len(self.state.present),)
+        return checks.finite_array("state.spin", self.state.spin, shape, "(N,)")[present_in(self.state)]
+
+    def of(self, each: Floats) -> Floats:
+        """Their rows of an array of all discs, shape (K, ...)."""
+        return np.ascontiguousarray(each[self.rows])[present_in(self.state)]
+
+
+def parts(discs: Discs) -> Iterator[Part]:
+    """The discs in the order of their numbers, a chunk at a time; at least one part."""
+    return (Part(*each) for each in parts_of(discs))
+
+
+def total(discs: Discs, term: Callable[[Part], Any]) -> Any:
+    """The sum of what a term gives of each part: numbers, or arrays of one shape.
+
+    >>> total(State(np.zeros((3, 2)), np.ones((3, 2))), lambda part: part.velocity.sum(axis=0)).tolist()
+    [3.0, 3.0]
+    """
+    return functools.reduce(operator.add, map(term, parts(discs)))  # not `sum`, which rounds as its version of Python
+
+
+def checked_positions(position: NDArray[np.floating]) -> Floats:
+    """Positions, a copy, checked to be finite, shape (N, 2) [length]."""
+    return checks.finite_array("state.position", position, (None, 2), "(N, 2)")
+
+
+def masses_of(name: str, scene: Scene, discs: Discs) -> Floats:
+    """Mass of each disc, shape (N,) [mass]; of discs that were added as well if all masses are 1.
+
+    Raises:
+        InputError: naming who asks, if the scene does not hold those of all discs.
+    """
+    if scene.mass is None and all(emitter.mass in (None, 1.0) for emitter in scene.emitters):
+        return equal_sizes(1.0, count_of(discs))
+    return one_of_each(name, "mass", scene.masses, discs)
+
+
+def radii_of(name: str, scene: Scene, discs: Discs) -> Floats:
+    """Radius of each disc, shape (N,) [length]; otherwise as `masses_of`."""
+    if isinstance(scene.radius, float) and scene.smallest_radius == scene.largest_radius:
+        return equal_sizes(scene.radius, count_of(discs))
+    return one_of_each(name, "radius", scene.radii, discs)
+
+
+def one_of_each(name: str, what: str, values: Floats, discs: Discs) -> Floats:
+    """Values that the scene has for each disc, if it has one for each.
+
+    Raises:
+        InputError: naming who asks, if it has not.
+    """
+    if len(values) != (count := count_of(discs)):
+        raise InputError(
+            f"{name} needs one {what} of the scene per disc; got {len(values)} and {count} discs. "
+            f"Make a scene that holds all discs, with the {what} of each."
+        )
+    return values
+
+
+def number_present(discs: Discs) -> int:
+    """Number of discs that have not left."""
+    return total(discs, lambda part: part.number)
+
+
+def any_present(discs: Discs) -> bool:
+    """Whether any disc has not left."""
+    return any(part.number for part in parts(discs))
+
+
+def any_spin(discs: Discs) -> bool:
+    """Whether the discs have angular velocities."""
+    return next(parts(discs)).state.spin is not None
+
+
+def any_moves(discs: Discs) -> bool:
+    """Whether any disc has a velocity."""
+    return any(part.velocity.any() for part in parts(discs))
+
+
+def mass_and_momentum(discs: Discs, masses: Floats) -> tuple[float, Floats]:
+    """Sums of m [mass] and of m v, shape (2,) [mass length/time]; masses: shape (N,)."""
+
+    def term(part: Part) -> Floats:
+        mass = part.of(masses)
+        return np.array([mass.sum(), *(mass[:, None] * part.velocity).sum(axis=0)])
+
+    mass, *momentum = total(discs, term)
+    return float(mass), np.array(momentum)
+
+
+def number_and_squares(discs: Discs, masses: Floats, drift: Any = 0.0) -> tuple[int, float]:
+    """Number of discs, and the sum of m (v - drift)^2, twice their energy of translation [mass length^2/time^2].
+
+    Args:
+        discs: at one moment.
+        masses: shape (N,) [mass].
+        drift: shape (2,), or 0 [length/time].
+    """
+
+    def term(part: Part) -> Floats:
+        squares = part.velocity - drift
+        np.square(squares, out=squares)
+        squares *= part.of(masses)[:, None]
+        return np.array([len(squares), squares.sum()])
+
+    number, squares = total(discs, term).tolist()
+    return int(number), squares
+
+
+def energy_of_translation(discs: Discs, masses: Floats) -> float:
+    """Sum of m v^2 / 2 [mass length^2/time^2]; masses: shape (N,)."""
+    return 0.5 * number_and_squares(discs, masses)[1]
+
+
+def energy_of_rotation(discs: Discs, masses: Floats, radii: Floats) -> float:
+    """Sum of m a^2 spin^2 / 4 [mass length^2/time^2], 0 of discs that do not spin; masses, radii: shape (N,)."""
+
+    def term(part: Part) -> float:
+        if part.state.spin is None:
+            return 0.0
+        return float((part.of(masses) * (part.of(radii) * part.spin) ** 2).sum())
+
+    return 0.25 * total(discs, term)
+
+
+def momenta(discs: Discs, masses: Floats) -> float:
+    """Sum of m |v| [mass length/time]; masses: shape (N,)."""
+    return total(discs, lambda part: float((part.of(masses) * np.hypot(*part.velocity.T)).sum()))
+
+
+def number_and_speed(discs: Discs) -> tuple[int, float]:
+    """Number of discs, and the root mean square of one velocity component [length/time], 0 without discs."""
+    number, squares = number_and_squares(discs, equal_sizes(1.0, count_of(discs)))
+    return number, math.sqrt(squares / (2 * number)) if number else 0.0
+
+
+def flow_of_momentum(discs: Discs, scene: Scene) -> tuple[float, float, float]:
+    """Sums of m v_x v_x, m v_y v_y, m v_x v_y, without the mean flow along periodic axes [mass length^2/time^2]."""
+    masses = masses_of("pressure", scene, discs)
+
+    def mass_and_flow(part: Part) -> Floats:
+        mass = part.of(masses)
+        return np.array([mass.sum(), *(mass[:, None] * part.velocity).sum(axis=0)])
+
+    def squares(part: Part) -> Floats:
+        mass, (x, y) = part.of(masses), (part.velocity - drift).T
+        return np.array(
+            [(mass * x * x).sum(), (mass * y * y).sum(), (mass * x * y).sum()]
+        )  # no BLAS: its bits follow its threads
+
+    mass, *flow = total(discs, mass_and_flow)
+    drift = np.array(flow) * scene.periodic / max(mass, 1e-300)
+    xx, yy, xy = total(discs, squares).tolist()
+    return xx, yy, xy
