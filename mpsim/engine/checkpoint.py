@@ -33,14 +33,15 @@ from mpsim.core.errors import (
     is_of_the_system,
     level_of_caller,
 )
+from mpsim.engine.older_formats import in_this_format
 from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
-FORMAT = 5
+FORMAT = 6
 """Version of the format. A file of a newer one is refused, by number; one of format 1 lacks the image flags and
 virials by component, one of format 2 is that of smooth discs, one of format 3 has sizes of each disc even if equal,
-one of format 4 no lattice."""
+one of format 4 no lattice, in one of format 5 the exact solver counts impulses in real numbers."""
 
 HEADER = "mpsim_checkpoint"
 """Name of the first array, the header. So the name stands at the start of the file, and tells its kind."""
@@ -439,19 +440,11 @@ def _unpacked(path: Path, mapped: bool = False, verified: tuple[int, ...] = ()) 
             arrays = {name: take(name) for name in archive.names if name != HEADER}
             if _identity(file.fileno()) != verified and digest_of(header, arrays) != said:
                 raise _DamagedError("its content does not match its digest")
-            return header, _of_format_1(arrays) if format_version == 1 else arrays
+            return header, in_this_format(arrays, format_version)
     raise CheckpointError(
         f"the checkpoint {str(path)!r} is of format {format_version}; this version of mpsim reads up to {FORMAT}. Use "
         "a newer mpsim."
     )
-
-
-def _of_format_1(arrays: Arrays) -> Arrays:
-    """Arrays as later formats have them: the exact solver counted no virials by component, and does from there on."""
-    end = 5  # of the entries that were there already, four walls and the virial; in `seen` the collisions follow them
-    shapes = {"solver.tally": (end,), "solver.seen": (end + 1,)}
-    counts = {name: arrays[name] for name, shape in shapes.items() if name in arrays and arrays[name].shape == shape}
-    return arrays | {name: np.insert(array, end, [0.0, 0.0]) for name, array in counts.items()}
 
 
 def _header_of(archive: ArrayFile) -> dict[str, Any]:

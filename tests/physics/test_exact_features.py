@@ -88,7 +88,7 @@ def test_72_dense_discs_on_a_torus_have_the_published_pressure(figures):
         with exactly(scene) as sim:
             sim.run(frames=30)
             before = sim.state
-            measures = sim.run(frames=600, measures=["pressure", "momentum_drift", "energy_drift"]).measures
+            measures = sim.run(frames=400, measures=["pressure", "momentum_drift", "energy_drift"]).measures
             after = sim.state
         kt = observables.temperature(after, scene, remove_drift=True)
         found.append(measures["pressure"].value / kt + 1 / area)

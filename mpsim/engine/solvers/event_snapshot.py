@@ -12,7 +12,6 @@ from mpsim.engine.columns import columns_of
 from mpsim.engine.solvers.snapshots import MOST_STEPS, REAL, Shapes, Snapshot, check_periods, demand, shapes_in_each
 from mpsim.features.radii import has_radii
 from mpsim.kernels.events import records, state
-from mpsim.kernels.events.calendar import TURNS
 from mpsim.kernels.events.cells import plan_cells
 from mpsim.scene.scene import Scene
 
@@ -92,7 +91,7 @@ def shapes(scene: Scene, count: int) -> Shapes:
     found: Shapes = {name: (array.dtype, array.shape) for name, array in blank.items()}
     found |= {saved: columns[name] for saved, name in _saved_columns(scene).items()}
     totals = records.numbers(np.empty((), records.TOTALS))
-    return found | shapes_in_each(count) | {"seen": (totals.dtype, totals.shape)}
+    return found | shapes_in_each(count) | {"seen": (totals.dtype, totals.shape), "units": (REAL, (2,))}
 
 
 # --- one from a file
@@ -109,7 +108,8 @@ def check(scene: Scene, arrays: Snapshot, dt: float) -> None:
     times = np.stack([disc["collision_time"], disc["crossing_time"], disc["last_contact"]])
     demand(not np.isnan(times).any(), "times of events must not be NaN")
     demand((times[:2] >= 0).all(), "no event may lie before the present lap")
-    demand(np.isfinite(arrays["tally"]).all() and np.isfinite(arrays["seen"]).all(), "counts must be finite")
+    units = arrays["units"]
+    demand(((units > 0) & (np.frexp(units)[0] == 0.5)).all(), "units of impulses must be powers of two")
     progress = records.of_numbers(records.PROGRESS, arrays["progress"])
     _check_clock(arrays, frame_end=(int(progress.frame) + 1) * dt)
     _check_links(scene, arrays)
@@ -124,8 +124,8 @@ def _check_clock(arrays: Snapshot, frame_end: float) -> None:
     steps = state.layout(len(arrays["order"]), (1, 1))["step_head"][1][0]
     finite = np.isfinite(arrays["clock"]).all()
     demand(finite and clock.origin >= 0 and clock.step > 0, "its clock must be finite, its step > 0")
-    laps = clock.step * steps, clock.step * steps * TURNS  # in files of older versions, and now
-    demand(np.frexp(clock.step)[0] == 0.5 and clock.lap in laps, "its step must be a power of two, its lap all steps")
+    whole = np.frexp(clock.step)[0] == 0.5 and clock.lap == clock.step * steps
+    demand(whole, "its step must be a power of two, its lap all steps")
     in_frame = clock.origin + clock.now <= frame_end * (1 + 1e-9)
     demand(clock.now <= clock.lap and in_frame, "its present must lie in its lap and frame")
     counts = (counter[name] for name in ("pairs", "walls", "guarded", "events", "lap_events", "stall"))

@@ -1,8 +1,10 @@
 """The exact solver as the coordinator sees it: event-driven, one process, float64."""
 
+import contextlib
 import math
 import os
 import time
+from collections.abc import Iterator
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -248,8 +250,9 @@ class EventSolver(Solver):
         brought = event_snapshot.columns_of_discs(self._scene, len(new.position), values)
         present = self._present_columns({column.name: getattr(now, column.name) for column in in_state()})
         columns = {name: np.concatenate([here, brought[name]]) for name, here in present.items()}
+        before, self.choice = self.choice, choice  # who is to play it says what is in a block
         block = self._room(len(places))
-        with block.closed_on_error():
+        with block.closed_on_error(), _put_back(self, "choice", before):
             system = self._placed(block, places, speeds, columns, self._present)
             system.store.counter.guarded = self.guarded  # the guard acts once for the whole run
             # Of a frame in hand, the new store has counted nothing yet.
@@ -258,7 +261,6 @@ class EventSolver(Solver):
             seen = records.of_numbers(records.TOTALS, records.numbers(self._seen) - records.numbers(counted))
         self._take(block, system)
         self._radii, self._masses, self._seen = radii, masses, seen
-        self.choice = choice
         self._begin()
 
     def _take(self, block: SharedBlock, system: System) -> None:
@@ -309,7 +311,7 @@ class EventSolver(Solver):
         if self._windows is not None:
             self._windows.link()
         found = event_snapshot.taken(self._scene, self._block.arrays)
-        found |= {"radii": self._radii, "masses": self._masses}
+        found |= {"radii": self._radii, "masses": self._masses, "units": np.array(self._units)}
         return found | {name: records.numbers(each).copy() for name, each in self._kept.items()}
 
     @property
@@ -317,8 +319,14 @@ class EventSolver(Solver):
         """Records beside the block that snapshots hold."""
         return {"progress": self._progress, "seen": self._seen}
 
+    def _use_units(self, units: NDArray[np.float64]) -> None:
+        """Count impulses and virials in these units."""
+        self._units = (float(units[0]), float(units[1]))
+
     def restore(self, snapshot: Snapshot, choice: Choice, room: int = 0) -> None:
         """Go back, or on, to a snapshot. There are no workers, and room for no more discs than there are."""
+        self.choice = choice
+        self._use_units(snapshot["units"])
         block = self._room(count_in(snapshot))
         with block.closed_on_error():
             block.create()
@@ -329,7 +337,7 @@ class EventSolver(Solver):
             )  # whose order is total: where the calendar keeps an event cannot matter
             radii, masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
         self._take(block, system)
-        self.choice, self._radii, self._masses = choice, radii, masses
+        self._radii, self._masses = radii, masses
         for name, each in self._kept.items():
             records.numbers(each)[:] = snapshot[name]
         self._stopped = 0.0  # a stop at which nothing was done yet is met again
@@ -413,6 +421,16 @@ class EventSolver(Solver):
         _refuse_overlap(system, ROUNDING * 2 * self._scene.largest_radius)
         solver.schedule(*system)
         return system
+
+
+@contextlib.contextmanager
+def _put_back(owner: Any, name: str, value: Any) -> Iterator[None]:
+    """Set an attribute back if the body of the `with` raises."""
+    try:
+        yield
+    except BaseException:
+        setattr(owner, name, value)
+        raise
 
 
 def _refuse_overlap(system: System, rounding: float) -> None:

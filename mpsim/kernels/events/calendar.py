@@ -1,14 +1,14 @@
 """The event calendar: which disc has the next event, at a cost that does not grow with their number.
 
 A ring of lists, one per small step of time, stands in front of a binary heap that sorts only the discs of the current
-step (Paul, J. Comput. Phys. 221, 615, 2007; Smallenburg, arXiv 2201.01100, 2022). A disc whose event lies beyond the
-present turn of the ring is in no list until the next turn begins.
+step (Paul, J. Comput. Phys. 221, 615, 2007; Smallenburg, arXiv 2201.01100, 2022). One turn of the ring is
+a lap; a disc whose event lies beyond it is in no list until the next turn begins.
 
 The order of events is (time, number of the disc), a total order: where the calendar keeps an event cannot matter for
 the result, nor can when a turn begins.
 
-Time is counted from the start of the lap, some turns long, so its resolution does not fade as a run grows long. A lap
-is a power of two long, which makes its subtraction exact for every time that lies in its second half or after it.
+Time is counted from the start of the lap, so its resolution does not fade as a run grows long. A lap is a power of
+two long, which makes its subtraction exact for every time that lies in its second half or after it.
 """
 
 import numpy as np
@@ -16,9 +16,6 @@ import numpy as np
 from mpsim.kernels.compiling import inlined, linked
 
 NOWHERE = -1
-
-TURNS = 8
-"""Turns of the ring in a lap."""
 
 
 @inlined
@@ -193,7 +190,7 @@ def fit_lap(store):
     clock = store.clock
     clock.origin += clock.lap
     clock.now -= clock.lap
-    steps = store.step_head.size * TURNS
+    steps = store.step_head.size
     events = store.counter.lap_events
     if 5 * events < 2 * steps and clock.step < 1e200:
         clock.step *= 2.0 if events > 0 else 16.0

@@ -21,7 +21,7 @@ import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.events.boundary import is_wall
-from mpsim.kernels.events.calendar import TURNS, begin_turn, due, earliest, fit_lap, shift_times
+from mpsim.kernels.events.calendar import begin_turn, due, earliest, fit_lap, shift_times
 from mpsim.kernels.events.cells import cell_of, cross, leave_store, link_cells, particle_of
 from mpsim.kernels.events.features.gravity import component
 from mpsim.kernels.events.flight import advance_to, is_finite
@@ -52,7 +52,7 @@ def schedule(store, box, features):
     # About four events while a disc crosses a cell; later laps fit the step to the true rate.
     wait = cell_length / (4.0 * speed * max(disc.shape[0], 1)) if speed > 0.0 else 1.0
     store.clock.step = math.ldexp(1.0, math.frexp(wait)[1])
-    store.clock.lap = store.clock.step * store.step_head.size * TURNS
+    store.clock.lap = store.clock.step * store.step_head.size
     store.counter.lap_events = 0
     begin_turn(0.0, store)
     link_cells(store, box)
@@ -140,10 +140,7 @@ def advance(store, box, features, until, max_events):
             # A lap begins only when `until` lies beyond the one before: the laps do not depend on the stops.
             if store.turn.end > until - clock.origin:
                 return REACHED, -1
-            if store.turn.end < clock.lap:
-                begin_turn(store.turn.end, store)
-            else:
-                begin_lap(store, box, features)
+            begin_lap(store, box, features)
             budget -= 1 + store.disc.shape[0] // 16
             continue
         t = due(store.disc, i)

@@ -25,15 +25,11 @@ def test_the_calendar_finds_the_earliest_of_all(steps):
     disc["collision_time"] = rng.integers(0, 2000, count) / 1024
     calendar.begin_turn(0.0, run.store)
     laps = 0
-    for _ in range(20_000):
+    for _ in range(6000):
         i = earliest(run.store)
         expected = np.lexsort((np.arange(count), disc["collision_time"]))[0]
         if i < 0:
-            turn = run.store.turn
-            assert disc[expected].collision_time >= turn.end
-            if turn.end < clock.lap:
-                calendar.begin_turn(turn.end, run.store)
-                continue
+            assert disc[expected].collision_time >= clock.lap
             for each in disc:
                 shift_times(each, clock.lap)
             fit_lap(run.store)
