@@ -65,8 +65,6 @@ def taken(scene: Scene, arrays: dict[str, Any]) -> Snapshot:
     found = {name: records.numbers(arrays[name][place] if name in by_disc else arrays[name]) for name in state.KEPT}
     number = np.append(arrays["event"]["number"], -1)  # of what lies at each place, and of none
     found["event"][:, PARTNER] = number[found["event"][:, PARTNER]]
-    found["cell_head"] = number[arrays["cell_head"]]
-    found["cell_next"] = number[arrays["cell_next"]][place]
     found = {name: np.array(values) for name, values in found.items()}
     return found | {saved: arrays[name][place] for saved, name in _saved_columns(scene).items()}
 
@@ -146,22 +144,3 @@ def _check_links(scene: Scene, arrays: Snapshot) -> None:
         demand(((along >= 0) & (along < cells[axis])).all(), "a disc must be in a cell of the box")
         beyond = np.abs(place * (cells[axis] / length) - (along + 0.5)) - 0.5
         demand((beyond <= max(SLACK * cells[axis], 1e-3)).all(), "a disc must be in its cell")
-    cell_of_disc = cell[:, 1].astype(np.int64) * cells[0] + cell[:, 0]
-    demand(cells_of_lists(arrays["cell_head"], arrays["cell_next"]) == cell_of_disc.tolist(), "lists of cells")
-
-
-def cells_of_lists(heads: NDArray[np.int32], following: NDArray[np.int32]) -> list[int]:
-    """The cell in whose list each disc is, -1 for none; ValueError if the lists lead anywhere else or in a circle."""
-    count = len(following)
-    for links in (heads, following):
-        demand(((links >= -1) & (links < count)).all(), "lists of cells must lead to discs")
-    links = np.concatenate([heads[heads >= 0], following[following >= 0]])
-    demand(len(np.unique(links)) == len(links), "a disc must be in one list only")
-    cells = np.full(count, -1)
-    cell = np.flatnonzero(heads >= 0)
-    present = heads[cell]
-    while len(present):  # no disc is led to twice, so this ends
-        cells[present] = cell
-        further = following[present] >= 0
-        present, cell = following[present][further], cell[further]
-    return cells.tolist()

@@ -33,7 +33,7 @@ from mpsim.kernels import layout
 from mpsim.kernels import records as stepped
 from mpsim.kernels.events import calendar, records, solver, state
 from mpsim.kernels.events.boundary import COARSE, Box
-from mpsim.kernels.events.cells import worst_overlap
+from mpsim.kernels.events.cells import link_cells, worst_overlap
 from mpsim.kernels.events.features.hooks import features_of
 from mpsim.measure.driving import gravity_strength
 from mpsim.scene.scene import Scene
@@ -332,6 +332,7 @@ class EventSolver(Solver):
             block.create()
             event_snapshot.put_back(self._scene, block.arrays, snapshot)
             system = self._system_in(block)
+            link_cells(system.store, system.box)
             calendar.begin_turn(
                 system.store.clock.now, system.store
             )  # whose order is total: where the calendar keeps an event cannot matter
@@ -394,7 +395,9 @@ class EventSolver(Solver):
         if tiling != WHOLE:
             cells = event_snapshot.cells_for(scene, count)
             lay_out(arrays, tiling, cells, self._settings.dt, self._most_workers, self._laws(count))
-        return System(store, self._box(count), features_of(scene, arrays | {"contact_time": self._contact_time}))
+        box = self._box(count)
+        state.hold_all(store.region, box)
+        return System(store, box, features_of(scene, arrays | {"contact_time": self._contact_time}))
 
     def _present_columns(self, values: dict[str, Any]) -> dict[str, NDArray[Any]]:
         """Columns of the discs that are there, whose radii and masses are known."""

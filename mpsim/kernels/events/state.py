@@ -29,7 +29,7 @@ from mpsim.kernels.events.records import (
 Store = namedtuple("Store", "disc event entry cell_head cell_next step_head heap order clock counter tally region turn")
 """The arrays and records of `layout`."""
 
-MADE_ANEW = ("entry", "step_head", "heap", "region", "turn")
+MADE_ANEW = ("entry", "cell_head", "cell_next", "step_head", "heap", "region", "turn")
 """Those that follow from the others, and from the box."""
 
 KEPT = tuple(name for name in Store._fields if name not in MADE_ANEW)

@@ -174,13 +174,14 @@ def test_a_checkpoint_that_forgets_a_column_is_noticed(array, column, tmp_path, 
 IN_A_SNAPSHOT = {
     "a.x": "position", "a.y": "position", "a.vx": "velocity", "a.vy": "velocity", "a.radius": "radii", "mass": "masses",
     "acceleration": "acceleration", "exits": "exits", "image": "image", "spin": "spin", "control": "progress",
-    "disc": "disc", "event": "event", "cell_head": "cell_head", "cell_next": "cell_next", "order": "order",
+    "disc": "disc", "event": "event", "order": "order",
     "clock": "clock", "counter": "counter", "tally": "tally", "radius": "radii",
 }  # fmt: skip
 """Arrays of the block that frames change, or that hold discs that were added, and what has them in a checkpoint."""
 
 
 MADE_ANEW = {
+    "lists of cells, from the discs": {"cell_head", "cell_next", "region", "turn"},
     "the other buffer": {"b.x", "b.y", "b.vx", "b.vy", "b.id", "b.cell", "b.radius"},
     "the order in memory, which changes no bit": {"a.id", "a.cell", "start", "outbox", "sent", "team"},
     "what a step notes while it moves, for its sort": {"id", "old_cell", "new_cell", "slot", "first_arrival",
