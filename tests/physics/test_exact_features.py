@@ -178,7 +178,6 @@ def free_place(position, radii, scene, radius):
 @pytest.mark.parametrize(
     ("features", "word"),
     [
-        ({"obstacles": mpsim.FixedDisc((2, 8), 1)}, "obstacles"),
         ({"absorbing": "top"}, "absorbing edges"),
         ({"piston": mpsim.Piston("left", 1, 3)}, "a piston"),
     ],

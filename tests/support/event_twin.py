@@ -6,11 +6,13 @@ the solver. Roots are the textbook ones.
 
 import math
 
+from support.event_twin_fixtures import capsule_time, nearest
+
 
 class Twin:
     """Hard discs as lists of floats. Fields as in a scene; `contact_time` is the guard.
 
-    friction, wall_friction: (coefficient, tangential restitution).
+    friction, wall_friction: (coefficient, tangential restitution). capsules: rows (ax, ay, bx, by, radius).
     """
 
     def __init__(
@@ -30,6 +32,7 @@ class Twin:
         friction=None,
         wall_friction=None,
         spin=None,
+        capsules=(),
     ):
         count = len(position)
         self.x = [[float(a) for a in p] for p in position]
@@ -46,6 +49,7 @@ class Twin:
         self.time = 0.0
         self.last = [-math.inf] * count
         self.guards = 0
+        self.capsules = [[float(a) for a in capsule] for capsule in capsules]
 
     def pair_time(self, i, j, shift):
         """Time until i and the image of j displaced by `shift` touch."""
@@ -99,6 +103,13 @@ class Twin:
             if not self.periodic[axis]
             for high in (0, 1)
         ]
+        events += [
+            (capsule_time(self.x[i], self.v[i], self.gravity, self.radius[i], moved), "capsule", i, moved, None)
+            for i in range(count)
+            for capsule in self.capsules
+            for a, b in shifts
+            for moved in [[capsule[0] + a, capsule[1] + b, capsule[2] + a, capsule[3] + b, capsule[4]]]
+        ]
         return min(events, key=lambda event: event[0])
 
     def fly(self, t):
@@ -121,6 +132,9 @@ class Twin:
     def step(self):
         """One event."""
         t, kind, i, j, shift = self.next_event()
+        if kind == "capsule":
+            self.meet(t, i, j)
+            return
         if kind == "wall":
             self.fly(t)
             axis, high = j
@@ -147,6 +161,20 @@ class Twin:
         if self.friction:
             self.rub(self.friction, i, j, n, impulse)
         self.last[i] = self.last[j] = self.time
+
+    def meet(self, t, i, capsule):
+        """Disc i meets a capsule that lies where the disc is when it does, a period further perhaps."""
+        point = [self.x[i][k] + self.v[i][k] * t + 0.5 * self.gravity[k] * t * t for k in (0, 1)]
+        there = nearest(point, capsule)
+        n = [(there[k] - point[k]) / math.dist(there, point) for k in (0, 1)]
+        self.fly(t)
+        closing = sum(self.v[i][k] * n[k] for k in (0, 1))
+        impulse = (1.0 + self.kept(self.wall_restitution, [i])) * closing
+        for k in (0, 1):
+            self.v[i][k] -= impulse * n[k]
+        if self.wall_friction:
+            self.rub(self.wall_friction, i, None, n, impulse * self.mass[i])
+        self.last[i] = self.time
 
     def rub(self, law, i, j, n, pressed):
         """Tangential impulse of disc i on disc j, or on a wall (None), in the direction n, at the points that touch.

@@ -7,9 +7,11 @@ import sys
 
 import numpy as np
 
+from mpsim.features.capsules import lists_of_cells, with_images
 from mpsim.kernels.events import records, solver, state
 from mpsim.kernels.events.boundary import Box
 from mpsim.kernels.events.cells import plan_cells
+from mpsim.kernels.events.features.capsules import Capsules
 from mpsim.kernels.events.features.friction import Friction
 from mpsim.kernels.events.features.hooks import BARE
 
@@ -36,6 +38,7 @@ class Run:
         spin=None,
         steps=None,
         cells=None,
+        capsules=(),
     ):
         position = np.asarray(position, dtype=float).reshape(-1, 2)
         velocity = np.asarray(velocity, dtype=float).reshape(-1, 2)
@@ -58,6 +61,8 @@ class Run:
             "friction": friction and Friction(*friction),
             "wall_friction": wall_friction and Friction(*wall_friction),
         }
+        if len(capsules):
+            laws["capsules"] = capsules_of(np.array(capsules, float), (width, height), periodic, largest / 2, cells)
         arrays = {name: np.full_like(values, 7) for name, values in columns.items()}
         self.features = BARE._replace(**laws, **arrays, contact_time=contact_time)
         self.placed = state.place(position, velocity, columns, 0.0, *self.system)
@@ -89,6 +94,13 @@ class Run:
         return self.store.clock.origin + self.store.clock.now
 
 
+def capsules_of(rows, size, periodic, reach, cells):
+    """Rows (ax, ay, bx, by, radius) as the kernels have them."""
+    images = with_images(rows, size, periodic, reach).capsule
+    lists, shift = lists_of_cells(images, size, reach, cells)
+    return Capsules(images, lists.near, lists.listed, int(lists.grid[1]), shift)
+
+
 def gas(count, packing, seed, radius=0.5, spread=0.0):
     """Discs on a square lattice with Gaussian velocities, no total momentum: position, velocity, radius, side."""
     rng = np.random.default_rng(seed)
@@ -105,6 +117,9 @@ def kinetic(velocity, mass=None):
     return 0.5 * ((velocity**2).sum(1) * (1.0 if mass is None else mass)).sum()
 
 
+PEGS = [(1.5, 1.5, 1.5, 1.5, 0.3), (1.5, 3.0, 3.0, 2.9, 0.05), (0.0, 3.0, 0.2, 3.0, 0.0), (3.0, 0.0, 3.1, 1.4, 0.0)]
+"""Obstacles between nine discs at packing 0.35: a peg, a bar, and two thin walls at the edge of the box."""
+
 CONFIGURATIONS = {
     "plain": {},
     "gravity": dict(gravity=(0.3, -1.0)),
@@ -116,6 +131,11 @@ CONFIGURATIONS = {
     "rough with everything": dict(gravity=(0.2, -0.7), mass=True, spread=0.5, restitution=0.95, wall_restitution=0.9,
                                   contact_time=1e-3, periodic=(True, False), friction=(math.inf, 0.9),
                                   wall_friction=(0.4, 0.0), spin=True),
+    "obstacles": dict(capsules=PEGS),
+    "obstacles under gravity": dict(capsules=PEGS, gravity=(0.3, -1.0)),
+    "rough obstacles with everything": dict(capsules=PEGS, gravity=(0.2, -0.7), mass=True, restitution=0.95,
+                                            wall_restitution=0.9, contact_time=1e-3, periodic=(True, False),
+                                            friction=(0.3, 0.5), wall_friction=(0.4, 0.0), spin=True),
     "channel with everything": dict(gravity=(0.2, -0.7), mass=True, spread=0.5, restitution=0.95,
                                     wall_restitution=0.9, contact_time=1e-3, periodic=(True, False)),
 }  # fmt: skip

@@ -15,7 +15,7 @@ from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
 from mpsim.engine.columns import given_in
 from mpsim.engine.frame_count import frames_until
-from mpsim.engine.solvers import event_snapshot
+from mpsim.engine.solvers import event_features, event_snapshot
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Solver
 from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
@@ -308,7 +308,8 @@ class EventSolver(Solver):
         common = 0.0 if has_radii(scene) else scene.largest_radius
         columns, rows = event_snapshot.cells_for(scene, len(store.order))
         box = Box(scene.width, scene.height, *scene.periodic, columns, rows, common)
-        return System(store, box, features_of(scene, arrays | {"contact_time": self._contact_time}))
+        given = {"contact_time": self._contact_time, **event_features.given(scene, (columns, rows))}
+        return System(store, box, features_of(scene, arrays | given))
 
     def _present_columns(self, values: dict[str, Any]) -> dict[str, NDArray[Any]]:
         """Columns of the discs that are there, whose radii and masses are known."""

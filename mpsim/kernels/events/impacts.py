@@ -7,10 +7,13 @@ from mpsim.kernels.events.boundary import along
 from mpsim.kernels.events.features.hooks import (
     between_discs,
     mass_of,
+    on_surface,
     on_wall,
     radius_of,
     restitution_between,
+    speed_off_surface,
     speed_off_wall,
+    surface,
 )
 from mpsim.kernels.events.flight import advance_to
 from mpsim.kernels.nearest_image import nearest_image
@@ -69,3 +72,24 @@ def hit_wall(i, now, side, store, box, features):
     store.event[i].collision_count += 1
     store.counter.walls += 1
     store.tally.wall[side] += mass_of(i, features) * (speed + leaving)
+
+
+@inlined
+def hit_surface(i, now, side, store, box, features):
+    """Impact of disc i, whose stored state is current, on what is neither disc nor wall at rest; False: it has none."""
+    met, nx, ny, depth = surface(i, side, now, store, box, features)
+    if not met:
+        return False
+    disc = store.disc[i]
+    disc.position[0] += depth * nx
+    disc.position[1] += depth * ny
+    inward = disc.velocity[0] * nx + disc.velocity[1] * ny
+    leaving = speed_off_surface(max(-inward, 0.0), nx, ny, disc.last_contact, now, features, store.counter)
+    change = max(leaving - inward, 0.0)  # of a graze, rounding may have turned it round already
+    disc.velocity[0] += change * nx
+    disc.velocity[1] += change * ny
+    on_surface(i, nx, ny, change, store, box, features)
+    disc.last_contact = now
+    store.event[i].collision_count += 1
+    store.counter.walls += 1
+    return True

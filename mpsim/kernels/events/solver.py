@@ -25,7 +25,7 @@ from mpsim.kernels.events.calendar import begin_lap, due, earliest, fill
 from mpsim.kernels.events.cells import cross, link_cells
 from mpsim.kernels.events.features.gravity import component
 from mpsim.kernels.events.flight import advance_to, is_finite
-from mpsim.kernels.events.impacts import collide, hit_wall
+from mpsim.kernels.events.impacts import collide, hit_surface, hit_wall
 from mpsim.kernels.events.prediction import predict
 from mpsim.kernels.events.records import BACKWARDS, NOT_FINITE, PAUSED, REACHED, STALLED, STOPPED
 from mpsim.kernels.machine import now
@@ -88,7 +88,9 @@ def process_event(i, now, store, box, features):
     else:
         advance_to(disc[i], now, features.gravity)
         side = np.int64(event[i].side)
-        if is_wall(side, event[i].cell, box):
+        if hit_surface(i, now, side, store, box, features):
+            side = np.int64(-1)
+        elif is_wall(side, event[i].cell, box):
             hit_wall(i, now, side, store, box, features)
             side = np.int64(-1)
         else:

@@ -13,9 +13,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.events.features import friction, gravity, images, properties, restitution
+from mpsim.kernels.events.features import capsules, friction, gravity, images, properties, restitution
 
-FEATURES = (gravity, properties, restitution, friction, images)
+FEATURES = (gravity, properties, restitution, friction, images, capsules)
 
 Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
 """What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it."""
@@ -48,7 +48,29 @@ def speed_off_wall(speed, axis, inward, last_contact, now, features, counter):
     return restitution.speed_off_wall(features.gravity, e * abs(speed), axis, inward, features.contact_time, counter)
 
 
+@inlined
+def speed_off_surface(speed, nx, ny, last_contact, now, features, counter):
+    """Speed at which a disc leaves a surface, along the unit vector n from there, that it has met at such a speed."""
+    return restitution.speed_off(speed, nx, ny, last_contact, now, features, counter)
+
+
+@inlined
+def surface(i, side, now, store, box, features):
+    """The surface that disc i, whose stored state is current, has met if `side` of its event says so.
+
+    Whether it has; the unit vector (x, y) from there to the disc; how far the disc has to be moved along it so that it
+    touches, a rounding.
+    """
+    return capsules.surface(features.capsules, i, side, store, box, features)
+
+
 # --- the points of an event at which they act ---------------------------------------------------------------------
+
+
+@inlined
+def before_border(i, store, box, features):
+    """Once it is known when disc i, whose stored state is current, leaves its cell: what it meets alone before."""
+    capsules.before_border(features.capsules, i, store, box, features)
 
 
 @inlined
@@ -61,6 +83,12 @@ def between_discs(i, j, rx, ry, normal_impulse, store, box, features):
 def on_wall(i, axis, inward, normal_change, store, box, features):
     """After disc i has met a wall at right angles to an axis, which has changed its velocity inward by so much."""
     friction.on_wall(features.wall_friction, i, axis, inward, normal_change, store, box, features)
+
+
+@inlined
+def on_surface(i, nx, ny, normal_change, store, box, features):
+    """After disc i has met a surface that has changed its velocity by so much along n, the unit vector from there."""
+    friction.on_surface(features.wall_friction, i, nx, ny, normal_change, store, box, features)
 
 
 @inlined
