@@ -179,7 +179,6 @@ def free_place(position, radii, scene, radius):
     ("features", "word"),
     [
         ({"absorbing": "top"}, "absorbing edges"),
-        ({"piston": mpsim.Piston("left", 1, 3)}, "a piston"),
     ],
 )
 def test_what_has_no_exact_solution_yet_is_refused_by_name(features, word):

@@ -6,13 +6,14 @@ the solver. Roots are the textbook ones.
 
 import math
 
-from support.event_twin_fixtures import capsule_time, nearest
+from support.event_twin_fixtures import capsule_time, moving_wall_time, nearest, wall_at
 
 
 class Twin:
     """Hard discs as lists of floats. Fields as in a scene; `contact_time` is the guard.
 
     friction, wall_friction: (coefficient, tangential restitution). capsules: rows (ax, ay, bx, by, radius).
+    moving_wall: (edge, start, stop, speed).
     """
 
     def __init__(
@@ -33,6 +34,7 @@ class Twin:
         wall_friction=None,
         spin=None,
         capsules=(),
+        moving_wall=None,
     ):
         count = len(position)
         self.x = [[float(a) for a in p] for p in position]
@@ -49,6 +51,7 @@ class Twin:
         self.time = 0.0
         self.last = [-math.inf] * count
         self.guards = 0
+        self.moving_wall = moving_wall
         self.capsules = [[float(a) for a in capsule] for capsule in capsules]
 
     def pair_time(self, i, j, shift):
@@ -110,6 +113,15 @@ class Twin:
             for a, b in shifts
             for moved in [[capsule[0] + a, capsule[1] + b, capsule[2] + a, capsule[3] + b, capsule[4]]]
         ]
+        if self.moving_wall:
+            events = [
+                each for each in events if each[1] != "wall" or 2 * each[3][0] + each[3][1] != self.moving_wall[0]
+            ]
+            events += [
+                (moving_wall_time(self.x[i], self.v[i], self.gravity, self.radius[i], self.moving_wall, self.time),
+                 "moving wall", i, None, None)
+                for i in range(count)
+            ]  # fmt: skip
         return min(events, key=lambda event: event[0])
 
     def fly(self, t):
@@ -134,6 +146,9 @@ class Twin:
         t, kind, i, j, shift = self.next_event()
         if kind == "capsule":
             self.meet(t, i, j)
+            return
+        if kind == "moving wall":
+            self.push(t, i)
             return
         if kind == "wall":
             self.fly(t)
@@ -174,6 +189,20 @@ class Twin:
             self.v[i][k] -= impulse * n[k]
         if self.wall_friction:
             self.rub(self.wall_friction, i, None, n, impulse * self.mass[i])
+        self.last[i] = self.time
+
+    def push(self, t, i):
+        """Disc i meets the moving wall, which is as heavy as the world."""
+        self.fly(t)
+        edge = self.moving_wall[0]
+        axis, sign = edge // 2, (1.0 if edge % 2 else -1.0)
+        _, moving = wall_at(self.moving_wall, self.time)
+        closing = sign * (self.v[i][axis] - moving)
+        kept = self.kept(self.wall_restitution, [i])
+        self.v[i][axis] -= sign * (1.0 + kept) * closing
+        if self.wall_friction:
+            self.rub(self.wall_friction, i, None, [sign, 0.0] if axis == 0 else [0.0, sign],
+                     (1.0 + kept) * self.mass[i] * closing)  # fmt: skip
         self.last[i] = self.time
 
     def rub(self, law, i, j, n, pressed):

@@ -69,3 +69,26 @@ def capsule_time(x, v, g, radius, capsule):
             if touches and n[0] * u[0] + n[1] * u[1] < 0.0:
                 good.append(t)
     return min(good, default=math.inf)
+
+
+def wall_at(wall, time):
+    """Coordinate and velocity of a wall (edge, start, stop, speed) that moves until it stops."""
+    _, start, stop, speed = wall
+    arrival = (stop - start) / speed
+    return (start + speed * time, speed) if time < arrival else (stop, 0.0)
+
+
+def moving_wall_time(x, v, g, radius, wall, now):
+    """Time until a disc meets the moving wall: the first root at which it comes nearer, of two parts of the motion."""
+    edge, start, stop, speed = wall
+    axis, sign = edge // 2, (-1.0 if edge % 2 else 1.0)
+    arrival = (stop - start) / speed - now
+    good = []
+    for place, moving, begins, ends in (
+        (start + speed * now, speed, NOW, arrival),
+        (stop, 0.0, max(arrival, NOW), math.inf),
+    ):
+        for t in real_roots(0.5 * sign * g[axis], sign * (v[axis] - moving), sign * (x[axis] - place) - radius):
+            if begins < t <= ends and sign * (v[axis] + g[axis] * t - moving) < 0.0:
+                good.append(t)
+    return min(good, default=math.inf)

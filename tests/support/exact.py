@@ -14,6 +14,7 @@ from mpsim.kernels.events.cells import plan_cells
 from mpsim.kernels.events.features.capsules import Capsules
 from mpsim.kernels.events.features.friction import Friction
 from mpsim.kernels.events.features.hooks import BARE
+from mpsim.kernels.events.features.piston import Wall
 
 
 class Run:
@@ -39,6 +40,7 @@ class Run:
         steps=None,
         cells=None,
         capsules=(),
+        moving_wall=None,
     ):
         position = np.asarray(position, dtype=float).reshape(-1, 2)
         velocity = np.asarray(velocity, dtype=float).reshape(-1, 2)
@@ -61,6 +63,9 @@ class Run:
             "friction": friction and Friction(*friction),
             "wall_friction": wall_friction and Friction(*wall_friction),
         }
+        if moving_wall:
+            edge, start, stop, speed = moving_wall
+            laws["moving_wall"] = Wall(edge, start, stop, speed, (stop - start) / speed)
         if len(capsules):
             laws["capsules"] = capsules_of(np.array(capsules, float), (width, height), periodic, largest / 2, cells)
         arrays = {name: np.full_like(values, 7) for name, values in columns.items()}
@@ -136,6 +141,9 @@ CONFIGURATIONS = {
     "rough obstacles with everything": dict(capsules=PEGS, gravity=(0.2, -0.7), mass=True, restitution=0.95,
                                             wall_restitution=0.9, contact_time=1e-3, periodic=(True, False),
                                             friction=(0.3, 0.5), wall_friction=(0.4, 0.0), spin=True),
+    "piston": dict(moving_wall=(1, 4.49, 3.6, -0.1)),
+    "piston under gravity": dict(moving_wall=(2, 0.0, 0.3, 0.05), gravity=(0.3, -1.0), wall_friction=(0.4, 0.0),
+                                 spin=True),
     "channel with everything": dict(gravity=(0.2, -0.7), mass=True, spread=0.5, restitution=0.95,
                                     wall_restitution=0.9, contact_time=1e-3, periodic=(True, False)),
 }  # fmt: skip

@@ -201,7 +201,8 @@ class EventSolver(Solver):
         """Synchronised copies at `time`, in the order of the scene's discs. Taking them changes nothing."""
         kept = [column.name for column in event_snapshot.columns_in(self._scene) if column.kept]
         store, box, features = self._system
-        return State(**state.read_out(store, box, features, self._present, kept), box=self._scene.box)
+        found = state.read_out(store, box, features, self._present, kept)
+        return event_features.state_of(self._scene, self._present, found, self._radii)
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
         """Append discs at the present time; refused if they overlap.
@@ -390,6 +391,7 @@ def _contact_time(scene: Scene, dt: float) -> float:
     speeds = [
         math.sqrt(squares + gravity_strength(scene) * smallest),
         *(math.hypot(*np.array(each.velocity)) for each in scene.emitters),
+        0.0 if scene.moving_wall is None else abs(scene.moving_wall.speed),
     ]
     speed = max(speeds)
     # Where nothing moves by itself, a fraction of the time of a frame: speeds are those of what is added later.

@@ -77,13 +77,13 @@ def hit_wall(i, now, side, store, box, features):
 @inlined
 def hit_surface(i, now, side, store, box, features):
     """Impact of disc i, whose stored state is current, on what is neither disc nor wall at rest; False: it has none."""
-    met, nx, ny, depth = surface(i, side, now, store, box, features)
+    met, nx, ny, depth, speed, edge = surface(i, side, now, store, box, features)
     if not met:
         return False
     disc = store.disc[i]
     disc.position[0] += depth * nx
     disc.position[1] += depth * ny
-    inward = disc.velocity[0] * nx + disc.velocity[1] * ny
+    inward = disc.velocity[0] * nx + disc.velocity[1] * ny - speed
     leaving = speed_off_surface(max(-inward, 0.0), nx, ny, disc.last_contact, now, features, store.counter)
     change = max(leaving - inward, 0.0)  # of a graze, rounding may have turned it round already
     disc.velocity[0] += change * nx
@@ -92,4 +92,6 @@ def hit_surface(i, now, side, store, box, features):
     disc.last_contact = now
     store.event[i].collision_count += 1
     store.counter.walls += 1
+    if edge >= 0:
+        store.tally.wall[edge] += mass_of(i, features) * change
     return True

@@ -140,11 +140,12 @@ def nearest_offset(x, y, capsule, k):
 def surface(capsules, i, side, store, box, features):
     """The obstacle that disc i, whose stored state is current, has met; see `hooks.surface`."""
     if capsules is None:
-        return False, 0.0, 0.0, 0.0
+        return False, 0.0, 0.0, 0.0, 0.0, -1
     if side < FIRST_CAPSULE:
-        return False, 0.0, 0.0, 0.0
+        return False, 0.0, 0.0, 0.0, 0.0, -1
     disc = store.disc[i]
     k = side - FIRST_CAPSULE
     rx, ry = nearest_offset(disc.position[0], disc.position[1], capsules.capsule, k)
     distance = math.sqrt(rx * rx + ry * ry)
-    return True, rx / distance, ry / distance, radius_of(i, box, features) + capsules.capsule[k, 4] - distance
+    depth = radius_of(i, box, features) + capsules.capsule[k, 4] - distance
+    return True, rx / distance, ry / distance, depth, 0.0, -1

@@ -13,9 +13,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.events.features import capsules, friction, gravity, images, properties, restitution
+from mpsim.kernels.events.features import capsules, friction, gravity, images, piston, properties, restitution
+from mpsim.kernels.events.records import MOVING_WALL
 
-FEATURES = (gravity, properties, restitution, friction, images, capsules)
+FEATURES = (gravity, properties, restitution, friction, images, piston, capsules)
 
 Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
 """What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it."""
@@ -59,8 +60,10 @@ def surface(i, side, now, store, box, features):
     """The surface that disc i, whose stored state is current, has met if `side` of its event says so.
 
     Whether it has; the unit vector (x, y) from there to the disc; how far the disc has to be moved along it so that it
-    touches, a rounding.
+    touches, a rounding; the speed of the surface along it; which edge of the box it is (LEFT, ...), or -1.
     """
+    if side == MOVING_WALL:
+        return piston.surface(features.moving_wall, i, now, store, box, features)
     return capsules.surface(features.capsules, i, side, store, box, features)
 
 
@@ -70,6 +73,7 @@ def surface(i, side, now, store, box, features):
 @inlined
 def before_border(i, store, box, features):
     """Once it is known when disc i, whose stored state is current, leaves its cell: what it meets alone before."""
+    piston.before_border(features.moving_wall, i, store, box, features)
     capsules.before_border(features.capsules, i, store, box, features)
 
 
