@@ -13,7 +13,7 @@ class Twin:
     """Hard discs as lists of floats. Fields as in a scene; `contact_time` is the guard.
 
     friction, wall_friction: (coefficient, tangential restitution). capsules: rows (ax, ay, bx, by, radius).
-    moving_wall: (edge, start, stop, speed).
+    moving_wall: (edge, start, stop, speed). absorbing: numbers of edges: left, right, bottom, top.
     """
 
     def __init__(
@@ -35,6 +35,7 @@ class Twin:
         spin=None,
         capsules=(),
         moving_wall=None,
+        absorbing=(),
     ):
         count = len(position)
         self.x = [[float(a) for a in p] for p in position]
@@ -51,7 +52,7 @@ class Twin:
         self.time = 0.0
         self.last = [-math.inf] * count
         self.guards = 0
-        self.moving_wall = moving_wall
+        self.moving_wall, self.absorbing, self.gone = moving_wall, absorbing, set()
         self.capsules = [[float(a) for a in capsule] for capsule in capsules]
 
     def pair_time(self, i, j, shift):
@@ -122,12 +123,15 @@ class Twin:
                  "moving wall", i, None, None)
                 for i in range(count)
             ]  # fmt: skip
-        return min(events, key=lambda event: event[0])
+        events = [
+            each for each in events if each[2] not in self.gone and (each[1] != "pair" or each[3] not in self.gone)
+        ]
+        return min(events, key=lambda event: event[0], default=(math.inf, "nothing", -1, None, None))
 
     def fly(self, t):
         """Move every disc by the time t."""
-        for x, v in zip(self.x, self.v, strict=True):
-            for k in (0, 1):
+        for i, (x, v) in enumerate(zip(self.x, self.v, strict=True)):
+            for k in (0, 1) if i not in self.gone else ():
                 x[k] += v[k] * t + 0.5 * self.gravity[k] * t * t
                 v[k] += self.gravity[k] * t
                 if self.periodic[k]:
@@ -153,6 +157,10 @@ class Twin:
         if kind == "wall":
             self.fly(t)
             axis, high = j
+            if 2 * axis + high in self.absorbing:
+                self.gone.add(i)
+                self.v[i] = [0.0, 0.0]
+                return
             closing = abs(self.v[i][axis])
             kept = self.kept(self.wall_restitution, [i])
             self.v[i][axis] *= -kept

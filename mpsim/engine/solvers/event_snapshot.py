@@ -139,6 +139,13 @@ def _check_links(scene: Scene, arrays: Snapshot) -> None:
         beyond = np.abs(place * (cells[axis] / length) - (along + 0.5)) - 0.5
         demand((beyond <= max(SLACK * cells[axis], 1e-3)).all(), "a disc must be in its cell")
     cell_of_disc = cell[:, 1].astype(np.int64) * cells[0] + cell[:, 0]
+    if "exits" in arrays:
+        gone = arrays["exits"][:, 0]
+        demand(((gone == 0) | (gone == 1)).all(), "a disc has left or it has not")
+        cell_of_disc[gone == 1] = -1
+        demand(
+            np.isinf(np.stack([disc["collision_time"], disc["crossing_time"]])[:, gone == 1]).all(), "none is to come"
+        )
     demand(cells_of_lists(arrays["cell_head"], arrays["cell_next"]) == cell_of_disc.tolist(), "lists of cells")
 
 

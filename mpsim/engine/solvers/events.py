@@ -8,7 +8,6 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from mpsim.core.columns import in_state
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import DivergedError, InputError, StalledError
 from mpsim.core.sizes import kept_sizes
@@ -199,10 +198,19 @@ class EventSolver(Solver):
 
     def state(self) -> State:
         """Synchronised copies at `time`, in the order of the scene's discs. Taking them changes nothing."""
+        return event_features.state_of(self._scene, self._present, self._found(), self._radii)
+
+    def _found(self) -> dict[str, NDArray[Any]]:
+        """Positions, velocities and all columns but radii and masses, by name."""
         kept = [column.name for column in event_snapshot.columns_in(self._scene) if column.kept]
-        store, box, features = self._system
-        found = state.read_out(store, box, features, self._present, kept)
-        return event_features.state_of(self._scene, self._present, found, self._radii)
+        return state.read_out(*self._system, self._present, kept)
+
+    @property
+    def absorbed(self) -> NDArray[np.bool_]:
+        """Which discs have left through an absorbing edge, shape (N,)."""
+        if not self._scene.absorbing:
+            return np.zeros(self.count, bool)
+        return event_features.absorbed_in(self._found(), self.count)
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
         """Append discs at the present time; refused if they overlap.
@@ -215,7 +223,7 @@ class EventSolver(Solver):
         radii, masses = kept_sizes(self._radii, new.radius), kept_sizes(self._masses, new.mass)
         values = {"radius": new.radius, **new.columns}
         brought = event_snapshot.columns_of_discs(self._scene, len(new.position), values)
-        present = self._present_columns({column.name: getattr(now, column.name) for column in in_state()})
+        present = self._present_columns({**self._found(), **vars(now)})
         columns = {name: np.concatenate([here, brought[name]]) for name, here in present.items()}
         block = self._room(len(places))
         with block.closed_on_error():

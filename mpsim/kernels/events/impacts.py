@@ -4,8 +4,11 @@ import math
 
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.boundary import along
+from mpsim.kernels.events.cells import cell_of, leave_list
 from mpsim.kernels.events.features.hooks import (
     between_discs,
+    leave,
+    lets_out,
     mass_of,
     on_surface,
     on_wall,
@@ -56,13 +59,21 @@ def collide(i, j, now, store, box, features):
 
 @inlined
 def hit_wall(i, now, side, store, box, features):
-    """Impact of disc i, whose stored state is current, on a wall: its centre is put on the limit exactly."""
+    """Disc i, whose stored state is current, meets a wall: its centre is put on the limit exactly."""
     disc = store.disc[i]
     radius = radius_of(i, box, features)
     axis = side >> 1
     high = side & 1
     length, _, _ = along(axis, box)
     inward = -1.0 if high else 1.0
+    if lets_out(side, features):
+        disc.position[axis] = length - radius if high else radius
+        leave(i, store, features)
+        leave_list(i, cell_of(i, store, box), store)
+        store.cell_next[i] = -1
+        store.event[i].collision_count += 1
+        store.counter.walls += 1
+        return
     speed = -inward * disc.velocity[axis]
     leaving = speed_off_wall(speed, axis, inward, disc.last_contact, now, features, store.counter)
     disc.position[axis] = length - radius if high else radius

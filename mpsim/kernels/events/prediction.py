@@ -7,7 +7,7 @@ from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.boundary import along, neighbour, range_in_cell
 from mpsim.kernels.events.calendar import reschedule
 from mpsim.kernels.events.cells import block_to_search
-from mpsim.kernels.events.features.hooks import before_border, radius_of
+from mpsim.kernels.events.features.hooks import before_border, is_absent, radius_of
 from mpsim.kernels.events.flight import INFINITY, state_at, time_to_impact, time_to_leave
 from mpsim.kernels.events.records import BOTTOM, LEFT
 
@@ -75,6 +75,10 @@ def predict(i, now, side, deflected, store, box, features):
     side: the border it has just crossed or -1; deflected: whether its stored state is new as of `now`.
     """
     disc, event = store.disc[i], store.event
+    if is_absent(i, features):
+        disc.collision_time, disc.crossing_time = INFINITY, INFINITY
+        reschedule(i, store)
+        return
     first_column, last_column, first_row, last_row = block_to_search(i, side, event)
     wait, partner = earliest_partner(i, now, first_column, last_column, first_row, last_row, store, box, features)
     if side < 0 or now + wait < disc.collision_time:

@@ -51,7 +51,7 @@ def schedule(store, box, features):
     store.clock.step = math.ldexp(1.0, math.frexp(wait)[1])
     store.clock.lap = store.clock.step * store.step_head.size
     fill(store)
-    link_cells(store, box)
+    link_cells(store, box, features)
     for i in range(disc.shape[0]):
         predict(np.int64(i), 0.0, np.int64(-1), True, store, box, features)
 

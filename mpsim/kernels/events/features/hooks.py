@@ -13,10 +13,19 @@ from collections.abc import Mapping
 from typing import Any
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.events.features import capsules, friction, gravity, images, piston, properties, restitution
+from mpsim.kernels.events.features import (
+    absorption,
+    capsules,
+    friction,
+    gravity,
+    images,
+    piston,
+    properties,
+    restitution,
+)
 from mpsim.kernels.events.records import MOVING_WALL
 
-FEATURES = (gravity, properties, restitution, friction, images, piston, capsules)
+FEATURES = (gravity, properties, restitution, friction, images, absorption, piston, capsules)
 
 Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
 """What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it."""
@@ -34,6 +43,18 @@ def features_of(scene: Any, given: Mapping[str, Any]) -> Any:
 # --- what a feature may answer ------------------------------------------------------------------------------------
 
 radius_of, mass_of = properties.radius_of, properties.mass_of
+
+
+@inlined
+def is_absent(i, features):
+    """Whether disc i has left: it is in no list, and nothing happens to it."""
+    return absorption.is_absent(features.exits, i)
+
+
+@inlined
+def lets_out(side, features):
+    """Whether the wall at `side` (LEFT, ...) lets discs out."""
+    return absorption.lets_out(features.absorbing, side)
 
 
 @inlined
@@ -93,6 +114,12 @@ def on_wall(i, axis, inward, normal_change, store, box, features):
 def on_surface(i, nx, ny, normal_change, store, box, features):
     """After disc i has met a surface that has changed its velocity by so much along n, the unit vector from there."""
     friction.on_surface(features.wall_friction, i, nx, ny, normal_change, store, box, features)
+
+
+@inlined
+def leave(i, store, features):
+    """Once disc i, whose stored state is current, has touched a wall that lets it out."""
+    absorption.leave(features.exits, store.disc[i], i)
 
 
 @inlined
