@@ -145,9 +145,9 @@ class Twin:
             return 1.0
         return restitution
 
-    def step(self):
-        """One event."""
-        t, kind, i, j, shift = self.next_event()
+    def step(self, event=None):
+        """One event: the next one, if it is not given."""
+        t, kind, i, j, shift = event or self.next_event()
         if kind == "capsule":
             self.meet(t, i, j)
             return

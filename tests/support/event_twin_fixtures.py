@@ -10,6 +10,8 @@ NOW = 1e-11
 
 def real_roots(*coefficients):
     """Real roots of a polynomial, highest power first, each polished until it no longer changes."""
+    if len(coefficients) == 3:
+        return quadratic_roots(*coefficients)
     found = []
     for root in np.roots(coefficients):
         if abs(root.imag) < 1e-6 * (1.0 + abs(root.real)):
@@ -22,6 +24,16 @@ def real_roots(*coefficients):
                 t = following
             found.append(t)
     return found
+
+
+def quadratic_roots(a, b, c):
+    """Real roots of a t^2 + b t + c."""
+    if a == 0.0:
+        return [-c / b] if b else []
+    if b * b < 4 * a * c:
+        return []
+    sum_of_both = -(b + math.copysign(math.sqrt(b * b - 4 * a * c), b)) / 2
+    return [sum_of_both / a, c / sum_of_both] if sum_of_both else [0.0]
 
 
 def place_at(x, v, g, t):
@@ -56,9 +68,8 @@ def capsule_time(x, v, g, radius, capsule):
     for end in (capsule[:2], capsule[2:4]):
         r = [x[k] - end[k] for k in (0, 1)]
         dot = lambda a, b: a[0] * b[0] + a[1] * b[1]  # noqa: E731
-        times += real_roots(
-            0.25 * dot(g, g), dot(v, g), dot(v, v) + dot(r, g), 2 * dot(r, v), dot(r, r) - reach * reach
-        )
+        bend = [0.25 * dot(g, g), dot(v, g)] if any(g) else []
+        times += real_roots(*bend, dot(v, v) + dot(r, g), 2 * dot(r, v), dot(r, r) - reach * reach)
     good = []
     for t in times:
         if t > NOW:
