@@ -12,7 +12,6 @@ class Absorption(Feature):
     """The argument `absorbing`."""
 
     argument = "absorbing"
-    not_exact = "absorbing edges"
     removes_discs = True
     columns: ClassVar[tuple[Column, ...]] = (EXITS,)
     invalidates: ClassVar[tuple[Invalidation, ...]] = (

@@ -108,7 +108,30 @@ def cell_lists(capsules: Floats, size: tuple[float, float], reach: float) -> Cel
         size: width and height of the box [length].
         reach: radius of the largest disc [length].
     """
-    columns, rows, per_length, margin = _grid(capsules, size, reach)
+    return _lists(capsules, *_grid(capsules, size, reach))
+
+
+def lists_of_cells(
+    capsules: Floats, size: tuple[float, float], reach: float, cells: tuple[int, int]
+) -> tuple[CellLists, int]:
+    """`cell_lists` for a grid that is given: (lists, shift), where each list is that of 2^shift cells along each axis.
+
+    Args:
+        capsules, size, reach: as of `cell_lists`.
+        cells: columns and rows of the grid.
+    """
+    most, shift = MOST_LISTED + LISTED_EACH * len(capsules), 0
+    while True:
+        columns, rows = (-(-number >> shift) for number in cells)
+        per_length = np.array(cells) / (2.0**shift * np.array(size))
+        margin = _margin(reach, per_length)
+        if columns * rows == 1 or _cells_in_reach(capsules, margin, per_length, np.array([columns, rows])) <= most:
+            return _lists(capsules, columns, rows, per_length, margin), shift
+        shift += 1
+
+
+def _lists(capsules: Floats, columns: int, rows: int, per_length: Floats, margin: float) -> CellLists:
+    """The lists of a grid; see `_grid`."""
     pairs = [cell * len(capsules) + index for index, cell in _cells_near(capsules, margin, per_length, columns, rows)]
     every = np.concatenate([np.zeros(0, np.int64), *pairs])
     del pairs
@@ -130,11 +153,18 @@ def _grid(capsules: Floats, size: tuple[float, float], reach: float) -> tuple[in
     while True:
         columns, rows = (max(int(length / side), 1) for length in size)
         per_length = np.array([columns / size[0], rows / size[1]])
-        # A disc may be a rounding outside its cell; a thousandth of the cell is far more than that.
-        margin = reach + math.hypot(*(0.5 / per_length)) * 1.001
+        margin = _margin(reach, per_length)
         if columns * rows == 1 or _cells_in_reach(capsules, margin, per_length, np.array([columns, rows])) <= most:
             return columns, rows, per_length, margin
         side *= 2
+
+
+def _margin(reach: float, per_length: Floats) -> float:
+    """Distance from a cell's centre within which a disc with its centre in the cell can touch something [length].
+
+    A disc may be a rounding outside its cell; a thousandth of the cell is far more than that.
+    """
+    return reach + math.hypot(*(0.5 / per_length)) * 1.001
 
 
 def _cells_in_reach(capsules: Floats, margin: float, per_length: Floats, number: Integers) -> int:

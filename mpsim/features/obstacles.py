@@ -195,7 +195,6 @@ class Obstacles(Feature):
 
     argument = "obstacles"
     kinds: ClassVar[tuple[type[Any], ...]] = (FixedDisc, Polyline)
-    not_exact = "obstacles"
     excludes = True
     invalidates: ClassVar[tuple[Invalidation, ...]] = (
         Invalidation(

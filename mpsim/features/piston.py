@@ -102,7 +102,6 @@ class PistonFeature(Feature):
         {"wall": "left", "speed": 1.0, "stop": 1.0},
         {"wall": "right", "speed": -1.0, "stop": 1.0},
     )
-    not_exact = "a piston"
     drives = "a piston"
     relief = "let a piston stop earlier"
     invalidates: ClassVar[tuple[Invalidation, ...]] = (

@@ -49,10 +49,10 @@ def swap_entries(values, i, j):
 
 @inlined
 def swap_rows(values, i, j):
-    """The same, shape (N, 2)."""
+    """The same, shape (N, components)."""
     if values is not None:
-        for axis in range(2):
-            values[i, axis], values[j, axis] = values[j, axis], values[i, axis]
+        for k in range(values.shape[1]):
+            values[i, k], values[j, k] = values[j, k], values[i, k]
 
 
 @inlined
@@ -64,7 +64,7 @@ def copy_entry(source, i, target, j):
 
 @inlined
 def copy_row(source, i, target, j):
-    """The same, shape (N, 2)."""
+    """The same, shape (N, components)."""
     if source is not None:
-        for axis in range(2):
-            target[j, axis] = source[i, axis]
+        for k in range(source.shape[1]):
+            target[j, k] = source[i, k]

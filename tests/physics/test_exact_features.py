@@ -173,17 +173,3 @@ def free_place(position, radii, scene, radius):
     gap = (np.hypot(r[..., 0], r[..., 1]) - radii).min(axis=1)
     assert gap.max() > radius
     return grid[gap.argmax()]
-
-
-@pytest.mark.parametrize(
-    ("features", "word"),
-    [
-        ({"obstacles": mpsim.FixedDisc((2, 8), 1)}, "obstacles"),
-        ({"absorbing": "top"}, "absorbing edges"),
-        ({"piston": mpsim.Piston("left", 1, 3)}, "a piston"),
-    ],
-)
-def test_what_has_no_exact_solution_yet_is_refused_by_name(features, word):
-    scene = mpsim.Scene(width=9, height=9, position=[[6, 6]], velocity=[[0, 0]], radius=0.5, **features)
-    with pytest.raises(mpsim.InputError, match=rf"method='event' cannot do {word}. Leave it out, or use method='grid'"):
-        exactly(scene)

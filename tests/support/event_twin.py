@@ -6,11 +6,14 @@ the solver. Roots are the textbook ones.
 
 import math
 
+from support.event_twin_fixtures import capsule_time, moving_wall_time, nearest, wall_at
+
 
 class Twin:
     """Hard discs as lists of floats. Fields as in a scene; `contact_time` is the guard.
 
-    friction, wall_friction: (coefficient, tangential restitution).
+    friction, wall_friction: (coefficient, tangential restitution). capsules: rows (ax, ay, bx, by, radius).
+    moving_wall: (edge, start, stop, speed). absorbing: numbers of edges: left, right, bottom, top.
     """
 
     def __init__(
@@ -30,6 +33,9 @@ class Twin:
         friction=None,
         wall_friction=None,
         spin=None,
+        capsules=(),
+        moving_wall=None,
+        absorbing=(),
     ):
         count = len(position)
         self.x = [[float(a) for a in p] for p in position]
@@ -46,6 +52,8 @@ class Twin:
         self.time = 0.0
         self.last = [-math.inf] * count
         self.guards = 0
+        self.moving_wall, self.absorbing, self.gone = moving_wall, absorbing, set()
+        self.capsules = [[float(a) for a in capsule] for capsule in capsules]
 
     def pair_time(self, i, j, shift):
         """Time until i and the image of j displaced by `shift` touch."""
@@ -99,12 +107,31 @@ class Twin:
             if not self.periodic[axis]
             for high in (0, 1)
         ]
-        return min(events, key=lambda event: event[0])
+        events += [
+            (capsule_time(self.x[i], self.v[i], self.gravity, self.radius[i], moved), "capsule", i, moved, None)
+            for i in range(count)
+            for capsule in self.capsules
+            for a, b in shifts
+            for moved in [[capsule[0] + a, capsule[1] + b, capsule[2] + a, capsule[3] + b, capsule[4]]]
+        ]
+        if self.moving_wall:
+            events = [
+                each for each in events if each[1] != "wall" or 2 * each[3][0] + each[3][1] != self.moving_wall[0]
+            ]
+            events += [
+                (moving_wall_time(self.x[i], self.v[i], self.gravity, self.radius[i], self.moving_wall, self.time),
+                 "moving wall", i, None, None)
+                for i in range(count)
+            ]  # fmt: skip
+        events = [
+            each for each in events if each[2] not in self.gone and (each[1] != "pair" or each[3] not in self.gone)
+        ]
+        return min(events, key=lambda event: event[0], default=(math.inf, "nothing", -1, None, None))
 
     def fly(self, t):
         """Move every disc by the time t."""
-        for x, v in zip(self.x, self.v, strict=True):
-            for k in (0, 1):
+        for i, (x, v) in enumerate(zip(self.x, self.v, strict=True)):
+            for k in (0, 1) if i not in self.gone else ():
                 x[k] += v[k] * t + 0.5 * self.gravity[k] * t * t
                 v[k] += self.gravity[k] * t
                 if self.periodic[k]:
@@ -118,12 +145,22 @@ class Twin:
             return 1.0
         return restitution
 
-    def step(self):
-        """One event."""
-        t, kind, i, j, shift = self.next_event()
+    def step(self, event=None):
+        """One event: the next one, if it is not given."""
+        t, kind, i, j, shift = event or self.next_event()
+        if kind == "capsule":
+            self.meet(t, i, j)
+            return
+        if kind == "moving wall":
+            self.push(t, i)
+            return
         if kind == "wall":
             self.fly(t)
             axis, high = j
+            if 2 * axis + high in self.absorbing:
+                self.gone.add(i)
+                self.v[i] = [0.0, 0.0]
+                return
             closing = abs(self.v[i][axis])
             kept = self.kept(self.wall_restitution, [i])
             self.v[i][axis] *= -kept
@@ -147,6 +184,34 @@ class Twin:
         if self.friction:
             self.rub(self.friction, i, j, n, impulse)
         self.last[i] = self.last[j] = self.time
+
+    def meet(self, t, i, capsule):
+        """Disc i meets a capsule that lies where the disc is when it does, a period further perhaps."""
+        point = [self.x[i][k] + self.v[i][k] * t + 0.5 * self.gravity[k] * t * t for k in (0, 1)]
+        there = nearest(point, capsule)
+        n = [(there[k] - point[k]) / math.dist(there, point) for k in (0, 1)]
+        self.fly(t)
+        closing = sum(self.v[i][k] * n[k] for k in (0, 1))
+        impulse = (1.0 + self.kept(self.wall_restitution, [i])) * closing
+        for k in (0, 1):
+            self.v[i][k] -= impulse * n[k]
+        if self.wall_friction:
+            self.rub(self.wall_friction, i, None, n, impulse * self.mass[i])
+        self.last[i] = self.time
+
+    def push(self, t, i):
+        """Disc i meets the moving wall, which is as heavy as the world."""
+        self.fly(t)
+        edge = self.moving_wall[0]
+        axis, sign = edge // 2, (1.0 if edge % 2 else -1.0)
+        _, moving = wall_at(self.moving_wall, self.time)
+        closing = sign * (self.v[i][axis] - moving)
+        kept = self.kept(self.wall_restitution, [i])
+        self.v[i][axis] -= sign * (1.0 + kept) * closing
+        if self.wall_friction:
+            self.rub(self.wall_friction, i, None, [sign, 0.0] if axis == 0 else [0.0, sign],
+                     (1.0 + kept) * self.mass[i] * closing)  # fmt: skip
+        self.last[i] = self.time
 
     def rub(self, law, i, j, n, pressed):
         """Tangential impulse of disc i on disc j, or on a wall (None), in the direction n, at the points that touch.

@@ -140,6 +140,11 @@ EXACT: dict[str, dict[str, Any]] = {
     "periodic x, sizes, masses, losses": {
         "boundary": ("periodic", "walls"), "radius": SIZES, "mass": MASSES, "restitution": 0.9,
     },
+    "obstacles, gravity": {
+        "obstacles": [mpsim.FixedDisc((5.0, 5.0), 0.4), mpsim.Polyline([(1.0, 2.0), (3.0, 2.5)], 0.1)],
+        "gravity": (0.25, -1.0),
+    },
+    "piston": {"piston": mpsim.Piston("right", -0.2, 8.9)},
 }  # fmt: skip
 """Features of the exact solver alone and together, by name: arguments of a scene of 60 discs."""
 

@@ -10,6 +10,7 @@ from mpsim.core import checks
 from mpsim.core.columns import Column
 from mpsim.engine.columns import columns_of
 from mpsim.engine.solvers.snapshots import MOST_STEPS, REAL, Shapes, Snapshot, check_periods, demand, shapes_in_each
+from mpsim.features.obstacles import OBSTACLES
 from mpsim.features.radii import has_radii
 from mpsim.kernels.events import records, state
 from mpsim.kernels.events.cells import plan_cells
@@ -51,8 +52,8 @@ def _saved_columns(scene: Scene) -> dict[str, str]:
 
 
 def cells_for(scene: Scene, count: int) -> tuple[int, int]:
-    """Columns and rows of cells for so many discs."""
-    return plan_cells(scene.width, scene.height, 2 * scene.largest_radius, count)
+    """Columns and rows of cells for so many discs, and for obstacles as for discs: short lists of both."""
+    return plan_cells(scene.width, scene.height, 2 * scene.largest_radius, count + len(scene.capsules))
 
 
 # --- a snapshot
@@ -138,9 +139,16 @@ def _check_links(scene: Scene, arrays: Snapshot) -> None:
     demand(((partner >= -1) & (partner < count)).all(), "partners must be discs")
     meets = disc["collision_time"] < disc["crossing_time"]
     demand(((partner >= 0) & (partner != np.arange(count)))[meets].all(), "an impact must have a partner")
-    demand(((side >= 0) & (side <= 3)).all(), "a disc leaves its cell by one of four sides")
+    after_capsules = records.FIRST_CAPSULE + len(OBSTACLES.arrays(scene).get("capsule", ()))
+    known = (side >= 0) & (side < after_capsules) & ((side != records.MOVING_WALL) | (scene.moving_wall is not None))
+    demand(known.all(), "a disc leaves its cell by one of four sides, or meets an obstacle or a piston before")
     for axis, length in enumerate((scene.width, scene.height)):
         along, place = cell[:, axis], disc["position"][:, axis]
         demand(((along >= 0) & (along < cells[axis])).all(), "a disc must be in a cell of the box")
         beyond = np.abs(place * (cells[axis] / length) - (along + 0.5)) - 0.5
         demand((beyond <= max(SLACK * cells[axis], 1e-3)).all(), "a disc must be in its cell")
+    if "exits" in arrays:
+        gone = arrays["exits"][:, 0]
+        demand(((gone == 0) | (gone == 1)).all(), "a disc has left or it has not")
+        to_come = np.stack([disc["collision_time"], disc["crossing_time"]])[:, gone == 1]
+        demand(np.isinf(to_come).all(), "a disc that has left must have no event")

@@ -95,7 +95,7 @@ class Windows:
     def link(self) -> None:
         """Make the store of the whole box one that can be played as a whole, and copied."""
         if not self._is_linked:
-            link(self._arguments.whole, self._arguments.box, self._arguments.own.places)
+            link(self._arguments.whole, self._arguments.box, self._arguments.features, self._arguments.own.places)
             self._is_linked = True
 
     def _order(self, present: float) -> None:

@@ -11,14 +11,13 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from mpsim.core.columns import in_state
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import DivergedError, InputError, StalledError
 from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
 from mpsim.engine.columns import given_in
 from mpsim.engine.frame_count import frames_until
-from mpsim.engine.solvers import event_snapshot
+from mpsim.engine.solvers import event_features, event_snapshot
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Solver
 from mpsim.engine.solvers.event_tiles import WHOLE, Tiling, lay_out, packed, specs_of, tiling_of
 from mpsim.engine.solvers.event_windows import Windows
@@ -233,9 +232,19 @@ class EventSolver(Solver):
 
     def state(self) -> State:
         """Synchronised copies at `time`, in the order of the scene's discs. Taking them changes nothing."""
+        return event_features.state_of(self._scene, self._present, self._found(), self._radii)
+
+    def _found(self) -> dict[str, NDArray[Any]]:
+        """Positions, velocities and all columns but radii and masses, by name."""
         kept = [column.name for column in event_snapshot.columns_in(self._scene) if column.kept]
-        store, box, features = self._system
-        return State(**state.read_out(store, box, features, self._present, kept), box=self._scene.box)
+        return state.read_out(*self._system, self._present, kept)
+
+    @property
+    def absorbed(self) -> NDArray[np.bool_]:
+        """Which discs have left through an absorbing edge, shape (N,)."""
+        if not self._scene.absorbing:
+            return np.zeros(self.count, bool)
+        return event_features.absorbed_in(self._found(), self.count)
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
         """Append discs at the present time; refused if they overlap.
@@ -248,7 +257,7 @@ class EventSolver(Solver):
         radii, masses = kept_sizes(self._radii, new.radius), kept_sizes(self._masses, new.mass)
         values = {"radius": new.radius, **new.columns}
         brought = event_snapshot.columns_of_discs(self._scene, len(new.position), values)
-        present = self._present_columns({column.name: getattr(now, column.name) for column in in_state()})
+        present = self._present_columns({**self._found(), **vars(now)})
         columns = {name: np.concatenate([here, brought[name]]) for name, here in present.items()}
         before, self.choice = self.choice, choice  # who is to play it says what is in a block
         block = self._room(len(places))
@@ -332,7 +341,7 @@ class EventSolver(Solver):
             block.create()
             event_snapshot.put_back(self._scene, block.arrays, snapshot)
             system = self._system_in(block)
-            link_cells(system.store, system.box)
+            link_cells(*system)
             calendar.begin_turn(
                 system.store.clock.now, system.store
             )  # whose order is total: where the calendar keeps an event cannot matter
@@ -370,7 +379,9 @@ class EventSolver(Solver):
         return max(self.choice.workers)
 
     def _tiling(self, count: int) -> Tiling:
-        """The tiles for so many discs."""
+        """The tiles for so many discs; discs that have left are in no cell, so in no tile."""
+        if self._scene.absorbing:
+            return WHOLE
         cells = event_snapshot.cells_for(self._scene, count)
         return tiling_of(count, cells, self._scene.periodic, self._most_workers)
 
@@ -384,7 +395,12 @@ class EventSolver(Solver):
 
     def _laws(self, count: int) -> bytes:
         """What workers must know of the scene."""
-        return packed(self._box(count), features_of(self._scene, {"contact_time": self._contact_time}))
+        return packed(self._box(count), features_of(self._scene, self._given(count)))
+
+    def _given(self, count: int) -> dict[str, Any]:
+        """What features are given besides arrays of the block."""
+        of_scene = event_features.given(self._scene, event_snapshot.cells_for(self._scene, count))
+        return {"contact_time": self._contact_time, **of_scene}
 
     def _system_in(self, block: SharedBlock) -> System:
         """What kernels take of a block."""
@@ -397,7 +413,7 @@ class EventSolver(Solver):
             lay_out(arrays, tiling, cells, self._settings.dt, self._most_workers, self._laws(count))
         box = self._box(count)
         state.hold_all(store.region, box)
-        return System(store, box, features_of(scene, arrays | {"contact_time": self._contact_time}))
+        return System(store, box, features_of(scene, arrays | self._given(count)))
 
     def _present_columns(self, values: dict[str, Any]) -> dict[str, NDArray[Any]]:
         """Columns of the discs that are there, whose radii and masses are known."""
@@ -504,5 +520,6 @@ def _typical_speed(scene: Scene) -> float:
     speeds = [
         math.sqrt(squares + gravity_strength(scene) * smallest),
         *(math.hypot(*np.array(each.velocity)) for each in scene.emitters),
+        0.0 if scene.moving_wall is None else abs(scene.moving_wall.speed),
     ]
     return max(speeds)

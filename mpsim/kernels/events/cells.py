@@ -5,7 +5,7 @@ import math
 from mpsim.kernels.compiling import compiled, inlined, linked
 from mpsim.kernels.events.boundary import cell_beyond, neighbour
 from mpsim.kernels.events.calendar import reschedule
-from mpsim.kernels.events.features.hooks import radius_of
+from mpsim.kernels.events.features.hooks import is_absent, radius_of
 from mpsim.kernels.events.flight import INFINITY
 from mpsim.kernels.events.records import BOTTOM
 from mpsim.kernels.events.region import number_of_cell, place_along
@@ -96,11 +96,13 @@ def block_to_search(i, side, event):
 
 
 @linked
-def link_cells(store, box):
+def link_cells(store, box, features):
     """Enter every disc of a scene just placed in the list of its cell."""
     store.cell_head[:] = -1
+    store.cell_next[:] = -1
     for i in range(store.disc.shape[0]):
-        enter_list(i, cell_of(i, store, box), store)
+        if not is_absent(i, features):
+            enter_list(i, cell_of(i, store, box), store)
 
 
 @compiled
@@ -109,12 +111,14 @@ def worst_overlap(store, box, features):
 
     Linear in the number of discs: a scene so crowded that the search would not be stops at the worst so far.
     """
-    link_cells(store, box)
+    link_cells(store, box, features)
     disc = store.disc
     worst = 0.0
     pair = (-1, -1)
     tests = 0
     for i in range(disc.shape[0]):
+        if is_absent(i, features):
+            continue
         ri = radius_of(i, box, features)
         first_column, last_column, first_row, last_row = block_to_search(i, -1, store.event)
         for column_ahead in range(first_column, last_column + 1):

@@ -4,13 +4,19 @@ import math
 
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.boundary import along
+from mpsim.kernels.events.cells import cell_of, leave_list
 from mpsim.kernels.events.features.hooks import (
     between_discs,
+    leave,
+    lets_out,
     mass_of,
+    on_surface,
     on_wall,
     radius_of,
     restitution_between,
+    speed_off_surface,
     speed_off_wall,
+    surface,
 )
 from mpsim.kernels.events.flight import advance_to
 from mpsim.kernels.events.records import VIRIAL, VIRIAL_XX, VIRIAL_XY
@@ -55,13 +61,21 @@ def collide(i, j, now, store, box, features):
 
 @inlined
 def hit_wall(i, now, side, store, box, features):
-    """Impact of disc i, whose stored state is current, on a wall: its centre is put on the limit exactly."""
+    """Disc i, whose stored state is current, meets a wall: its centre is put on the limit exactly."""
     disc = store.disc[i]
     radius = radius_of(i, box, features)
     axis = side >> 1
     high = side & 1
     length, _, _ = along(axis, box)
     inward = -1.0 if high else 1.0
+    if lets_out(side, features):
+        disc.position[axis] = length - radius if high else radius
+        leave(i, store, features)
+        leave_list(i, cell_of(i, store, box), store)
+        store.cell_next[i] = -1
+        store.event[i].collision_count += 1
+        store.counter.walls += store.region.counts
+        return
     speed = -inward * disc.velocity[axis]
     leaving = speed_off_wall(speed, axis, inward, disc.last_contact, now, features, store)
     disc.position[axis] = length - radius if high else radius
@@ -71,3 +85,26 @@ def hit_wall(i, now, side, store, box, features):
     store.event[i].collision_count += 1
     store.counter.walls += store.region.counts
     add(store.tally, side, store.region.counts * mass_of(i, features) * (speed + leaving), box.impulse_unit)
+
+
+@inlined
+def hit_surface(i, now, side, store, box, features):
+    """Impact of disc i, whose stored state is current, on what is neither disc nor wall at rest; False: it has none."""
+    met, nx, ny, depth, speed, edge = surface(i, side, now, store, box, features)
+    if not met:
+        return False
+    disc = store.disc[i]
+    disc.position[0] += depth * nx
+    disc.position[1] += depth * ny
+    inward = disc.velocity[0] * nx + disc.velocity[1] * ny - speed
+    leaving = speed_off_surface(max(-inward, 0.0), nx, ny, disc.last_contact, now, features, store)
+    change = max(leaving - inward, 0.0)  # of a graze, rounding may have turned it round already
+    disc.velocity[0] += change * nx
+    disc.velocity[1] += change * ny
+    on_surface(i, nx, ny, change, store, box, features)
+    disc.last_contact = now
+    store.event[i].collision_count += 1
+    store.counter.walls += store.region.counts
+    if edge >= 0:
+        add(store.tally, edge, store.region.counts * mass_of(i, features) * change, box.impulse_unit)
+    return True

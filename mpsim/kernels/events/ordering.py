@@ -31,7 +31,8 @@ def is_disordered(store, box):
 
 @inlined
 def list_targets(store):
-    """Into the heap, which is empty: the place of each disc in the order of the cells."""
+    """Into the heap, which is empty: the place of each disc in the order of the cells, and behind them of absent ones."""
+    store.heap[:] = -1
     place = 0
     for cell in range(store.cell_head.size):
         i = store.cell_head[cell]
@@ -39,6 +40,10 @@ def list_targets(store):
             store.heap[i] = place
             place += 1
             i = store.cell_next[i]
+    for i in range(store.heap.size):
+        if store.heap[i] < 0:
+            store.heap[i] = place
+            place += 1
 
 
 @inlined
@@ -90,4 +95,4 @@ def order_in_space(store, box, features):
         if event[i].partner >= 0:
             event[i].partner = store.heap[event[i].partner]
     put_at_targets(store, features)
-    link_cells(store, box)
+    link_cells(store, box, features)

@@ -7,7 +7,7 @@ from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.boundary import along, neighbour, range_in_cell
 from mpsim.kernels.events.calendar import reschedule
 from mpsim.kernels.events.cells import block_to_search
-from mpsim.kernels.events.features.hooks import radius_of
+from mpsim.kernels.events.features.hooks import before_border, is_absent, radius_of
 from mpsim.kernels.events.flight import INFINITY, state_at, time_to_impact, time_to_leave
 from mpsim.kernels.events.records import BOTTOM, LEFT
 from mpsim.kernels.events.region import number_of_cell, place_along
@@ -25,7 +25,7 @@ def border_along(axis, i, store, box, features):
 
 @inlined
 def predict_border(i, store, box, features):
-    """Store when disc i, whose stored state is current, leaves its cell or meets a wall, and on which side."""
+    """Store when disc i, whose stored state is current, leaves its cell or meets what is no disc, and `side`."""
     disc = store.disc[i]
     tx, high_x = border_along(0, i, store, box, features)
     ty, high_y = border_along(1, i, store, box, features)
@@ -35,6 +35,7 @@ def predict_border(i, store, box, features):
     else:
         disc.crossing_time = disc.last_update + ty
         store.event[i].side = BOTTOM + high_y
+    before_border(i, store, box, features)
 
 
 @inlined
@@ -77,6 +78,10 @@ def predict(i, now, side, deflected, store, box, features):
     side: the border it has just crossed or -1; deflected: whether its stored state is new as of `now`.
     """
     disc, event = store.disc[i], store.event
+    if is_absent(i, features):
+        disc.collision_time, disc.crossing_time = INFINITY, INFINITY
+        reschedule(i, store)
+        return
     first_column, last_column, first_row, last_row = block_to_search(i, side, event)
     wait, partner = earliest_partner(i, now, first_column, last_column, first_row, last_row, store, box, features)
     if side < 0 or now + wait < disc.collision_time:

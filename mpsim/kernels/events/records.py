@@ -12,6 +12,8 @@ REACHED, PAUSED, NOT_FINITE, STALLED, BACKWARDS, OUTSIDE, STOPPED, ABORTED = ran
 
 # Borders of a cell, and walls of the box: side >> 1 is the axis, side & 1 whether it is the high one.
 LEFT, RIGHT, BOTTOM, TOP = range(4)
+# Whatever else a disc meets alone: a wall that moves, and capsules from here on.
+MOVING_WALL, FIRST_CAPSULE = 4, 5
 
 
 def _record(number: DTypeLike, *fields: str | tuple[str, int]) -> np.dtype[Any]:
@@ -27,7 +29,7 @@ DISC = _record(
     ("velocity", 2),  # at the time
     "last_update",  # of the disc's own last event
     "collision_time",  # of the impact with another disc that is predicted
-    "crossing_time",  # at which it leaves its cell or meets a wall
+    "crossing_time",  # at which it leaves its cell or meets what is no disc
     "last_contact",  # time of it
 )
 """A disc: all that its flight and its events follow from, in one cache line."""
@@ -37,7 +39,7 @@ EVENT = _record(
     "partner",  # of the predicted impact, or -1
     "partner_collision_count",  # its `collision_count` when that was predicted: the same while it was not deflected
     "collision_count",  # impacts of this disc so far, on discs and walls
-    "side",  # of its cell by which it leaves next: LEFT, ...
+    "side",  # of its cell by which it leaves next: LEFT, ...; or what it meets before: MOVING_WALL, FIRST_CAPSULE + k
     ("cell", 2),  # column and row
     "number",  # of the disc, which it keeps wherever it lies in memory; equal times go by it
     "spare",
@@ -68,7 +70,7 @@ TURN = _record(np.float64, "start", "end")
 COUNTER = _record(
     np.int64,
     "pairs",  # impacts of two discs
-    "walls",  # impacts on walls
+    "walls",  # impacts on walls and obstacles
     "guarded",  # losses of energy that the guard has suppressed
     "events",  # of any kind
     "crossings",  # of borders of cells

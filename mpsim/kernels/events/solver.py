@@ -25,7 +25,7 @@ from mpsim.kernels.events.calendar import begin_turn, due, earliest, fit_lap, sh
 from mpsim.kernels.events.cells import cell_of, cross, leave_store, link_cells, particle_of
 from mpsim.kernels.events.features.gravity import component
 from mpsim.kernels.events.flight import advance_to, is_finite
-from mpsim.kernels.events.impacts import collide, hit_wall
+from mpsim.kernels.events.impacts import collide, hit_surface, hit_wall
 from mpsim.kernels.events.ordering import is_disordered, order_in_space
 from mpsim.kernels.events.prediction import predict
 from mpsim.kernels.events.records import BACKWARDS, ENTRIES, NOT_FINITE, PAUSED, REACHED, STALLED, STOPPED
@@ -55,7 +55,7 @@ def schedule(store, box, features):
     store.clock.lap = store.clock.step * store.step_head.size
     store.counter.lap_events = 0
     begin_turn(0.0, store)
-    link_cells(store, box)
+    link_cells(store, box, features)
     for i in range(disc.shape[0]):
         predict(np.int64(i), 0.0, np.int64(-1), True, store, box, features)
 
@@ -106,7 +106,9 @@ def process_event(i, now, store, box, features, watch):
     else:
         advance_to(disc[i], now, features.gravity)
         side = np.int64(event[i].side)
-        if is_wall(side, event[i].cell, box):
+        if hit_surface(i, now, side, store, box, features):
+            side = np.int64(-1)
+        elif is_wall(side, event[i].cell, box):
             hit_wall(i, now, side, store, box, features)
             side = np.int64(-1)
         else:

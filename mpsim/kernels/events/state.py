@@ -110,6 +110,8 @@ def read_out(store, box, features, until, columns=()):
     """
     disc = store.disc
     flight = (until - store.clock.origin) - disc["last_update"]
+    if features.exits is not None:
+        flight[features.exits[:, 0] != 0] = 0.0
     radius = box.radius if features.radius is None else features.radius
     found = {name: getattr(features, name).copy() for name in columns}
     found |= {"position": np.empty((len(disc), 2)), "velocity": np.empty((len(disc), 2))}

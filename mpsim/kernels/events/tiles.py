@@ -113,7 +113,7 @@ def load(number, tiles, plan, whole, features, own, own_features, box):
 
 
 @linked
-def begin_tile(store, whole, places, box, start, end):
+def begin_tile(store, whole, features, places, box, start, end):
     """Make ready a store whose discs have been loaded, partners by number, to be played for a time.
 
     start, end: of that time, from the start of the lap.
@@ -135,7 +135,7 @@ def begin_tile(store, whole, places, box, start, end):
     clock.now, clock.origin, clock.lap = whole.clock.now, whole.clock.origin, whole.clock.lap
     clock.step = (end - start) / store.step_head.size
     store.counter.stall = 0
-    link_cells(store, box)
+    link_cells(store, box, features)
     begin_turn(start, store)
 
 

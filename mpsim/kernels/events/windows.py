@@ -136,7 +136,7 @@ def play_one(number, whole, features, box, shared, own, worker):
     store = Store(room.disc[:count], room.event[:count], room.entry[:count], *lists, room.order, *records)
     origin = whole.clock.origin
     end = whole.clock.lap if shared.plan.ends_lap else shared.times.until - origin
-    begin_tile(store, whole, own.places, box, shared.times.reached - origin, end)
+    begin_tile(store, whole, own.features, own.places, box, shared.times.reached - origin, end)
     watch = Watch(own.bits, tile.seen)
     tile.status = play_tile(store, box, own.features, watch, shared.plan, shared.times, shared.counted[worker])
     put_down(tile, store, own.features, shared.disc, shared.event, shared.features, box)
@@ -281,7 +281,7 @@ def deal_rooms(tiles):
 
 
 @compiled
-def link(whole, box, places):
+def link(whole, box, features, places):
     """Make a store whose discs lie tile by tile ready to be played as a whole."""
     event = whole.event
     for i in range(event.shape[0]):
@@ -289,7 +289,7 @@ def link(whole, box, places):
     for i in range(event.shape[0]):
         if event[i].partner >= 0:
             event[i].partner = places[event[i].partner]
-    link_cells(whole, box)
+    link_cells(whole, box, features)
     begin_turn(whole.clock.now, whole)
 
 
@@ -355,7 +355,7 @@ def play_again(whole, box, features, shared, own, command, progress, seen, times
         return
     plan.as_one += 1
     left, done = min(plan.frames + 1, command.frames - plan.done), plan.done
-    link(whole, box, own.places)
+    link(whole, box, features, own.places)
     finished, status, particle = advance_frames(
         whole, box, features, shared.times.dt, left, MOST_EVENTS, command.stop, progress, seen, times[0, done:],
         totals[done:], shared.team[0].clock,

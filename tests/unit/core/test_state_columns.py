@@ -204,8 +204,9 @@ def test_each_array_of_the_block_is_in_a_checkpoint_or_made_anew():
     anew = set().union(*MADE_ANEW.values())
     assert not anew & IN_A_SNAPSHOT.keys()
     assert names == anew | IN_A_SNAPSHOT.keys()
-    # "seen" is what of the tally was handed out, beside the block; "winding" the name of "image" in exact snapshots.
-    assert kept == set(IN_A_SNAPSHOT.values()) | {"seen", "winding"}
+    # "seen" is what of the tally was handed out, and "units" those of it, beside the block; "winding" the name of
+    # "image" in exact snapshots.
+    assert kept == set(IN_A_SNAPSHOT.values()) | {"seen", "units", "winding"}
 
 
 def test_a_checkpoint_has_every_argument_of_the_scene(tmp_path):

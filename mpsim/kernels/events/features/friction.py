@@ -69,6 +69,18 @@ def between_discs(friction, i, j, rx, ry, normal_impulse, store, box, features):
 
 
 @inlined
+def on_surface(wall_friction, i, nx, ny, normal_change, store, box, features):
+    """Friction of disc i on what is fixed, which has changed its velocity by so much along n, the unit vector to it."""
+    if wall_friction is not None:
+        velocity, spin, radius = store.disc[i].velocity, features.spin, radius_of(i, box, features)
+        slip = velocity[1] * nx - velocity[0] * ny - radius * spin[i]
+        impulse = tangential_impulse(wall_friction, slip, 1.0, normal_change)
+        velocity[0] -= impulse * ny
+        velocity[1] += impulse * nx
+        spin[i] -= 2.0 * impulse / radius
+
+
+@inlined
 def on_wall(wall_friction, i, axis, inward, normal_change, store, box, features):
     """Friction of disc i on a wall at right angles to an axis, which has changed its velocity inward by so much."""
     if wall_friction is not None:

@@ -13,15 +13,25 @@ from collections.abc import Mapping
 from typing import Any
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.events.features import friction, gravity, images, properties, restitution
+from mpsim.kernels.events.features import (
+    absorption,
+    capsules,
+    friction,
+    gravity,
+    images,
+    piston,
+    properties,
+    restitution,
+)
+from mpsim.kernels.events.records import MOVING_WALL
 from mpsim.kernels.optional import copy_entry, copy_row, swap_entries, swap_rows
 
-FEATURES = (gravity, properties, restitution, friction, images)
+FEATURES = (gravity, properties, restitution, friction, images, absorption, piston, capsules)
 
 Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
 """What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it."""
 
-COLUMNS = ("radius", "mass", "spin", "image")
+COLUMNS = ("radius", "mass", "spin", "image", "exits")
 """Those that are arrays with a row for each disc, in the order of the discs in memory."""
 
 BARE = Features(*[None] * len(Features._fields))
@@ -37,6 +47,18 @@ def features_of(scene: Any, given: Mapping[str, Any]) -> Any:
 # --- what a feature may answer ------------------------------------------------------------------------------------
 
 radius_of, mass_of = properties.radius_of, properties.mass_of
+
+
+@inlined
+def is_absent(i, features):
+    """Whether disc i has left: it is in no list, and nothing happens to it."""
+    return absorption.is_absent(features.exits, i)
+
+
+@inlined
+def lets_out(side, features):
+    """Whether the wall at `side` (LEFT, ...) lets discs out."""
+    return absorption.lets_out(features.absorbing, side)
 
 
 @inlined
@@ -59,6 +81,7 @@ def swap_columns(features, i, j):
     swap_entries(features.mass, i, j)
     swap_entries(features.spin, i, j)
     swap_rows(features.image, i, j)
+    swap_rows(features.exits, i, j)
 
 
 @inlined
@@ -74,9 +97,35 @@ def copy_columns(source, i, target, j):
     copy_entry(source.mass, i, target.mass, j)
     copy_entry(source.spin, i, target.spin, j)
     copy_row(source.image, i, target.image, j)
+    copy_row(source.exits, i, target.exits, j)
+
+
+@inlined
+def speed_off_surface(speed, nx, ny, last_contact, now, features, store):
+    """Speed at which a disc leaves a surface, along the unit vector n from there, that it has met at such a speed."""
+    return restitution.speed_off(speed, nx, ny, last_contact, now, features, store)
+
+
+@inlined
+def surface(i, side, now, store, box, features):
+    """The surface that disc i, whose stored state is current, has met if `side` of its event says so.
+
+    Whether it has; the unit vector (x, y) from there to the disc; how far the disc has to be moved along it so that it
+    touches, a rounding; the speed of the surface along it; which edge of the box it is (LEFT, ...), or -1.
+    """
+    if side == MOVING_WALL:
+        return piston.surface(features.moving_wall, i, now, store, box, features)
+    return capsules.surface(features.capsules, i, side, store, box, features)
 
 
 # --- the points of an event at which they act ---------------------------------------------------------------------
+
+
+@inlined
+def before_border(i, store, box, features):
+    """Once it is known when disc i, whose stored state is current, leaves its cell: what it meets alone before."""
+    piston.before_border(features.moving_wall, i, store, box, features)
+    capsules.before_border(features.capsules, i, store, box, features)
 
 
 @inlined
@@ -89,6 +138,18 @@ def between_discs(i, j, rx, ry, normal_impulse, store, box, features):
 def on_wall(i, axis, inward, normal_change, store, box, features):
     """After disc i has met a wall at right angles to an axis, which has changed its velocity inward by so much."""
     friction.on_wall(features.wall_friction, i, axis, inward, normal_change, store, box, features)
+
+
+@inlined
+def on_surface(i, nx, ny, normal_change, store, box, features):
+    """After disc i has met a surface that has changed its velocity by so much along n, the unit vector from there."""
+    friction.on_surface(features.wall_friction, i, nx, ny, normal_change, store, box, features)
+
+
+@inlined
+def leave(i, store, features):
+    """Once disc i, whose stored state is current, has touched a wall that lets it out."""
+    absorption.leave(features.exits, store.disc[i], i)
 
 
 @inlined

@@ -44,7 +44,23 @@ def speed_off_wall(gravity, speed, axis, inward, contact_time, store):
     """
     if gravity is None:
         return speed
-    least = -0.5 * (inward * component(gravity, axis)) * contact_time
+    return fast_enough(speed, inward * component(gravity, axis), contact_time, store)
+
+
+@inlined
+def speed_off(speed, nx, ny, last_contact, now, features, store):
+    """Speed at which a disc that comes at such a speed leaves what is fixed, along the unit vector n from there."""
+    e = effective_restitution(features.wall_restitution, last_contact, now, features.contact_time, store)
+    if features.gravity is None:
+        return e * speed
+    pull = nx * component(features.gravity, 0) + ny * component(features.gravity, 1)
+    return fast_enough(e * speed, pull, features.contact_time, store)
+
+
+@inlined
+def fast_enough(speed, pull, contact_time, store):
+    """A speed, or that of a bounce of duration `contact_time` under an acceleration `pull` outward, if it is less."""
+    least = -0.5 * pull * contact_time
     if speed < least:
         store.counter.guarded += store.region.counts
         return least

@@ -1,0 +1,151 @@
+"""Obstacles: segments with a radius that never move, met where a disc's centre comes within the sum of both radii.
+
+That is two straight sides and the circles round both ends. A disc is predicted to meet them only up to the border of
+its cell, whose list names those near it; the next cell has its own. `side` of such an event is FIRST_CAPSULE + its row.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from mpsim.kernels.compiling import inlined, linked
+from mpsim.kernels.events.features.gravity import component
+from mpsim.kernels.events.features.properties import radius_of
+from mpsim.kernels.events.flight import INFINITY, time_to_impact
+from mpsim.kernels.events.parabola import time_to_circle, time_to_come_down
+from mpsim.kernels.events.records import FIRST_CAPSULE
+
+
+class Capsules(NamedTuple):
+    """Capsules, and which of them are near a cell.
+
+    capsule: shape (K, 5), those seen through a periodic border included: ax, ay, bx, by, radius [length].
+    near: where the list of each square of cells begins in `listed`, column by column. listed: rows of `capsule`.
+    rows: of squares. shift: squares are 2^shift cells wide.
+    """
+
+    capsule: Any
+    near: Any
+    listed: Any
+    rows: Any
+    shift: Any
+
+
+FIELDS = {"capsules": None}
+
+
+# --- when a disc meets one ----------------------------------------------------------------------------------------
+
+
+@inlined
+def time_to_side(upward, along, length, reach, gravity):
+    """Time until a centre comes to a straight side of a segment, from either side of it [time].
+
+    upward, along: its place, speed and acceleration at right angles to the segment and along it, from its beginning.
+    """
+    height, climb, pull = upward
+    place, speed, drift = along
+    if height < 0.0:
+        height, climb, pull = -height, -climb, -pull
+    gap = height - reach
+    if 0.0 <= place <= length:
+        gap = max(gap, 0.0)  # only rounding can have put it deeper
+    t = time_to_come_down(gap, climb, pull)
+    if t < INFINITY and not 0.0 <= place + t * (speed + 0.5 * t * drift) <= length:
+        t = INFINITY
+    if gravity is not None:  # it may come back on the other side, past an end
+        beyond = time_to_come_down(-height - reach, -climb, -pull)
+        if beyond < t and 0.0 <= place + beyond * (speed + 0.5 * beyond * drift) <= length:
+            t = beyond
+    return t
+
+
+@inlined
+def time_to_end(rx, ry, vx, vy, contact, ax, ay, within, gravity):
+    """Time until a centre, r from an end, comes to that part of the circle round it that is not ahead along a."""
+    if gravity is not None:
+        return time_to_circle(rx, ry, vx, vy, gravity[0], gravity[1], contact, ax, ay, within)
+    t = time_to_impact(rx, ry, vx, vy, contact)
+    if t <= within:
+        slack = 1e-9 * contact * math.sqrt(ax * ax + ay * ay)
+        if (rx + vx * t) * ax + (ry + vy * t) * ay <= slack:
+            return t
+    return INFINITY
+
+
+@linked
+def time_to_capsule(x, y, vx, vy, reach, travel, within, k, capsules, gravity):
+    """Time until a centre that moves `travel` at most comes within `reach` of segment k; infinity if not `within`."""
+    ends = capsules.capsule
+    rx, ry = x - ends[k, 0], y - ends[k, 1]
+    along_x, along_y = ends[k, 2] - ends[k, 0], ends[k, 3] - ends[k, 1]
+    length = math.sqrt(along_x * along_x + along_y * along_y)
+    far = reach + travel
+    best = INFINITY
+    if length > 0.0:
+        ux, uy = along_x / length, along_y / length
+        height = ry * ux - rx * uy
+        if abs(height) > far:
+            return INFINITY
+        gx, gy = component(gravity, 0), component(gravity, 1)
+        upward = height, vy * ux - vx * uy, gy * ux - gx * uy
+        along = rx * ux + ry * uy, vx * ux + vy * uy, gx * ux + gy * uy
+        best = time_to_side(upward, along, length, reach, gravity)
+        qx, qy = x - ends[k, 2], y - ends[k, 3]
+        if qx * qx + qy * qy <= far * far:
+            best = min(best, time_to_end(qx, qy, vx, vy, reach, -along_x, -along_y, within, gravity))
+    if rx * rx + ry * ry <= far * far:
+        best = min(best, time_to_end(rx, ry, vx, vy, reach, along_x, along_y, within, gravity))
+    return best if best <= within else INFINITY
+
+
+@inlined
+def before_border(capsules, i, store, box, features):
+    """Let disc i, whose stored state is current, meet an obstacle, if it does before it leaves its cell."""
+    if capsules is not None:
+        disc = store.disc[i]
+        within = disc.crossing_time - disc.last_update
+        if within < INFINITY:  # else it does not move
+            x, y, vx, vy = disc.position[0], disc.position[1], disc.velocity[0], disc.velocity[1]
+            pull = abs(component(features.gravity, 0)) + abs(component(features.gravity, 1))
+            travel = (abs(vx) + abs(vy) + 0.5 * pull * within) * within
+            radius = radius_of(i, box, features)
+            cell = store.event[i].cell
+            square = (cell[0] >> capsules.shift) * capsules.rows + (cell[1] >> capsules.shift)
+            for entry in range(capsules.near[square], capsules.near[square + 1]):
+                k = capsules.listed[entry]
+                reach = radius + capsules.capsule[k, 4]
+                t = time_to_capsule(x, y, vx, vy, reach, travel, within, k, capsules, features.gravity)
+                if disc.last_update + t < disc.crossing_time or (t <= within and store.event[i].side < FIRST_CAPSULE):
+                    disc.crossing_time = disc.last_update + t
+                    store.event[i].side = FIRST_CAPSULE + k
+
+
+# --- where it has met it -----------------------------------------------------------------------------------------
+
+
+@inlined
+def nearest_offset(x, y, capsule, k):
+    """From the nearest point of segment k to (x, y)."""
+    along_x, along_y = capsule[k, 2] - capsule[k, 0], capsule[k, 3] - capsule[k, 1]
+    rx, ry = x - capsule[k, 0], y - capsule[k, 1]
+    squared = along_x * along_x + along_y * along_y
+    fraction = (rx * along_x + ry * along_y) / squared if squared > 0.0 else 0.0
+    if fraction >= 1.0:
+        return x - capsule[k, 2], y - capsule[k, 3]
+    fraction = max(fraction, 0.0)
+    return rx - fraction * along_x, ry - fraction * along_y
+
+
+@inlined
+def surface(capsules, i, side, store, box, features):
+    """The obstacle that disc i, whose stored state is current, has met; see `hooks.surface`."""
+    if capsules is None:
+        return False, 0.0, 0.0, 0.0, 0.0, -1
+    if side < FIRST_CAPSULE:
+        return False, 0.0, 0.0, 0.0, 0.0, -1
+    disc = store.disc[i]
+    k = side - FIRST_CAPSULE
+    rx, ry = nearest_offset(disc.position[0], disc.position[1], capsules.capsule, k)
+    distance = math.sqrt(rx * rx + ry * ry)
+    depth = radius_of(i, box, features) + capsules.capsule[k, 4] - distance
+    return True, rx / distance, ry / distance, depth, 0.0, -1
