@@ -75,7 +75,8 @@ class EventSolver(Solver):
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         _refuse_what_is_not_exact(scene, settings)
         super().__init__(scene, settings, choice)
-        self._contact_time = _contact_time(scene, settings.dt)
+        chosen = settings.contact_time
+        self._contact_time = _contact_time(scene, settings.dt) if chosen is None else chosen
         self._events_per_call = 10 * FEWEST_EVENTS
         self._stopped = 0.0
         self._progress: Any = np.zeros((), records.PROGRESS)[()]
@@ -143,7 +144,8 @@ class EventSolver(Solver):
         if status == records.STALLED:
             raise StalledError(
                 f"disc {particle} collided without end at one instant of frame {self.frame}. Time must pass between "
-                "collisions. Give the discs more room, or use method='grid'."
+                f"collisions; the contact time of the guard is {self._contact_time:.3g}. Give a longer contact_time, "
+                "a restitution above 0 or the discs more room, or use method='grid'."
             )
         return int(finished)
 
@@ -203,7 +205,8 @@ class EventSolver(Solver):
     def _found(self) -> dict[str, NDArray[Any]]:
         """Positions, velocities and all columns but radii and masses, by name."""
         kept = [column.name for column in event_snapshot.columns_in(self._scene) if column.kept]
-        return state.read_out(*self._system, self._present, kept)
+        store, box, features = self._system
+        return state.read_out(store, box, features, self._present, kept)
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:
@@ -246,6 +249,13 @@ class EventSolver(Solver):
     def guarded(self) -> int:
         """Losses of energy that the contact-time guard has suppressed."""
         return int(self._system.store.counter.guarded)
+
+    @property
+    def contact_time(self) -> float:
+        """Contact time of that guard [time]; 0 where nothing needs it."""
+        scene = self._scene
+        lossy = scene.restitution < 1 or scene.wall_restitution < 1
+        return self._contact_time if lossy or scene.gravity is not None else 0.0
 
     @property
     def array_names(self) -> tuple[str, ...]:
