@@ -89,6 +89,7 @@ def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
             click.option("--passes", type=click.IntRange(1, 1000), help="Times contacts are looked for in a step."),
             click.option("--substeps", type=click.IntRange(1, 1_000_000), help="Steps in each frame."),
             click.option("--on-fast", type=click.Choice(ON_FAST), help="When discs move too far in a step."),
+            click.option("--contact-time", type=Positive("time"), help="Of the guard of event against collapse."),
             click.option(
                 "--on-worker-death", type=click.Choice(DEATHS), help="restart: continue from a snapshot in memory."
             ),

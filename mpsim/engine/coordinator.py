@@ -168,7 +168,7 @@ class Coordinator:
             )
         compiled, self._compiled_before = compile_seconds() - self._compiled_before, compile_seconds()
         counts = (*phase_seconds(record.times), record.collisions, *ran, *resources)
-        return Report(*counts, gathered, guarded, observing_seconds, compiled)
+        return Report(*counts, gathered, guarded, observing_seconds, compiled, solver.contact_time)
 
     def advance(self, most: int, record: RunRecord, recovery: RecoverySnapshots | None) -> None:
         """Run one slice of frames: emitters add discs, the solver runs a command; if a worker dies, go back."""

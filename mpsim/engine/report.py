@@ -34,6 +34,7 @@ class Report:
         observing_seconds: time that observers took (`run(observe=...)`), between frames and in no frame's time [s].
         compile_seconds: time that the process has compiled kernels since the last report of this simulation, for the
             first one since it was made, in no frame's time [s]. 0 where all were in the cache.
+        contact_time: of that guard [time]; 0 where there is none.
     """
 
     frame_seconds: NDArray[np.float64]
@@ -47,6 +48,7 @@ class Report:
     guarded: int
     observing_seconds: float = 0.0
     compile_seconds: float = 0.0
+    contact_time: float = 0.0
 
     @property
     def frames(self) -> int:

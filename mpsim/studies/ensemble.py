@@ -344,8 +344,7 @@ class Ensemble:
     def _physics(self, settings: Settings) -> Settings:
         """The settings of a candidate's accuracy runs."""
         physics = physics_of(settings, self._scene.count)
-        is_reference = self.preliminary.exact and capabilities_of(physics).is_exact
-        return self.preliminary.reference if is_reference else physics
+        return self.preliminary.reference if self.preliminary.is_reference(physics) else physics
 
     def _run(self, tasks: dict[str, tuple[Any, ...]]) -> None:
         """Run tasks through the executor, and save each result as it comes."""

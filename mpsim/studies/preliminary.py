@@ -90,6 +90,11 @@ class PreliminaryRun:
         """Whether the reference is the exact solver."""
         return capabilities_of(self.reference).is_exact
 
+    def is_reference(self, settings: Settings) -> bool:
+        """Whether settings are those of an exact reference: of the guard's own contact time."""
+        alike = settings.contact_time == self.reference.contact_time
+        return self.exact and capabilities_of(settings).is_exact and alike
+
     def further_starts(self, scene: Scene, first: int) -> tuple[State, ...]:
         """As many other states, between each start and the next, different for each number `first`."""
         elapsed = self.gap * (first * GOLDEN % 1)

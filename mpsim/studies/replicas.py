@@ -110,7 +110,7 @@ def physics_of(settings: Settings, count: int) -> Settings:
     """The settings with standard values for all that changes only the speed: candidates that share it share errors."""
     method = methods.choose(count, settings).method
     if not methods.capabilities_of(settings).has_steps:
-        return Settings(method=method)
+        return Settings(method=method, contact_time=settings.contact_time)
     plain: dict[str, Any] = {"method": "grid" if method == "parallel" else method, "workers": None}
     return dataclasses.replace(settings, start_method=None, **plain)
 
@@ -118,8 +118,9 @@ def physics_of(settings: Settings, count: int) -> Settings:
 def key_of(settings: Settings) -> str:
     """Settings as a text that serves as a key."""
     values = dataclasses.asdict(settings)
-    if settings.on_fast == "warn":  # which changes nothing, and is newer than the keys in saved files
-        del values["on_fast"]
+    for name, nothing in (("on_fast", "warn"), ("contact_time", None)):
+        if values[name] == nothing:  # which changes nothing, and is newer than the keys in saved files
+            del values[name]
     return json.dumps(values, sort_keys=True)
 
 

@@ -296,7 +296,7 @@ class Search:
 
     def _is_exact(self, settings: Settings) -> bool:
         """Whether this is the reference itself."""
-        return self._run.preliminary.exact and capabilities_of(settings).is_exact
+        return self._run.preliminary.is_reference(settings)
 
     def _is_undecided(self, errors: dict[str, Deviation]) -> bool:
         """Whether more replicas could bring all errors inside the budgets."""

@@ -305,6 +305,11 @@ class Solver(ABC):
         return 0
 
     @property
+    def contact_time(self) -> float:
+        """Time between two contacts of a disc within which that guard acts [time]; 0 without one."""
+        return 0.0
+
+    @property
     @abstractmethod
     def array_names(self) -> tuple[str, ...]:
         """Names of the arrays in the block."""

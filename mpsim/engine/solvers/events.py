@@ -19,22 +19,20 @@ from mpsim.engine.columns import given_in
 from mpsim.engine.frame_count import frames_until
 from mpsim.engine.solvers import event_features, event_snapshot
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Solver
+from mpsim.engine.solvers.event_scene import contact_time_of, refuse_what_is_not_exact, units_of
 from mpsim.engine.solvers.event_tiles import WHOLE, Tiling, lay_out, packed, specs_of, tiling_of
 from mpsim.engine.solvers.event_windows import Windows
 from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
 from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.engine.workers.shared import SharedBlock
-from mpsim.features import FEATURES
-from mpsim.features.edges import kinds_of
 from mpsim.features.radii import has_radii
 from mpsim.kernels import layout
 from mpsim.kernels import records as stepped
 from mpsim.kernels.events import calendar, records, solver, state
-from mpsim.kernels.events.boundary import COARSE, Box
+from mpsim.kernels.events.boundary import Box
 from mpsim.kernels.events.cells import link_cells, worst_overlap
 from mpsim.kernels.events.features.hooks import features_of
-from mpsim.measure.driving import gravity_strength
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -43,16 +41,6 @@ SECONDS_AT_ONCE = 0.03
 
 FEWEST_EVENTS = 1_000
 """Events between two looks at Ctrl-C at least, so that the Python around a call costs next to nothing."""
-
-GUARD = 1e-6
-"""The contact-time guard, as a fraction of the time in which a typical disc moves the smallest radius: an impact so
-soon after the last one loses no energy. Small against any time between collisions of a gas, large against rounding."""
-
-LONGEST = 1e100
-"""Frame that is taken at most [time], and one over the slowest scene [length/time]."""
-
-MOST_CROSSINGS = 1e10
-"""Crossings of the box by a disc in one frame: some minutes of them, in the smallest scene."""
 
 ROUNDING = 1e-12
 """Depth of an overlap, in diameters of the largest disc, up to which a start counts as touching."""
@@ -82,10 +70,11 @@ class EventSolver(Solver):
     choice: Choice
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
-        _refuse_what_is_not_exact(scene, settings)
+        refuse_what_is_not_exact(scene, settings)
         super().__init__(scene, settings, choice)
-        self._contact_time = _contact_time(scene, settings.dt)
-        self._units = _units(scene, settings.dt)
+        chosen = settings.contact_time
+        self._contact_time = contact_time_of(scene, settings.dt) if chosen is None else chosen
+        self._units = units_of(scene, settings.dt)
         self._events_per_call = 10 * FEWEST_EVENTS
         self._stopped = 0.0
         self._progress: Any = np.zeros((), records.PROGRESS)[()]
@@ -153,7 +142,8 @@ class EventSolver(Solver):
         if status == records.STALLED:
             raise StalledError(
                 f"disc {particle} collided without end at one instant of frame {self.frame}. Time must pass between "
-                "collisions. Give the discs more room, or use method='grid'."
+                f"collisions; the contact time of the guard is {self._contact_time:.3g}. Give a longer contact_time, "
+                "a restitution above 0 or the discs more room, or use method='grid'."
             )
         return int(finished)
 
@@ -237,7 +227,8 @@ class EventSolver(Solver):
     def _found(self) -> dict[str, NDArray[Any]]:
         """Positions, velocities and all columns but radii and masses, by name."""
         kept = [column.name for column in event_snapshot.columns_in(self._scene) if column.kept]
-        return state.read_out(*self._system, self._present, kept)
+        store, box, features = self._system
+        return state.read_out(store, box, features, self._present, kept)
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:
@@ -286,6 +277,13 @@ class EventSolver(Solver):
         return int(self._system.store.counter.guarded)
 
     @property
+    def contact_time(self) -> float:
+        """Contact time of that guard [time]; 0 where nothing needs it."""
+        scene = self._scene
+        lossy = scene.restitution < 1 or scene.wall_restitution < 1
+        return self._contact_time if lossy or scene.gravity is not None else 0.0
+
+    @property
     def array_names(self) -> tuple[str, ...]:
         """Names of the arrays in the block."""
         return tuple(self._block.specs)
@@ -328,14 +326,14 @@ class EventSolver(Solver):
         """Records beside the block that snapshots hold."""
         return {"progress": self._progress, "seen": self._seen}
 
-    def _use_units(self, units: NDArray[np.float64]) -> None:
+    def _useunits_of(self, units: NDArray[np.float64]) -> None:
         """Count impulses and virials in these units."""
         self._units = (float(units[0]), float(units[1]))
 
     def restore(self, snapshot: Snapshot, choice: Choice, room: int = 0) -> None:
         """Go back, or on, to a snapshot. There are no workers, and room for no more discs than there are."""
         self.choice = choice
-        self._use_units(snapshot["units"])
+        self._useunits_of(snapshot["units"])
         block = self._room(count_in(snapshot))
         with block.closed_on_error():
             block.create()
@@ -461,65 +459,3 @@ def _refuse_overlap(system: System, rounding: float) -> None:
             f"{min(first, second)} and {max(first, second)} overlap by {depth:.3g}, the most of all. Move them "
             "apart, or run a few frames with method='grid' and start from there."
         )
-
-
-def _refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
-    """Raise InputError for what the exact solver cannot do exactly, by name."""
-    refusals = {
-        **{law.not_exact: word == settings.law for word, law in layout.LAWS.items() if law.not_exact},
-        "precision='float32'": settings.precision != "float64",
-        "unguarded=True": settings.unguarded,
-        **{kind.not_exact: True for kind in kinds_of(scene.boundary) if kind.not_exact},
-        **{feature.not_exact: feature.is_in(scene) for feature in FEATURES if feature.not_exact},
-    }
-    for what, present in refusals.items():
-        if present:
-            raise InputError(f"method='event' cannot do {what}. Leave it out, or use method='grid'.")
-    _refuse_extremes(scene, settings.dt)
-
-
-def _refuse_extremes(scene: Scene, dt: float) -> None:
-    """Raise InputError for speeds whose squares vanish, and frames so long that no run would reach their end."""
-    if dt > LONGEST:
-        raise InputError(f"dt must be at most {LONGEST:g} for method='event'; got {dt:g}. Choose other units of time.")
-    fastest = float(np.abs(scene.velocity).max(initial=0.0))
-    if 0 < fastest < 1 / LONGEST:
-        raise InputError(
-            f"velocity must be at least {1 / LONGEST:g} for method='event', or all zero, so that squares do not "
-            f"vanish; the fastest is {fastest:g}. Choose other units of time."
-        )
-    fall = math.sqrt(gravity_strength(scene) * scene.height)
-    crossings = (fastest + fall) * dt / max(scene.width, scene.height)
-    if crossings > MOST_CROSSINGS and fastest < LONGEST:  # which is refused with its disc
-        raise InputError(
-            f"dt must be short enough for method='event' to end a frame: one of {dt:g} would take the fastest disc "
-            f"{crossings:.3g} times through the box; at most {MOST_CROSSINGS:g} are tried. Use a smaller dt."
-        )
-
-
-def _units(scene: Scene, dt: float) -> tuple[float, float]:
-    """Units of sums of impulses [mass length/time] and of virials [mass length^2/time]: powers of two."""
-    diameter = 2 * scene.largest_radius or 1.0
-    mass = float(scene.masses.max(initial=0.0)) or 1.0
-    impulse = mass * (_typical_speed(scene) or diameter / dt)
-    coarse = math.ldexp(COARSE, math.frexp(impulse)[1])
-    return coarse, math.ldexp(coarse, math.frexp(diameter)[1])
-
-
-def _contact_time(scene: Scene, dt: float) -> float:
-    """The contact time of the guard [time]."""
-    speed = _typical_speed(scene)
-    # Where nothing moves by itself, a fraction of the time of a frame: speeds are those of what is added later.
-    return GUARD * (scene.smallest_radius / speed if speed > 0 else dt)
-
-
-def _typical_speed(scene: Scene) -> float:
-    """Speed of a typical disc, of one that has fallen its radius, or of one that is emitted [length/time]."""
-    squares = float((scene.velocity**2).sum(axis=1).mean()) if scene.count else 0.0
-    smallest = scene.smallest_radius
-    speeds = [
-        math.sqrt(squares + gravity_strength(scene) * smallest),
-        *(math.hypot(*np.array(each.velocity)) for each in scene.emitters),
-        0.0 if scene.moving_wall is None else abs(scene.moving_wall.speed),
-    ]
-    return max(speeds)

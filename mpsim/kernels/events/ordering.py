@@ -31,7 +31,7 @@ def is_disordered(store, box):
 
 @inlined
 def list_targets(store):
-    """Into the heap, which is empty: the place of each disc in the order of the cells, and behind them of absent ones."""
+    """Into the heap, which is empty: the place of each disc in the order of the cells, that of absent ones behind."""
     store.heap[:] = -1
     place = 0
     for cell in range(store.cell_head.size):

@@ -179,3 +179,70 @@ def test_a_scene_at_rest_is_said_while_it_runs():
         with pytest.raises(mpsim.GuardWarning, match="come to rest"):
             sim.run(frames=10_000)
         assert sim.frame < 20
+
+
+# --- the contact time of the guard
+
+
+def dropped(**settings):
+    """A ball dropped on the floor, until it is at rest."""
+    scene = Scene(width=9, height=9, position=[[4, 1.5]], velocity=[[0, 0]], radius=0.5, gravity=(0, -1.0),
+                  wall_restitution=0.5)  # fmt: skip
+    with simulate(scene, method="event", dt=4.5, **settings) as sim, pytest.warns(mpsim.GuardWarning):
+        return sim.run(frames=1), sim.state.position[0, 1]
+
+
+def test_a_disc_at_rest_hovers_in_bounces_of_the_contact_time_that_is_given():
+    """It comes to rest after sqrt(2) (1 + 2 e / (1 - e)) = 4.243, and bounces for the rest of 4.5."""
+    usual, _ = dropped()
+    assert usual.contact_time == pytest.approx(1e-6 * 0.5 / math.sqrt(0.5), rel=1e-12)
+    for contact_time in (1e-3, 1e-2):
+        report, height = dropped(contact_time=contact_time)
+        assert report.contact_time == contact_time
+        bounces = (4.5 - 3 * math.sqrt(2)) / contact_time
+        assert 0.8 * bounces < report.guarded < 2.2 * bounces + 3  # in each, once or twice
+        assert 0.5 <= height <= 0.5 + contact_time**2 / 8 * (1 + 1e-9)
+        assert report.guarded < usual.guarded / 100
+
+
+def test_a_contact_time_of_its_usual_length_changes_no_bit():
+    usual, height = dropped()
+    again, same = dropped(contact_time=usual.contact_time)
+    assert (again.guarded, same) == (usual.guarded, height)
+
+
+@pytest.mark.parametrize("value", [0, -1.0, math.inf, math.nan])
+def test_a_contact_time_must_be_a_time(value):
+    with pytest.raises(InputError, match=r"contact_time must be a finite number > 0 \[time\]; got"):
+        mpsim.Settings(contact_time=value)
+
+
+def test_an_elastic_gas_has_no_contact_time():
+    with simulate(SCENE, method="event", contact_time=0.1) as sim:
+        assert sim.run(frames=1).contact_time == 0.0
+        digest = sim.digest()
+    with simulate(SCENE, method="event") as sim:
+        sim.run(frames=1)
+        assert sim.digest() == digest
+
+
+@pytest.mark.filterwarnings("ignore::mpsim.GuardWarning")
+def test_a_collapse_without_end_names_the_contact_time_and_a_longer_one_ends_it():
+    scene = Scene.random(count=100, packing=0.5, radius=0.5, seed=1, restitution=0.5, wall_restitution=0.5,
+                         gravity=(0, -1000.0))  # fmt: skip
+    stalled = pytest.raises(
+        mpsim.StalledError, match=r"the contact time of the guard is .*e-08\. Give a longer contact_"
+    )
+    with simulate(scene, method="event", dt=0.05) as sim, stalled:
+        sim.run(frames=20)
+    with simulate(scene, method="event", dt=0.05, contact_time=1e-3) as sim:
+        report = sim.run(frames=20)
+    assert report.guarded > 1000
+
+
+def test_a_contact_time_is_kept_in_a_checkpoint(tmp_path):
+    scene = gas(20, 0.3)
+    with simulate(scene, method="event", contact_time=0.125) as sim:
+        sim.save(tmp_path / "run")
+    with mpsim.Simulation.resume(tmp_path / "run") as sim:
+        assert sim.settings.contact_time == 0.125
