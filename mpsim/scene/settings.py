@@ -27,7 +27,7 @@ class Settings:
             "auto" takes the fastest of these for the scene and this machine. "event" is the exact, event-driven solver,
             which ignores contact, passes and substeps. "mpi" is "grid" on the ranks of MPI, with the same bits.
         workers: number of processes that compute, the coordinator included, 1 to 1024; None: one per core that this
-            process may use (affinity and container quota). Never changes the result.
+            process may use (affinity and container quota), of "event" from 50,000 discs on. Never changes the result.
         law: "elastic" exchanges the normal velocities of approaching discs, conserving momentum and energy;
             "reflect", the term-project report's, mirrors each velocity about the contact line.
         contact: "impact" takes overlapping discs back to the instant at which they touched, applies the law there, and

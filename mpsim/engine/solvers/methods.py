@@ -54,7 +54,7 @@ PARALLEL_FROM = 200
 because one worker or many give the same bits."""
 
 
-EVENT_FROM = 5_000
+EVENT_FROM = 50_000
 """Discs from which the exact solver has a worker for each core unless something else is said."""
 
 
