@@ -79,9 +79,10 @@ def rows(discs: int, workers: list[int]) -> list[str]:
         millions = np.array([rate.collisions for rate in each]) / 1e6
         low, middle, high = np.percentile(millions, [25, 50, 75])
         windows, again, as_one = (sum(values) for values in list(zip(*each, strict=True))[1:])
+        ratio = np.median(millions * 1e6 / alone)
         lines.append(
-            f"| {discs:,} | {name} | {middle:.2f} ({low:.2f} to {high:.2f}) | {np.median(millions * 1e6 / alone):.2f} | "
-            f"{windows} | {again} | {as_one} |"
+            f"| {discs:,} | {name} | {middle:.2f} ({low:.2f} to {high:.2f}) | {ratio:.2f} | {windows} | {again} | "
+            f"{as_one} |"
         )
     return lines
 

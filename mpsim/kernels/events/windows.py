@@ -46,7 +46,7 @@ MOST_FRAMES = 256
 MOST_EVENTS, FEWEST_STEPS = 2**62, 64
 
 MOST_PARTS = 64
-MOST_COLLISIONS, FEWEST_COLLISIONS = 0.6, 0.2
+MOST_COLLISIONS, FEWEST_COLLISIONS = 0.8, 0.35
 """Impacts of two discs in a window, per disc, beyond which the next ones are half or twice as long."""
 
 SLACK, FEWEST_ROOM = 4, 256
