@@ -36,7 +36,7 @@ class Windows:
         self._pool: WorkerPool | None = None
         self._command: Any = np.zeros((), records.COMMAND)[()]
         self._is_linked = True
-        self.failed = False
+        self.failed: bool = False
 
     def start(self, workers: int) -> None:
         """Compile or load the kernels, and start so many workers, this process included."""

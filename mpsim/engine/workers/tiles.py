@@ -21,8 +21,8 @@ class TileArguments(NamedTuple):
     whole: Any
     features: Any
     box: Any
-    shared: Shared
-    own: Own
+    shared: Any
+    own: Any
 
 
 def arguments_of(arrays: dict[str, Any], features: Any, box: Any) -> TileArguments:
@@ -39,7 +39,7 @@ def arguments_of(arrays: dict[str, Any], features: Any, box: Any) -> TileArgumen
     return TileArguments(store, features, box, shared, _own_of(store, features))
 
 
-def _own_of(store: Any, features: Any) -> Own:
+def _own_of(store: Any, features: Any) -> Any:
     """Memory for the largest tile that there can be: all discs."""
     fields = {}
     for name, array in store._asdict().items():
@@ -65,8 +65,8 @@ class TileCall(NamedTuple):
     whole: Any
     features: Any
     box: Any
-    shared: Shared
-    own: Own
+    shared: Any
+    own: Any
     command: Any
     progress: Any
     seen: Any

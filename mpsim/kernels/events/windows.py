@@ -13,6 +13,7 @@ and how long a window is, changes no bit.
 """
 
 from collections import namedtuple
+from typing import Any
 
 import numpy as np
 
@@ -52,12 +53,12 @@ MOST_COLLISIONS, FEWEST_COLLISIONS = 0.8, 0.35
 SLACK, FEWEST_ROOM = 4, 256
 """Room for the discs of a tile at the end of a window: a fourth more than there are, and so many."""
 
-Shared = namedtuple("Shared", "disc event features tiles plan times counted counts latest busy control team")
+Shared: Any = namedtuple("Shared", "disc event features tiles plan times counted counts latest busy control team")
 """disc, event, features: where discs wait until all agree; tiles: TILE; plan, times: PLAN, PLAN_TIMES; counted: TOTALS
 by worker and frame; counts: COUNTER by worker; latest: of each worker the time of its last event [time]; busy: what it
 has worked for since a frame ended [ns]; control, team: of the workers."""
 
-Own = namedtuple("Own", "store features bits places")
+Own: Any = namedtuple("Own", "store features bits places")
 """What a worker has for itself: a store for a tile, its features, its discs as whole numbers, and `places`, of each
 number the place of the disc in that store."""
 

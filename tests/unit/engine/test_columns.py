@@ -251,4 +251,4 @@ def test_the_exact_solver_carries_each_column_of_a_feature_or_refuses_the_featur
     """Its kernels have a layout of their own, so that columns do not come to it by themselves."""
     carried = {column.name for feature in FEATURES if not feature.not_exact for column in feature.columns}
     assert carried <= set(hooks.Features._fields)
-    assert {column.name for feature in FEATURES for column in feature.columns} - carried == {"acceleration", "exits"}
+    assert {column.name for feature in FEATURES for column in feature.columns} - carried == {"acceleration"}

@@ -228,7 +228,7 @@ def test_an_elastic_gas_has_no_contact_time():
 
 @pytest.mark.filterwarnings("ignore::mpsim.GuardWarning")
 def test_a_collapse_without_end_names_the_contact_time_and_a_longer_one_ends_it():
-    scene = Scene.random(count=100, packing=0.5, radius=0.5, seed=1, restitution=0.5, wall_restitution=0.5,
+    scene = Scene.random(count=30, packing=0.5, radius=0.5, seed=1, restitution=0.5, wall_restitution=0.5,
                          gravity=(0, -1000.0))  # fmt: skip
     stalled = pytest.raises(
         mpsim.StalledError, match=r"the contact time of the guard is .*e-08\. Give a longer contact_"
