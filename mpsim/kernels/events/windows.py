@@ -135,7 +135,8 @@ def play_one(number, whole, features, box, shared, own, worker):
     records = room.clock, room.counter, room.tally, room.region, room.turn
     store = Store(room.disc[:count], room.event[:count], room.entry[:count], *lists, room.order, *records)
     origin = whole.clock.origin
-    end = whole.clock.lap if shared.plan.ends_lap else shared.times.until - origin
+    # What is due at the end of a lap belongs to the next one; what is due as another window ends, to that window.
+    end = whole.clock.lap if shared.plan.ends_lap else np.nextafter(shared.times.until - origin, INFINITY)
     begin_tile(store, whole, own.places, box, shared.times.reached - origin, end)
     watch = Watch(own.bits, tile.seen)
     tile.status = play_tile(store, box, own.features, watch, shared.plan, shared.times, shared.counted[worker])
