@@ -27,7 +27,9 @@ SCENES = {
     "sizes and masses": {"radius": SIZES, "mass": MASSES, "boundary": ("periodic", "walls")},
     "losses": {"restitution": 0.9, "wall_restitution": 0.8, "boundary": "periodic"},
     "rough": {**ROUGH, "spin": (INDEX % 5 - 2) / 2},
-    "everything": {**ROUGH, "radius": SIZES, "mass": MASSES, "gravity": (0.25, -1.0), "boundary": ("periodic", "walls")},
+    "everything": {
+        **ROUGH, "radius": SIZES, "mass": MASSES, "gravity": (0.25, -1.0), "boundary": ("periodic", "walls"),
+    },
 }  # fmt: skip
 TILINGS = [(2, 1), (1, 2), (2, 2), (3, 2), (4, 1)]
 FRAMES, DT = 24, 0.125
@@ -151,7 +153,7 @@ def test_discs_that_all_begin_in_one_tile_outgrow_the_room_of_others(tiling):
 
 
 def cradle(count=60, side=61.0):
-    """A row of discs that touch, from one side of the box to the other, hit at one end; others keep the calendar busy."""
+    """A row of discs that touch, across the box, hit at one end; others keep the calendar busy."""
     row = [[1.5 + i, side / 2] for i in range(1, count - 1)]
     places = [[1.0, side / 2], *row]
     velocity = [[4.0, 0.0]] + [[0.0, 0.0]] * len(row)

@@ -22,7 +22,7 @@ from support.scenes import simulate
 def tiled(columns: int, rows: int = 1, halo: int = event_tiles.HALO) -> Iterator[None]:
     """Divide every box into so many tiles, with such a halo, however many discs and workers there are."""
     with (
-        mock.patch.object(events, "tiling_of", lambda *scene: Tiling(columns, rows)),
+        mock.patch.object(events, "tiling_of", return_value=Tiling(columns, rows)),
         mock.patch.object(event_tiles, "HALO", halo),
     ):
         yield
