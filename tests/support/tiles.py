@@ -19,7 +19,7 @@ from support.scenes import simulate
 
 
 @contextlib.contextmanager
-def tiled(columns: int, rows: int = 1, halo: int = event_tiles.HALO) -> Iterator[None]:
+def always_tiled(columns: int, rows: int = 1, halo: int = event_tiles.HALO) -> Iterator[None]:
     """Divide every box into so many tiles, with such a halo, however many discs and workers there are."""
     with (
         mock.patch.object(events, "tiling_of", return_value=Tiling(columns, rows)),
@@ -31,7 +31,7 @@ def tiled(columns: int, rows: int = 1, halo: int = event_tiles.HALO) -> Iterator
 def on_tiles(scene: mpsim.Scene, tiling: tuple[int, int], workers: int = 1, **settings: Any) -> mpsim.Simulation:
     """A simulation by the exact solver whose box is divided so; (1, 1): as a whole."""
     halo = settings.pop("halo", event_tiles.HALO)
-    with tiled(*tiling, halo=halo):
+    with always_tiled(*tiling, halo=halo):
         return simulate(scene, method="event", workers=workers, **settings)
 
 
@@ -50,6 +50,15 @@ def tallies(sim: mpsim.Simulation, frames: int) -> Any:
         found.append(solver.advance(frames, solver.choice.workers[0]).tally)
         frames -= len(found[-1])
     return np.concatenate(found)
+
+
+def first_free_place(state: mpsim.State, radius: float = 0.5) -> list[float]:
+    """A place for one more disc, beside the others."""
+    low, high = np.array(state.box[0::2]) + radius, np.array(state.box[1::2]) - radius
+    for place in np.random.default_rng(1).uniform(low, high, (100_000, 2)):
+        if np.hypot(*(state.position - place).T).min() > 2 * radius + 0.01:
+            return place.tolist()
+    raise AssertionError("there is no room")
 
 
 def assert_played_on_tiles(sim: mpsim.Simulation) -> None:
