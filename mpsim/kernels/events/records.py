@@ -125,7 +125,8 @@ PLAN = _record(
     ("next", 1),  # the tile that is to be played next
     "running",  # 1: there is a window to play
     "stops",  # 1: at its end is where the command is to stop
-    "done",  # frames finished in this command
+    "done",  # frames finished in this command,
+    "played",  # and windows begun in it
     "status",  # of the command: PAUSED, or why it ends
     "particle",  # where
     "frames",  # that end in it
