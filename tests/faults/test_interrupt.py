@@ -17,7 +17,7 @@ from support.scenes import lattice, simulate, state_after
 from support.selection import long_but
 
 import mpsim
-from mpsim.engine.solvers import events
+from mpsim.engine.solvers import event_windows, events
 from mpsim.engine.workers import pool
 
 ENDS_WITHIN = {"running": 2.0, "starting": 5.0}
@@ -245,11 +245,14 @@ def longest_silence(sim, seconds):
     return max(later - earlier for earlier, later in itertools.pairwise(calls))
 
 
-def test_an_exact_run_reports_progress_inside_a_long_frame(monkeypatch):
-    with simulate(lattice(100, 100), method="event", dt=1e6) as sim:
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_exact_run_reports_progress_inside_a_long_frame(workers, monkeypatch):
+    with simulate(lattice(100, 100), method="event", workers=workers, dt=1e6) as sim:
+        assert len(sim.pids) == workers - 1
         silences = [longest_silence(sim, 0.3) for _ in range(5)]
         assert statistics.median(silences) < 0.1, f"longest times without a call of progress: {silences}"
         monkeypatch.setattr(events, "SECONDS_AT_ONCE", 0.5)
+        monkeypatch.setattr(event_windows, "PATIENCE", 500_000_000)
         assert longest_silence(sim, 1.5) > 0.1, "a control that must be silent for longer"
 
 

@@ -30,6 +30,11 @@ def _arrays(sim: mpsim.Simulation) -> dict[str, Any]:
     return sim._solver._block.arrays
 
 
+def solver_of(sim: mpsim.Simulation) -> Any:
+    """The solver of a simulation."""
+    return sim._solver
+
+
 def block_name(sim: mpsim.Simulation) -> str:
     """Name of the shared block, a file in /dev/shm."""
     return sim._solver._block.name

@@ -120,9 +120,7 @@ def specs_of(
 
 def packed(box: Any, features: Any) -> bytes:
     """What workers must know of a scene besides the arrays of the block."""
-    return pickle.dumps(
-        (box, {name: value for name, value in features._asdict().items() if not isinstance(value, np.ndarray)})
-    )
+    return pickle.dumps((box, {name: value for name, value in features._asdict().items() if name not in COLUMNS}))
 
 
 def lay_out(

@@ -12,6 +12,7 @@ from mpsim.engine.workers.tiles import arguments_of
 from mpsim.engine.workers.worker import load_kernels
 from mpsim.kernels.events import records
 from mpsim.kernels.events.windows import link, order_by_tiles, run_windows
+from mpsim.kernels.layout import ABORT, RUNNING
 
 PATIENCE = 30_000_000
 """Nanoseconds after which a command ends with the window in hand."""
@@ -24,19 +25,21 @@ class Windows:
         block: with the arrays of tiles, and a store whose discs have been placed.
         system: the store, its box and features.
         start_method: as of Settings.
-
-    Attributes:
-        failed: a worker has died, or a window was left in the middle.
     """
 
     def __init__(self, block: SharedBlock, system: Any, start_method: str | None):
         self._block = block
-        self._arguments = arguments_of(block.arrays, system.features, system.box)
+        self._arguments: Any = arguments_of(block.arrays, system.features, system.box)
         self._start_method = start_method
         self._pool: WorkerPool | None = None
         self._command: Any = np.zeros((), records.COMMAND)[()]
         self._is_linked = True
-        self.failed: bool = False
+
+    @property
+    def failed(self) -> bool:
+        """Whether a window was left in the middle, as a worker has died or has not come."""
+        shared = self._arguments.shared
+        return bool(shared.plan.running and shared.control.signals[ABORT] != RUNNING)
 
     def start(self, workers: int) -> None:
         """Compile or load the kernels, and start so many workers, this process included."""
@@ -51,7 +54,7 @@ class Windows:
         pool, self._pool = self._pool, None
         if pool is not None:
             pool.stop()
-        del self._arguments
+        self._arguments = None
 
     @property
     def pids(self) -> list[int]:
@@ -84,7 +87,7 @@ class Windows:
         self._order(present)
         self._arguments.shared.control.done = progress.frame
         self._command.frames, self._command.stop, self._command.patience = frames, stop, PATIENCE
-        pool, self.failed = self._pool, True
+        pool = self._pool
         if pool is not None:
             pool.wake()
         try:
@@ -95,18 +98,19 @@ class Windows:
         if outcome[1] == records.ABORTED:
             assert pool is not None  # only its watcher, or a barrier, ends a window
             raise pool.failure()
-        self.failed = False
         return outcome
 
     def link(self) -> None:
         """Make the store of the whole box one that can be played as a whole, and copied."""
         if not self._is_linked:
-            link(self._arguments.whole, self._arguments.box, self._arguments.features, self._arguments.own.places)
-            self._is_linked = True
+            with interrupts_held_back():  # between what is done and the word that it is
+                link(self._arguments.whole, self._arguments.box, self._arguments.features, self._arguments.own.places)
+                self._is_linked = True
 
     def _order(self, present: float) -> None:
         if self._is_linked:
             whole, features, box, shared, _ = self._arguments
-            order_by_tiles(whole, box, features, shared.tiles, shared.plan)
-            shared.times.reached = present
-            self._is_linked = False
+            with interrupts_held_back():
+                order_by_tiles(whole, box, features, shared.tiles, shared.plan)
+                shared.times.reached = present
+                self._is_linked = False

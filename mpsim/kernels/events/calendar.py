@@ -161,8 +161,13 @@ def earliest(store):
 @linked
 def begin_turn(start, store):
     """Begin a turn of the ring at a time from the start of the lap, and enter every disc anew."""
-    store.turn.start = start
-    store.turn.end = min(start + store.clock.step * store.step_head.size, store.clock.lap)
+    begin_turn_until(start, min(start + store.clock.step * store.step_head.size, store.clock.lap), store)
+
+
+@linked
+def begin_turn_until(start, end, store):
+    """Begin a turn that ends at a time, which is no part of it, and enter every disc anew."""
+    store.turn.start, store.turn.end = start, end
     store.step_head[:] = NOWHERE
     store.counter.cursor = -1
     store.counter.waiting = 0

@@ -64,8 +64,8 @@ CLOCK = _record(
 )
 """Times [time]."""
 
-TURN = _record(np.float64, "start", "end")
-"""The turn of the calendar's ring, counted from the start of the lap [time]."""
+TURN = _record(np.float64, "start", "end", "latest")
+"""The turn of the calendar's ring, and the latest event of a tile that counts, from the start of the lap [time]."""
 
 COUNTER = _record(
     np.int64,
@@ -127,7 +127,8 @@ PLAN = _record(
     ("next", 1),  # the tile that is to be played next
     "running",  # 1: there is a window to play
     "stops",  # 1: at its end is where the command is to stop
-    "done",  # frames finished in this command
+    "done",  # frames finished in this command,
+    "played",  # and windows begun in it
     "status",  # of the command: PAUSED, or why it ends
     "particle",  # where
     "frames",  # that end in it

@@ -9,7 +9,7 @@ Between windows a tile's discs lie together in the store, column by column, and 
 """
 
 from mpsim.kernels.compiling import inlined, linked
-from mpsim.kernels.events.calendar import begin_turn, due, earliest
+from mpsim.kernels.events.calendar import begin_turn_until, due, earliest
 from mpsim.kernels.events.cells import link_cells
 from mpsim.kernels.events.features.hooks import copy_columns
 from mpsim.kernels.events.flight import INFINITY
@@ -116,7 +116,7 @@ def load(number, tiles, plan, whole, features, own, own_features, box):
 def begin_tile(store, whole, features, places, box, start, end):
     """Make ready a store whose discs have been loaded, partners by number, to be played for a time.
 
-    start, end: of that time, from the start of the lap.
+    start, end: of that time, from the start of the lap; what is due at its end is no part of it.
     places: of each number the place in this store, if the disc is here; else anything.
     """
     event, count = store.event, store.disc.shape[0]
@@ -134,9 +134,12 @@ def begin_tile(store, whole, features, places, box, start, end):
     clock = store.clock
     clock.now, clock.origin, clock.lap = whole.clock.now, whole.clock.origin, whole.clock.lap
     clock.step = (end - start) / store.step_head.size
+    if not clock.step > 0.0:  # an instant
+        clock.step = 1.0
+    store.turn.latest = whole.clock.now
     store.counter.stall = 0
     link_cells(store, box, features)
-    begin_turn(start, store)
+    begin_turn_until(start, end, store)
 
 
 @inlined
@@ -154,6 +157,8 @@ def play_until(until, store, box, features, watch):
         store.clock.now = t
         if process_event(i, t, store, box, features, watch) >= 0:
             return NOT_FINITE
+        if store.region.counts:
+            store.turn.latest = t
 
 
 @inlined

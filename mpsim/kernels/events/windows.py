@@ -71,7 +71,7 @@ def end_of_part(plan, times, clock):
     """End of the part of the lap in which the present is, from the start of the lap, infinite for the last one."""
     length = clock.lap / plan.parts
     part = int((times.reached - clock.origin) / length) + 1
-    if part * length <= times.reached - clock.origin:
+    while part < plan.parts and clock.origin + part * length <= times.reached:  # as it was rounded to be reached
         part += 1
     return part * length if part < plan.parts else INFINITY
 
@@ -136,12 +136,13 @@ def play_one(number, whole, features, box, shared, own, worker):
     records = room.clock, room.counter, room.tally, room.region, room.turn
     store = Store(room.disc[:count], room.event[:count], room.entry[:count], *lists, room.order, *records)
     origin = whole.clock.origin
-    end = whole.clock.lap if shared.plan.ends_lap else shared.times.until - origin
+    # What is due at the end of a lap belongs to the next one; what is due as another window ends, to that window.
+    end = whole.clock.lap if shared.plan.ends_lap else np.nextafter(shared.times.until - origin, INFINITY)
     begin_tile(store, whole, own.features, own.places, box, shared.times.reached - origin, end)
     watch = Watch(own.bits, tile.seen)
     tile.status = play_tile(store, box, own.features, watch, shared.plan, shared.times, shared.counted[worker])
     put_down(tile, store, own.features, shared.disc, shared.event, shared.features, box)
-    shared.latest[worker] = max(shared.latest[worker], store.clock.now)
+    shared.latest[worker] = max(shared.latest[worker], store.turn.latest)
 
 
 @inlined
@@ -324,9 +325,10 @@ def begin_window(whole, shared, command, started, progress):
     plan, mine = shared.plan, shared.team[0]
     if plan.done == command.frames:
         plan.status = REACHED
-    in_time = plan.done == 0 or now(mine.clock) - started < command.patience
+    in_time = plan.played == 0 or now(mine.clock) - started < command.patience
     plan.running = plan.status == PAUSED and in_time
     if plan.running:
+        plan.played += 1
         left = command.frames - plan.done
         plan.stops = plan_window(plan, shared.times, whole.clock, progress.frame, left, command.stop)
         plan.next[0] = 0
@@ -421,7 +423,7 @@ def run_windows(
             return 0, heard, -1
         started = now(mine.clock)
         if worker == 0:
-            plan.done, plan.status, plan.particle = 0, PAUSED, -1
+            plan.done, plan.played, plan.status, plan.particle = 0, 0, PAUSED, -1
         while True:
             began = now(mine.clock)
             if worker == 0:
