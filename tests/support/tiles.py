@@ -99,7 +99,7 @@ def play_without_comparing(sim: mpsim.Simulation, frames: int, parts: int) -> No
         plan_by_hand(whole, shared, frames - shared.plan.done, solver._progress.frame)
         play_all(whole, box, features, shared, own)
         end_all(whole, features, shared, *kept, times, totals)
-    windows.link(whole, box, own.places)
+    windows.link(whole, box, features, own.places)
 
 
 def plan_by_hand(whole: Any, shared: Any, frames: int, first_frame: int) -> None:

@@ -41,8 +41,9 @@ class Fake:
     def __init__(self, scene, until, measures, *, replicas, seconds, **_):
         reference = EVENT if self.event else Settings(dt=1e-4)
         self.preliminary = SimpleNamespace(
-            thermal_velocity=1.0, reference=reference, reference_name="a law", exact=self.event
-        )
+            thermal_velocity=1.0, reference=reference, reference_name="a law", exact=self.event,
+            is_reference=lambda settings: self.event and settings.method == "event",
+        )  # fmt: skip
         self.starts = SimpleNamespace(name="starts of a law", number=self.number)
         self.plan = SimpleNamespace(until=10.0)
         self.replicas, self.measures, self.assessed, self.timed = replicas, measures, [], []
