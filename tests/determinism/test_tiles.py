@@ -8,7 +8,14 @@ import pytest
 from support.compare import assert_same_bits
 from support.scenes import simulate
 from support.selection import long_but
-from support.tiles import assert_played_on_tiles, on_tiles, play_without_comparing, tallies, windows_of
+from support.tiles import (
+    assert_played_on_tiles,
+    begin_with_long_windows,
+    on_tiles,
+    play_without_comparing,
+    tallies,
+    windows_of,
+)
 
 import mpsim
 
@@ -206,6 +213,7 @@ def test_a_halo_too_thin_is_noticed_by_the_comparison_and_by_nothing_else(tiling
     """The control: without a comparison along the borders, or with a thin halo, the bits are wrong."""
     expected, _ = as_a_whole("walls")
     with on_tiles(scene_of("walls"), tiling, dt=DT, halo=4) as sim:
+        begin_with_long_windows(sim)
         sim.run(frames=FRAMES)
         found = windows_of(sim)
         assert_same_bits(sim.state, expected, "a halo of 4 cells")

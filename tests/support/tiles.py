@@ -61,6 +61,11 @@ def first_free_place(state: mpsim.State, radius: float = 0.5) -> list[float]:
     raise AssertionError("there is no room")
 
 
+def begin_with_long_windows(sim: mpsim.Simulation) -> None:
+    """Make the next window as long as a lap of the calendar, far longer than discs collide once in."""
+    solver_of(sim)._block.arrays["plan"].parts = 1
+
+
 def assert_played_on_tiles(sim: mpsim.Simulation) -> None:
     """Fail unless most windows were taken over from tiles: else one worker alone has found the bits."""
     found = windows_of(sim)
