@@ -11,6 +11,7 @@ from support.selection import long_but
 from support.tiles import (
     assert_played_on_tiles,
     begin_with_long_windows,
+    has_lost_discs,
     on_tiles,
     play_without_comparing,
     tallies,
@@ -220,7 +221,7 @@ def test_a_halo_too_thin_is_noticed_by_the_comparison_and_by_nothing_else(tiling
     assert found["again"] + found["as_one"] > 0
     with on_tiles(scene_of("walls"), tiling, dt=DT, halo=4) as sim:
         play_without_comparing(sim, FRAMES, parts=1)
-        assert sim.digest() != expected.digest()
+        assert has_lost_discs(sim) or sim.digest() != expected.digest()
 
 
 def test_windows_that_are_not_compared_are_right_where_the_halo_is_wide():

@@ -66,6 +66,12 @@ def begin_with_long_windows(sim: mpsim.Simulation) -> None:
     solver_of(sim)._block.arrays["plan"].parts = 1
 
 
+def has_lost_discs(sim: mpsim.Simulation) -> bool:
+    """Whether two tiles have taken one disc, or none has taken one, so that there is no state."""
+    numbers = solver_of(sim)._block.arrays["event"]["number"]
+    return len(np.unique(numbers)) < len(numbers)
+
+
 def assert_played_on_tiles(sim: mpsim.Simulation) -> None:
     """Fail unless most windows were taken over from tiles: else one worker alone has found the bits."""
     found = windows_of(sim)
