@@ -184,7 +184,7 @@ HOSTILE_EXACT = {
     "a lap of another length": put("solver.clock", 3, 1e9),
     "a present after its frame": put("solver.clock", 1, 1e9),
     "a count below 0": put("solver.counter", 3, -1),
-    "totals that are not numbers": put("solver.seen", 0, np.nan),
+    "a unit that is no power of two": put("solver.units", 0, 0.3),
 }
 
 
