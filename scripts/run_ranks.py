@@ -176,11 +176,14 @@ class Model(NamedTuple):
         disc: of one disc on one process [s].
         step: of what a step takes besides its discs: the calls of kernels [s].
         network: between any two ranks.
+        exchange: what a step takes besides, where there are other ranks: to pack, send and unpack, without the network
+            [s].
     """
 
     disc: float
     step: float
     network: Network
+    exchange: float = 0.0
 
     def work(self, discs: float, ranks: int) -> float:
         """Of the discs of a rank [s]."""
@@ -194,7 +197,7 @@ class Model(NamedTuple):
         border = self.network.seconds(RECORD * column)
         migration = self.network.seconds(RECORD * column * STEP / math.sqrt(2 * math.pi))
         agreement = 2 * math.ceil(math.log2(ranks)) * self.network.latency
-        return self.step + 2 * (border + self.disc * column) + migration + agreement
+        return self.step + self.exchange + 2 * (border + self.disc * column) + migration + agreement
 
     def efficiency(self, discs: float, ranks: int) -> float:
         """Time of the work alone over that of all."""
@@ -290,7 +293,7 @@ def report(sizes: list[int], picture: Path) -> str:
     times = ["| discs | | ns a disc and frame | times as fast as grid | as one rank | time over 2 workers |"]
     times += ["|---|---|---|---|---|---|"]
     counts = ["| discs | a frame, of one rank | formula | counted |", "|---|---|---|---|"]
-    disc, step, points = 0.0, math.inf, {}
+    disc, step, exchange, points = 0.0, math.inf, math.inf, {}
     for discs in sizes:
         found = measured(discs)
         times += times_table(discs, found)
@@ -298,12 +301,15 @@ def report(sizes: list[int], picture: Path) -> str:
         points[discs] = efficiencies(found)
         grid, rank = (float(np.median([seconds for seconds, _ in found[kind]])) for kind in ("grid", "1 rank"))
         disc, step = grid / discs, min(step, max(rank - grid, 0.0))
-    model = Model(disc, step, Network())
+        two = float(np.median([seconds for seconds, _ in found["2 ranks"]]))
+        alone = Model(disc, step, Network())
+        exchange = min(exchange, max(two - alone.work(discs, 2) - alone.rest(discs, 2), 0.0))
+    model = Model(disc, step, Network(), exchange)
     draw(model, points, picture)
     said = (
-        f"A disc takes {model.disc * 1e9:.1f} ns, the calls of a step {model.step * 1e6:.0f} µs (one rank "
-        f"less grid); a message {model.network.latency * 1e6:g} µs "
-        f"and {model.network.bandwidth / 1e9:g} GB/s."
+        f"A disc takes {model.disc * 1e9:.1f} ns, the calls of a step {model.step * 1e6:.0f} µs (one rank less grid), "
+        f"those of an exchange {model.exchange * 1e6:.0f} µs (two ranks less the rest); a message "
+        f"{model.network.latency * 1e6:g} µs and {model.network.bandwidth / 1e9:g} GB/s."
     )
     rows = ["| discs | 16 ranks | 256 | 4,096 | ranks at 50 % efficiency |", "|---|---|---|---|---|"]
     shown = f"![efficiency against ranks](pictures/{PICTURE})"
