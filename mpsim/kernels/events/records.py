@@ -140,6 +140,8 @@ PLAN = _record(
     "again",  # of them once more in shorter ones, as tiles did not agree
     "as_one",  # of them by one worker for all, as shorter ones did not help
     "parts",  # windows in a lap
+    "fewest_parts",  # that are tried, as with fewer tiles did not agree
+    "peace",  # windows since they did not
     "whole_part",  # 1: this window is one of these, not cut short
 )
 """A window of time, as all workers are to play it."""

@@ -47,7 +47,10 @@ MOST_FRAMES = 256
 MOST_EVENTS, FEWEST_STEPS = 2**62, 64
 
 MOST_PARTS = 64
-MOST_COLLISIONS, FEWEST_COLLISIONS = 0.8, 0.35
+TRIAL = 64
+"""Windows of which all tiles agree before longer ones are tried than those of which they did not."""
+
+MOST_COLLISIONS, FEWEST_COLLISIONS = 1.05, 0.5
 """Impacts of two discs in a window, per disc, beyond which the next ones are half or twice as long."""
 
 SLACK, FEWEST_ROOM = 4, 256
@@ -106,9 +109,14 @@ def plan_window(plan, times, clock, first_frame, frames, stop):
 @inlined
 def fit_parts(plan, collisions, count, agreed):
     """Make windows shorter where they are too long for the halo, and longer where discs hardly collide in them."""
+    plan.peace = plan.peace + 1 if agreed else 0
+    if not agreed:
+        plan.fewest_parts = min(2 * plan.parts, MOST_PARTS)
+    elif plan.peace % TRIAL == 0:
+        plan.fewest_parts //= 2
     if (not agreed or collisions > MOST_COLLISIONS * count) and plan.parts < MOST_PARTS:
         plan.parts *= 2
-    elif collisions < FEWEST_COLLISIONS * count and plan.parts > 1 and plan.whole_part:
+    elif collisions < FEWEST_COLLISIONS * count and plan.parts > max(plan.fewest_parts, 1) and plan.whole_part:
         plan.parts //= 2
 
 
