@@ -2,6 +2,7 @@
 
 import functools
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -230,3 +231,38 @@ def test_windows_that_are_not_compared_are_right_where_the_halo_is_wide():
     with on_tiles(scene_of("walls"), (2, 1), dt=DT, halo=20) as sim:
         play_without_comparing(sim, FRAMES, parts=32)
         assert_same_bits(sim.state, expected, "by hand")
+
+
+# --- what has once been wrong
+
+
+def heavy_and_fast(seed=0, ratio=1000.0, faster=10.0, packing=0.02):
+    """A dilute gas, a tenth of it heavy and fast, which throws light discs far away."""
+    rng, side = np.random.default_rng(seed), math.sqrt(COUNT * math.pi * 0.25 / packing)
+    each = math.ceil(math.sqrt(COUNT))
+    places = (np.stack(np.meshgrid(range(each), range(each)), -1).reshape(-1, 2)[:COUNT] + 0.5) * side / each
+    places += rng.uniform(-0.4, 0.4, places.shape) * (side / each - 1.01)
+    velocity, mass, heavy = rng.normal(size=(COUNT, 2)), np.ones(COUNT), rng.random(COUNT) < 0.1
+    mass[heavy], velocity[heavy] = ratio, velocity[heavy] * faster
+    return mpsim.Scene(width=side, height=side, position=places, velocity=velocity, radius=0.5, mass=mass)
+
+
+def thrown_away():
+    """Disc i moves towards j, which a heavy one throws far away before they meet; so i meets m instead."""
+    spacing, each, (x, y) = 10.0, 30, (140.0, 150.0)
+    places = (np.stack(np.meshgrid(range(each), range(each)), -1).reshape(-1, 2) + 0.5) * spacing
+    i, j, m, beside, heavy = [x, y - 2.5], [x, y], [x, y + 2.5], [x, y - 3.55], [x - 11.5, y]
+    velocity, mass = np.zeros((len(places) + 5, 2)), np.ones(len(places) + 5)
+    velocity[-2:], mass[-1] = [[0, 1], [30, 0]], 1000
+    places = np.concatenate([places, [i, j, m, beside, heavy]])
+    size = each * spacing
+    return mpsim.Scene(width=size, height=size, position=places, velocity=velocity, radius=0.5, mass=mass)
+
+
+@pytest.mark.parametrize("make", [heavy_and_fast, thrown_away])
+@pytest.mark.parametrize("tiling", [(2, 1), (2, 2)])
+def test_a_partner_that_was_thrown_out_of_the_halo_is_found_out(make, tiling):
+    frames, dt = (6, 2.0) if make is heavy_and_fast else (60, 0.1)
+    with on_tiles(make(), (1, 1), dt=dt) as whole, on_tiles(make(), tiling, dt=dt, halo=4) as sim:
+        assert whole.run(frames=frames).collisions == sim.run(frames=frames).collisions > 2
+        assert_same_bits(sim.state, whole.state, f"{make.__name__} in {tiling}")

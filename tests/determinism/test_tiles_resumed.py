@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from support.compare import assert_same_bits
+from support.internals import solver_of
 from support.scenes import simulate
 from support.tiles import always_tiled, first_free_place, on_tiles, windows_of
 
@@ -192,3 +193,18 @@ def test_whatever_a_checkpoint_forgets_changes_the_bits(forget, tmp_path, monkey
     monkeypatch.setattr(checkpoint, "read", read_and_forget)
     state, _ = in_parts(scene_of("walls"), tmp_path / "run", (12, 12), (2, 2))
     assert state.digest() != expected.digest()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_run_that_is_saved_when_a_lap_of_the_calendar_has_just_begun_goes_on_to_the_same_bits(seed, tmp_path):
+    """No event has happened in this lap yet, so the last one lies before it."""
+    scene = mpsim.Scene.random(count=30, packing=0.2, radius=0.5, seed=seed)
+    with simulate(scene, method="event", dt=0.002) as sim:
+        while solver_of(sim)._system.store.clock.now >= 0:
+            sim.run(frames=1)
+        sim.save(tmp_path / "run")
+        sim.run(frames=4000)
+        expected = sim.state
+    with mpsim.Simulation.resume(tmp_path / "run") as sim:
+        sim.run(frames=4000)
+        assert_same_bits(sim.state, expected, f"seed {seed}")

@@ -160,8 +160,11 @@ def earliest(store):
 
 @linked
 def begin_turn(start, store):
-    """Begin a turn of the ring at a time from the start of the lap, and enter every disc anew."""
-    begin_turn_until(start, min(start + store.clock.step * store.step_head.size, store.clock.lap), store)
+    """Begin a turn of the ring at a time from the start of the lap, up to its end, and enter every disc anew.
+
+    The present may lie before the lap, when that has just begun.
+    """
+    begin_turn_until(max(start, 0.0), store.clock.lap, store)
 
 
 @linked

@@ -95,7 +95,7 @@ def process_event(i, now, store, box, features, watch):
     store.counter.lap_events += store.region.counts
     if disc[i].collision_time < disc[i].crossing_time:
         other = np.int64(event[i].partner)
-        if event[other].collision_count == event[i].partner_collision_count:
+        if other >= 0 and event[other].collision_count == event[i].partner_collision_count:
             collide(i, other, now, store, box, features)
             if not is_finite(disc[other]):
                 return other

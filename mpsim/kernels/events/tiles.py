@@ -13,6 +13,7 @@ from mpsim.kernels.events.calendar import begin_turn_until, due, earliest
 from mpsim.kernels.events.cells import link_cells
 from mpsim.kernels.events.features.hooks import copy_columns
 from mpsim.kernels.events.flight import INFINITY
+from mpsim.kernels.events.partners import elsewhere, number_of_partner
 from mpsim.kernels.events.records import BANDS, ENTRIES, FINE, NOT_FINITE, REACHED, STALLED
 from mpsim.kernels.events.region import place_along
 from mpsim.kernels.events.solver import process_event, stalled
@@ -128,9 +129,8 @@ def begin_tile(store, whole, features, places, box, start, end):
             place = places[partner]
             if place < count and event[place].number == partner:
                 event[i].partner = place
-            else:  # beyond the halo: whatever comes of this disc is not to be trusted
-                event[i].partner = -1
-                store.disc[i].collision_time = INFINITY
+            else:  # beyond the halo: deflected, or at the edge, where nothing is to be trusted; see docs/exact.md
+                event[i].partner = elsewhere(partner)
     clock = store.clock
     clock.now, clock.origin, clock.lap = whole.clock.now, whole.clock.origin, whole.clock.lap
     clock.step = (end - start) / store.step_head.size
@@ -205,9 +205,7 @@ def put_down(tile, store, features, target, target_event, target_features, box):
                     copy_disc(store.disc[i], target[place])
                     copy_event(event[i], target_event[place])
                     copy_columns(features, i, target_features, place)
-                    partner = event[i].partner
-                    if partner >= 0:
-                        target_event[place].partner = event[partner].number
+                    target_event[place].partner = number_of_partner(event[i].partner, event)
                 found += 1
                 i = store.cell_next[i]
     tile.found = found

@@ -11,6 +11,7 @@ import numpy as np
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.features.hooks import with_columns
 from mpsim.kernels.events.hashing import mixed
+from mpsim.kernels.events.partners import number_of_partner
 from mpsim.kernels.events.records import BANDS
 from mpsim.kernels.events.region import ELSEWHERE, MIDDLE, band_along
 
@@ -25,10 +26,7 @@ def digest_of(i, bits, store, features):
     digest = np.int64(event.number)
     for k in range(bits.shape[1]):
         digest = mixed(digest, bits[i, k])
-    partner = np.int64(event.partner)
-    if partner >= 0:
-        partner = np.int64(store.event[partner].number)
-    digest = mixed(digest, partner)
+    digest = mixed(digest, number_of_partner(event.partner, store.event))
     digest = mixed(digest, np.int64(event.partner_collision_count))
     digest = mixed(digest, np.int64(event.collision_count))
     digest = mixed(digest, np.int64(event.side))

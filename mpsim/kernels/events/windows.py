@@ -44,7 +44,10 @@ from mpsim.kernels.waiting import barrier, next_command
 MOST_FRAMES = 256
 """Frames that end in a window at most."""
 
-MOST_EVENTS, FEWEST_STEPS = 2**62, 64
+FEWEST_STEPS = 64
+
+FEWEST_EVENTS, EVENTS_OF_A_DISC = 10_000, 2
+"""Events that one worker plays for all before tiles are tried again, and how many more for each disc."""
 
 MOST_PARTS = 64
 TRIAL = 64
@@ -367,13 +370,16 @@ def play_again(whole, box, features, shared, own, command, progress, seen, times
     plan.as_one += 1
     left, done = min(plan.frames + 1, command.frames - plan.done), plan.done
     link(whole, box, features, own.places)
+    most = FEWEST_EVENTS + EVENTS_OF_A_DISC * whole.disc.shape[0]
     finished, status, particle = advance_frames(
-        whole, box, features, shared.times.dt, left, MOST_EVENTS, command.stop, progress, seen, times[0, done:],
+        whole, box, features, shared.times.dt, left, most, command.stop, progress, seen, times[0, done:],
         totals[done:], shared.team[0].clock,
     )  # fmt: skip
     order_by_tiles(whole, box, features, shared.tiles, plan)
     plan.done += finished
     shared.times.reached = command.stop if status == STOPPED else progress.frame * shared.times.dt
+    if status == PAUSED:
+        shared.times.reached = whole.clock.origin + whole.clock.now
     if status != REACHED:
         plan.status, plan.particle = status, particle
 
