@@ -141,7 +141,7 @@ def _check_links(scene: Scene, arrays: Snapshot) -> None:
     demand(((partner >= 0) & (partner != np.arange(count)))[meets].all(), "an impact must have a partner")
     after_capsules = records.FIRST_CAPSULE + len(OBSTACLES.arrays(scene).get("capsule", ()))
     known = (side >= 0) & (side < after_capsules) & ((side != records.MOVING_WALL) | (scene.moving_wall is not None))
-    demand(known.all(), "a disc leaves its cell by one of four sides, or meets an obstacle or a piston before")
+    demand(known.all(), "a disc leaves its cell by one of four sides, or meets what is there before")
     for axis, length in enumerate((scene.width, scene.height)):
         along, place = cell[:, axis], disc["position"][:, axis]
         demand(((along >= 0) & (along < cells[axis])).all(), "a disc must be in a cell of the box")
