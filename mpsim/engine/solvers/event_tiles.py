@@ -1,5 +1,6 @@
 """How the box of the exact solver is divided into tiles, and the arrays in which workers play them."""
 
+import functools
 import math
 import pickle
 from itertools import product
@@ -40,6 +41,7 @@ class Tiling(NamedTuple):
 WHOLE = Tiling(1, 1)
 
 
+@functools.lru_cache(maxsize=4)  # as it is asked for again and again
 def tiling_of(count: int, cells: tuple[int, int], periodic: tuple[bool, bool], workers: int) -> Tiling:
     """The tiles into which to divide a box of so many cells along each axis, WHOLE where that does not pay.
 

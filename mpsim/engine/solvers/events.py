@@ -94,11 +94,12 @@ class EventSolver(Solver):
 
     def _begin(self) -> None:
         """Compile or load the kernels, so that no frame time contains it, and no wait for Ctrl-C; start workers."""
-        with interrupts_held_back():  # as the stepped solvers do
-            self._play_whole(0, np.zeros((1, 0), np.int64), np.zeros(0, records.TOTALS), math.inf)
-        if self._tiling(self.count) != WHOLE:
+        if "tiles" in self._block.specs:
             self._windows = Windows(self._block, self._system, self._settings.start_method)
             self._windows.start(self._most_workers)
+            return
+        with interrupts_held_back():  # as the stepped solvers do
+            self._play_whole(0, np.zeros((1, 0), np.int64), np.zeros(0, records.TOTALS), math.inf)
 
     # --- frames
 
@@ -326,23 +327,18 @@ class EventSolver(Solver):
         """Records beside the block that snapshots hold."""
         return {"progress": self._progress, "seen": self._seen}
 
-    def _useunits_of(self, units: NDArray[np.float64]) -> None:
-        """Count impulses and virials in these units."""
-        self._units = (float(units[0]), float(units[1]))
-
     def restore(self, snapshot: Snapshot, choice: Choice, room: int = 0) -> None:
-        """Go back, or on, to a snapshot. There are no workers, and room for no more discs than there are."""
-        self.choice = choice
-        self._useunits_of(snapshot["units"])
+        """Go back, or on, to a snapshot. There is room for no more discs than there are."""
+        impulse, virial = snapshot["units"].tolist()
+        self.choice, self._units = choice, (impulse, virial)
         block = self._room(count_in(snapshot))
         with block.closed_on_error():
             block.create()
             event_snapshot.put_back(self._scene, block.arrays, snapshot)
             system = self._system_in(block)
             link_cells(*system)
-            calendar.begin_turn(
-                system.store.clock.now, system.store
-            )  # whose order is total: where the calendar keeps an event cannot matter
+            # The order of events is total: where the calendar keeps one cannot matter.
+            calendar.begin_turn(system.store.clock.now, system.store)
             radii, masses = kept_sizes(snapshot["radii"]), kept_sizes(snapshot["masses"])
         self._take(block, system)
         self._radii, self._masses = radii, masses
@@ -369,7 +365,8 @@ class EventSolver(Solver):
         shapes = state.layout(count, cells) | event_snapshot.column_shapes(self._scene, count)
         specs = {name: ArraySpec(np.dtype(dtype), shape) for name, (dtype, shape) in shapes.items()}
         if tiling != WHOLE:
-            specs |= specs_of(count, tiling, self._most_workers, shapes, self._laws(count))
+            laws = packed(self._box(count), features_of(self._scene, self._given(count)))
+            specs |= specs_of(count, tiling, self._most_workers, shapes, laws)
         return SharedBlock(specs)
 
     @property
@@ -391,10 +388,6 @@ class EventSolver(Solver):
             scene.width, scene.height, *scene.periodic, *event_snapshot.cells_for(scene, count), common, impulse, virial
         )
 
-    def _laws(self, count: int) -> bytes:
-        """What workers must know of the scene."""
-        return packed(self._box(count), features_of(self._scene, self._given(count)))
-
     def _given(self, count: int) -> dict[str, Any]:
         """What features are given besides arrays of the block."""
         of_scene = event_features.given(self._scene, event_snapshot.cells_for(self._scene, count))
@@ -405,13 +398,12 @@ class EventSolver(Solver):
         scene, arrays = self._scene, block.arrays
         store = state.Store(*(arrays[name] for name in state.Store._fields))
         count = len(store.order)
-        tiling = self._tiling(count)
-        if tiling != WHOLE:
-            cells = event_snapshot.cells_for(scene, count)
-            lay_out(arrays, tiling, cells, self._settings.dt, self._most_workers, self._laws(count))
-        box = self._box(count)
+        box, features = self._box(count), features_of(scene, arrays | self._given(count))
         state.hold_all(store.region, box)
-        return System(store, box, features_of(scene, arrays | self._given(count)))
+        if "tiles" in arrays:
+            cells, laws = event_snapshot.cells_for(scene, count), packed(box, features)
+            lay_out(arrays, self._tiling(count), cells, self._settings.dt, self._most_workers, laws)
+        return System(store, box, features)
 
     def _present_columns(self, values: dict[str, Any]) -> dict[str, NDArray[Any]]:
         """Columns of the discs that are there, whose radii and masses are known."""

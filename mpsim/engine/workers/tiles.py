@@ -5,7 +5,6 @@ import pickle
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mpsim.kernels.events import records, state
 from mpsim.kernels.events.features.hooks import BARE, COLUMNS
@@ -41,12 +40,10 @@ def arguments_of(arrays: dict[str, Any], features: Any, box: Any) -> TileArgumen
 
 def _own_of(store: Any, features: Any) -> Any:
     """Memory for the largest tile that there can be: all discs."""
-    fields = {}
-    for name, array in store._asdict().items():
-        record = np.empty(array.shape, array.dtype)
-        fields[name] = record[()] if not array.shape else record
-    for name in ("clock", "counter", "tally", "region", "turn"):
-        fields[name] = np.zeros((), fields[name].dtype)[()]
+    fields = {
+        name: np.empty(array.shape, array.dtype) if array.shape else np.zeros((), array.dtype)[()]
+        for name, array in store._asdict().items()
+    }
     columns = {name: np.empty_like(value) for name in COLUMNS if (value := getattr(features, name)) is not None}
     bits = fields["disc"].view(np.int64).reshape(len(store.disc), -1)
     return Own(state.Store(**fields), features._replace(**columns), bits, np.zeros(len(store.disc), np.int32))
@@ -59,30 +56,13 @@ def arguments_in_block(arrays: dict[str, Any]) -> TileArguments:
     return arguments_of(arrays, features, box)
 
 
-class TileCall(NamedTuple):
-    """Arguments of `run_windows`, in its order; see there."""
-
-    whole: Any
-    features: Any
-    box: Any
-    shared: Any
-    own: Any
-    command: Any
-    progress: Any
-    seen: Any
-    times: NDArray[np.int64]
-    totals: NDArray[Any]
-    worker: int
-    linger: int
-
-
-def idle_call(arguments: TileArguments, worker: int, linger: int) -> TileCall:
+def idle_call(arguments: TileArguments, worker: int, linger: int) -> tuple[Any, ...]:
     """A call that plays no frame, or, of a worker, waits for commands."""
     progress: Any = np.zeros((), records.PROGRESS)[()]
     seen: Any = np.zeros((), records.TOTALS)[()]
     times, totals = np.zeros((1, 0), np.int64), np.zeros(0, records.TOTALS)
     command: Any = np.array((0, 0, math.inf), records.COMMAND)[()]
-    return TileCall(*arguments, command, progress, seen, times, totals, worker, linger)
+    return (*arguments, command, progress, seen, times, totals, worker, linger)
 
 
 def wait_for_windows(*call: Any) -> int:

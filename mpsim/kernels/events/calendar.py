@@ -18,6 +18,18 @@ from mpsim.kernels.compiling import inlined, linked
 NOWHERE = -1
 
 
+FEWEST_STEPS = 64
+
+
+@inlined
+def steps_for(count):
+    """Steps of the ring for so many discs: a power of two, at least twice as many."""
+    steps = FEWEST_STEPS
+    while steps < 2 * count:
+        steps *= 2
+    return steps
+
+
 @inlined
 def due(disc, i):
     """The time of the next event of disc i [time]."""

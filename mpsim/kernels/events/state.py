@@ -12,6 +12,7 @@ from collections import namedtuple
 import numpy as np
 
 from mpsim.kernels.events.boundary import are_inside, brought_back
+from mpsim.kernels.events.calendar import steps_for
 from mpsim.kernels.events.records import (
     CLOCK,
     COUNTER,
@@ -38,14 +39,13 @@ KEPT = tuple(name for name in Store._fields if name not in MADE_ANEW)
 
 def layout(count, cells):
     """What a run of so many discs needs: name -> (dtype, shape), of shape () a record. cells: (columns, rows)."""
-    steps = max(64, 1 << (2 * count - 1).bit_length())
     return {
         "disc": (DISC, (count,)),
         "event": (EVENT, (count,)),
         "entry": (ENTRY, (count,)),
         "cell_head": (np.int32, (cells[0] * cells[1],)),
         "cell_next": (np.int32, (count,)),
-        "step_head": (np.int32, (steps,)),
+        "step_head": (np.int32, (steps_for(count),)),
         "heap": (np.int32, (count,)),
         "order": (np.int32, (count,)),
         "clock": (CLOCK, ()),

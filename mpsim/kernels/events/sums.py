@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.events.records import FINE
+from mpsim.kernels.events.records import ENTRIES, FINE
 
 CARRY = np.int64(1) << FINE
 MASK = CARRY - 1
@@ -20,6 +20,26 @@ def add(tally, entry, value, unit):
     """Add a number to an entry of a tally; unit: a power of two, in the unit of the number."""
     scaled = value / unit
     whole = math.floor(scaled)
-    fine = tally.fine[entry] + np.int64((scaled - whole) * CARRY)
-    tally.coarse[entry] += np.int64(whole) + (fine >> FINE)
+    add_parts(tally, entry, np.int64(whole), np.int64((scaled - whole) * CARRY))
+
+
+@inlined
+def add_parts(tally, entry, coarse, fine):
+    """Add so many coarse and fine units to an entry of a tally."""
+    fine += tally.fine[entry]
+    tally.coarse[entry] += coarse + (fine >> FINE)
     tally.fine[entry] = fine & MASK
+
+
+@inlined
+def add_tally(tally, other):
+    """Add all entries of another tally."""
+    for entry in range(ENTRIES):
+        add_parts(tally, entry, other.coarse[entry], other.fine[entry])
+
+
+@inlined
+def clear_tally(tally):
+    """Begin to count from zero."""
+    for entry in range(ENTRIES):
+        tally.coarse[entry] = tally.fine[entry] = 0

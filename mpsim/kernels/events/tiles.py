@@ -3,29 +3,22 @@
 A tile is loaded from the store of the whole box into one of its own, with all discs of the `halo` cells around it, and
 played up to the end of a window. What is missing beyond the halo spreads inward by a few diameters. So what happened is
 compared along each border of two tiles (watch.py): if both have found the same in the band there, each of them is right
-in its own cells, and its own discs are what becomes of the box. If not, the window is played again, by one for all.
+in its own cells, and its own discs are what becomes of the box. If not, it is played again (windows.py).
 
 Between windows a tile's discs lie together in the store, column by column, and partners are named by number.
 """
 
 from mpsim.kernels.compiling import inlined, linked
+from mpsim.kernels.events.boundary import along
 from mpsim.kernels.events.calendar import begin_turn_until, due, earliest
 from mpsim.kernels.events.cells import link_cells
 from mpsim.kernels.events.features.hooks import copy_columns
 from mpsim.kernels.events.flight import INFINITY
 from mpsim.kernels.events.partners import elsewhere, number_of_partner
-from mpsim.kernels.events.records import BANDS, ENTRIES, FINE, NOT_FINITE, REACHED, STALLED
-from mpsim.kernels.events.region import place_along
+from mpsim.kernels.events.records import BANDS, NOT_FINITE, REACHED, STALLED
+from mpsim.kernels.events.region import INNER_HIGH, INNER_LOW, place_along
 from mpsim.kernels.events.solver import process_event, stalled
-from mpsim.kernels.events.sums import MASK
-
-
-@inlined
-def cells_along(axis, box):
-    """Cells of the box along an axis, and whether it is periodic."""
-    if axis == 0:
-        return box.columns, box.periodic_x
-    return box.rows, box.periodic_y
+from mpsim.kernels.events.sums import add_tally, clear_tally
 
 
 @linked
@@ -33,7 +26,7 @@ def set_region(region, tile, plan, box):
     """Write the region of a tile with its halo."""
     region.counts = 1
     for axis in range(2):
-        cells, periodic = cells_along(axis, box)
+        _, cells, periodic = along(axis, box)
         region.own[axis] = tile.own[axis]
         region.differs[axis] = plan.tiles[axis] > 1
         if plan.tiles[axis] == 1:
@@ -72,16 +65,22 @@ def copy_event(source, target):
 
 
 @inlined
-def neighbour_tile(axis, tile, ahead, plan, box):
+def tile_beyond(axis, tile, ahead, plan, box):
     """The tile so many further along an axis, or -1."""
-    tiles = plan.tiles[axis]
-    _, periodic = cells_along(axis, box)
-    if periodic and tiles == 2 and ahead < 0:
-        return -1  # it is the one on the other side too
-    other = tile + ahead
+    tiles, other = plan.tiles[axis], tile + ahead
+    _, _, periodic = along(axis, box)
     if 0 <= other < tiles:
         return other
     return other % tiles if periodic and tiles > 1 else -1
+
+
+@inlined
+def neighbour_tile(axis, tile, ahead, plan, box):
+    """The same, but only once where one tile lies on both sides."""
+    _, _, periodic = along(axis, box)
+    if periodic and plan.tiles[axis] == 2 and ahead < 0:
+        return -1
+    return tile_beyond(axis, tile, ahead, plan, box)
 
 
 @inlined
@@ -164,11 +163,8 @@ def play_until(until, store, box, features, watch):
 @inlined
 def take_counts(totals, store):
     """Add what a store has counted to the totals of a frame, and count from zero."""
-    for entry in range(ENTRIES):
-        fine = totals.fine[entry] + store.tally.fine[entry]
-        totals.coarse[entry] += store.tally.coarse[entry] + (fine >> FINE)
-        totals.fine[entry] = fine & MASK
-        store.tally.coarse[entry] = store.tally.fine[entry] = 0
+    add_tally(totals, store.tally)
+    clear_tally(store.tally)
     totals.collisions += store.counter.pairs
     store.counter.pairs = 0
 
@@ -214,14 +210,15 @@ def put_down(tile, store, features, target, target_event, target_features, box):
 @inlined
 def bands_agree(one, other, columns_ahead, rows_ahead):
     """Whether a tile and the one so many further have found the same in the bands that both have."""
+    # One's inner high band is the other's outer low one, and its outer high band the other's inner low one.
     for column in range(BANDS):
-        other_column = column - 3 * columns_ahead
+        other_column = column - INNER_HIGH * columns_ahead
         for row in range(BANDS):
-            other_row = row - 3 * rows_ahead
+            other_row = row - INNER_HIGH * rows_ahead
             if 0 <= other_column < BANDS and 0 <= other_row < BANDS:
-                if columns_ahead == 0 and not 1 <= column <= 3:
+                if columns_ahead == 0 and not INNER_LOW <= column <= INNER_HIGH:
                     continue
-                if rows_ahead == 0 and not 1 <= row <= 3:
+                if rows_ahead == 0 and not INNER_LOW <= row <= INNER_HIGH:
                     continue
                 if one.seen[column * BANDS + row] != other.seen[other_column * BANDS + other_row]:
                     return False

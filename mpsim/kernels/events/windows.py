@@ -18,15 +18,15 @@ from typing import Any
 import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined, linked
-from mpsim.kernels.events.calendar import begin_turn, fit_lap, shift_times
+from mpsim.kernels.events.calendar import begin_turn, fit_lap, shift_times, steps_for
 from mpsim.kernels.events.cells import link_cells
 from mpsim.kernels.events.features.hooks import copy_columns
 from mpsim.kernels.events.flight import INFINITY
 from mpsim.kernels.events.ordering import put_at_targets
-from mpsim.kernels.events.records import ABORTED, ENTRIES, FINE, PAUSED, REACHED, STOPPED
+from mpsim.kernels.events.records import ABORTED, PAUSED, REACHED, STOPPED
 from mpsim.kernels.events.solver import STOP_ROUNDING, advance_frames, write_totals
 from mpsim.kernels.events.state import Store
-from mpsim.kernels.events.sums import MASK
+from mpsim.kernels.events.sums import add_tally, clear_tally
 from mpsim.kernels.events.tiles import (
     bands_agree,
     begin_tile,
@@ -35,6 +35,7 @@ from mpsim.kernels.events.tiles import (
     load,
     play_tile,
     put_down,
+    tile_beyond,
 )
 from mpsim.kernels.events.watch import Watch
 from mpsim.kernels.layout import ABORT, RUNNING
@@ -43,8 +44,6 @@ from mpsim.kernels.waiting import barrier, next_command
 
 MOST_FRAMES = 256
 """Frames that end in a window at most."""
-
-FEWEST_STEPS = 64
 
 FEWEST_EVENTS, EVENTS_OF_A_DISC = 10_000, 2
 """Events that one worker plays for all before tiles are tried again, and how many more for each disc."""
@@ -102,9 +101,7 @@ def plan_window(plan, times, clock, first_frame, frames, stop):
         plan.frames += 1
     if plan.frames < min(frames, MOST_FRAMES):
         plan.ends_lap = part_end == INFINITY
-        plan.whole_part = (
-            times.reached - origin <= (part_end if part_end < INFINITY else clock.lap) - 0.9 * clock.lap / plan.parts
-        )
+        plan.whole_part = times.reached - origin <= latest - 0.9 * clock.lap / plan.parts
         times.until = origin + part_end
     return False
 
@@ -126,15 +123,6 @@ def fit_parts(plan, collisions, count, agreed):
 # --- play ---------------------------------------------------------------------------------------------------------
 
 
-@inlined
-def steps_for(count, most):
-    """Steps of a calendar for so many discs: a power of two."""
-    steps = FEWEST_STEPS
-    while steps < 2 * count and 2 * steps <= most:
-        steps *= 2
-    return steps
-
-
 @linked
 def play_one(number, whole, features, box, shared, own, worker):
     """Load, play and put down one tile."""
@@ -142,7 +130,7 @@ def play_one(number, whole, features, box, shared, own, worker):
     tile.seen[:] = 0
     count = load(number, shared.tiles, shared.plan, whole, features, own.store, own.features, box)
     room, cells = own.store, own.store.region.here[0] * own.store.region.here[1]
-    steps = steps_for(count, room.step_head.size)
+    steps = steps_for(count)
     lists = room.cell_head[:cells], room.cell_next[:count], room.step_head[:steps], room.heap[:count]
     records = room.clock, room.counter, room.tally, room.region, room.turn
     store = Store(room.disc[:count], room.event[:count], room.entry[:count], *lists, room.order, *records)
@@ -156,21 +144,14 @@ def play_one(number, whole, features, box, shared, own, worker):
     shared.latest[worker] = max(shared.latest[worker], store.turn.latest)
 
 
-@inlined
-def clear_totals(totals):
-    """Begin to count from zero."""
-    for entry in range(ENTRIES):
-        totals.coarse[entry] = totals.fine[entry] = 0
-    totals.collisions = 0
-
-
 @linked
 def play_tiles(whole, features, box, shared, own, worker):
     """One worker's share of a window: tiles, as long as there are any."""
     counter, counts = own.store.counter, shared.counts[worker]
     counter.walls = counter.guarded = counter.events = counter.crossings = counter.stale_predictions = 0
     for frame in range(shared.plan.frames + 1):
-        clear_totals(shared.counted[worker, frame])
+        clear_tally(shared.counted[worker, frame])
+        shared.counted[worker, frame].collisions = 0
     shared.latest[worker] = whole.clock.now
     number = atomic_add(shared.plan.next, 0, 1)
     while number < shared.tiles.size:
@@ -181,16 +162,6 @@ def play_tiles(whole, features, box, shared, own, worker):
 
 
 # --- agree --------------------------------------------------------------------------------------------------------
-
-
-@inlined
-def tile_beyond(axis, tile, ahead, plan, box):
-    """The tile so many further along an axis on the other side of a border, or -1."""
-    tiles, periodic = plan.tiles[axis], box.periodic_x if axis == 0 else box.periodic_y
-    other = tile + ahead
-    if ahead == 0 or 0 <= other < tiles:
-        return other
-    return other % tiles if periodic and tiles > 1 else -1
 
 
 @linked
@@ -217,7 +188,7 @@ def all_agree(tiles, plan, box):
 @linked
 def take_discs(whole, features, shared, worker):
     """Put this worker's share of the tiles back into the store."""
-    first, lap = 0, whole.clock.lap if shared.plan.ends_lap else 0.0
+    first = 0
     for number in range(shared.tiles.size):
         tile = shared.tiles[number]
         if number % shared.control.workers == worker:
@@ -226,17 +197,8 @@ def take_discs(whole, features, shared, worker):
                 copy_event(shared.event[tile.room + k], whole.event[first + k])
                 copy_columns(shared.features, tile.room + k, features, first + k)
                 if shared.plan.ends_lap:
-                    shift_times(whole.disc[first + k], lap)
+                    shift_times(whole.disc[first + k], whole.clock.lap)
         first += tile.found
-
-
-@inlined
-def add_totals(tally, totals):
-    """Add the totals of a frame to a tally."""
-    for entry in range(ENTRIES):
-        fine = tally.fine[entry] + totals.fine[entry]
-        tally.coarse[entry] += totals.coarse[entry] + (fine >> FINE)
-        tally.fine[entry] = fine & MASK
 
 
 @linked
@@ -261,7 +223,7 @@ def take_frames(whole, shared, done, progress, seen, times, totals):
     """Add what all workers have counted in frames, and write it for those that have ended."""
     for frame in range(shared.plan.frames + 1):
         for worker in range(shared.control.workers):
-            add_totals(whole.tally, shared.counted[worker, frame])
+            add_tally(whole.tally, shared.counted[worker, frame])
             whole.counter.pairs += shared.counted[worker, frame].collisions
         if frame < shared.plan.frames:
             if done + frame < totals.shape[0]:
