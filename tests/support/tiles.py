@@ -81,10 +81,14 @@ def assert_played_on_tiles(sim: mpsim.Simulation) -> None:
 # --- windows by hand ----------------------------------------------------------------------------------------------
 
 
+NEVER = np.iinfo(np.int64).max
+"""A deadline [ns] that does not come."""
+
+
 @compiled
 def play_all(whole, box, features, shared, own):
     """Play each tile of a planned window."""
-    windows.play_tiles(whole, features, box, shared, own, 0)
+    windows.play_tiles(whole, features, box, shared, own, 0, NEVER)
 
 
 @compiled

@@ -126,6 +126,7 @@ PLAN = _record(
     np.int64,
     ("next", 1),  # the tile that is to be played next
     "running",  # 1: there is a window to play
+    "paused",  # 1: the last command has left it before all tiles were played
     "stops",  # 1: at its end is where the command is to stop
     "done",  # frames finished in this command,
     "played",  # and windows begun in it
@@ -147,10 +148,11 @@ PLAN = _record(
 """A window of time, as all workers are to play it."""
 
 COMMAND = np.dtype((Record, np.dtype([("frames", np.int64), ("patience", np.int64), ("stop", np.float64)])))
-"""Frames to play, time after which no window is begun any more [ns], and the time at which to stop [time]."""
+"""Frames to play, time after which no tile is begun any more [ns], and the time at which to stop [time]."""
 
-PLAN_TIMES = _record(np.float64, "dt", "until", "reached")
-"""Length of a frame, end of the window where that is not the end of the lap, and end of the one before [time]."""
+PLAN_TIMES = _record(np.float64, "dt", "until", "reached", "stop")
+"""Length of a frame, end of the window where that is not the end of the lap, end of the one before, and stop of the
+command by which it was planned [time]."""
 
 PROGRESS = _record(
     np.int64,

@@ -9,7 +9,8 @@
     ------------------------------------------------------------------------------------------------- barrier
 
 The store of the whole box is not touched until all agree. So which worker plays which tile, how many tiles there are,
-and how long a window is, changes no bit.
+and how long a window is, changes no bit. And a command whose time is over may leave a window between two tiles: the
+next one plays the rest, or plans anew, for all is still as it was before the window.
 """
 
 from collections import namedtuple
@@ -47,6 +48,9 @@ MOST_FRAMES = 256
 
 FEWEST_EVENTS, EVENTS_OF_A_DISC = 10_000, 2
 """Events that one worker plays for all before tiles are tried again, and how many more for each disc."""
+
+AGREED, DIFFERENT, LEFT = range(20, 23)
+"""Outcomes of a window: all tiles have found the same, they have not, the time of the command was over before."""
 
 MOST_PARTS = 64
 TRIAL = 64
@@ -145,17 +149,27 @@ def play_one(number, whole, features, box, shared, own, worker):
 
 
 @linked
-def play_tiles(whole, features, box, shared, own, worker):
-    """One worker's share of a window: tiles, as long as there are any."""
-    counter, counts = own.store.counter, shared.counts[worker]
+def clear_counts(whole, shared, own, worker):
+    """Before one worker's share of a window."""
+    counter = own.store.counter
     counter.walls = counter.guarded = counter.events = counter.crossings = counter.stale_predictions = 0
     for frame in range(shared.plan.frames + 1):
         clear_tally(shared.counted[worker, frame])
         shared.counted[worker, frame].collisions = 0
     shared.latest[worker] = whole.clock.now
+
+
+@linked
+def play_tiles(whole, features, box, shared, own, worker, deadline):
+    """One worker's share of a window: tiles, as long as there are any, and time for them [ns]."""
+    counter, counts, mine = own.store.counter, shared.counts[worker], shared.team[worker]
+    if shared.plan.paused == 0:
+        clear_counts(whole, shared, own, worker)
     number = atomic_add(shared.plan.next, 0, 1)
     while number < shared.tiles.size:
         play_one(number, whole, features, box, shared, own, worker)
+        if now(mine.clock) > deadline:
+            break
         number = atomic_add(shared.plan.next, 0, 1)
     counts.walls, counts.guarded, counts.events = counter.walls, counter.guarded, counter.events
     counts.crossings, counts.stale_predictions = counter.crossings, counter.stale_predictions
@@ -287,9 +301,18 @@ def order_by_tiles(whole, box, features, tiles, plan):
             event[i].partner = event[event[i].partner].number
     put_at_targets(whole, features)
     deal_rooms(tiles)
+    plan.paused = 0
 
 
 # --- a command ----------------------------------------------------------------------------------------------------
+
+
+@inlined
+def goes_on(plan, times, command):
+    """Whether a window that was left is one that this command may play: no further than it is to go."""
+    ends_with_frame = times.until == (plan.first_frame + plan.frames) * times.dt
+    within = plan.frames < command.frames or (plan.frames == command.frames and ends_with_frame)
+    return within and times.stop == command.stop
 
 
 @linked
@@ -300,9 +323,11 @@ def begin_window(whole, shared, command, started, progress):
         plan.status = REACHED
     in_time = plan.played == 0 or now(mine.clock) - started < command.patience
     plan.running = plan.status == PAUSED and in_time
+    plan.paused = plan.running and plan.paused and goes_on(plan, shared.times, command)
     if plan.running:
         plan.played += 1
-        left = command.frames - plan.done
+    if plan.running and not plan.paused:
+        left, shared.times.stop = command.frames - plan.done, command.stop
         plan.stops = plan_window(plan, shared.times, whole.clock, progress.frame, left, command.stop)
         plan.next[0] = 0
 
@@ -347,16 +372,20 @@ def play_again(whole, box, features, shared, own, command, progress, seen, times
 
 
 @linked
-def end_window(whole, box, features, shared, own, command, agreed, began, progress, seen, times, totals):
-    """Take a window over, or see that it is played again. By worker 0."""
-    before = whole.counter.pairs
-    shared.plan.windows += 1
-    progress.spent += now(shared.team[0].clock) - began
+def end_window(whole, box, features, shared, own, command, outcome, progress, seen, times, totals):
+    """Take a window over, leave it for the next command, or see that it is played again. By worker 0."""
+    before, plan = whole.counter.pairs, shared.plan
+    plan.paused = outcome == LEFT
+    if outcome == LEFT:
+        plan.running = 0
+        return
+    plan.windows += 1
+    agreed = outcome == AGREED
     if agreed:
         take_over(whole, shared, progress, seen, times, totals)
     else:
         play_again(whole, box, features, shared, own, command, progress, seen, times, totals)
-    fit_parts(shared.plan, whole.counter.pairs - before, whole.disc.shape[0], agreed)
+    fit_parts(plan, whole.counter.pairs - before, whole.disc.shape[0], agreed)
 
 
 @inlined
@@ -366,20 +395,42 @@ def barrier_of(control, mine):
 
 
 @linked
-def work(whole, box, features, shared, own, worker):
-    """One worker's share of a window. Returns whether all tiles agree, or ABORTED."""
+def work(whole, box, features, shared, own, worker, deadline):
+    """One worker's share of a window. Returns AGREED, DIFFERENT, LEFT or ABORTED."""
     control, mine = shared.control, shared.team[worker]
     began = now(mine.clock)
-    play_tiles(whole, features, box, shared, own, worker)
+    play_tiles(whole, features, box, shared, own, worker, deadline)
     shared.busy[worker] += now(mine.clock) - began
     if barrier_of(control, mine) != RUNNING:
         return ABORTED
+    if shared.plan.next[0] < shared.tiles.size:
+        return LEFT if barrier_of(control, mine) == RUNNING else ABORTED
     agreed = all_agree(shared.tiles, shared.plan, box)
     began = now(mine.clock)
     if agreed:
         take_discs(whole, features, shared, worker)
     shared.busy[worker] += now(mine.clock) - began
-    return np.int64(agreed) if barrier_of(control, mine) == RUNNING else ABORTED
+    if barrier_of(control, mine) != RUNNING:
+        return ABORTED
+    return AGREED if agreed else DIFFERENT
+
+
+@linked
+def play_window(whole, box, features, shared, own, command, started, progress, seen, times, totals, worker):
+    """One window, if there is to be one: as `work`; LEFT if there is none."""
+    plan, control, mine = shared.plan, shared.control, shared.team[worker]
+    began = now(mine.clock)
+    if worker == 0:
+        begin_window(whole, shared, command, started, progress)
+    if barrier_of(control, mine) != RUNNING:
+        return ABORTED
+    if plan.running == 0:  # it may change when all have seen that
+        return LEFT if barrier_of(control, mine) == RUNNING else ABORTED
+    outcome = work(whole, box, features, shared, own, worker, started + command.patience)
+    if worker == 0 and outcome != ABORTED:
+        progress.spent += now(mine.clock) - began
+        end_window(whole, box, features, shared, own, command, outcome, progress, seen, times, totals)
+    return outcome
 
 
 @compiled
@@ -400,20 +451,12 @@ def run_windows(
         started = now(mine.clock)
         if worker == 0:
             plan.done, plan.played, plan.status, plan.particle = 0, 0, PAUSED, -1
-        while True:
-            began = now(mine.clock)
-            if worker == 0:
-                begin_window(whole, shared, command, started, progress)
-            if barrier_of(shared.control, mine) != RUNNING:
-                return 0, ABORTED, -1
-            if plan.running == 0:
-                if barrier_of(shared.control, mine) != RUNNING:  # the plan may change when all have seen that
-                    return 0, ABORTED, -1
-                break
-            outcome = work(whole, box, features, shared, own, worker)
+        outcome = AGREED
+        while outcome != LEFT:
+            outcome = play_window(
+                whole, box, features, shared, own, command, started, progress, seen, times, totals, worker
+            )
             if outcome == ABORTED:
                 return 0, ABORTED, -1
-            if worker == 0:
-                end_window(whole, box, features, shared, own, command, outcome, began, progress, seen, times, totals)
         if worker == 0:
             return plan.done, plan.status, plan.particle
