@@ -2,13 +2,16 @@
 
 import math
 
+import numpy as np
+
 from mpsim.kernels.compiling import compiled, inlined, linked
 from mpsim.kernels.events.boundary import cell_beyond, neighbour
 from mpsim.kernels.events.calendar import reschedule
 from mpsim.kernels.events.features.hooks import is_absent, radius_of
 from mpsim.kernels.events.flight import INFINITY
-from mpsim.kernels.events.records import BOTTOM
+from mpsim.kernels.events.records import BOTTOM, MOST_NEAR
 from mpsim.kernels.events.region import number_of_cell, place_along
+from mpsim.kernels.machine import nonnegative
 
 
 def plan_cells(width, height, largest_diameter, count):
@@ -93,6 +96,40 @@ def block_to_search(i, side, event):
     if side < BOTTOM:
         return column + direction, column + direction, row - 1, row + 1
     return column - 1, column + 1, row + direction, row + direction
+
+
+@inlined
+def is_inside(i, store, box):
+    """Whether disc i's cell has cells on all sides that are in this store, none of them through a border."""
+    cell, region = store.event[i].cell, store.region
+    column, row = cell[0] - region.first[0], cell[1] - region.first[1]
+    column += box.columns if column < 0 else 0
+    row += box.rows if row < 0 else 0
+    in_store = (column >= 1) & (column < region.here[0] - 1) & (row >= 1) & (row < region.here[1] - 1)
+    in_box = (cell[0] >= 1) & (cell[0] < box.columns - 1) & (cell[1] >= 1) & (cell[1] < box.rows - 1)
+    return in_store & in_box
+
+
+@inlined
+def gather(first, columns, rows, store):
+    """Write the discs of a block of cells, from number `first` on, into `store.near`. Returns how many, or MOST_NEAR.
+
+    Whether a cell is empty cannot be predicted, so no branch asks for it.
+    """
+    near, found, cell = store.near, 0, first
+    for _ in range(columns):
+        for row in range(rows):
+            i = store.cell_head[nonnegative(cell + row)]
+            near[nonnegative(found)] = i
+            found += i >= 0
+        cell += store.region.here[1]
+    read = 0
+    while read < found < MOST_NEAR:
+        i = store.cell_next[nonnegative(np.int64(near[nonnegative(read)]))]
+        near[nonnegative(found)] = i
+        found += i >= 0
+        read += 1
+    return found
 
 
 @linked

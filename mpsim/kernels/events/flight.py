@@ -67,16 +67,34 @@ def time_to_leave(low, high, place, speed, gravity, axis):
 
 
 @inlined
-def time_to_impact(rx, ry, ux, uy, contact):
-    """Time until two discs touch [time], infinity if they never do.
+def approach_of(rx, ry, ux, uy, contact):
+    """How two discs move against each other: (b, gap, D), which is what `will_touch` and `time_of` need.
 
-    r, u: relative position and velocity; contact: sum of the radii. From |r + u t| = contact, with b = r.u and
-    D = b^2 - u^2 (r^2 - contact^2): t = (r^2 - contact^2)/(-b + sqrt D). The other form of the root cancels for
-    slow and grazing approaches. Only an approaching pair collides; one that already overlaps collides now.
+    r, u: relative position and velocity; contact: sum of the radii. b = r.u, gap = r^2 - contact^2, and
+    D = b^2 - u^2 gap, from |r + u t| = contact.
     """
     b = rx * ux + ry * uy
     gap = rx * rx + ry * ry - contact * contact
-    discriminant = b * b - (ux * ux + uy * uy) * gap
-    if (b < 0.0) & (discriminant >= 0.0):
-        return max(gap, 0.0) / (math.sqrt(discriminant) - b)
-    return INFINITY
+    return b, gap, b * b - (ux * ux + uy * uy) * gap
+
+
+@inlined
+def will_touch(b, discriminant):
+    """Whether two discs meet: only an approaching pair does."""
+    return (b < 0.0) & (discriminant >= 0.0)
+
+
+@inlined
+def time_of(b, gap, discriminant):
+    """Time until two discs that will touch do [time]: gap/(-b + sqrt D); a pair that already overlaps does now.
+
+    The other form of the root cancels for slow and grazing approaches.
+    """
+    return max(gap, 0.0) / (math.sqrt(discriminant) - b)
+
+
+@inlined
+def time_to_impact(rx, ry, ux, uy, contact):
+    """Time until two discs touch [time], infinity if they never do: as `approach_of`."""
+    b, gap, discriminant = approach_of(rx, ry, ux, uy, contact)
+    return time_of(b, gap, discriminant) if will_touch(b, discriminant) else INFINITY

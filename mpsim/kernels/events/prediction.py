@@ -3,14 +3,25 @@
 Of other discs a prediction reads the stored states alone, and only in `earliest_partner`; it changes none but its own.
 """
 
+import numpy as np
+
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.boundary import along, neighbour, range_in_cell
 from mpsim.kernels.events.calendar import reschedule
-from mpsim.kernels.events.cells import block_to_search
+from mpsim.kernels.events.cells import block_to_search, cell_of, gather, is_inside
 from mpsim.kernels.events.features.hooks import before_border, is_absent, radius_of
-from mpsim.kernels.events.flight import INFINITY, state_at, time_to_impact, time_to_leave
-from mpsim.kernels.events.records import BOTTOM, LEFT
+from mpsim.kernels.events.flight import (
+    INFINITY,
+    approach_of,
+    state_at,
+    time_of,
+    time_to_impact,
+    time_to_leave,
+    will_touch,
+)
+from mpsim.kernels.events.records import BOTTOM, LEFT, MOST_NEAR
 from mpsim.kernels.events.region import number_of_cell, place_along
+from mpsim.kernels.machine import nonnegative
 
 
 @inlined
@@ -39,8 +50,8 @@ def predict_border(i, store, box, features):
 
 
 @inlined
-def earliest_partner(i, now, first_column, last_column, first_row, last_row, store, box, features):
-    """The earliest impact of disc i with the discs of a block of cells: (time from now, partner or -1).
+def earliest_one_by_one(i, now, first_column, last_column, first_row, last_row, store, box, features):
+    """As `earliest_partner`, wherever the cells lie and however many discs are in them.
 
     Two images of one cell, in a periodic box two cells wide, are visited as two cells.
     """
@@ -48,7 +59,7 @@ def earliest_partner(i, now, first_column, last_column, first_row, last_row, sto
     x, y, vx, vy = state_at(disc[i], now, features.gravity)
     radius = radius_of(i, box, features)
     best = INFINITY
-    partner = -1
+    partner = np.int64(-1)
     for column_ahead in range(first_column, last_column + 1):
         column, shift_x = neighbour(column_ahead, box.columns, box.width, box.periodic_x)
         column_place = place_along(0, column, store.region, box) if column >= 0 else -1
@@ -59,7 +70,7 @@ def earliest_partner(i, now, first_column, last_column, first_row, last_row, sto
             cell = number_of_cell(column_place, row, store.region, box) if row >= 0 else -1
             if cell < 0:
                 continue
-            j = store.cell_head[cell]
+            j = np.int64(store.cell_head[cell])
             while j >= 0:
                 xj, yj, vxj, vyj = state_at(disc[j], now, features.gravity)
                 contact = radius + radius_of(j, box, features)
@@ -67,8 +78,57 @@ def earliest_partner(i, now, first_column, last_column, first_row, last_row, sto
                 if t < best or (t == best and partner >= 0 and event[j].number < event[partner].number):
                     best = t
                     partner = j
-                j = store.cell_next[j]
+                j = np.int64(store.cell_next[j])
     return best, partner
+
+
+@inlined
+def keep_approaching(i, now, found, store, box, features):
+    """Of so many discs in `store.near`, keep those that will touch disc i, and how they approach it. Returns how many.
+
+    Half of all discs do, in no order that could be predicted, so no branch asks for it.
+    """
+    disc, near, approach = store.disc, store.near, store.approach
+    x, y, vx, vy = state_at(disc[i], now, features.gravity)
+    radius = radius_of(i, box, features)
+    kept = 0
+    for k in range(found):
+        j = nonnegative(np.int64(near[k]))
+        xj, yj, vxj, vyj = state_at(disc[j], now, features.gravity)
+        b, gap, discriminant = approach_of(xj - x, yj - y, vxj - vx, vyj - vy, radius + radius_of(j, box, features))
+        at = nonnegative(kept)
+        near[at] = j
+        approach[at, 0], approach[at, 1], approach[at, 2] = b, gap, discriminant
+        kept += will_touch(b, discriminant)
+    return kept
+
+
+@inlined
+def earliest_of(kept, store):
+    """The earliest of so many impacts that `keep_approaching` has kept: (time from now, partner or -1)."""
+    event, near, approach = store.event, store.near, store.approach
+    best = INFINITY
+    partner = np.int64(-1)
+    for k in range(kept):
+        j = nonnegative(np.int64(near[k]))
+        t = time_of(approach[k, 0], approach[k, 1], approach[k, 2])
+        if t == best and partner >= 0 and event[j].number < event[partner].number:
+            partner = j
+        partner = j if t < best else partner
+        best = t if t < best else best
+    return best, partner
+
+
+@inlined
+def earliest_partner(i, now, first_column, last_column, first_row, last_row, store, box, features):
+    """The earliest impact of disc i with the discs of a block of cells: (time from now, partner or -1)."""
+    if is_inside(i, store, box):
+        cell = store.event[i].cell
+        first = cell_of(i, store, box) + (first_column - cell[0]) * store.region.here[1] + (first_row - cell[1])
+        found = gather(first, last_column - first_column + 1, last_row - first_row + 1, store)
+        if found < MOST_NEAR:
+            return earliest_of(keep_approaching(i, now, found, store, box, features), store)
+    return earliest_one_by_one(i, now, first_column, last_column, first_row, last_row, store, box, features)
 
 
 @inlined

@@ -55,6 +55,9 @@ ENTRY = _record(
 )
 """A disc in the calendar."""
 
+MOST_NEAR = 64
+"""Discs around another that are looked at together; where there are more of them, one after the other."""
+
 CLOCK = _record(
     np.float64,
     "now",  # the present, counted from

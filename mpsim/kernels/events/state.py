@@ -19,6 +19,7 @@ from mpsim.kernels.events.records import (
     DISC,
     ENTRY,
     EVENT,
+    MOST_NEAR,
     NOT_FINITE,
     OUTSIDE,
     REACHED,
@@ -27,10 +28,12 @@ from mpsim.kernels.events.records import (
     TURN,
 )
 
-Store = namedtuple("Store", "disc event entry cell_head cell_next step_head heap order clock counter tally region turn")
+Store = namedtuple(
+    "Store", "disc event entry cell_head cell_next step_head heap near approach order clock counter tally region turn"
+)
 """The arrays and records of `layout`."""
 
-MADE_ANEW = ("entry", "cell_head", "cell_next", "step_head", "heap", "region", "turn")
+MADE_ANEW = ("entry", "cell_head", "cell_next", "step_head", "heap", "near", "approach", "region", "turn")
 """Those that follow from the others, and from the box."""
 
 KEPT = tuple(name for name in Store._fields if name not in MADE_ANEW)
@@ -47,6 +50,8 @@ def layout(count, cells):
         "cell_next": (np.int32, (count,)),
         "step_head": (np.int32, (steps_for(count),)),
         "heap": (np.int32, (count,)),
+        "near": (np.int32, (MOST_NEAR + 1,)),
+        "approach": (np.float64, (MOST_NEAR + 1, 3)),
         "order": (np.int32, (count,)),
         "clock": (CLOCK, ()),
         "counter": (COUNTER, ()),

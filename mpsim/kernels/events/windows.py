@@ -136,8 +136,8 @@ def play_one(number, whole, features, box, shared, own, worker):
     room, cells = own.store, own.store.region.here[0] * own.store.region.here[1]
     steps = steps_for(count)
     lists = room.cell_head[:cells], room.cell_next[:count], room.step_head[:steps], room.heap[:count]
-    records = room.clock, room.counter, room.tally, room.region, room.turn
-    store = Store(room.disc[:count], room.event[:count], room.entry[:count], *lists, room.order, *records)
+    others = room.near, room.approach, room.order, room.clock, room.counter, room.tally, room.region, room.turn
+    store = Store(room.disc[:count], room.event[:count], room.entry[:count], *lists, *others)
     origin = whole.clock.origin
     # What is due at the end of a lap belongs to the next one; what is due as another window ends, to that window.
     end = whole.clock.lap if shared.plan.ends_lap else np.nextafter(shared.times.until - origin, INFINITY)

@@ -190,6 +190,7 @@ MADE_ANEW = {
     "from scene and settings": {"parameters", "gravity", "giants", "wrap_x", "piston", "friction", "wall_friction",
                                 "capsules.capsule",
                                 "capsules.near", "capsules.index", "capsules.grid", "capsules.per_length"},
+    "what a prediction notes": {"near", "approach"},
     "the calendar, from the next events of the discs": {"entry", "step_head", "heap"},
 }  # fmt: skip
 """Arrays of the block that a checkpoint leaves out, by the reason."""
