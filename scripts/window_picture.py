@@ -105,7 +105,9 @@ def draw_tile(axes: Axes, gas: Tiled, place: int, found: Found, truth: Found) ->
     wrong = found.differs(truth)
     colours = np.where(wrong, WRONG, np.where(own, OWN, RIGHT))[found.here]
     size = np.full(len(colours), 1 / gas.cell)
-    discs = EllipseCollection(size, size, 0 * size, units="xy", offsets=places[found.here], transOffset=axes.transData)
+    discs = EllipseCollection(
+        size, size, 0 * size, units="xy", offsets=places[found.here], offset_transform=axes.transData
+    )
     discs.set(facecolor=colours, edgecolor="#00000080", linewidth=0.4, zorder=2)
     axes.add_collection(discs)
     outer = border + HALO if place == 0 else border - HALO
