@@ -20,6 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.patches import FancyArrowPatch, Rectangle
+from window_picture import window
 
 import mpsim
 from mpsim.engine.workers.arrays import Grid, grid_for
@@ -230,6 +231,7 @@ PICTURES = {
     "frame": frame,
     "funnel": funnel,
     "heap": heap,
+    "window": window,
 }
 
 

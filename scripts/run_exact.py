@@ -1,31 +1,53 @@
-"""Collisions per second of the exact solver on one worker and on several, in turns: the table of docs/exact.md.
+"""What the exact solver takes on one worker and on several, and how often its tiles agree: tables of the docs.
 
-python scripts/run_exact.py                                    some five minutes on two cores
-python scripts/run_exact.py --discs 10000 --workers 1 2 4      other sizes, more workers
+python scripts/run_exact.py                                          all of them, some ten minutes on two cores
+python scripts/run_exact.py table --discs 10000 --workers 1 2 4      other sizes, more workers
 
-Packing 0.4, no walls that move. `as one` is one worker without tiles. Each kind takes its turn, in one process.
+table    collisions per second, in docs/exact.md. Packing 0.4, no walls that move. `as one` is one worker without tiles.
+         Each kind takes its turn, in one process.
+halos    what is done twice, and how often tiles differ, by width of the halo and length of a window: counts, no clock
+cradle   windows played again where a blow crosses all tiles at once: the scene of the tutorial's page, and its table
 """
 
 import argparse
+import contextlib
+import re
 import sys
 import time
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from exact_windows import Tiles, divided, windows_of
 from pages import begin_page, fill_blocks, made_by
 from rich.console import Console
 from run_bench import machine
 
 import mpsim
-from mpsim.engine.solvers import events
-from mpsim.engine.solvers.event_tiles import WHOLE, tiling_of
 
-PAGE = Path(__file__).parents[1] / "docs" / "exact.md"
+DOCS = Path(__file__).parents[1] / "docs"
+PAGES = {
+    "table": DOCS / "exact.md",
+    "halos": DOCS / "exact.md",
+    "cradle": DOCS / "tutorial" / "6-order-that-does-not-matter.md",
+}
 
 TURNS, SECONDS = 5, 1.0
 """Of each kind, and of a turn, about [s]."""
+
+HALOS = (4, 6, 7, 8, 9, 10, 12, 14)
+"""Cells."""
+
+LENGTHS = (0.25, 0.5, 1.0, 1.5, 2.0)
+"""Of windows, in collisions divided by discs."""
+
+IN_WINDOWS = 4_000_000
+"""Discs in all windows of one length."""
+
+TILINGS = ((1, 1), (1, 2), (1, 3), (2, 2))
+"""Columns and rows of tiles on which the cradle is played."""
 
 
 class Rate(NamedTuple):
@@ -42,31 +64,29 @@ class Runner:
 
     def __init__(self, scene: mpsim.Scene, workers: int, tiled: bool):
         settings = mpsim.Settings(dt=0.25, method="event", workers=workers)
-        events.tiling_of = tiling_of if tiled else lambda *_: WHOLE
-        try:
+        with contextlib.nullcontext() if tiled else divided(1):
             self.sim = mpsim.Simulation(scene, settings)
-            self.sim.run(frames=4)
-            began = time.perf_counter()
-            self.sim.run(frames=4)
-            self.frames = max(int(SECONDS * 2 / (time.perf_counter() - began)), 1)
-        finally:
-            events.tiling_of = tiling_of
+        self.sim.run(frames=4)
+        began = time.perf_counter()
+        self.sim.run(frames=4)
+        self.frames = max(int(SECONDS * 2 / (time.perf_counter() - began)), 1)
 
     def turn(self) -> Rate:
         """Run for about SECONDS."""
-        before, began = self._windows(), time.perf_counter()
+        before, began = windows_of(self.sim), time.perf_counter()
         collisions = self.sim.run(frames=self.frames).collisions
-        found = self._windows() - before
+        found = windows_of(self.sim) - before
         return Rate(collisions / (time.perf_counter() - began), *found.tolist())
 
-    def _windows(self) -> Any:
-        windows = self.sim._coordinator.open_solver()._windows  # type: ignore[attr-defined]
-        return np.zeros(3, int) if windows is None else np.array(windows.counts)
+
+def gas(discs: int) -> mpsim.Scene:
+    """The scene that all is measured on."""
+    return mpsim.Scene.lattice(count=discs, packing=0.4, radius=0.5, temperature=1.0, seed=1)
 
 
 def rows(discs: int, workers: list[int]) -> list[str]:
     """A row of the table for each kind."""
-    scene = mpsim.Scene.lattice(count=discs, packing=0.4, radius=0.5, temperature=1.0, seed=1)
+    scene = gas(discs)
     kinds = {"as one": (1, False)} | {f"{each} worker{'s' * (each > 1)}": (each, True) for each in workers}
     runners = {name: Runner(scene, *kind) for name, kind in kinds.items()}
     rates: dict[str, list[Rate]] = {name: [] for name in kinds}
@@ -89,24 +109,98 @@ def rows(discs: int, workers: list[int]) -> list[str]:
     return lines
 
 
-def main() -> int:
-    """Measure, and write the table into the page."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--discs", type=int, nargs="+", default=[1_000, 10_000, 100_000, 1_000_000])
-    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
-    parser.add_argument("--page", type=Path, default=PAGE, help=f"default: {PAGE.name} of the docs")
-    options = parser.parse_args()
-    warnings.simplefilter("ignore")
+def table(discs: Sequence[int], workers: list[int]) -> list[str]:
+    """Collisions per second."""
     lines = [
         "| discs | | million collisions a second | of as one | windows | again | as one |",
         "|---|---|---|---|---|---|---|",
     ]
-    for discs in options.discs:
-        lines += rows(discs, options.workers)
-    text = "\n".join([*lines, "", made_by(machine())])
-    Console(soft_wrap=True, highlight=False).print(text, markup=False)
-    begin_page(options.page, "run_exact", "table")
-    fill_blocks(options.page, "run_exact", {"table": text})
+    return lines + [line for each in discs for line in rows(each, workers)]
+
+
+# --- counts -------------------------------------------------------------------------------------------------------
+
+
+def halo_rows(discs: int) -> list[str]:
+    """What halos do twice, and of how many windows tiles did not agree: a row for each length."""
+    number = max(IN_WINDOWS // discs, 2)
+    differed = np.zeros((len(LENGTHS), len(HALOS)), int)
+    with mpsim.Simulation(gas(discs), mpsim.Settings(dt=0.25, method="event", workers=2)) as sim:
+        sim.run(until=20.0)
+        found = sim.run(frames=20)
+        once = found.frames * 0.25 * discs / found.collisions  # the time in which collisions are as many as discs
+        tiles = Tiles(sim)
+        own = tiles.play(once, HALOS[0]).events
+        twice = [tiles.all_events(once, halo) / own - 1 for halo in HALOS]
+        for _ in range(number):
+            sim.run(frames=4)
+            for place, length in enumerate(LENGTHS):
+                differed[place] += [not tiles.play(length * once, halo).agreed for halo in HALOS]
+        tiled = f"{discs:,} discs, {len(tiles.edges)} tiles, {number} windows"
+    lines = [f"| {tiled} | events done twice | {' | '.join(f'{each:.1%}' for each in twice)} | |"]
+    for length, counts in zip(LENGTHS, differed, strict=True):
+        bad = np.flatnonzero(counts)
+        never = str(HALOS[bad[-1] + 1]) if len(bad) and bad[-1] + 1 < len(HALOS) else f"over {HALOS[-1]}"
+        shares = " | ".join(f"{count / number:.1%}" if count else "0" for count in counts)
+        lines.append(f"| | {length:g} | {shares} | {never if len(bad) else HALOS[0]} |")
+    return lines
+
+
+def halos(discs: Sequence[int]) -> list[str]:
+    """Shares of windows in which tiles differ, by width of the halo."""
+    return [
+        f"| | collisions / discs | {' | '.join(f'halo {halo}' for halo in HALOS)} | never from |",
+        "|---" * (len(HALOS) + 3) + "|",
+        *(line for each in discs for line in halo_rows(each)),
+    ]
+
+
+def cradle_of(page: Path) -> mpsim.Scene:
+    """The scene that a page of the tutorial makes in a block of its own."""
+    block = re.search(r"```python\n((?:(?!```).)*?^cradle = .*?)```", page.read_text(), re.DOTALL | re.MULTILINE)
+    if block is None:
+        raise ValueError(f"{page.name} must have a block of Python that makes `cradle`")
+    names: dict[str, mpsim.Scene] = {}
+    exec(block[1], names)
+    return names["cradle"]
+
+
+def cradle(scene: mpsim.Scene) -> list[str]:
+    """Windows of a scene in which a blow crosses all tiles at once."""
+    lines = ["| tiles | windows | again in halves | by one worker | digest |", "|---|---|---|---|---|"]
+    for tiling in TILINGS:
+        with divided(*tiling):
+            sim = mpsim.Simulation(scene, mpsim.Settings(dt=0.05, method="event", workers=1))
+        with sim:
+            sim.run(frames=40)
+            lines.append(
+                f"| {tiling[0]} x {tiling[1]} | {' | '.join(map(str, windows_of(sim)))} | {sim.digest()[:8]} |"
+            )
+    return lines
+
+
+def main() -> int:
+    """Measure, and write the tables into their pages."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("tables", nargs="*", metavar="TABLE", help=f"{', '.join(PAGES)}; default: all")
+    parser.add_argument("--discs", type=int, nargs="+", help="default: 1,000 to 1,000,000; of halos 10,000 and 100,000")
+    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--page", type=Path, help="default: where the docs have the table")
+    options = parser.parse_args()
+    if unknown := set(options.tables) - PAGES.keys():
+        parser.error(f"no table is called {', '.join(sorted(unknown))}; there are {', '.join(PAGES)}")
+    warnings.simplefilter("ignore")
+    make = {
+        "table": lambda: table(options.discs or (1_000, 10_000, 100_000, 1_000_000), options.workers),
+        "halos": lambda: halos(options.discs or (10_000, 100_000)),
+        "cradle": lambda: cradle(cradle_of(PAGES["cradle"])),
+    }
+    for name in options.tables or PAGES:
+        text = "\n".join([*make[name](), "", made_by(machine())])
+        Console(soft_wrap=True, highlight=False).print(text, markup=False)
+        page = options.page or PAGES[name]
+        begin_page(page, "run_exact", name)
+        fill_blocks(page, "run_exact", {name: text})
     return 0
 
 
