@@ -296,7 +296,7 @@ class Simulation:
         with self._access.state_lock:
             solver = self._coordinator.open_solver()
             run, arrays = {"frame": solver.frame, "emission": self._coordinator.emission.progress}, solver.snapshot()
-        return solver.once(lambda: checkpoint_file.write(path, self._scene, self._settings, run, arrays))
+        return solver.jointly(lambda team: checkpoint_file.write(path, self._scene, self._settings, run, arrays, team))
 
     @classmethod
     def resume(
