@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core import atomic, untrusted
+from mpsim.core import atomic, joint_file, untrusted
 from mpsim.core.archive import DAMAGE, ArrayFile, Arrays
 from mpsim.core.archive_layout import laid_out
 from mpsim.core.chunks import Array
@@ -34,7 +34,7 @@ from mpsim.core.errors import (
     level_of_caller,
 )
 from mpsim.core.joint_archive import piece_of, write_around, write_contents
-from mpsim.core.joint_file import JointFile, write_at
+from mpsim.core.joint_file import write_at
 from mpsim.core.team import Alone, Team
 from mpsim.engine.checkpoint_digest import digest_of, joined_digest
 from mpsim.engine.checkpoint_scene import ARRAYS, scene_from, scene_parts
@@ -184,7 +184,7 @@ def write(
 
         length = team.once(begin)  # others may have other versions of what is named in the header
         top, *members = laid_out({HEADER: np.zeros(length, np.uint8), **everything})
-        with JointFile(team, file) as joint:
+        with joint_file.begun(team, file) as joint:
             pieces = write_contents(joint, team, members, everything)
 
         def end() -> None:

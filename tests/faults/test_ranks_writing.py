@@ -21,7 +21,7 @@ from mpsim.core import joint_file
 from mpsim.core.joint_file import JointFile
 
 comm, path, lattice = MPI.COMM_WORLD, Path(sys.argv[1]), json.loads(sys.argv[2])
-folder, met, write, token_at = path.parent, JointFile._met, JointFile.write, joint_file._token_at
+folder, begun, write, token_at = path.parent, joint_file.begun, JointFile.write, joint_file._token_at
 cases, noted = sys.argv[3:], {}
 
 class Patched:
@@ -51,9 +51,10 @@ def copied(file, flags):
 def fooled(descriptor, offset):
     return b"x" * 32 if offset else token_at(descriptor, offset)
 
-def noted_met(self, *given):
-    noted["writers"] = met(self, *given)
-    return noted["writers"]
+def noted_begun(*given):
+    file = begun(*given)
+    noted["writers"] = file.writers
+    return file
 
 def noted_write(self, content, offset):
     noted["bytes"] += len(content)
@@ -90,7 +91,7 @@ def disturbed(case):
         joint_file.os, joint_file._token_at, Path.replace = os, token_at, replace
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
-JointFile._met, JointFile.write, told = noted_met, noted_write, {}
+joint_file.begun, JointFile.write, told = noted_begun, noted_write, {}
 scene, settings = mpsim.Scene.lattice(**lattice), mpsim.Settings(dt=0.02, method="mpi", precision="float32")
 with mpsim.Simulation(scene, settings) as sim:
     for case in cases:
