@@ -11,7 +11,7 @@ import numpy as np
 from mpsim.core.archive_layout import Member, around, pieces_of
 from mpsim.core.chunks import Array
 from mpsim.core.joint_file import JointFile, write_at
-from mpsim.core.team import Team
+from mpsim.core.team import Team, raise_first
 
 
 class Piece(NamedTuple):
@@ -68,7 +68,12 @@ def write_contents(file: JointFile, team: Team, members: list[Member], arrays: M
                     raise
                 failed.append(error)  # the others go on to read, and so does this one
             own[member.name].append(piece_of(content))
-    team.on_all(lambda: _ended(file, failed))
+
+    def end() -> None:
+        raise_first(failed)
+        file.sync()
+
+    team.on_all(end)
     return _together(team.all_of(own), file.writers)
 
 
@@ -86,12 +91,6 @@ def _in_turn(file: JointFile, pieces: list[tuple[int, int]]) -> list[tuple[int, 
     """Rows of this process, and no rows while another one has more."""
     own = [pieces[index] for index in file.share(len(pieces))]
     return own + [(0, 0)] * (file.rounds(len(pieces)) - len(own))
-
-
-def _ended(file: JointFile, failed: list[Exception]) -> None:
-    if failed:
-        raise failed[0]
-    file.sync()
 
 
 def _together(told: list[Pieces], writers: list[int]) -> Pieces:

@@ -30,6 +30,12 @@ class Team(Protocol):
         ...
 
 
+def raise_first(errors: list[Exception]) -> None:
+    """Raise the first error that a process has noted, where there is one."""
+    if errors:
+        raise errors[0]
+
+
 class Alone:
     """One process.
 
