@@ -1,5 +1,6 @@
 """A checkpoint is the same to the byte whoever writes it: one process, or any number of ranks, each its part."""
 
+import hashlib
 import json
 import zipfile
 
@@ -107,3 +108,68 @@ def test_another_disc_is_another_file(tmp_path):
             mpsim.Simulation.resume(tmp_path / "one")
     (tmp_path / "one").write_bytes(content)
     mpsim.Simulation.resume(tmp_path / "one").close()
+
+
+FRAMES = """
+import hashlib, json, sys, mpsim
+from pathlib import Path
+from mpi4py import MPI
+from mpsim.core import joint_file
+
+path, lattice, shared = sys.argv[1:]
+comm, lengths, write = MPI.COMM_WORLD, [], joint_file.JointFile.write
+
+def noted(self, content, offset):
+    lengths.append(len(content))
+    write(self, content, offset)
+
+def missing(*given):
+    raise FileNotFoundError(2, "No such file or directory")
+
+class Blind:
+    def __getattr__(self, name):
+        return missing if name == "open" else getattr(os, name)
+
+joint_file.JointFile.write, os = noted, joint_file.os
+if shared == "not shared" and comm.rank == 1:
+    joint_file.os = Blind()
+scene, settings = mpsim.Scene.lattice(**json.loads(lattice)), mpsim.Settings(dt=0.02, precision="float32", method="mpi")
+with mpsim.Simulation(scene, settings) as sim:
+    with mpsim.Trajectory.write(path, 2, comm=comm) as out:
+        sim.run(frames=4, observe=out)
+    assert out.frames == 3
+    with mpsim.Trajectory.write(path, 2, mode="a", comm=comm) as out:
+        sim.run(frames=2, observe=out)
+told = comm.gather([sum(lengths), max(lengths)])
+if comm.rank == 0:
+    print(json.dumps([told, hashlib.sha256(Path(path).read_bytes()).hexdigest()]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("number", "shared"),
+    [
+        (1, "shared"),
+        (2, "shared"),
+        (2, "not shared"),
+        pytest.param(3, "shared", marks=pytest.mark.long),
+        pytest.param(4, "shared", marks=pytest.mark.long),
+        pytest.param(4, "not shared", marks=pytest.mark.long),
+    ],
+)
+def test_frames_of_extended_xyz_have_the_same_bytes_on_any_number_of_ranks(number, shared, tmp_path):
+    """Of five parts; no rank holds the text of more than one."""
+    some = LARGE | {"count": 90_001}
+    told, digest = told_by_script(number, str(tmp_path / "ranks.xyz"), json.dumps(some), shared, script=FRAMES)
+    settings = mpsim.Settings(dt=0.02, precision="float32", method="grid")
+    with (
+        mpsim.Simulation(mpsim.Scene.lattice(**some), settings) as sim,
+        mpsim.Trajectory.write(tmp_path / "one.xyz", 2) as out,
+    ):
+        sim.run(frames=6, observe=out)
+    whole = (tmp_path / "one.xyz").read_bytes()
+    assert hashlib.sha256(whole).hexdigest() == digest
+    writers = [rank for rank, (total, _) in enumerate(told) if total]
+    assert writers == [rank for rank in range(number) if shared == "shared" or rank != 1]
+    assert sum(total for total, _ in told) == len(whole)
+    assert max(most for _, most in told) < 0.3 * len(whole) / 4

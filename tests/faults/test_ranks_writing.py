@@ -246,3 +246,89 @@ def test_a_disk_that_is_full_for_all_ranks_keeps_the_checkpoint_of_before(tmp_pa
     assert lines[3] == lines[4]
     assert "No space left on device" in lines[3]
     assert lines[5:] == ["['run']", "kept 1"]
+
+
+# --- trajectories
+
+FRAMES = """
+import json, os, signal, sys, time, mpsim
+from pathlib import Path
+from mpi4py import MPI
+from mpsim.core.joint_file import JointFile
+from support.ranks import tell
+
+comm, path, lattice, what = MPI.COMM_WORLD, Path(sys.argv[1]), json.loads(sys.argv[2]), sys.argv[3]
+write, bad = JointFile.write, {}
+
+def disturbed(self, content, offset):
+    if bad and comm.rank == bad["rank"] and len(content) > 10_000:
+        if what == "killed":
+            time.sleep(1)  # the other one has written lines that follow
+            os.kill(os.getpid(), signal.SIGKILL)
+        write(self, content[:5000], offset)
+        raise OSError(28, "No space left on device")
+    write(self, content, offset)
+
+JointFile.write = disturbed
+scene, settings = mpsim.Scene.lattice(**lattice), mpsim.Settings(dt=0.02, method="mpi")
+with mpsim.Simulation(scene, settings) as sim, mpsim.Trajectory.write(path, comm=comm) as out:
+    sim.run(frames=1, observe=out)
+    bad["rank"] = int(sys.argv[4])
+    try:
+        sim.run(frames=1, observe=out)
+    except mpsim.OutputError as error:
+        tell(error, *getattr(error.__cause__, "__notes__", []))
+    bad.clear()
+    out.look(sim, 0)
+    sim.run(frames=1, observe=out)
+    if comm.rank == 0:
+        print(out.frames)
+"""
+
+
+def frames_of(path):
+    with mpsim.Trajectory(path) as found:
+        return [(each.frame, each.state.digest()) for each in found]
+
+
+@pytest.fixture
+def whole(tmp_path):
+    """The frames that one process writes."""
+    with (
+        mpsim.Simulation(mpsim.Scene.lattice(**LATTICE), mpsim.Settings(dt=0.02, method="grid")) as sim,
+        mpsim.Trajectory.write(tmp_path / "whole.xyz") as out,
+    ):
+        sim.run(frames=3, observe=out)
+    return frames_of(tmp_path / "whole.xyz")
+
+
+@pytest.mark.parametrize("rank", [0, 1])
+def test_a_frame_that_one_rank_cannot_write_is_an_error_on_all_and_is_cut_off(rank, tmp_path, whole):
+    done = on_ranks(2, str(tmp_path / "run.xyz"), json.dumps(LATTICE), "full", str(rank), script=FRAMES)
+    assert done.code == 0, done.err
+    one, other, frames = done.out.splitlines()
+    assert one == other
+    assert one.startswith("the trajectory ")
+    assert "got No space left on device. What was written before is whole." in one
+    assert one.endswith(f" on rank {rank}")
+    assert frames == "4"
+    assert frames_of(tmp_path / "run.xyz") == whole, "it is written once there is room again"
+
+
+@pytest.mark.parametrize("rank", [0, 1])
+def test_a_rank_killed_while_it_writes_costs_the_frame_in_hand(rank, tmp_path, whole):
+    """Lines of the other rank are behind those that are missing."""
+    path = tmp_path / "run.xyz"
+    done = on_ranks(2, str(path), json.dumps(LATTICE), "killed", str(rank), script=FRAMES, bound=120)
+    assert done.code != 0
+    content = path.read_bytes()
+    assert (b"\0" in content) == (rank == 0), "a hole before what the second rank has written"
+    with pytest.warns(mpsim.TrajectoryWarning, match="ends in the middle of a frame"):
+        assert frames_of(path) == whole[:2]
+    with (
+        mpsim.Simulation(mpsim.Scene.lattice(**LATTICE), mpsim.Settings(dt=0.02, method="grid")) as sim,
+    ):
+        sim.run(frames=1)
+        with mpsim.Trajectory.write(path, mode="a") as out:
+            sim.run(frames=2, observe=out)
+    assert frames_of(path) == whole
