@@ -43,7 +43,8 @@ class Alone:
     (['a'], 1, 2)
     """
 
-    rank, size = 0, 1
+    rank: int = 0
+    size: int = 1
 
     def all_of(self, value: Any) -> list[Any]:
         """Its value."""

@@ -68,7 +68,8 @@ SIZES = ("radii", "masses")
 """Arrays of a solver that are written as one number, shape (), where all discs have the same; the header has the number
 of discs."""
 
-ALONE = Alone()
+ALONE: Team = Alone()
+"""One process, which writes all of a file."""
 
 
 @dataclasses.dataclass(frozen=True)
