@@ -9,13 +9,11 @@ import os
 import re
 import struct
 import zipfile
-from collections.abc import Mapping
 from typing import Any, BinaryIO, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.chunks import Array, chunks_of
 from mpsim.core.deferred_signals import interrupts_held_back
 
 Arrays = dict[str, NDArray[Any]]
@@ -37,7 +35,7 @@ DAMAGE = (
 """What reading a damaged file raises; other errors (no memory, no permission, an interrupt) are not the file's."""
 
 MOST_DIRECTORY = 2**16
-"""Largest size in bytes of the directory at the end of a file, which names its arrays: each takes about 70."""
+"""Largest size in bytes of the directory at the end of a file, which names its arrays: each takes about 100."""
 
 # The end of a zip file: a record of 22 bytes; in large ones behind a record of 56 bytes and its locator, of 20.
 _END, _END_64, _LOCATOR = b"PK\x05\x06", b"PK\x06\x06", b"PK\x06\x07"
@@ -55,19 +53,6 @@ _HEADER = re.compile(
 )
 """The header of an array without objects. NumPy's reader evaluates the text, where
 9000 minus signs lead to a MemoryError."""
-
-
-def write_arrays(file: BinaryIO, arrays: Mapping[str, Array]) -> None:
-    """Write arrays in the given order, those that are read in chunks chunk by chunk."""
-    with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
-        for name, array in arrays.items():
-            descr = np.lib.format.dtype_to_descr(array.dtype)
-            header = {"descr": descr, "fortran_order": False, "shape": array.shape}
-            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
-                np.lib.format.write_array_header_1_0(member, header)
-                for chunk in chunks_of(array):
-                    content: Any = chunk.reshape(-1).view(np.uint8)
-                    member.write(content)
 
 
 REAL = "fiu"

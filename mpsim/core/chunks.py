@@ -10,13 +10,16 @@ CHUNK = 2**16
 """Rows that are read at a time."""
 
 
-def ranges(count: int) -> list[tuple[int, int]]:
+def ranges(count: int, length: int | None = None) -> list[tuple[int, int]]:
     """First row and the one after the last of each chunk of so many rows.
 
-    >>> ranges(CHUNK + 1), ranges(0)
-    ([(0, 65536), (65536, 65537)], [])
+    length: of a chunk; None: CHUNK.
+
+    >>> ranges(CHUNK + 1), ranges(0), ranges(3, 2)
+    ([(0, 65536), (65536, 65537)], [], [(0, 2), (2, 3)])
     """
-    return [(first, min(first + CHUNK, count)) for first in range(0, count, CHUNK)]
+    length = CHUNK if length is None else length
+    return [(first, min(first + length, count)) for first in range(0, count, length)]
 
 
 class ChunkedArray:
@@ -24,8 +27,7 @@ class ChunkedArray:
 
     Args:
         dtype, shape: of the whole.
-        read: called with (first, last), returns these rows, one for each disc, shape (last - first, *components).
-        rows_last: whether discs are along the last axis of `shape`, not the first, as in columns of a block.
+        read: called with (first, last), returns these rows, shape (last - first, *shape[1:]).
 
     >>> squares = ChunkedArray(np.dtype(np.int64), (10,), lambda first, last: np.arange(first, last) ** 2)
     >>> squares[2:5], len(squares), int(np.asarray(squares).sum())
@@ -37,12 +39,10 @@ class ChunkedArray:
         dtype: np.dtype[Any],
         shape: tuple[int, ...],
         read: Callable[[int, int], NDArray[Any]],
-        rows_last: bool = False,
     ):
         self.dtype: np.dtype[Any] = dtype
         self.shape: tuple[int, ...] = shape
         self._read = read
-        self._rows_last = rows_last
 
     def __len__(self) -> int:
         return self.shape[0]
@@ -53,24 +53,18 @@ class ChunkedArray:
         return len(self.shape)
 
     def __getitem__(self, rows: slice) -> NDArray[Any]:
-        """A range of rows, discs first."""
-        first, last, step = rows.indices(self.shape[-1 if self._rows_last else 0])
+        """A range of rows."""
+        first, last, step = rows.indices(len(self))
         assert step == 1  # nobody asks for others
         return self._read(first, last)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         rows = self[:]
-        whole = np.ascontiguousarray(rows.T) if self._rows_last else rows
-        return whole if dtype is None else whole.astype(dtype, copy=False)
+        return rows if dtype is None else rows.astype(dtype, copy=False)
 
     def chunks(self) -> Iterator[NDArray[Any]]:
         """All of it in the order of C, in contiguous arrays."""
-        parts = ranges(self.shape[-1 if self._rows_last else 0])
-        if not self._rows_last or self.ndim == 1:
-            yield from (np.ascontiguousarray(self._read(*each)) for each in parts)
-            return
-        for component in np.ndindex(self.shape[:-1]):
-            yield from (np.ascontiguousarray(self._read(*each)[(slice(None), *component)]) for each in parts)
+        yield from (np.ascontiguousarray(self._read(*each)) for each in ranges(len(self)))
 
 
 Array = NDArray[Any] | ChunkedArray

@@ -25,7 +25,6 @@ class Column(NamedTuple):
         components: () for one number of each disc.
         integer: int64; else of the precision of the run.
         kept: whether a snapshot holds it: frames change it, or discs that enter bring it.
-        discs_first: whether its shape is (N, *components) there, as in the scene; else as in the block.
         in_state: whether states have it, and so digests, files of states and trajectories: a number of each disc, or
             two.
         rests: whether absorbed discs keep it in a state; else it is 0 of them.
@@ -40,7 +39,6 @@ class Column(NamedTuple):
     components: tuple[int, ...] = ()
     integer: bool = False
     kept: bool = True
-    discs_first: bool = False
     in_state: bool = True
     rests: bool = False
     given: bool = False
@@ -53,7 +51,7 @@ class Column(NamedTuple):
         return np.dtype(np.int64) if self.integer else real
 
     def rows(self, count: int) -> tuple[int, ...]:
-        """Shape of the numbers of so many discs, one row for each, as states and scenes have them."""
+        """Shape of the numbers of so many discs, one row for each, as states, scenes and snapshots have them."""
         return (count, *self.components)
 
     def shape(self, count: int) -> tuple[int, ...]:
@@ -62,23 +60,15 @@ class Column(NamedTuple):
 
     # --- in the block and in snapshots
 
-    def kept_shape(self, count: int) -> tuple[int, ...]:
-        """Of the array of a snapshot of so many discs."""
-        return self.rows(count) if self.discs_first else self.shape(count)
-
-    def take(self, array: NDArray[Any], count: int) -> NDArray[Any]:
+    @staticmethod
+    def take(array: NDArray[Any], count: int) -> NDArray[Any]:
         """A copy of an array of the block for a snapshot."""
-        found = array[..., :count]
-        return (found.T if self.discs_first else found).copy()
+        return array[..., :count].T.copy()
 
-    def put(self, array: NDArray[Any], kept: NDArray[Any]) -> None:
+    @staticmethod
+    def put(array: NDArray[Any], kept: NDArray[Any]) -> None:
         """Write back what a snapshot holds."""
-        values = self.by_disc(kept).T
-        array[..., : values.shape[-1]] = values
-
-    def by_disc(self, kept: NDArray[Any]) -> NDArray[Any]:
-        """What a snapshot holds with a row for each disc."""
-        return kept if self.discs_first else kept.T
+        array[..., : len(kept)] = kept.T
 
     # --- of people
 
@@ -115,7 +105,6 @@ ACCELERATION = Column(
     "acceleration",
     "acceleration of its own",
     (2,),
-    discs_first=True,
     in_state=False,
     given=True,
     scenes="that has acceleration per disc; this one has none",

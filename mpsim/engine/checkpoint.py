@@ -8,7 +8,6 @@ mpsim.core.atomic); the one before is kept as <name>.previous. A kill at any mom
 import contextlib
 import dataclasses
 import errno
-import hashlib
 import json
 import os
 import platform
@@ -22,9 +21,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core import atomic, untrusted
-from mpsim.core.archive import DAMAGE, ArrayFile, Arrays, write_arrays
-from mpsim.core.chunks import Array, chunks_of
+from mpsim.core import atomic, joint_file, untrusted
+from mpsim.core.archive import DAMAGE, ArrayFile, Arrays
+from mpsim.core.archive_layout import laid_out
+from mpsim.core.chunks import Array
 from mpsim.core.errors import (
     CheckpointError,
     CheckpointWarning,
@@ -33,15 +33,21 @@ from mpsim.core.errors import (
     is_of_the_system,
     level_of_caller,
 )
+from mpsim.core.joint_archive import piece_of, write_around, write_contents
+from mpsim.core.joint_file import write_at
+from mpsim.core.team import Alone, Team
+from mpsim.engine.checkpoint_digest import digest_of, joined_digest
+from mpsim.engine.checkpoint_scene import ARRAYS, scene_from, scene_parts
 from mpsim.engine.older_formats import in_this_format
-from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
+from mpsim.features import FEATURES
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
-FORMAT = 6
+FORMAT = 7
 """Version of the format. A file of a newer one is refused, by number; one of format 1 lacks the image flags and
 virials by component, one of format 2 is that of smooth discs, one of format 3 has sizes of each disc even if equal,
-one of format 4 no lattice, in one of format 5 the exact solver counts impulses in real numbers."""
+one of format 4 no lattice, in one of format 5 the exact solver counts impulses in real numbers, in one of format 6 some
+columns have their components first, and the digest is over all at once."""
 
 HEADER = "mpsim_checkpoint"
 """Name of the first array, the header. So the name stands at the start of the file, and tells its kind."""
@@ -62,10 +68,8 @@ SIZES = ("radii", "masses")
 """Arrays of a solver that are written as one number, shape (), where all discs have the same; the header has the number
 of discs."""
 
-OF_LATTICE = ("count", "temperature", "seed")
-"""Numbers of a lattice that are written beside what other scenes have too."""
-
-ARRAYS = ("position", "velocity", *PER_DISC, *VECTORS)
+ALONE: Team = Alone()
+"""One process, which writes all of a file."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,10 +130,12 @@ def _as_output_error(target: Path) -> Iterator[None]:
     except OutputError:
         raise
     except OSError as error:
-        raise OutputError(
+        failed = OutputError(
             f"the checkpoint {str(target)!r} must be in a folder that can be written to, with room on its disk; "
             f"got {error.strerror or error}. What was there before is untouched. Choose another place, or make room."
-        ) from error
+        )
+        failed.__notes__ = getattr(error, "__notes__", [])  # on which rank
+        raise failed from error
 
 
 def _check_place(target: Path) -> None:
@@ -147,18 +153,49 @@ def _check_place(target: Path) -> None:
 
 
 def write(
-    path: str | os.PathLike[str], scene: Scene, settings: Settings, run: dict[str, Any], arrays: Mapping[str, Array]
+    path: str | os.PathLike[str],
+    scene: Scene,
+    settings: Settings,
+    run: dict[str, Any],
+    arrays: Mapping[str, Array],
+    team: Team = ALONE,
 ) -> Path:
     """Write a checkpoint; the file that was there is kept beside it as <name>.previous.
 
-    arrays: of the solver, which may be read in chunks.
+    Args:
+        path, scene, settings, run: as read back; the same in all processes that write.
+        arrays: of the solver, which may be read in chunks, by all processes at once.
+        team: the processes that write, each its share. The first one makes the file, and renames it when all have
+            written and flushed theirs.
 
     Raises:
-        OutputError: if the file cannot be written; what was there before is still there.
+        OutputError: if one of them cannot write; on all, and what was there before is still there.
     """
-    target = checked_place(path)
-    with _as_output_error(target), _kept_as_previous(target), atomic.atomic_write(target) as file:
-        write_arrays(file, _packed(scene, settings, run, arrays))
+    target = place_of(path)
+    header, everything = _packed(scene, settings, run, arrays)
+    with _as_output_error(target), contextlib.ExitStack() as replacing:
+        file: Any = None  # of the first process
+
+        def begin() -> int:
+            nonlocal file
+            _check_place(target)
+            replacing.enter_context(_kept_as_previous(target))
+            file = replacing.enter_context(atomic.atomic_write(target))
+            return len(_text_of(header))
+
+        length = team.once(begin)  # others may have other versions of what is named in the header
+        top, *members = laid_out({HEADER: np.zeros(length, np.uint8), **everything})
+        with joint_file.begun(team, file) as joint:
+            pieces = write_contents(joint, team, members, everything)
+
+        def end() -> None:
+            digests = {name: [piece.digest for piece in found] for name, found in pieces.items()}
+            text = _text_of(header | {"digest": joined_digest(header, everything, digests)})
+            write_at(file.fileno(), text, top.begin)
+            write_around(file.fileno(), [top, *members], {HEADER: [piece_of(text)], **pieces})
+            replacing.close()
+
+        team.once(end)
     return target
 
 
@@ -243,74 +280,18 @@ def _differs(path: Path, how: str) -> CheckpointError:
     )
 
 
-def digest_of(header: dict[str, Any], arrays: Mapping[str, Array]) -> str:
-    """Hex digest over header and arrays, names, dtypes and shapes included."""
-    digest = hashlib.blake2b(digest_size=16)
-    digest.update(
-        json.dumps({name: header[name] for name in sorted(header) if name != "digest"}, sort_keys=True).encode()
-    )
-    for name in sorted(arrays):
-        array = arrays[name]
-        digest.update(f"{name} {array.dtype.str} {array.shape or (1,)}".encode())
-        for chunk in chunks_of(array):
-            content: Any = chunk.reshape(-1).view(np.uint8)
-            digest.update(content)
-    return digest.hexdigest()
-
-
-def scene_parts(scene: Scene) -> tuple[dict[str, Any], Arrays]:
-    """A scene as plain values and arrays, exact to the bit; a lattice as the numbers that it is made of."""
-    plain: dict[str, Any] = {
-        name: getattr(scene, name) for name in ("width", "height", "restitution", "wall_restitution", "boundary")
-    }
-    lattice = scene.on_lattice
-    names = ARRAYS if lattice is None else (*PER_DISC, *VECTORS)
-    arrays = {name: np.asarray(value) for name in names if (value := getattr(scene, name)) is not None}
-    plain |= {feature.argument: feature.to_plain(scene) for feature in FEATURES if not feature.is_numeric}
-    plain |= {name: value for name, (default, _) in NUMBERS.items() if (value := getattr(scene, name)) != default}
-    if scene.duration is not None:
-        plain["duration"] = scene.duration
-    if lattice is not None:
-        plain["lattice"] = {name: getattr(lattice, name) for name in OF_LATTICE} | {"digest": lattice.digest_of_some()}
-    return plain, arrays
-
-
-def scene_from(plain: dict[str, Any], arrays: Arrays) -> Scene:
-    """The scene from its plain values and arrays, as `scene_parts` returns them.
-
-    Raises:
-        ValueError, or what else a scene raises that is given other values than those.
-    """
-    values: dict[str, Any] = {
-        **plain,
-        **{name: value if value.ndim else value.item() for name, value in arrays.items()},
-    }
-    values |= {each.argument: each.from_plain(plain[each.argument]) for each in FEATURES if not each.is_numeric}
-    lattice = values.pop("lattice", None)
-    return Scene(**values) if lattice is None else _on_lattice(lattice, values)
-
-
-def _on_lattice(lattice: dict[str, Any], values: dict[str, Any]) -> Scene:
-    """The scene whose discs start on a lattice, of which OF_LATTICE and a digest are given, with its other values."""
-    if not isinstance(lattice, dict) or lattice.keys() != {*OF_LATTICE, "digest"}:
-        raise ValueError(f"its lattice must have {', '.join(OF_LATTICE)} and digest; got {lattice!r:.60}")
-    scene = Scene.lattice(**{name: lattice[name] for name in OF_LATTICE}, **values)
-    start = scene.on_lattice
-    if start is None or start.digest_of_some() != lattice["digest"]:
-        raise ValueError("its lattice has other discs here: another version of NumPy has drawn other random numbers")
-    return scene
-
-
 class _DamagedError(Exception):
     """A file cannot be used; the text says why."""
 
 
-def _packed(scene: Scene, settings: Settings, run: dict[str, Any], arrays: Mapping[str, Array]) -> dict[str, Array]:
-    """All that goes into a file, the header first."""
+def _packed(
+    scene: Scene, settings: Settings, run: dict[str, Any], arrays: Mapping[str, Array]
+) -> tuple[dict[str, Any], dict[str, Array]]:
+    """The header of a file, without its digest, and its arrays."""
     plain, parts = scene_parts(scene)
     everything: dict[str, Array] = {f"scene.{name}": value for name, value in parts.items()}
     once = {name: np.asarray(sizes[0]) for name in SIZES if _are_equal(sizes := np.asarray(arrays[name]))}
-    everything |= {f"solver.{name}": value for name, value in {**arrays, **once}.items()}
+    everything |= {f"solver.{name}": value for name, value in sorted({**arrays, **once}.items())}
     header: dict[str, Any] = {
         "format": FORMAT,
         "versions": {"python": platform.python_version()} | {name: version(name) for name in ("numpy", "numba")},
@@ -319,21 +300,24 @@ def _packed(scene: Scene, settings: Settings, run: dict[str, Any], arrays: Mappi
         "run": run,
         "discs": len(arrays["radii"]),
     }
-    header = json.loads(json.dumps(header))  # as it will be read
-    header["digest"] = digest_of(header, everything)
-    text = np.frombuffer(json.dumps(header).encode(), np.uint8)
-    if text.size > MOST_HEADER:
+    header = json.loads(json.dumps(header)) | {"digest": "0" * 32}  # as it will be read
+    length = len(_text_of(header))
+    if length > MOST_HEADER:
         number = {each.argument: len(each.of(scene)) for each in FEATURES if each.kinds and each.several}
         counts = " and ".join(f"{count:,} {name}" for name, count in number.items())
         raise OutputError(
             f"{' and '.join(number)} must take at most {MOST_HEADER:,} bytes of a checkpoint's header, or it could not "
-            f"be read again; got {text.size:,} bytes for {counts}. Use fewer; one Polyline takes the place of many."
+            f"be read again; got {length:,} bytes for {counts}. Use fewer; one Polyline takes the place of many."
         )
-    return {HEADER: text, **everything}
+    return header, everything
+
+
+def _text_of(header: dict[str, Any]) -> bytes:
+    return json.dumps(header).encode()
 
 
 def _are_equal(sizes: NDArray[np.float64]) -> bool:
-    return len(sizes) > 0 and bool((sizes == sizes[0]).all())
+    return len(sizes) > 0 and (sizes.strides == (0,) or bool((sizes == sizes[0]).all()))
 
 
 def _of_each_disc(arrays: Arrays, discs: Any) -> Arrays:

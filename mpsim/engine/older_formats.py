@@ -1,7 +1,9 @@
-"""Arrays of checkpoints of older formats, as the present one has them."""
+"""Arrays of checkpoints of older formats, as the present one has them, and their digest."""
 
+import hashlib
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,17 @@ def in_this_format(arrays: Arrays, version: int) -> Arrays:
     return arrays
 
 
+def digest_at_once(header: bytes, arrays: Arrays) -> str:
+    """The digest of a file up to format 6: over the text of its header and the bytes of all its arrays."""
+    digest = hashlib.blake2b(header, digest_size=16)
+    for name in sorted(arrays):
+        array = arrays[name]
+        content: Any = np.ascontiguousarray(array).reshape(-1).view(np.uint8)
+        digest.update(f"{name} {array.dtype.str} {array.shape or (1,)}".encode())
+        digest.update(content)
+    return digest.hexdigest()
+
+
 def _with_virials(arrays: Arrays) -> Arrays:
     """The exact solver counted no virials by component, and does from there on."""
     end = 5  # of the entries that were there already, four walls and the virial; in `seen` the collisions follow them
@@ -32,6 +45,14 @@ def _with_virials(arrays: Arrays) -> Arrays:
 def _without_lists(arrays: Arrays) -> Arrays:
     """The exact solver kept its lists of cells, which follow from the discs."""
     return {name: array for name, array in arrays.items() if name not in ("solver.cell_head", "solver.cell_next")}
+
+
+def _with_discs_first(arrays: Arrays) -> Arrays:
+    """Solvers that step had two columns in the order of their block: components first."""
+    if "solver.position" not in arrays:
+        return arrays
+    columns = {name: arrays[name] for name in ("solver.image", "solver.exits") if name in arrays}
+    return arrays | {name: array.T for name, array in columns.items() if array.ndim == 2}
 
 
 def _in_fixed_point(arrays: Arrays) -> Arrays:
@@ -57,5 +78,6 @@ _CONVERSIONS: tuple[tuple[int, Callable[[Arrays], Arrays]], ...] = (
     (1, _with_virials),
     (5, _without_lists),
     (5, _in_fixed_point),
+    (6, _with_discs_first),
 )
 """For files up to this format, one after the other."""

@@ -18,6 +18,7 @@ from mpsim.core import checks
 from mpsim.core.columns import GivenColumns
 from mpsim.core.errors import CheckpointError, InputError
 from mpsim.core.state import State
+from mpsim.core.team import Team
 from mpsim.engine import checkpoint as checkpoint_file
 from mpsim.engine import checkpoint_validation, frame_count, insertion, precision_check
 from mpsim.engine.access import Access, exclusive, reading
@@ -296,7 +297,7 @@ class Simulation:
         with self._access.state_lock:
             solver = self._coordinator.open_solver()
             run, arrays = {"frame": solver.frame, "emission": self._coordinator.emission.progress}, solver.snapshot()
-        return solver.once(lambda: checkpoint_file.write(path, self._scene, self._settings, run, arrays))
+        return solver.jointly(lambda team: checkpoint_file.write(path, self._scene, self._settings, run, arrays, team))
 
     @classmethod
     def resume(
@@ -424,6 +425,14 @@ class Simulation:
     @property
     def _solver(self) -> Solver:
         return self._coordinator.solver
+
+
+def jointly(sim: Simulation, act: Callable[[Team], Result]) -> Result:
+    """What an act gives that all processes of a simulation do together, each reading discs of its own.
+
+    They read at the same time, as often as each other, also if one of them wants none.
+    """
+    return sim._coordinator.open_solver().jointly(act)  # pyright: ignore[reportPrivateUsage]
 
 
 def _refused_together(settings: Settings | None, comm: object) -> contextlib.AbstractContextManager[None]:

@@ -1,8 +1,12 @@
 """Files that the ranks of MPI share: the first rank reads and writes them, and the others take what it finds."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
+from mpsim.core import joint_file
+from mpsim.core.joint_file import JointFile
+from mpsim.core.team import Alone
 from mpsim.engine.solvers.mpi_ranks import communicator_of
 
 Result = TypeVar("Result")
@@ -23,6 +27,10 @@ class FirstRank:
     def __init__(self, comm: Any = None):
         self.comm: Any = comm
         self._ranks = None if comm is None else communicator_of(comm)
+
+    def opened(self, path: Path) -> JointFile:
+        """A file that the first rank has made, for all that write it."""
+        return joint_file.opened(Alone() if self._ranks is None else self._ranks, path)
 
     def once(self, act: Callable[[], Result]) -> Result:
         """What an act gives that the first rank does; what it raises, all raise."""

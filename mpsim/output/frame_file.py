@@ -19,14 +19,18 @@ logger: logging.Logger = logging.getLogger("mpsim")
 
 
 class Format(NamedTuple):
-    """A format of trajectories: its usual ending, without the dot, and what reads and writes it."""
+    """A format of trajectories: its usual ending, without the dot, and what reads and writes it.
+
+    is_joint: whether ranks write it together.
+    """
 
     name: str
     reader: Callable[[Path], Reader]
     writer: Callable[[Path, str], Writer]
+    is_joint: bool = False
 
 
-XYZ, GSD = Format("xyz", XyzReader, XyzWriter), Format("gsd", GsdReader, GsdWriter)
+XYZ, GSD = Format("xyz", XyzReader, XyzWriter, is_joint=True), Format("gsd", GsdReader, GsdWriter)
 
 ENDINGS: dict[str, Format] = {".xyz": XYZ, ".extxyz": XYZ, ".gsd": GSD}
 
@@ -71,7 +75,7 @@ class FrameFile:
         except OutputError:
             raise
         except OSError as error:
-            raise self._unwritable(error) from error
+            raise unwritable(path, error) from error
         try:
             self._lock = FileLock(path)
         except OutputError:  # another writer was faster
@@ -86,24 +90,43 @@ class FrameFile:
             now: the frame.
             every: frames of the simulation between two of the file.
         """
-        if self._unchecked:
-            self._continue(sim, now.whole(), every)
-            self._unchecked = False
-        if now.frame <= self.last:
+        if not self.is_due(sim, now, every):
             return False
         try:
             self._writer.write(now)
         except OSError as error:
-            raise self._unwritable(error) from error
+            raise unwritable(self._path, error) from error
         self.last = now.frame
         return True
+
+    def is_due(self, sim: Simulation, now: Frame, every: int) -> bool:
+        """Whether the present frame is not there already; arguments as of `append`."""
+        if self._unchecked:
+            self._continue(sim, now.whole(), every)
+            self._unchecked = False
+        return now.frame > self.last
+
+    @property
+    def end(self) -> int:
+        """Where the file ends, and the next frame begins that is written jointly."""
+        assert isinstance(self._writer, XyzWriter)
+        return self._writer.end
+
+    def note(self, frame: int) -> None:
+        """A frame has been written jointly."""
+        self.last = frame
+
+    def cut(self, end: int) -> None:
+        """Cut off what a frame that failed has left."""
+        assert isinstance(self._writer, XyzWriter)
+        self._writer.cut(end)
 
     def close(self) -> None:
         """Close the file. May be called again."""
         try:
             self._writer.close()
         except OSError as error:
-            raise self._unwritable(error) from error
+            raise unwritable(self._path, error) from error
         finally:
             self._lock.release()
 
@@ -155,8 +178,10 @@ class FrameFile:
                 "file, or replace this one with mode='w'."
             )
 
-    def _unwritable(self, error: OSError) -> OutputError:
-        return OutputError(
-            f"the trajectory {str(self._path)!r} must be in a folder that can be written to, with room on its disk; "
-            f"got {error.strerror or error}. What was written before is whole. Choose another place, or make room."
-        )
+
+def unwritable(path: Path, error: OSError) -> OutputError:
+    """The error that is raised in place of one of the system."""
+    return OutputError(
+        f"the trajectory {str(path)!r} must be in a folder that can be written to, with room on its disk; "
+        f"got {error.strerror or error}. What was written before is whole. Choose another place, or make room."
+    )

@@ -12,11 +12,13 @@ from typing import Any, overload
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError, TrajectoryError
-from mpsim.engine.simulation import Simulation
+from mpsim.core.joint_file import JointFile
+from mpsim.engine.simulation import Simulation, jointly
 from mpsim.output.first_rank import FirstRank
-from mpsim.output.frame_file import ENDINGS, FrameFile
+from mpsim.output.frame_file import ENDINGS, FrameFile, unwritable
 from mpsim.output.frames import Frame, Reader, frame_of
 from mpsim.output.ownership import Ownership
+from mpsim.output.xyz import write_jointly
 
 
 class Trajectory:
@@ -98,8 +100,8 @@ class Trajectory:
             mode: "x" for a new file only, "w" to replace an existing file, "a" to continue one, as after
                 `Simulation.resume`: frames after that of the simulation, written after its checkpoint, are dropped
                 and written again with the same bits.
-            comm: for method="mpi", the communicator of the simulation: all its ranks make this call, and the first one
-                writes.
+            comm: for method="mpi", the communicator of the simulation: all its ranks make this call, and write
+                extended XYZ together; GSD the first one writes.
 
         Raises:
             InputError: naming the argument, its rule and the value received.
@@ -133,8 +135,11 @@ class TrajectoryWriter:
         self._ownership = Ownership("trajectory", self.path, advice, comm is not None)
         self._first_rank = FirstRank(comm)
         self._file: FrameFile | None = None  # of the first rank
+        self._joint: JointFile | None = None  # of ranks that write together
         try:
             self._first_rank.once(lambda: self._open(mode))
+            if comm is not None and ENDINGS[self.path.suffix.lower()].is_joint:
+                self._joint = self._first_rank.opened(self.path)
         except BaseException:
             self._first_rank.close()
             raise
@@ -146,12 +151,28 @@ class TrajectoryWriter:
         """Write the present frame, unless it is there already."""
         started = time.perf_counter()
         self._ownership.bind_or_check(sim)
-        self.frames += sim.once(lambda: self._append(sim))
+        if self._joint is not None and not sim.scene.absorbing:
+            self.frames += self._append_jointly(sim, self._joint)
+        else:  # numbers of discs that have gaps are not those of lines
+            self.frames += sim.once(lambda: self._held().append(sim, frame_of(sim), self.every))
         self.seconds += time.perf_counter() - started
 
-    def _append(self, sim: Simulation) -> bool:
-        assert self._file is not None  # as `_ownership` has looked
-        return self._file.append(sim, frame_of(sim), self.every)
+    def _held(self) -> FrameFile:
+        assert self._file is not None  # of the first rank, as `_ownership` has looked
+        return self._file
+
+    def _append_jointly(self, sim: Simulation, file: JointFile) -> bool:
+        """Write the present frame on all ranks, unless it is there already. Returns whether it was written."""
+        if not sim.once(lambda: self._held().is_due(sim, frame_of(sim), self.every)):
+            return False
+        begin = sim.once(lambda: self._held().end)
+        try:
+            jointly(sim, lambda team: write_jointly(file, team, frame_of(sim), begin))
+        except OSError as error:
+            self._first_rank.alone(lambda: self._held().cut(begin))
+            raise unwritable(self.path, error) from error
+        self._first_rank.alone(lambda: self._held().note(sim.frame))
+        return True
 
     def __enter__(self) -> "TrajectoryWriter":
         return self
@@ -162,6 +183,13 @@ class TrajectoryWriter:
     def close(self) -> None:
         """Close the file. May be called again."""
         self._ownership.close(f"To write more frames, use mpsim.Trajectory.write({str(self.path)!r}, mode='a').")
+        if self._joint is not None:
+            try:
+                self._joint.sync()
+            except OSError as error:
+                raise unwritable(self.path, error) from error
+            finally:
+                self._joint.close()
         if self._file is not None:
             self._file.close()
         self._first_rank.close()

@@ -19,8 +19,11 @@ import orjson
 from numpy.typing import NDArray
 
 from mpsim.core import untrusted
+from mpsim.core.chunks import ranges
 from mpsim.core.columns import IMAGE, MASS, Column, in_state
 from mpsim.core.errors import TrajectoryError, TrajectoryWarning, level_of_caller
+from mpsim.core.joint_file import JointFile
+from mpsim.core.team import Team, raise_first
 from mpsim.kernels.text_rows import join_rows
 from mpsim.output.frames import Frame, kind_of
 
@@ -70,6 +73,15 @@ class XyzWriter:
         """Cut the file after its first frames, and what a kill has left behind the last whole one."""
         offsets, _ = scan(self._path)
         self._file.truncate(offsets[frames])
+
+    @property
+    def end(self) -> int:
+        """Where the file ends, and the next frame begins."""
+        return os.fstat(self._file.fileno()).st_size
+
+    def cut(self, end: int) -> None:
+        """Cut off what a frame that has failed has left."""
+        self._file.truncate(end)
 
     def close(self) -> None:
         """Close the file, its content forced to the disk."""
@@ -142,18 +154,53 @@ class XyzReader:
         return int(text) if text.isdecimal() and len(text) < _LONGEST_COUNT else index
 
 
+def write_jointly(file: JointFile, team: Team, frame: Frame, begin: int) -> None:
+    """Write a frame at a place; all processes call it, and those that write make the lines of some discs at a time.
+
+    frame: read in chunks, by all at once, each its own; so that none has to hold the text of its share.
+
+    Raises:
+        Exception: what any of them meets while it writes, on all.
+    """
+    at, parts, order, failed = begin, ranges(len(frame.position), PART), sorted(file.writers), list[Exception]()
+    own, head = order.index(team.rank) if team.rank in order else len(parts), _head_of(frame)
+    team.once(lambda: file.write(head, begin))  # before all lines: killed at any moment, they leave the head of a frame
+    at += len(head)
+    for turn in range(file.rounds(len(parts))):
+        text = b""
+        if (part := own + turn * len(order)) < len(parts):
+            text = _text_of_rows(frame, *parts[part])
+        else:  # the others read now; and what is asked for again would not be read again
+            frame.position[turn + 1 : turn + 1]
+        lengths = team.all_of(len(text))
+        try:
+            file.write(text, at + sum(lengths[: team.rank]))
+        except Exception as error:  # the others go on to read
+            failed.append(error)
+        at += sum(lengths)
+    team.on_all(lambda: raise_first(failed))
+
+
 def text_of(frame: Frame) -> Iterator[Any]:
     """A frame as text, in parts, as bytes: of ten million discs it is longer than all their arrays."""
+    yield _head_of(frame)
+    yield from (_text_of_rows(frame, *rows) for rows in ranges(len(frame.position), PART))
+
+
+def _text_of_rows(frame: Frame, first: int, last: int) -> bytes:
+    """A line for each disc of a range."""
+    return _rows_of(_columns_of(frame, slice(first, last)), last - first).tobytes()
+
+
+def _head_of(frame: Frame) -> bytes:
+    """Its first two lines."""
     (width, height), (left, low) = frame.box, frame.origin
     wraps = " ".join("T" if wrap else "F" for wrap in (*frame.periodic, False))
-    yield (
+    return (
         f'{len(frame.position)}\nLattice="{width!r} 0.0 0.0 0.0 {height!r} 0.0 0.0 0.0 1.0" Origin="{left!r} {low!r} '
         f'0.0" Properties={_properties_of(frame)} Time={frame.time!r} pbc="{wraps}" Frame={frame.frame} '
         f"precision={frame.position.dtype}\n"
     ).encode()
-    for first in range(0, len(frame.position), PART):
-        last = min(first + PART, len(frame.position))
-        yield _rows_of(_columns_of(frame, slice(first, last)), last - first)
 
 
 def _properties_of(frame: Frame) -> str:
@@ -242,7 +289,7 @@ def _skipped(file: BinaryIO, lines: int, path: Path) -> bool:
     """
     for line in islice(iter(functools.partial(file.readline, _LONGEST_LINE), b""), lines):
         if not line.endswith(b"\n"):  # as only the last line of a file may
-            if len(line) == _LONGEST_LINE:
+            if len(line) == _LONGEST_LINE and b"\0" not in line:  # as it is where ranks were killed as they wrote
                 raise TrajectoryError(
                     f"a trajectory in XYZ must have lines of less than {_LONGEST_LINE:,} bytes; "
                     f"{str(path)!r} has a longer one at byte {file.tell() - len(line)}. Give a file of extended XYZ."

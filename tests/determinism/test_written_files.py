@@ -160,3 +160,53 @@ def test_all_files_together_are_small():
     sizes = {path: path.stat().st_size for path in FOLDER.rglob("*") if path.is_file()}
     assert sum(sizes.values()) < 310_000
     assert len(sizes) > 40
+
+
+# --- checkpoints of format 6, which had another digest and columns with their components first
+
+OF_FORMAT_6 = {
+    "everything-rough-grid-impact-float64": ("everything rough", "grid impact float64"),
+    "everything-rough-mpi-impact-float64": ("everything rough", "grid impact float64"),
+    "everything-parallel-push-float32": ("everything", "grid push float32"),
+    "everything-exact-event": ("everything exact", "event"),
+    "periodic-naive-impact-float64": ("periodic", "naive impact float64"),
+}
+"""Name of each file, and the case that is pinned; two ranks wrote the one of mpi."""
+
+
+@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning", "ignore::mpsim.FastWarning", "ignore::mpsim.OverlapWarning")
+@pytest.mark.parametrize("file", OF_FORMAT_6)
+def test_a_checkpoint_of_format_6_goes_on_to_the_pinned_digest_and_is_rewritten_as_one_of_today(file, tmp_path):
+    name, case = OF_FORMAT_6[file]
+    path = FOLDER.with_name("format6") / f"{file}.mpsim"
+    assert header_of(path)["format"] == 6
+    how = {"method": "grid"} if "mpi" in file else {}
+    with mpsim.Simulation.resume(path, **how) as sim:
+        again = sim.save(tmp_path / "again")
+        sim.run(frames=12)
+        assert sim.digest() == PINNED[name][case].split()[0]
+    assert header_of(again)["format"] == 7
+    with mpsim.Simulation.resume(again) as sim:
+        sim.run(frames=12)
+        assert sim.digest() == PINNED[name][case].split()[0]
+
+
+@pytest.mark.parametrize("file", OF_FORMAT_6)
+def test_damage_in_a_checkpoint_of_format_6_is_noticed(file, tmp_path):
+    path = Path(shutil.copy(FOLDER.with_name("format6") / f"{file}.mpsim", tmp_path))
+
+    def nudge(header, arrays):
+        name = "solver.disc" if file.endswith("event") else "solver.velocity"
+        arrays[name][-1, 0] += 2.0**-10
+
+    rewrite(path, nudge, right_digest=False)
+    with pytest.raises(mpsim.CheckpointError, match="its content does not match its digest"):
+        mpsim.Simulation.resume(path)
+
+
+def test_there_is_no_other_checkpoint_of_format_6():
+    assert {path.stem for path in FOLDER.with_name("format6").iterdir()} == set(OF_FORMAT_6)
+
+
+def header_of(path):
+    return json.loads(np.load(path)["mpsim_checkpoint"].tobytes())

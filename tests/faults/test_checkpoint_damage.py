@@ -80,9 +80,9 @@ def test_a_flipped_bit_in_every_byte_changes_nothing_or_leads_to_the_one_before(
 
 def test_a_file_of_a_newer_format_is_refused_by_number_and_not_passed_over(tmp_path):
     path = two(tmp_path / "run")
-    rewrite(path, lambda header, arrays: header.update(format=7))
+    rewrite(path, lambda header, arrays: header.update(format=8))
     with pytest.raises(
-        mpsim.CheckpointError, match=r"is of format 7; this version of mpsim reads up to 6. Use a newer"
+        mpsim.CheckpointError, match=r"is of format 8; this version of mpsim reads up to 7. Use a newer"
     ):
         mpsim.Simulation.resume(path)
 

@@ -24,11 +24,11 @@ def rewrite(path: Path, change: Change, right_digest: bool = True) -> None:
         arrays = {name: found.read(name).copy() for name in found.names}
     header = json.loads(arrays.pop(checkpoint.HEADER).tobytes())
     change(header, arrays)
-    if right_digest:
+    if right_digest and isinstance(header["format"], int):  # no digest is right of a format that is none
         header["digest"] = checkpoint.digest_of(header, arrays)
     text = np.frombuffer(json.dumps(header).encode(), np.uint8)
     with path.open("wb") as file:
-        archive.write_arrays(file, {checkpoint.HEADER: text, **arrays})
+        np.savez(file, **{checkpoint.HEADER: text, **arrays})  # by another writer than the one that is tested
 
 
 def rewrite_members(path: Path, change: Callable[[dict[str, bytes]], None], compression: int = 0) -> None:

@@ -11,6 +11,7 @@ import tempfile
 import textwrap
 import time
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -184,9 +185,14 @@ def found(name: str, **settings: Any) -> dict[str, Any]:
 
 
 def on_ranks(
-    number: int, *words: str, script: str | None = None, program: str = "support.ranks", bound: float = 170
+    number: int,
+    *words: str,
+    script: str | None = None,
+    program: str = "support.ranks",
+    bound: float = 170,
+    prefix: Sequence[str] = (),
 ) -> Outcome:
-    """`python -m PROGRAM WORDS`, or a script, on so many ranks."""
+    """`python -m PROGRAM WORDS`, or a script, on so many ranks; prefix: of the command, such as `unshare`."""
     with tempfile.TemporaryDirectory(prefix="mpsim-test-") as folder:
         arguments = ["-m", program, *words]
         if script is not None:
@@ -195,7 +201,7 @@ def on_ranks(
             arguments = ["-m", "mpi4py", str(path), *words]
         paths = os.pathsep.join([str(TESTS), str(TESTS.parent)])
         variables = os.environ | ENVIRONMENT | {"PYTHONPATH": paths, "TMPDIR": folder}
-        command = [str(MPIEXEC), "-n", str(number), sys.executable, "-W", "error", *arguments]
+        command = [*prefix, str(MPIEXEC), "-n", str(number), sys.executable, "-W", "error", *arguments]
         began = time.perf_counter()
         done = subprocess.run(
             command, env=variables, cwd=folder, capture_output=True, text=True, timeout=bound, check=False

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mpsim.core.columns import MASS, Column
 from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State, part_of
+from mpsim.core.team import Alone, Team
 from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot
 from mpsim.engine.solvers.speed_limit import SpeedLimit
@@ -296,6 +297,14 @@ class Solver(ABC):
         It may read the discs of all of them; what it raises, all raise.
         """
         return act()
+
+    def jointly(self, act: Callable[[Team], Result]) -> Result:
+        """What an act gives that all processes do which share the simulation, and are a team.
+
+        In it each may read discs of all of them, whenever the others read some: the same arrays of a snapshot, but each
+        the rows that it wants.
+        """
+        return act(Alone())
 
     # --- what a report says
 

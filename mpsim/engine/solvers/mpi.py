@@ -22,12 +22,13 @@ from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import BusyError, DivergedError, InputError
 from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
+from mpsim.core.team import Team
 from mpsim.core.version import __version__
 from mpsim.engine.columns import columns_of, given_in
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs
 from mpsim.engine.solvers.discs import disc_at
 from mpsim.engine.solvers.mpi_columns import Border, Range, borders_of, dealt, in_turns
-from mpsim.engine.solvers.mpi_numbers import DiscsByNumber, answers_to_one
+from mpsim.engine.solvers.mpi_numbers import Asked, DiscsByNumber, answers_to_one
 from mpsim.engine.solvers.mpi_part import Part, refuse
 from mpsim.engine.solvers.mpi_ranks import LOST, NOT_FINITE, Communicator, raised_together
 from mpsim.engine.solvers.parameters import Present
@@ -80,6 +81,7 @@ class MpiSolver(SteppedSolver):
         self._half_done = False
         self._tolerated, self._is_uneven = math.inf, False
         self._acts_once = False  # this is the first rank, and the others wait for what it asks
+        self._each_asks = False  # each rank asks for discs of its own
 
     def start(self) -> None:
         """Take the discs of own columns."""
@@ -161,16 +163,7 @@ class MpiSolver(SteppedSolver):
             self._configure()
             part.start()
 
-        self._on_all(begin)
-
-    def _on_all(self, act: Callable[[], None]) -> None:
-        """Act on each rank alone; what one of them raises, all raise."""
-        error: Exception | None = None
-        try:
-            act()
-        except Exception as raised:
-            error = raised
-        self._shared().raise_any(self._shared().all_of(error))
+        ranks.on_all(begin)
 
     def _configure(self) -> None:
         """Write what follows from what is simulated now."""
@@ -224,7 +217,7 @@ class MpiSolver(SteppedSolver):
         if not np.array_equal(firsts, self._firsts):
             own, discs = self._take(firsts), part.discs()
             arrived = ranks.deal(discs, self._rank_of(part.columns_of(discs)), ranks.size)
-            self._on_all(lambda: part.move_to(own, arrived))
+            ranks.on_all(lambda: part.move_to(own, arrived))
             self._configure()
         self._tolerate(counts)
 
@@ -335,7 +328,7 @@ class MpiSolver(SteppedSolver):
     def set_tallied(self, tallied: bool) -> None:
         """Have what measures need counted from now on, or not."""
         part, self._half_done = self._held(), True
-        self._on_all(lambda: part.set_tallied(tallied))
+        self._shared().on_all(lambda: part.set_tallied(tallied))
         self.tallied, self._half_done = tallied, False
 
     @property
@@ -403,11 +396,13 @@ class MpiSolver(SteppedSolver):
             self._numbered = DiscsByNumber(self._held(), self._scene, self.count, self._told_of)
         return self._numbered
 
-    def _told_of(self, asked: tuple[int, int]) -> list[Any]:
+    def _told_of(self, asked: Asked) -> list[Any]:
         """What each rank has of a range."""
         ranks, own = self._shared(), self._by_number().own
         if self._acts_once:
             return ranks.ask(asked, own)
+        if self._each_asks:
+            return ranks.each_to_each([own(of_one) for of_one in ranks.all_of(asked)])
         return answers_to_one(ranks.all_of((asked, own(asked))))
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
@@ -445,11 +440,8 @@ class MpiSolver(SteppedSolver):
         self.choice = choice
         self._leave_part()
         progress = self._begin_from(snapshot)
-        given = {
-            column.name: column.by_disc(np.asarray(snapshot[column.name]))
-            for column in columns_of(self._scene)
-            if column.name in snapshot
-        }
+        names = [column.name for column in columns_of(self._scene) if column.name in snapshot]
+        given = {name: np.asarray(snapshot[name]) for name in names}
         position, velocity = snapshot["position"], snapshot["velocity"]
         self._enter_all(lambda first, last: (position[first:last], velocity[first:last]), given, progress)
 
@@ -477,6 +469,15 @@ class MpiSolver(SteppedSolver):
             return ranks.once(act, self._by_number().own)
         finally:
             self._acts_once, self._numbered = False, None
+
+    def jointly(self, act: Callable[[Team], Result]) -> Result:
+        """What an act gives that all ranks do. Signals wait for its end: no rank may leave it before the others."""
+        self._each_asks = True
+        try:
+            with interrupts_held_back():
+                return act(self._shared())
+        finally:
+            self._each_asks, self._numbered = False, None
 
     # --- what a report says
 

@@ -10,13 +10,18 @@ from mpsim.core import columns
 from mpsim.core.chunks import Array, ChunkedArray, ranges
 from mpsim.core.errors import InputError
 from mpsim.core.state import State, digest_of, in_chunks
-from mpsim.engine.columns import columns_of
 from mpsim.engine.solvers.discs import state_of
 from mpsim.engine.solvers.mpi_part import Part
 from mpsim.scene.scene import Scene
 
-Range = tuple[int, int]
-"""From a first number to before a last one."""
+
+class Asked(NamedTuple):
+    """What is asked of discs: those of a range of numbers, from `first` to before `last`; one of their rows, or all."""
+
+    first: int
+    last: int
+    name: str | None = None
+
 
 Rows = dict[str, NDArray[Any]]
 """A row for each disc, by name of what it is."""
@@ -41,35 +46,35 @@ class DiscsByNumber:
         part: of this rank.
         scene: of the simulation.
         count: number of all discs.
-        ask: what each rank answers to a range: the numbers that it has of it, and their rows.
+        ask: what each rank answers, by `own`.
     """
 
-    def __init__(self, part: Part, scene: Scene, count: int, ask: Callable[[Range], list[tuple[Any, Rows]]]):
+    def __init__(self, part: Part, scene: Scene, count: int, ask: Callable[[Asked], list[tuple[Any, Rows]]]):
         self._part = part
         self._scene = scene
         self._count = count
         self._ask = ask
         self._sorted: Sorted | None = None
 
-    def own(self, asked: Range) -> tuple[NDArray[np.int64], Rows]:
+    def own(self, asked: Asked) -> tuple[NDArray[np.int64], Rows]:
         """The numbers that this rank has of a range, and a row for each, by name."""
-        if asked == (0, self._count):  # of all, none has to be looked for
-            return self._part.rows_of(np.arange(len(self._part.numbers())))
+        if (asked.first, asked.last) == (0, self._count):  # of all, none has to be looked for
+            return self._part.rows_of(np.arange(len(self._part.numbers())), asked.name)
         if self._sorted is None:  # kept, as who asks for one range asks for the next
             numbers = self._part.numbers()
-            order = np.argsort(numbers, kind="stable")
+            order = np.argsort(numbers)
             self._sorted = Sorted(numbers[order], order)
-        first, last = np.searchsorted(self._sorted.numbers, asked)
-        return self._part.rows_of(self._sorted.places[first:last])
+        first, last = np.searchsorted(self._sorted.numbers, asked[:2])
+        return self._part.rows_of(self._sorted.places[first:last], asked.name)
 
-    def rows(self, first: int, last: int) -> Rows:
-        """What steps have changed of the discs of a range, in their order."""
+    def rows(self, first: int, last: int, name: str | None = None) -> Rows:
+        """What steps have changed of the discs of a range, in their order; of a name, or all."""
         found: Rows = {}
-        for numbers, own in self._ask((first, last)):
-            for name, values in own.items():
-                if name not in found:
-                    found[name] = np.empty((last - first, *values.shape[1:]), values.dtype)
-                found[name][numbers - first] = values
+        for numbers, own in self._ask(Asked(first, last, name)):
+            for each, values in own.items():
+                if each not in found:
+                    found[each] = np.empty((last - first, *values.shape[1:]), values.dtype)
+                found[each][numbers - first] = values
         return found
 
     def state(self, first: int, last: int) -> State:
@@ -105,18 +110,13 @@ class DiscsByNumber:
 
     def snapshot(self) -> dict[str, Array]:
         """What steps have changed, as a snapshot holds it, to be read in chunks."""
-        kept = {column.name: column for column in columns_of(self._scene)}
-        found: dict[str, Array] = {}
-        for name, values in self.rows(0, 0).items():
-            if (column := kept.get(name)) is None:
-                shape, rows_last = (self._count, *values.shape[1:]), False
-            else:
-                shape, rows_last = column.kept_shape(self._count), not column.discs_first
-            found[name] = ChunkedArray(values.dtype, shape, self._reader(name), rows_last)
-        return found
+        return {
+            name: ChunkedArray(none.dtype, (self._count, *none.shape[1:]), self._reader(name))
+            for name, none in self.rows(0, 0).items()
+        }
 
     def _reader(self, name: str) -> Callable[[int, int], NDArray[Any]]:
-        return lambda first, last: self.rows(first, last)[name]
+        return lambda first, last: self.rows(first, last, name)[name]
 
 
 def absorbed_in(rows: Rows, count: int) -> NDArray[np.bool_]:
@@ -125,14 +125,14 @@ def absorbed_in(rows: Rows, count: int) -> NDArray[np.bool_]:
     return np.zeros(count, bool) if exits is None else exits[:, 0] != 0
 
 
-def answers_to_one(told: list[tuple[Range, Any]]) -> list[Any]:
+def answers_to_one(told: list[tuple[Asked, Any]]) -> list[Any]:
     """What ranks have told, with what each was asked.
 
     Raises:
         InputError: if they were not asked the same.
     """
     if len({asked for asked, _ in told}) > 1:
-        ranges = ", ".join(str(asked) for asked, _ in told)
+        ranges = ", ".join(str(tuple(asked[:2])) for asked, _ in told)
         raise InputError(
             f"the range of discs must be the same on all ranks; got {ranges}. Ask for one range, or use local_state."
         )

@@ -104,18 +104,28 @@ class Part:
         exits = self.arrays.get(columns.EXITS.name)
         return np.zeros(0, np.int64) if exits is None else np.flatnonzero(exits[0])
 
-    def rows_of(self, places: NDArray[np.int64]) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]]:
-        """Numbers of some discs, and a row for each, by name; places: among those of `numbers`."""
+    def rows_of(
+        self, places: NDArray[np.int64], name: str | None = None
+    ) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]]:
+        """Numbers of some discs, and a row for each, by name.
+
+        Args:
+            places: of the discs, among those of `numbers`.
+            name: of the rows that are wanted; None: all.
+        """
         live, gone = self.live, self._absorbed()
         slots, absorbed = places[places < self.count], gone[places[places >= self.count] - self.count]
-        exits = self.arrays.get(columns.EXITS.name, np.zeros((3, 0)))
-        place, velocity = (np.stack([x[slots], y[slots]], axis=1) for x, y in ((live.x, live.y), (live.vx, live.vy)))
         numbers = np.concatenate([live.id[slots], absorbed])
-        rows = {
-            "position": np.concatenate([place, exits[1:, absorbed].T.astype(place.dtype)]),
-            "velocity": np.concatenate([velocity, np.zeros((len(absorbed), 2), place.dtype)]),
-        }
-        return numbers, rows | {name: self.arrays[name][..., numbers].T for name in self.changing}
+        exits = self.arrays.get(columns.EXITS.name, np.zeros((3, 0)))
+        of_absorbed = {"position": exits[1:, absorbed], "velocity": np.zeros((2, len(absorbed)))}
+
+        def rows(which: str) -> NDArray[Any]:
+            if which not in of_absorbed:
+                return self.arrays[which][..., numbers].T
+            x, y = (live.x, live.y) if which == "position" else (live.vx, live.vy)
+            return np.concatenate([np.stack([x[slots], y[slots]], axis=1), of_absorbed[which].T.astype(x.dtype)])
+
+        return numbers, {each: rows(each) for each in ([*of_absorbed, *self.changing] if name is None else [name])}
 
     def records_of(self, discs: NewDiscs, first: int, grid: Grid) -> NDArray[Any]:
         """Discs that enter as records, numbers from `first` on, cells in their columns of a grid of the scene.

@@ -6,7 +6,7 @@ import importlib
 import os
 import pickle
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,6 +179,20 @@ class Communicator:
     def all_of(self, value: Any) -> list[Any]:
         """What each rank has handed over, in their order."""
         return self._comm.allgather(value)
+
+    def on_all(self, act: Callable[[], Result]) -> Result:
+        """What an act gives that each rank does alone; what one of them raises, all raise."""
+        result, error = None, None
+        try:
+            result = act()
+        except Exception as raised:
+            error = raised
+        self.raise_any(self.all_of(error))
+        return cast(Result, result)
+
+    def each_to_each(self, values: list[Any]) -> list[Any]:
+        """Give each rank the value of its number; returns what each has given this one."""
+        return self._comm.alltoall(values)
 
     def demand_alike(self, what: str, given: object) -> None:
         """Refuse what differs on some ranks.

@@ -39,7 +39,7 @@ def shapes(scene: Scene, real: np.dtype[Any], count: int) -> Shapes:
     found: Shapes = {"position": (real, (count, 2)), "velocity": (real, (count, 2))}
     for column in columns_of(scene):
         if column.kept:
-            found[column.name] = column.dtype(real), column.kept_shape(count)
+            found[column.name] = column.dtype(real), column.rows(count)
     return found | shapes_in_each(count)
 
 
@@ -51,11 +51,11 @@ def check(scene: Scene, arrays: Snapshot) -> None:
         if column.name in arrays and (column.in_state or column.given):
             demand(np.isfinite(arrays[column.name]).all(), f"{column.name} must be finite")
     if "exits" in arrays:
-        gone, *places = arrays["exits"]
+        gone, *places = arrays["exits"].T
         demand(((gone == 0) | (gone == 1)).all(), "a disc has left or it has not")
         _check_places(scene, np.stack(places, axis=1))
     if "image" in arrays:
-        check_periods(scene, arrays["image"].T)
+        check_periods(scene, arrays["image"])
 
 
 def _check_places(scene: Scene, position: NDArray[np.floating]) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import mpsim
-from mpsim.engine import checkpoint
+from mpsim.engine import checkpoint_scene
 from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
 from mpsim.features.masses import has_masses
 from mpsim.features.radii import has_radii
@@ -35,7 +35,10 @@ def test_discs_that_stay_keep_what_is_their_own(name):
 def test_files_hold_what_each_disc_has(name, tmp_path):
     whole = scene(**{name: EACH[name]})
     whole.save(tmp_path / "own.toml")
-    for read in (mpsim.Scene.load(tmp_path / "own.toml"), checkpoint.scene_from(*checkpoint.scene_parts(whole))):
+    for read in (
+        mpsim.Scene.load(tmp_path / "own.toml"),
+        checkpoint_scene.scene_from(*checkpoint_scene.scene_parts(whole)),
+    ):
         assert np.array_equal(getattr(read, name), EACH[name])
         assert read.digest() == whole.digest()
 

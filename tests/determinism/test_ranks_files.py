@@ -1,0 +1,175 @@
+"""A checkpoint is the same to the byte whoever writes it: one process, or any number of ranks, each its part."""
+
+import hashlib
+import json
+import zipfile
+
+import numpy as np
+import pytest
+from support.ranks import CASES, told_by_script
+
+import mpsim
+
+LARGE = {"count": 200_001, "packing": 0.4, "radius": 0.5, "boundary": "periodic", "seed": 3}
+"""Of four pieces, the last one of a few thousand discs; with image flags."""
+
+WRITTEN = """
+import hashlib, json, sys, warnings, mpsim
+from pathlib import Path
+from mpi4py import MPI
+from support.ranks import CASES
+
+warnings.simplefilter("ignore")
+path, name, workers, lattice = sys.argv[1:]
+comm, given = MPI.COMM_WORLD, {"method": "mpi", "workers": int(workers) or None}
+if name == "large":
+    scene, settings = mpsim.Scene.lattice(**json.loads(lattice)), {"dt": 0.02, "precision": "float32"}
+else:
+    scene, settings, *_ = CASES[name]()
+with mpsim.Simulation(scene, mpsim.Settings(**settings, **given)) as sim:
+    sim.run(frames=4)
+    sim.save(path)
+    digest = sim.digest()
+if comm.rank == 0:
+    print(json.dumps([digest, hashlib.sha256(Path(path).read_bytes()).hexdigest()]))
+"""
+
+
+def written(number, path, name, workers=0):
+    return told_by_script(number, str(path), name, str(workers), json.dumps(LARGE), script=WRITTEN)
+
+
+def alone(path, name):
+    """The file that one process writes."""
+    if name == "large":
+        scene, settings = mpsim.Scene.lattice(**LARGE), {"dt": 0.02, "precision": "float32"}
+    else:
+        scene, settings, *_ = CASES[name]()
+    with mpsim.Simulation(scene, mpsim.Settings(**settings, method="grid")) as sim:
+        sim.run(frames=4)
+        sim.save(path)
+        return sim.digest()
+
+
+def parts_of(path):
+    """The header but for what says who has written, and all else by name, in the order of the file.
+
+    The method is in the header, whose length is another one then: so blanks before arrays of several pieces are, too.
+    """
+    with zipfile.ZipFile(path) as file:
+        assert file.testzip() is None
+    found = np.load(path)
+    members = {name: (array := found[name]).dtype.str.encode() + array.tobytes() for name in found.files}
+    header = json.loads(found["mpsim_checkpoint"].tobytes())
+    for name in ("method", "workers"):
+        del header["settings"][name]
+    del header["digest"], members["mpsim_checkpoint"]
+    return header, members
+
+
+FEW = [(1, 0), (2, 0)]
+MANY = [pytest.param([(3, 0), (4, 0), (2, 4)], marks=pytest.mark.long)]
+
+
+@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")  # whose disc waits
+@pytest.mark.parametrize("name", ["large", "doors", "everything", "rough torus"])
+@pytest.mark.parametrize("numbers", [FEW, *MANY])
+def test_a_checkpoint_has_the_same_bytes_on_any_number_of_ranks(name, numbers, tmp_path):
+    digest, told = alone(tmp_path / "one", name), {}
+    header, members = parts_of(tmp_path / "one")
+    assert len(members) > 6
+    for number, workers in numbers:
+        path = tmp_path / f"{number}-{workers}"
+        told[number, workers] = written(number, path, name, workers)
+        assert told[number, workers][0] == digest
+        found, others = parts_of(path)
+        assert found == header
+        assert list(others) == list(members)
+        assert others == members
+        with mpsim.Simulation.resume(path, method="grid") as sim:
+            assert sim.digest() == digest
+    files = {told[each][1] for each in numbers if not each[1]}
+    assert len(files) == 1, "whole files, to the byte"
+
+
+def test_another_disc_is_another_file(tmp_path):
+    """The control: the digest is over each of the pieces, and so are the sums of the file."""
+    alone(tmp_path / "one", "large")
+    velocity = np.load(tmp_path / "one")["solver.velocity"].tobytes()
+    content = bytearray((tmp_path / "one").read_bytes())
+    begin = content.index(velocity)
+    for disc in (0, 70_000, 200_000):
+        changed = bytearray(content)
+        changed[begin + 8 * disc] ^= 1
+        (tmp_path / "one").write_bytes(changed)
+        with zipfile.ZipFile(tmp_path / "one") as file:
+            assert file.testzip() == "solver.velocity.npy"
+        with pytest.raises(mpsim.CheckpointError, match=r"Bad CRC-32|its digest"):
+            mpsim.Simulation.resume(tmp_path / "one")
+    (tmp_path / "one").write_bytes(content)
+    mpsim.Simulation.resume(tmp_path / "one").close()
+
+
+FRAMES = """
+import hashlib, json, sys, mpsim
+from pathlib import Path
+from mpi4py import MPI
+from mpsim.core import joint_file
+
+path, lattice, shared = sys.argv[1:]
+comm, lengths, write = MPI.COMM_WORLD, [], joint_file.JointFile.write
+
+def noted(self, content, offset):
+    lengths.append(len(content))
+    write(self, content, offset)
+
+def missing(*given):
+    raise FileNotFoundError(2, "No such file or directory")
+
+class Blind:
+    def __getattr__(self, name):
+        return missing if name == "open" else getattr(os, name)
+
+joint_file.JointFile.write, os = noted, joint_file.os
+if shared == "not shared" and comm.rank == 1:
+    joint_file.os = Blind()
+scene, settings = mpsim.Scene.lattice(**json.loads(lattice)), mpsim.Settings(dt=0.02, precision="float32", method="mpi")
+with mpsim.Simulation(scene, settings) as sim:
+    with mpsim.Trajectory.write(path, 2, comm=comm) as out:
+        sim.run(frames=4, observe=out)
+    assert out.frames == 3
+    with mpsim.Trajectory.write(path, 2, mode="a", comm=comm) as out:
+        sim.run(frames=2, observe=out)
+told = comm.gather([sum(lengths), max(lengths)])
+if comm.rank == 0:
+    print(json.dumps([told, hashlib.sha256(Path(path).read_bytes()).hexdigest()]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("number", "shared"),
+    [
+        (1, "shared"),
+        (2, "shared"),
+        (2, "not shared"),
+        pytest.param(3, "shared", marks=pytest.mark.long),
+        pytest.param(4, "shared", marks=pytest.mark.long),
+        pytest.param(4, "not shared", marks=pytest.mark.long),
+    ],
+)
+def test_frames_of_extended_xyz_have_the_same_bytes_on_any_number_of_ranks(number, shared, tmp_path):
+    """Of five parts; no rank holds the text of more than one."""
+    some = LARGE | {"count": 90_001}
+    told, digest = told_by_script(number, str(tmp_path / "ranks.xyz"), json.dumps(some), shared, script=FRAMES)
+    settings = mpsim.Settings(dt=0.02, precision="float32", method="grid")
+    with (
+        mpsim.Simulation(mpsim.Scene.lattice(**some), settings) as sim,
+        mpsim.Trajectory.write(tmp_path / "one.xyz", 2) as out,
+    ):
+        sim.run(frames=6, observe=out)
+    whole = (tmp_path / "one.xyz").read_bytes()
+    assert hashlib.sha256(whole).hexdigest() == digest
+    writers = [rank for rank, (total, _) in enumerate(told) if total]
+    assert writers == [rank for rank in range(number) if shared == "shared" or rank != 1]
+    assert sum(total for total, _ in told) == len(whole)
+    assert max(most for _, most in told) < 0.3 * len(whole) / 4
