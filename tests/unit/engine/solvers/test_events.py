@@ -1,6 +1,7 @@
 """What `event` cannot do exactly is refused by name, and a refusal changes nothing; how it stops and grows."""
 
 import math
+import re
 import warnings
 
 import numpy as np
@@ -227,17 +228,19 @@ def test_an_elastic_gas_has_no_contact_time():
 
 
 @pytest.mark.filterwarnings("ignore::mpsim.GuardWarning")
-def test_a_collapse_without_end_names_the_contact_time_and_a_longer_one_ends_it():
-    scene = Scene.random(count=30, packing=0.5, radius=0.5, seed=1, restitution=0.5, wall_restitution=0.5,
-                         gravity=(0, -1000.0))  # fmt: skip
-    stalled = pytest.raises(
-        mpsim.StalledError, match=r"the contact time of the guard is .*e-08\. Give a longer contact_"
-    )
-    with simulate(scene, method="event", dt=0.05) as sim, stalled:
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_a_collapse_without_end_names_a_contact_time_that_ends_it(restitution):
+    how = {"restitution": restitution, "wall_restitution": restitution, "gravity": (0, -1000.0)}
+    scene = Scene.random(count=30, packing=0.5, radius=0.5, seed=1, **how)
+    text = r"the contact time of the guard is .*e-08\. Give a longer one, such as contact_time=([^,]*),"
+    with simulate(scene, method="event", dt=0.05) as sim, pytest.raises(mpsim.StalledError, match=text) as caught:
         sim.run(frames=20)
-    with simulate(scene, method="event", dt=0.05, contact_time=1e-3) as sim:
+    longer = re.search(text, str(caught.value))
+    assert longer is not None
+    with simulate(scene, method="event", dt=0.05, contact_time=float(longer[1])) as sim:
         report = sim.run(frames=20)
     assert report.guarded > 1000
+    assert report.contact_time == float(longer[1]), "and says so"
 
 
 def test_a_contact_time_is_kept_in_a_checkpoint(tmp_path):
