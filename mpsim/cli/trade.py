@@ -32,6 +32,11 @@ starts_option = click.option(
     type=click.Choice(KINDS),
     help="kind: other starts of the same kind; same: this one, discs displaced by a thousandth of a diameter.",
 )
+contact_time_option = click.option(
+    "--contact-time",
+    type=terminal.Positive("time"),
+    help="Of the exact solver as the reference, where discs come to rest: a model, not exact.",
+)
 
 
 def _budget_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -57,6 +62,7 @@ Examples:
 @until_option
 @replicas_option
 @starts_option
+@contact_time_option
 @click.option(
     "--seconds", type=terminal.Positive("time"), default=150.0, show_default=True, help="Time it may take, about [s]."
 )
@@ -67,6 +73,7 @@ def tune(
     until: float | None,
     replicas: int,
     starts: str | None,
+    contact_time: float | None,
     seconds: float,
     as_json: bool,
     quiet: bool,
@@ -83,6 +90,7 @@ def tune(
     chosen = scenefile.load(scene).scene
     with terminal.progress(quiet) as progress:
         how: dict[str, Any] = {"replicas": replicas, "starts": starts, "seconds": seconds, "progress": progress}
+        how["contact_time"] = contact_time
         tuned = tuning.tune(chosen, asked, until=until, **how)
     if as_json:
         click.echo(json_text(_record(tuned)))
@@ -101,6 +109,7 @@ def _record(tuned: tuning.Tuned) -> dict[str, Any]:
         "verified": tuned.verified,
         "exact": tuned.exact,
         "reference": tuned.reference,
+        "contact_time": tuned.contact_time,
         "starts": tuned.starts,
         "until": tuned.until,
         "warning": tuned.warning,
@@ -113,6 +122,7 @@ TRADEOFF_EXAMPLES = """\b
 Examples:
   mpsim tradeoff gas
   mpsim tradeoff gas --measure pressure --measure overlap --until 100 --csv
+  mpsim tradeoff hopper --contact-time 0.003
   mpsim tradeoff dense --out dense.json --keep dense.part      (if interrupted, it continues from dense.part)
 """
 
@@ -123,12 +133,13 @@ Examples:
 @until_option
 @replicas_option
 @starts_option
+@contact_time_option
 @click.option(
     "--seconds",
     type=terminal.Positive("time"),
     default=150.0,
     show_default=True,
-    help="Time that a stepped reference may take, about [s].",
+    help="Time that the reference may take, about [s].",
 )
 @click.option("--csv", "as_csv", is_flag=True, help="Print CSV.")
 @terminal.json_option
@@ -148,6 +159,7 @@ def tradeoff(
     until: float | None,
     replicas: int,
     starts: str | None,
+    contact_time: float | None,
     seconds: float,
     as_csv: bool,
     as_json: bool,
@@ -165,7 +177,7 @@ def tradeoff(
     chosen = scenefile.load(scene).scene
     with terminal.progress(quiet) as progress:
         how: dict[str, Any] = {"replicas": replicas, "starts": starts, "seconds": seconds, "path": keep}
-        how["progress"] = progress
+        how |= {"contact_time": contact_time, "progress": progress}
         table = tradeoffs.tradeoff(chosen, None, until, measures or None, **how)
     in_json = as_json or (not as_csv and out is not None and out.suffix == ".json")
     if out is not None:

@@ -216,8 +216,9 @@ class Coordinator:
             return
         self._access.notices.warn(
             "discs seem to have come to rest: method='event' follows each of the short bounces in which they hover, "
-            f"{guarded} so far, so that its frames take long. Use contact='impact' with another method for a scene "
-            "that comes to rest, or end the run before it does.",
+            f"{guarded} so far, so that its frames take long. Give a longer contact_time than "
+            f"{self.solver.contact_time:.3g}, with which it is a model and less exact, use contact='impact' with "
+            "another method, or end the run before.",
             GuardWarning,
             self._rest,
         )

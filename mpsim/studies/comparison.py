@@ -53,12 +53,18 @@ def typical_speed(scene: Scene) -> float:
     return math.sqrt(kinetic + 2 * acceleration_bound(scene) * 2 * scene.largest_radius)
 
 
-def divergence(scene: Scene, seed: int = 0, progress: Callable[[int, int], None] | None = None) -> Predictability:
+def divergence(
+    scene: Scene,
+    seed: int = 0,
+    contact_time: float | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Predictability:
     """Divergence of two exact runs of the scene whose initial velocities differ by a ten-billionth.
 
     Args:
         scene: that `method="event"` can run, with moving discs.
         seed: of the small difference.
+        contact_time: as in `Settings` [time].
         progress: as for `Simulation.run`.
 
     Returns:
@@ -78,7 +84,7 @@ def divergence(scene: Scene, seed: int = 0, progress: Callable[[int, int], None]
     perturbation = np.random.default_rng(seed).normal(size=(scene.count, 2)) * PERTURBATION * speed
     other = scene.starting_from(State(scene.position, scene.velocity + perturbation))
     # A sample for each twentieth of a diameter of flight: a Lyapunov time is about as long as a free path.
-    settings = Settings(method="event", dt=0.05 * diameter / speed if speed else 1.0)
+    settings = Settings(method="event", dt=0.05 * diameter / speed if speed else 1.0, contact_time=contact_time)
     times, distances = [], []
     with Simulation(scene, settings) as one, Simulation(other, settings) as two:
         for _ in range(SAMPLES):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from mpsim.core.errors import MpsimError
+from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.scene.scene import Scene
@@ -43,6 +44,7 @@ class Cost:
         median, low, high: median and quartiles over uninterrupted pieces [ns per disc and time].
         memory: size of the shared block [bytes per disc].
         method, workers: those used ("auto" is resolved).
+        contact_time: of the exact solver's guard [time]; 0 where there is none.
     """
 
     median: float
@@ -51,6 +53,7 @@ class Cost:
     memory: float
     method: str
     workers: int
+    contact_time: float = 0.0
 
 
 def measure(scene: Scene, settings: Settings, until: float, whole: bool = False) -> dict[str, Any]:
@@ -98,11 +101,7 @@ def _measured(scene: Scene, settings: Settings, most_frames: int) -> dict[str, A
                     costs.append(seconds / (report.frames * settings.dt * max(scene.count, 1)) * 1e9)
                     uninterrupted += costs[-1:] if _interruptions() == before else []
                 warm += seconds
-                what_ran = {
-                    "memory": report.block_bytes / max(scene.count, 1),
-                    "method": report.method,
-                    "workers": report.workers,
-                }
+                what_ran = _what_ran(report, scene.count)
     counted = uninterrupted if len(uninterrupted) > CHUNKS // 2 else costs
     low, median, high = np.percentile(counted, [25, 50, 75]).tolist()
     return {"median": median, "low": low, "high": high, **what_ran}
@@ -121,11 +120,17 @@ def _whole(scene: Scene, settings: Settings, until: float) -> dict[str, Any]:
                 report = sim.run(until=until * piece / WHOLE)
                 seconds += float(report.frame_seconds.sum())
                 discs += sim.count * (sim.time - before)
-                memory = report.block_bytes / max(sim.count, 1)
-                what_ran = {"memory": memory, "method": report.method, "workers": report.workers}
+                what_ran = _what_ran(report, sim.count)
             costs.append(seconds / max(discs, sim.time) * 1e9)
     low, median, high = np.percentile(costs, [0, 50, 100]).tolist()
     return {"median": median, "low": low, "high": high, **what_ran}
+
+
+def _what_ran(report: Report, count: int) -> dict[str, Any]:
+    """The fields of `Cost` that are no times."""
+    memory = report.block_bytes / max(count, 1)
+    ran = {"method": report.method, "workers": report.workers, "contact_time": report.contact_time}
+    return {"memory": memory, **ran}
 
 
 def _interruptions() -> int:

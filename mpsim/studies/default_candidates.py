@@ -20,15 +20,16 @@ def families(dt: float = 0.01) -> list[Settings]:
     return [fine, replace(fine, passes=2), replace(fine, contact="push")]
 
 
-def default_candidates(scene: Scene, speed: float) -> list[Settings]:
+def default_candidates(scene: Scene, speed: float, contact_time: float | None = None) -> list[Settings]:
     """The exact solver, each family over STEP_FRACTIONS, and rows for law, precision, substeps and method.
 
     Args:
         scene: to be run.
         speed: root mean square of one velocity component [length/time].
+        contact_time: of the exact solver [time].
     """
     steps = [step(scene, speed, h) for h in STEP_FRACTIONS]
-    candidates = [Settings(method="event")]
+    candidates = [Settings(method="event", contact_time=contact_time)]
     candidates += [replace(family, dt=dt) for family in families() for dt in steps]
     middle = Settings(dt=steps[2])
     candidates += [

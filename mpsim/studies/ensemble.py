@@ -42,7 +42,7 @@ DECORRELATION_TIMES = 10
 changes slowly."""
 
 REFERENCE = 2
-"""Replicas of the exact reference, over those of a candidate, so that its noise adds little. A stepped one, which costs
+"""Replicas of the exact reference, over those of a candidate, so that its noise adds little. Another one, which costs
 more than all candidates together, has as many."""
 
 TIME_LIMIT_FACTOR, LEAST_TIME_LIMIT = 10.0, 10.0
@@ -52,7 +52,7 @@ RELIABLE_SECONDS = 1.0
 """Forecast time of runs from which on their measured time corrects later forecasts [s]."""
 
 COARSER = 2
-"""Step of the runs that estimate the error of a stepped reference, in steps of the reference."""
+"""Step, or contact time, of the runs that estimate the error of a reference that is not exact, in its own."""
 
 
 class CandidateFailed(Exception):  # noqa: N818 - an outcome, not an error
@@ -69,6 +69,7 @@ class Ensemble:
         replicas: long runs per candidate.
         starts: see `Starts`.
         seconds: that all may take, about [s]; a stepped reference is as fine as that allows.
+        contact_time: of the exact solver as the reference, which makes it a model [time]; None: its own.
         executor: for accuracy runs; None: threads.
         path: of the file, or None.
         progress: called as progress(done, of, what).
@@ -83,6 +84,7 @@ class Ensemble:
         replicas: int,
         starts: StartsGiven = None,
         seconds: float = 150.0,
+        contact_time: float | None = None,
         executor: Executor | None = None,
         path: str | Path | None = None,
         progress: Callable[[int, int, str], None] | None = None,
@@ -91,14 +93,17 @@ class Ensemble:
             raise InputError(f"scene must be an mpsim.Scene; got {type(scene).__name__}. Make one with Scene(...).")
         if until is not None:
             until = checks.positive("until", until, "[time]")
+        if contact_time is not None:
+            contact_time = checks.positive("contact_time", contact_time, "[time]")
         checked_executor(executor)
         _demand_times(scene)
         self.starts: Starts = Starts(scene, starts)
-        self._saved = SavedResults(path, f"{scene.digest()} {self.starts.key}")
+        model = "" if contact_time is None else f" contact_time={contact_time!r}"
+        self._saved = SavedResults(path, f"{scene.digest()} {self.starts.key}{model}")
         until = scene.duration if until is None else until
         self._progress = progress or (lambda done, of, what: None)
         self._progress(0, 1, "preliminary run")
-        self.preliminary: PreliminaryRun = preliminary_run(scene, until, self._saved.reference, seconds)
+        self.preliminary: PreliminaryRun = preliminary_run(scene, until, self._saved.reference, seconds, contact_time)
         self.chosen: bool = until is None
         until = _length(self.preliminary, scene, replicas) if until is None else until
         memory = _usable_decorrelation_time(self.preliminary, until) if self.starts.same else 0.0
@@ -195,8 +200,11 @@ class Ensemble:
 
     @property
     def _coarser_reference(self) -> Settings:
-        """Settings to compare a stepped reference with, to estimate its error."""
-        return dataclasses.replace(self.preliminary.reference, dt=COARSER * self.preliminary.reference.dt)
+        """Settings to compare a reference that is not exact with, to estimate its error."""
+        reference, model = self.preliminary.reference, self.preliminary.contact_time
+        if model is not None:
+            return dataclasses.replace(reference, contact_time=COARSER * model)
+        return dataclasses.replace(reference, dt=COARSER * reference.dt)
 
     def seconds_for(self, settings: Settings, replicas: int, verify: bool = False) -> float:
         """Forecast of the time of a candidate's accuracy runs [s]; verify: with those of the reference."""
@@ -291,12 +299,18 @@ class Ensemble:
                 raise NotMeasurableError(f"{name} is not measurable here: {reason}")
 
     def _too_rough(self, name: str, budget: float) -> str:
-        """Why a stepped reference cannot resolve an error as small as a budget, or ""."""
+        """Why a reference that is not exact cannot resolve an error as small as a budget, or ""."""
         if self.preliminary.exact or name not in LONG:
             return ""
         own = self._long_errors(self._coarser_reference, self.replicas, 0, [name])[name]
         if not own.measurable or abs(own.value) - own.noise < budget:
             return ""
+        if (model := self.preliminary.contact_time) is not None:
+            return (
+                f"the reference with contact_time={model:g} is itself uncertain by {abs(own.value):.2g}: so much does "
+                f"{name} change when that is doubled. Allow a larger error, give a shorter contact_time, or ask for "
+                "another measure."
+            )
         return (
             "the exact solver cannot do this scene, and the finest affordable run "
             f"(dt={self.preliminary.reference.dt:.3g}) is itself uncertain by {abs(own.value):.2g}: so much does "
@@ -387,7 +401,7 @@ def _usable_decorrelation_time(first: PreliminaryRun, until: float) -> float:
 
 
 def _with_systematic(found: Deviation, own: Deviation) -> Deviation:
-    """The error with the uncertainty of a stepped reference: its change when the step is doubled."""
+    """The error with the uncertainty of a reference that is not exact: its change when step or time is doubled."""
     return dataclasses.replace(found, systematic=abs(own.value)) if own.measurable and found.measurable else found
 
 

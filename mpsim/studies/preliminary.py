@@ -13,6 +13,7 @@ from mpsim.core.cores import usable_cores
 from mpsim.core.errors import InputError, MpsimError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.event_scene import contact_time_at_rest
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.features import FEATURES
 from mpsim.measure import driving
@@ -29,6 +30,9 @@ COLLISIONS = 20_000
 
 EXACT_SECONDS = 10.0
 """Seconds of a preliminary run after which the exact solver is too slow for a scene."""
+
+BOUNCES = 500_000
+"""Bounces of discs at rest that the exact solver follows in a second at least, collisions among them included."""
 
 STEPPED_SECONDS = 20.0
 """Seconds after which a stepped preliminary run is too slow, too."""
@@ -62,6 +66,7 @@ class PreliminaryRun:
     Attributes:
         reference: settings of the reference, `event` if it can run the scene.
         reference_name: the same in words, with the reason if it cannot.
+        guard: contact time of the reference [time]; 0 where it has none, as nothing needs it or it is stepped.
         thermal_velocity: root mean square of one velocity component [length/time].
         collisions: of pairs, per time [1/time].
         growth: Lyapunov exponent, at least 1/100 of a crossing time's inverse [1/time].
@@ -84,16 +89,22 @@ class PreliminaryRun:
     settings: Settings
     seconds: float = 0.0
     step_seconds: float = 0.0
+    guard: float = 0.0
+
+    @property
+    def contact_time(self) -> float | None:
+        """Contact time that was given for the reference, which makes it a model [time]; None where it is none."""
+        return self.reference.contact_time if self.guard else None
 
     @property
     def exact(self) -> bool:
-        """Whether the reference is the exact solver."""
-        return capabilities_of(self.reference).is_exact
+        """Whether the reference is the exact solver, without a contact time that was given: its own error is none."""
+        return capabilities_of(self.reference).is_exact and self.contact_time is None
 
     def is_reference(self, settings: Settings) -> bool:
-        """Whether settings are those of an exact reference: of the guard's own contact time."""
-        alike = settings.contact_time == self.reference.contact_time
-        return self.exact and capabilities_of(settings).is_exact and alike
+        """Whether settings are those of the reference, which has no steps: of the guard's own contact time."""
+        alike = self.contact_time == (settings.contact_time if self.guard else None)
+        return all(capabilities_of(each).is_exact for each in (settings, self.reference)) and alike
 
     def further_starts(self, scene: Scene, first: int) -> tuple[State, ...]:
         """As many other states, between each start and the next, different for each number `first`."""
@@ -107,24 +118,36 @@ class PreliminaryRun:
         return tuple(states)
 
 
-EXACT = "the exact solver"
+EXACT, MODEL = "the exact solver", "the contact-time model"
 """First words of PreliminaryRun.reference_name if that is the reference."""
 
 
 @dataclass(frozen=True)
 class Observation:
-    """Results of one run, as in `PreliminaryRun`; guarded: fraction of its collisions in which the guard acted."""
+    """Results of one run, as in `PreliminaryRun`.
+
+    Attributes:
+        pairs: collisions of pairs.
+        guarded: losses of energy that the guard suppressed.
+        guard: its contact time [time].
+    """
 
     thermal_velocity: float
     collisions: float
     starts: tuple[State, ...]
     gap: float
-    guarded: float
+    pairs: int
+    guarded: int
+    guard: float
     seconds: float
 
 
 def preliminary_run(
-    scene: Scene, until: float | None = None, earlier: str | None = None, seconds: float = 150.0
+    scene: Scene,
+    until: float | None = None,
+    earlier: str | None = None,
+    seconds: float = 150.0,
+    contact_time: float | None = None,
 ) -> PreliminaryRun:
     """Make the preliminary run.
 
@@ -133,9 +156,11 @@ def preliminary_run(
         until: length of the runs of the trade-off study, if it is known [time].
         earlier: reference_name of an earlier one, which is repeated, however fast the machine is now.
         seconds: that the whole trade-off study may take, about [s].
+        contact_time: of the exact solver's guard [time]; with one, nothing else stands in as the reference.
 
     Raises:
-        InputError: if nothing can move in the scene, or it is too large for a trade-off study.
+        InputError: if nothing can move in the scene, it is too large for a trade-off study, or the exact solver cannot
+            run it with the contact time given.
     """
     speed = _speed_to_come(scene)
     if speed == 0:
@@ -146,39 +171,33 @@ def preliminary_run(
             f"Give it discs with velocities, {drives}."
         )
     crossing = 2 * scene.smallest_radius / speed
-    exact = earlier is None or earlier.startswith(EXACT)
-    limit_seconds = min(EXACT_SECONDS, _affordable(seconds)) if earlier is None else math.inf
-    settings, reason = Settings(method="event", dt=crossing / 4), ""
+    exact = earlier is None or earlier.startswith((EXACT, MODEL))
+    limit_seconds = _limit_seconds(seconds, contact_time) if earlier is None else math.inf
+    settings, reason = Settings(method="event", dt=crossing / 4, contact_time=contact_time), ""
     try:
         if not exact:
             raise _NotUsable
-        if _comes_to_rest(scene):
-            raise _NotUsable("grains with losses come to rest on each other, and collide without end")
         found = _observe(scene, settings, crossing, until, limit_seconds)
     except (MpsimError, _NotUsable) as error:
+        if contact_time is not None:
+            raise InputError(_refusal(contact_time, error, _longer_contact_time(scene, until, seconds))) from error
         exact, reason = False, str(error)
+        if isinstance(error, _NotUsable) and reason and _may_come_to_rest(scene):
+            reason += _remedy(_longer_contact_time(scene, until, seconds))
         settings = Settings(dt=PRELIMINARY_STEP * crossing, passes=2, on_fast="substep", workers=1)
         found = _observe_stepped(scene, settings, crossing, until)
     speed = max(found.thermal_velocity, _speed_of_fall(scene)) or speed  # at which there is motion to resolve
     own = 2 * scene.smallest_radius / speed
     reference, cost, growth = settings, found.seconds, 1 / own
     if exact:
-        growth = _growth(scene, crossing, limit_seconds)
+        growth = _growth(scene, crossing, limit_seconds, contact_time)
         step_seconds = _step_seconds(scene, PRELIMINARY_STEP * crossing, until, limit_seconds)
     else:
         step_seconds = found.seconds * settings.dt / settings.passes
         dt = _finest(settings, found.seconds, own, until or 0.0, seconds) if earlier is None else _dt_of(earlier)
         reference, cost = replace(settings, dt=dt), found.seconds * settings.dt / dt
-    name = (
-        EXACT
-        if exact
-        else (
-            f"two passes at dt={reference.dt:.3g}, the finest affordable run, because {EXACT} is not usable: {reason}"
-        )
-    )
-    if found.guarded:
-        name += f" (whose guard kept the energy in {found.guarded:.1%} of the collisions)"
-    name = earlier or name
+    stepped = f"two passes at dt={reference.dt:.3g}, the finest affordable run, because {EXACT} is not usable: {reason}"
+    name = earlier or (_name_of_exact(found, contact_time) if exact else stepped)
     short = min(LYAPUNOV_TIMES / growth, 5 * own)
     return PreliminaryRun(
         reference=reference,
@@ -192,12 +211,55 @@ def preliminary_run(
         settings=settings,
         seconds=cost,
         step_seconds=step_seconds,
+        guard=found.guard,
     )
 
 
-def _comes_to_rest(scene: Scene) -> bool:
-    """Whether discs with losses settle in a field: from some starts the exact solver then never reaches the end."""
+def _name_of_exact(found: Observation, contact_time: float | None) -> str:
+    """The exact solver in words, and what its guard did."""
+    acted = f"the guard acted {found.guarded:,} times in a run with {found.pairs:,} collisions"
+    if contact_time is not None and found.guard:
+        return (
+            f"{MODEL} with contact_time={contact_time:g}, which is not exact: {EXACT}, but for impacts of a disc so "
+            f"soon after its last one, which lose no energy ({acted})"
+        )
+    return f"{EXACT} ({acted}, for impacts within {found.guard:.2g})" if found.guarded else EXACT
+
+
+def _may_come_to_rest(scene: Scene) -> bool:
+    """Whether discs with losses may settle in a field, where they collide without end."""
     return driving.has_body_force(scene) and driving.has_losses(scene)
+
+
+def _longer_contact_time(scene: Scene, until: float | None, seconds: float) -> float:
+    """A contact time with which a run is likely to be affordable, though its discs come to rest, for people [time]."""
+    number = scene.count + sum(each.limit or 0 for each in scene.emitters)
+    bounces = number * (until or 0.0) / (BOUNCES * _affordable(seconds))
+    return float(f"{max(contact_time_at_rest(scene), bounces):.1g}")
+
+
+def _remedy(longer: float) -> str:
+    """What a contact time would make of the exact solver."""
+    return (
+        f", as discs with losses come to rest, and collide without end. Give contact_time={longer:g} for a reference "
+        "that is a model of the scene, but ends"
+    )
+
+
+def _refusal(given: float, error: Exception, longer: float) -> str:
+    """Why there is no reference with the contact time given, and what would help."""
+    if not isinstance(error, _NotUsable):
+        return f"contact_time is of {EXACT}, which is not usable: {error} Or leave contact_time out."
+    return (
+        f"contact_time must be so long that {EXACT} comes to the end of a run; with {given:g} {error}. Give a longer "
+        f"one, such as {max(longer, float(f'{4 * given:.1g}')):g}, more time (seconds=...), a shorter run "
+        "(until=...), or none, for a stepped reference."
+    )
+
+
+def _limit_seconds(seconds: float, contact_time: float | None) -> float:
+    """Seconds that the preliminary run of the exact solver may take; with a contact time, all that can be afforded."""
+    return _affordable(seconds) if contact_time is not None else min(EXACT_SECONDS, _affordable(seconds))
 
 
 def _speed_of_fall(scene: Scene) -> float:
@@ -255,12 +317,13 @@ def _step_seconds(scene: Scene, dt: float, until: float | None, limit_seconds: f
         return (time.thread_time() - begun) / sim.frame
 
 
-def _growth(scene: Scene, crossing: float, limit_seconds: float) -> float:
+def _growth(scene: Scene, crossing: float, limit_seconds: float, contact_time: float | None) -> float:
     """Lyapunov exponent; a small one if the runs do not diverge."""
     least = 0.01 / crossing
     try:
         with quietly():
-            return max(divergence(scene, progress=_time_limit(limit_seconds)).rate.value, least)
+            found = divergence(scene, contact_time=contact_time, progress=_time_limit(limit_seconds))
+            return max(found.rate.value, least)
     except (MpsimError, _NotUsable):
         return least
 
@@ -295,7 +358,7 @@ def _observe(
     scene: Scene, settings: Settings, crossing: float, until: float | None, limit_seconds: float
 ) -> Observation:
     """A run of STARTS blocks: to `until`; without it, and at most where energy is conserved, of COLLISIONS each."""
-    collisions, guarded, seconds = 0, 0, 0.0
+    collisions, guarded, guard, seconds = 0, 0, 0.0, 0.0
     with quietly(), Simulation(scene, settings) as sim:
         states = [sim.state]
         progress = _time_limit(limit_seconds)  # from here on, as the constructor may have compiled
@@ -309,11 +372,19 @@ def _observe(
             report = sim.run(frames=block, progress=progress)
             seconds += time.thread_time() - started
             collisions, guarded, done = collisions + report.collisions, guarded + report.guarded, block
+            guard = report.contact_time
             likely = int(np.clip(COLLISIONS / max(collisions / sim.frame, 1), 1, 5 * crossing / settings.dt))
             block = likely if until is None else block
             states.append(sim.state)
         moving = [(state.velocity[state.present] ** 2).mean() for state in states if state.present.any()]
-        share = guarded / max(collisions, 1)
         speed = float(np.sqrt(np.mean(moving))) if moving else 0.0
-        gap = done * settings.dt
-        return Observation(speed, collisions / sim.time, tuple(states[:-1]), gap, share, seconds / sim.time)
+        return Observation(
+            thermal_velocity=speed,
+            collisions=collisions / sim.time,
+            starts=tuple(states[:-1]),
+            gap=done * settings.dt,
+            pairs=collisions,
+            guarded=guarded,
+            guard=guard,
+            seconds=seconds / sim.time,
+        )

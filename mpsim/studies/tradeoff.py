@@ -59,6 +59,7 @@ class Row:
         cost = dataclasses.asdict(self.cost) if self.cost else {}
         for name in ("median", "low", "high"):
             values["cost" if name == "median" else f"cost_{name}"] = cost.get(name)
+        values["contact_time"] = (cost.get("contact_time") if cost else self.settings.contact_time) or None
         values["memory"] = cost.get("memory")
         values["ran"] = f"{cost['method']} x{cost['workers']}" if cost else None
         for name, deviation in self.errors.items():
@@ -80,6 +81,8 @@ class Tradeoff:
         measures: names of the errors.
         rows: one per candidate, in the order given.
         starts: of the runs, in words.
+        contact_time: that was given for the reference, which makes it a model and not exact [time]; None where it is
+            none.
     """
 
     scene: str
@@ -89,13 +92,14 @@ class Tradeoff:
     measures: tuple[str, ...]
     rows: tuple[Row, ...]
     starts: str = ""
+    contact_time: float | None = None
 
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns of the table."""
         parts = ("", "_error", "_resolved", "_reason")
         errors = [name + part for name in self.measures for part in parts]
-        return (*SETTINGS, "cost", "cost_low", "cost_high", "memory", "ran", *errors, "failure")
+        return (*SETTINGS, "contact_time", "cost", "cost_low", "cost_high", "memory", "ran", *errors, "failure")
 
     def frontier(self, measure: str) -> list[Row]:
         """The Pareto front: rows for which no other is both cheaper and more accurate, cheapest first.
@@ -126,11 +130,11 @@ class Tradeoff:
         return _written(text.getvalue(), path)
 
     def to_json(self, path: str | Path | None = None) -> str:
-        """The table as JSON: scene, reference, until, short, and rows of plain values; also written to `path`.
+        """The table as JSON: each attribute, the rows as plain values; also written to `path`.
 
         Numbers that are not finite become null.
         """
-        values = {name: getattr(self, name) for name in ("scene", "reference", "starts", "until", "short", "measures")}
+        values = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
         values["rows"] = [row.record() for row in self.rows]
         return _written(json_text(values) + "\n", path)
 
@@ -142,9 +146,10 @@ class Tradeoff:
 
 
 def label(settings: Settings) -> str:
-    """Short name of settings, without default values; of a method without steps its name, as nothing else matters."""
+    """Short name of settings, without default values; of a method without steps what matters there."""
     if not capabilities_of(settings).has_steps:
-        return settings.method
+        model = "" if settings.contact_time is None else f" contact_time={settings.contact_time:g}"
+        return settings.method + model
     words = [settings.method, settings.contact]
     words += [f"x{settings.passes}"] if settings.passes > 1 else []
     words += [settings.law] if settings.law != "elastic" else []
@@ -164,19 +169,22 @@ def tradeoff(
     executor: Executor | None = None,
     replicas: int = 16,
     seconds: float = 150.0,
+    contact_time: float | None = None,
     path: str | Path | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> Tradeoff:
     """Cost and errors of each candidate on a scene.
 
     Errors are those of averages over `replicas` runs of length `until` from independent starts, compared with twice as
-    many runs of the exact solver. If that cannot run the scene, is too slow, or may never end (discs that lose energy
-    and rest in a field), the finest affordable stepped run is the reference, and the table says so. A difference below
-    three standard errors (more for few replicas) is "not resolved". On a scene that changes with time the errors of
-    pressure, collision_rate, overlap and speed_distribution are means over windows along its duration, given with the
-    largest error of a window; energy_drift, momentum_drift and largest_overlap are those of whole runs, trajectory and
-    missed_collisions those of short ones. An error that is meaningless on the scene is "not measurable", with the
-    reason.
+    many runs of the exact solver. If that cannot run the scene, or is too slow (as where discs that lose energy come to
+    rest), the finest affordable stepped run is the reference, and the table says so. With a `contact_time` the
+    reference is the exact solver with that one, a model in which discs at rest do not collide without end. A reference
+    that is not exact has as many runs as each candidate, and its own uncertainty, seen by doubling its step or contact
+    time, counts as part of each error. A difference below three standard errors (more for few replicas) is "not
+    resolved". On a scene that changes with time the errors of pressure, collision_rate, overlap and speed_distribution
+    are means over windows along its duration, given with the largest error of a window; energy_drift, momentum_drift
+    and largest_overlap are those of whole runs, trajectory and missed_collisions those of short ones. An error that is
+    meaningless on the scene is "not measurable", with the reason.
 
     pressure, collision_rate
         relative difference of the averages [1]
@@ -209,12 +217,15 @@ def tradeoff(
         executor: any concurrent.futures.Executor for the accuracy runs, which are independent; None: threads, one per
             core. The costs are always measured in this process.
         replicas: runs per candidate, >= 2.
-        seconds: that runs of a stepped reference may take, about, which determines its step [s].
+        seconds: that runs of the reference may take, about, which determines the step of a stepped one [s].
+        contact_time: of the exact solver as the reference, and of that among the default candidates [time], > 0 (see
+            `Settings`); None: its own, far below any time between collisions.
         path: file in which finished runs are saved; an interrupted call continues from it.
         progress: called as progress(done, of, what).
 
     Raises:
-        InputError: naming the argument and its rule; or the candidate that cannot run this scene.
+        InputError: naming the argument and its rule; the candidate that cannot run this scene; or a contact time with
+            which the exact solver cannot, or not in the time it may take.
 
     >>> scene = Scene.random(count=30, packing=0.2, radius=0.5, seed=1)
     >>> pair = [Settings(dt=dt, method="naive") for dt in (0.2, 0.02)]
@@ -226,11 +237,11 @@ def tradeoff(
     names = _measures(measures, scene)
     checks.whole("replicas", replicas, 2, 100_000, "16 will do for most scenes.")
     how: dict[str, Any] = {"executor": executor, "path": path, "progress": progress, "starts": starts}
-    seconds = checks.positive("seconds", seconds, "[s]")
+    how |= {"replicas": replicas, "seconds": checks.positive("seconds", seconds, "[s]"), "contact_time": contact_time}
     with terminated_by_exit():
-        run = Ensemble(scene, until, names, replicas=replicas, seconds=seconds, **how)
+        run = Ensemble(scene, until, names, **how)
         if candidates is None:
-            settings = default_candidates(scene, run.preliminary.thermal_velocity)
+            settings = default_candidates(scene, run.preliminary.thermal_velocity, contact_time)
         else:
             settings = _checked(scene, candidates)
         with run:
@@ -245,6 +256,7 @@ def tradeoff(
         measures=names,
         rows=rows,
         starts=starts_of(names, run.starts.name),
+        contact_time=run.preliminary.contact_time,
     )
 
 

@@ -74,6 +74,7 @@ def tune(
     executor: Executor | None = None,
     replicas: int = 16,
     seconds: float = 150.0,
+    contact_time: float | None = None,
     path: str | Path | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> Tuned:
@@ -92,8 +93,9 @@ def tune(
             enough to determine the pressure to about a thousandth.
         candidates: families to choose from, whose dt is searched; None: impact with one and two passes, push, and the
             exact solver.
-        starts, executor, replicas, path, progress: as for `tradeoff`; replicas are doubled if noise leaves an answer
-            undecided, and reduced if runs are long. `progress` is called first with a forecast of the time.
+        starts, executor, replicas, contact_time, path, progress: as for `tradeoff`; replicas are doubled if noise
+            leaves an answer undecided, and reduced if runs are long. `progress` is called first with a forecast of the
+            time.
         seconds: that it may take, about [s]: if runs are long, a longer search reaches smaller errors.
 
     Raises:
@@ -108,11 +110,11 @@ def tune(
     """
     budgets = _budgets(max_error)
     demand_available(budgets, scene)
-    choices = _families(candidates)
+    choices = _families(candidates, contact_time)
     replicas = checks.whole("replicas", replicas, 2, MOST_REPLICAS, "16 will do for most scenes.")
     seconds = checks.positive("seconds", seconds, "[s]")
     how: dict[str, Any] = {"executor": executor, "path": path, "progress": progress, "starts": starts}
-    how |= {"replicas": replicas, "seconds": seconds}
+    how |= {"replicas": replicas, "seconds": seconds, "contact_time": contact_time}
     with terminated_by_exit(), Ensemble(scene, until, tuple(budgets), **how) as run:
         search = Search(run, scene, budgets, seconds)
         search.run_reference()
@@ -171,7 +173,8 @@ class Search:
 
     def longest_step(self, family: Settings) -> None:
         """Search the longest step of a family inside all budgets."""
-        if capabilities_of(family).is_exact and not self._run.preliminary.exact:  # it cannot do the scene
+        others = not self._run.preliminary.exact and not self._is_reference(family)
+        if capabilities_of(family).is_exact and others:  # it cannot do the scene
             reason = f"not tried: errors are against {self._run.preliminary.reference_name}"
             self._trials[family] = Trial(Row(family, failure=reason), reason, False)
             return
@@ -182,8 +185,9 @@ class Search:
         dt, shortest, longest = (step(self._scene, speed, h) for h in (FIRST, SHORTEST, LONGEST))
         longest = min(longest, self._run.plan.until / PIECES)
         dt, shortest = min(dt, longest), min(shortest, longest)
-        if not self._run.preliminary.exact:  # it resolves only errors far above its own
-            shortest = max(shortest, LEAST_RATIO * self._run.preliminary.reference.dt)
+        reference = self._run.preliminary.reference
+        if capabilities_of(reference).has_steps:  # it resolves only errors far above its own
+            shortest = max(shortest, LEAST_RATIO * reference.dt)
         inside, outside = 0.0, math.inf
         found: list[tuple[float, float]] = []  # step, and largest ratio of error to budget
         for _ in range(MOST_STEPS):
@@ -219,7 +223,7 @@ class Search:
             best = self._best(attempt)
             if best is None:
                 break
-            if self._is_exact(best.row.settings):
+            if self._is_reference(best.row.settings):
                 return self._tuned(best, best.row.errors)
             errors = self._verified(best.row.settings, self._block * (1 + attempt))
             broken = [name for name, budget in self._budgets.items() if not errors[name].inside(budget)]
@@ -232,11 +236,11 @@ class Search:
         """The cheapest trial inside all budgets; the exact solver if there is no time for one more verification."""
         inside = [trial for trial in self._trials.values() if trial.inside]
         best = min(inside, key=_cost, default=None)
-        if best is None or not attempt or self._is_exact(best.row.settings):
+        if best is None or not attempt or self._is_reference(best.row.settings):
             return best
         if attempt < self._attempts and self._is_time_for(best.row.settings, self._verifying, last=True):
             return best
-        return next((trial for trial in inside if self._is_exact(trial.row.settings)), None)
+        return next((trial for trial in inside if self._is_reference(trial.row.settings)), None)
 
     def _verified(self, settings: Settings, first: int) -> dict[str, Deviation]:
         """Errors of runs from new starts, numbered from `first` on."""
@@ -276,7 +280,7 @@ class Search:
             except CandidateFailed as failed:
                 self._trials[settings] = Trial(Row(settings, failure=str(failed)), str(failed), False)
                 return self._trials[settings]
-            if number * 2 > self._most or self._is_exact(settings) or not self._is_undecided(errors):
+            if number * 2 > self._most or self._is_reference(settings) or not self._is_undecided(errors):
                 break
             if not self._is_time_for(settings, 2 * number):
                 break
@@ -294,7 +298,7 @@ class Search:
         needed = self._run.seconds_for(settings, replicas or self._run.replicas, verify=last or bool(replicas))
         return time.monotonic() + needed < self._end + (1 - SEARCH) * self._seconds * last
 
-    def _is_exact(self, settings: Settings) -> bool:
+    def _is_reference(self, settings: Settings) -> bool:
         """Whether this is the reference itself."""
         return self._run.preliminary.is_reference(settings)
 
@@ -342,13 +346,16 @@ class Search:
             starts=starts_of(self._budgets, run.starts.name),
             until=run.plan.until,
             warning=run.warning_of(settings),
+            contact_time=run.preliminary.contact_time,
         )
 
     def _refusal(self) -> BudgetError | NotMeasurableError:
         """Why no candidate meets the budgets, with the smallest error reached."""
         wanted = ", ".join(f"{name} {budget:g}" for name, budget in self._budgets.items())
         rows = [
-            trial.row for trial in self._trials.values() if trial.row.errors and not self._is_exact(trial.row.settings)
+            trial.row
+            for trial in self._trials.values()
+            if trial.row.errors and not self._is_reference(trial.row.settings)
         ]
         for name in self._budgets:
             reasons = [row.errors[name].reason for row in rows]
@@ -404,9 +411,9 @@ def _budgets(max_error: Mapping[str, float]) -> dict[str, float]:
     }
 
 
-def _families(candidates: Iterable[Settings] | None) -> list[Settings]:
+def _families(candidates: Iterable[Settings] | None, contact_time: float | None) -> list[Settings]:
     if candidates is None:
-        return [Settings(method="event"), *families()]
+        return [Settings(method="event", contact_time=contact_time), *families()]
     chosen: list[Settings] = listed(
         "candidates", [candidates] if isinstance(candidates, Settings) else candidates, "mpsim.Settings"
     )

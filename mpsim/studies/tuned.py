@@ -40,6 +40,8 @@ class Tuned:
         warning: of mpsim when these settings are used on the scene, or "".
         tried: every candidate of the search with its verdict, cheapest first.
         tighter: estimated cost for half of every budget, from the fitted order, over the cost of these settings [1].
+        contact_time: that was given for the reference, which makes it a model and not exact [time]; None where it is
+            none.
     """
 
     settings: Settings
@@ -52,16 +54,22 @@ class Tuned:
     starts: str = ""
     until: float = math.nan
     warning: str = ""
+    contact_time: float | None = None
 
     @property
     def exact(self) -> bool:
-        """Whether these settings are the reference itself, so that their errors are 0 by definition."""
-        return all(error.exact for error in self.errors.values())
+        """Whether these settings are the exact solver, so that their errors are 0 by definition."""
+        return self._is_reference and self.contact_time is None
 
     @property
     def verified(self) -> bool:
         """Whether independent runs, which could have shown otherwise, found each error inside its budget."""
-        return not self.exact and all(error.inside(self.budgets[name]) for name, error in self.errors.items())
+        return not self._is_reference and all(error.inside(self.budgets[name]) for name, error in self.errors.items())
+
+    @property
+    def _is_reference(self) -> bool:
+        """Whether these settings are the reference itself, exact or a model."""
+        return all(error.exact for error in self.errors.values())
 
     def _repr_html_(self) -> str:
         return view("tuned_html", self)
@@ -70,7 +78,8 @@ class Tuned:
         lines = [f"{label(self.settings)}: {self.cost.median:.3g} ns per disc and unit of time ({self.cost.method})"]
         for name, budget in self.budgets.items():
             error = self.errors[name]
-            claim = "exact" if error.exact else "verified by runs of its own"
+            of_reference = "exact" if self.contact_time is None else "which is a model, not exact"
+            claim = of_reference if error.exact else "verified by runs of its own"
             lines.append(f"  {name}: {error!r}, budget {budget:g} ({claim}{_where(error, self.until)})")
         cheaper = [each for each in self.tried if not each.inside and each.row.cost is not None]
         cheaper = [each for each in cheaper if each.row.cost and each.row.cost.median < self.cost.median]

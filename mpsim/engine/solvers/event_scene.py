@@ -17,6 +17,10 @@ GUARD = 1e-6
 """The contact-time guard, as a fraction of the time in which a typical disc moves the smallest radius: an impact so
 soon after the last one loses no energy. Small against any time between collisions of a gas, large against rounding."""
 
+AT_REST = 0.02
+"""A contact time for scenes that come to rest, likewise: most then reach the end of a run, and a disc that hovers in
+such bounces rises by less than a ten-thousandth of its radius."""
+
 LONGEST = 1e100
 """Frame that is taken at most [time], and one over the slowest scene [length/time]."""
 
@@ -69,9 +73,18 @@ def units_of(scene: Scene, dt: float) -> tuple[float, float]:
 
 def contact_time_of(scene: Scene, dt: float) -> float:
     """The contact time of the guard [time]."""
+    return GUARD * _time_of_a_radius(scene, dt)
+
+
+def contact_time_at_rest(scene: Scene, dt: float = 1.0) -> float:
+    """A contact time with which most scenes that come to rest reach the end of a run [time]."""
+    return AT_REST * _time_of_a_radius(scene, dt)
+
+
+def _time_of_a_radius(scene: Scene, dt: float) -> float:
+    """Time in which a typical disc moves the smallest radius; dt where nothing moves by itself [time]."""
     speed = _typical_speed(scene)
-    # Where nothing moves by itself, a fraction of the time of a frame: speeds are those of what is added later.
-    return GUARD * (scene.smallest_radius / speed if speed > 0 else dt)
+    return scene.smallest_radius / speed if speed > 0 else dt
 
 
 def _typical_speed(scene: Scene) -> float:

@@ -19,7 +19,12 @@ from mpsim.engine.columns import given_in
 from mpsim.engine.frame_count import frames_until
 from mpsim.engine.solvers import event_features, event_snapshot
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Solver
-from mpsim.engine.solvers.event_scene import contact_time_of, refuse_what_is_not_exact, units_of
+from mpsim.engine.solvers.event_scene import (
+    contact_time_at_rest,
+    contact_time_of,
+    refuse_what_is_not_exact,
+    units_of,
+)
 from mpsim.engine.solvers.event_tiles import WHOLE, Tiling, lay_out, packed, specs_of, tiling_of
 from mpsim.engine.solvers.event_windows import Windows
 from mpsim.engine.solvers.slices import Slice
@@ -141,10 +146,11 @@ class EventSolver(Solver):
             place, speed = now.position[particle].tolist(), now.velocity[particle].tolist()
             raise DivergedError(int(particle), self.frame, (place[0], place[1]), (speed[0], speed[1]))
         if status == records.STALLED:
+            longer = max(contact_time_at_rest(self._scene, self._settings.dt), 10 * self._contact_time)
             raise StalledError(
                 f"disc {particle} collided without end at one instant of frame {self.frame}. Time must pass between "
-                f"collisions; the contact time of the guard is {self._contact_time:.3g}. Give a longer contact_time, "
-                "a restitution above 0 or the discs more room, or use method='grid'."
+                f"collisions; the contact time of the guard is {self._contact_time:.3g}. Give a longer one, such as "
+                f"contact_time={longer:.1g}, a restitution above 0 or the discs more room, or use method='grid'."
             )
         return int(finished)
 

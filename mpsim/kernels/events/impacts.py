@@ -23,6 +23,28 @@ from mpsim.kernels.events.records import VIRIAL, VIRIAL_XX, VIRIAL_XY
 from mpsim.kernels.events.sums import add
 from mpsim.kernels.nearest_image import nearest_image
 
+PARTING = 2.0**-48
+"""Speed at which discs part, or leave a surface, where rounding alone would leave them approaching, as a fraction of
+their own: far above the rounding of their velocities, far below anything else."""
+
+
+@inlined
+def separate(one, other, rx, ry, mass_i, mass_j):
+    """See to it that two discs which have just met do not approach: they would meet again at once, and without end.
+
+    Where nothing of the normal velocity is left (a restitution of 0), rounding decides its sign, and an impact may be
+    too small to change velocities at all. r: from the other to the one.
+    """
+    ux = one.velocity[0] - other.velocity[0]
+    uy = one.velocity[1] - other.velocity[1]
+    if rx * ux + ry * uy < 0.0:
+        speed = abs(one.velocity[0]) + abs(one.velocity[1]) + abs(other.velocity[0]) + abs(other.velocity[1])
+        push = PARTING * speed / (math.sqrt(rx * rx + ry * ry) * (mass_i + mass_j))
+        one.velocity[0] += push * mass_j * rx
+        one.velocity[1] += push * mass_j * ry
+        other.velocity[0] -= push * mass_i * rx
+        other.velocity[1] -= push * mass_i * ry
+
 
 @inlined
 def collide(i, j, now, store, box, features):
@@ -48,6 +70,7 @@ def collide(i, j, now, store, box, features):
         other.velocity[1] -= push * mass_i * ry
         impulse = push * mass_i * mass_j * math.sqrt(rx * rx + ry * ry)
         between_discs(i, j, rx, ry, impulse, store, box, features)
+        separate(one, other, rx, ry, mass_i, mass_j)
         one.last_contact = now
         other.last_contact = now
         store.counter.pairs += store.region.counts
@@ -98,6 +121,7 @@ def hit_surface(i, now, side, store, box, features):
     disc.position[1] += depth * ny
     inward = disc.velocity[0] * nx + disc.velocity[1] * ny - speed
     leaving = speed_off_surface(max(-inward, 0.0), nx, ny, disc.last_contact, now, features, store)
+    leaving = max(leaving, PARTING * (abs(disc.velocity[0]) + abs(disc.velocity[1])))
     change = max(leaving - inward, 0.0)  # of a graze, rounding may have turned it round already
     disc.velocity[0] += change * nx
     disc.velocity[1] += change * ny
