@@ -158,6 +158,12 @@ if comm.rank == 0:
 """
 
 
+@pytest.fixture
+def memory_given_back(monkeypatch):
+    """What is freed goes back to the system: else the C library keeps more or less of it, from one run to the next."""
+    monkeypatch.setenv("MALLOC_MMAP_THRESHOLD_", str(2**17))
+
+
 def beyond_the_share(number, act, tmp_path, figures):
     """Bytes that a rank of so many needs at most beyond its share of what one rank needs, by what is done."""
     count, path = DISCS_OF_A_RANK * number, str(tmp_path / "run")
@@ -168,6 +174,7 @@ def beyond_the_share(number, act, tmp_path, figures):
     return {what: (shared[1][what] - alone[1][what] / number) * count for what in alone[1]}
 
 
+@pytest.mark.usefixtures("memory_given_back")
 @pytest.mark.parametrize("number", [2, pytest.param(4, marks=pytest.mark.long)])
 def test_memory_of_a_rank_falls_as_their_number_grows(number, tmp_path, figures):
     """The control: a digest for which the first rank gets all discs at once."""
