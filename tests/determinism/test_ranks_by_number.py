@@ -83,7 +83,7 @@ def parts_of(state, first, last):
     return parts | {"box": state.box}
 
 
-AT_A_TIME, AS_SUMS, AS_TEXT = 16e6, 28e6, 32e6
+AT_A_TIME, AS_SUMS, AS_TEXT = 16e6, 8e6, 32e6
 """Bytes that a rank needs beyond its share, however many discs there are, for those that it reads at a time; of
 measures for them in float64, and of a trajectory for their text."""
 DISCS_OF_A_RANK = 600_000
@@ -185,6 +185,7 @@ def test_memory_of_a_rank_falls_as_their_number_grows(number, tmp_path, figures)
     assert max(beyond.values()) < AT_A_TIME, beyond
 
 
+@pytest.mark.usefixtures("memory_given_back")
 @pytest.mark.parametrize("number", [2, pytest.param(4, marks=pytest.mark.long)])
 def test_measures_take_the_memory_of_a_share_and_of_some_discs_at_a_time(number, tmp_path, figures):
     """The control: all discs at a time."""
