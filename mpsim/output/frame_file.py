@@ -90,7 +90,7 @@ class FrameFile:
             now: the frame.
             every: frames of the simulation between two of the file.
         """
-        if not self.is_due(sim, now, every):
+        if not self._is_due(sim, now, every):
             return False
         try:
             self._writer.write(now)
@@ -99,18 +99,10 @@ class FrameFile:
         self.last = now.frame
         return True
 
-    def is_due(self, sim: Simulation, now: Frame, every: int) -> bool:
-        """Whether the present frame is not there already; arguments as of `append`."""
-        if self._unchecked:
-            self._continue(sim, now.whole(), every)
-            self._unchecked = False
-        return now.frame > self.last
-
-    @property
-    def end(self) -> int:
-        """Where the file ends, and the next frame begins that is written jointly."""
+    def begin_of(self, sim: Simulation, now: Frame, every: int) -> int | None:
+        """Where ranks write the present frame together; None if it is there already. Arguments as of `append`."""
         assert isinstance(self._writer, XyzWriter)
-        return self._writer.end
+        return self._writer.end if self._is_due(sim, now, every) else None
 
     def note(self, frame: int) -> None:
         """A frame has been written jointly."""
@@ -129,6 +121,13 @@ class FrameFile:
             raise unwritable(self._path, error) from error
         finally:
             self._lock.release()
+
+    def _is_due(self, sim: Simulation, now: Frame, every: int) -> bool:
+        """Whether the present frame is not there already; arguments as of `append`."""
+        if self._unchecked:
+            self._continue(sim, now.whole(), every)
+            self._unchecked = False
+        return now.frame > self.last
 
     def _continue(self, sim: Simulation, now: Frame, every: int) -> None:
         """Cut the file back to the frame of the simulation, after checking that it belongs to it."""

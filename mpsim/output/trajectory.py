@@ -163,9 +163,9 @@ class TrajectoryWriter:
 
     def _append_jointly(self, sim: Simulation, file: JointFile) -> bool:
         """Write the present frame on all ranks, unless it is there already. Returns whether it was written."""
-        if not sim.once(lambda: self._held().is_due(sim, frame_of(sim), self.every)):
+        begin = sim.once(lambda: self._held().begin_of(sim, frame_of(sim), self.every))
+        if begin is None:
             return False
-        begin = sim.once(lambda: self._held().end)
         try:
             jointly(sim, lambda team: write_jointly(file, team, frame_of(sim), begin))
         except OSError as error:

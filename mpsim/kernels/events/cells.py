@@ -102,9 +102,7 @@ def block_to_search(i, side, event):
 def is_inside(i, store, box):
     """Whether disc i's cell has cells on all sides that are in this store, none of them through a border."""
     cell, region = store.event[i].cell, store.region
-    column, row = cell[0] - region.first[0], cell[1] - region.first[1]
-    column += box.columns if column < 0 else 0
-    row += box.rows if row < 0 else 0
+    column, row = place_along(0, cell[0], region, box), place_along(1, cell[1], region, box)
     in_store = (column >= 1) & (column < region.here[0] - 1) & (row >= 1) & (row < region.here[1] - 1)
     in_box = (cell[0] >= 1) & (cell[0] < box.columns - 1) & (cell[1] >= 1) & (cell[1] < box.rows - 1)
     return in_store & in_box

@@ -316,12 +316,12 @@ def goes_on(plan, times, command):
 
 
 @linked
-def begin_window(whole, shared, command, started, progress):
+def begin_window(whole, shared, command, deadline, progress):
     """Plan the next window, if there is to be one. By worker 0."""
     plan, mine = shared.plan, shared.team[0]
     if plan.done == command.frames:
         plan.status = REACHED
-    in_time = plan.played == 0 or now(mine.clock) - started < command.patience
+    in_time = plan.played == 0 or now(mine.clock) < deadline
     plan.running = plan.status == PAUSED and in_time
     plan.paused = plan.running and plan.paused and goes_on(plan, shared.times, command)
     if plan.running:
@@ -416,17 +416,17 @@ def work(whole, box, features, shared, own, worker, deadline):
 
 
 @linked
-def play_window(whole, box, features, shared, own, command, started, progress, seen, times, totals, worker):
+def play_window(whole, box, features, shared, own, command, deadline, progress, seen, times, totals, worker):
     """One window, if there is to be one: as `work`; LEFT if there is none."""
     plan, control, mine = shared.plan, shared.control, shared.team[worker]
     began = now(mine.clock)
     if worker == 0:
-        begin_window(whole, shared, command, started, progress)
+        begin_window(whole, shared, command, deadline, progress)
     if barrier_of(control, mine) != RUNNING:
         return ABORTED
     if plan.running == 0:  # it may change when all have seen that
         return LEFT if barrier_of(control, mine) == RUNNING else ABORTED
-    outcome = work(whole, box, features, shared, own, worker, started + command.patience)
+    outcome = work(whole, box, features, shared, own, worker, deadline)
     if worker == 0 and outcome != ABORTED:
         progress.spent += now(mine.clock) - began
         end_window(whole, box, features, shared, own, command, outcome, progress, seen, times, totals)
@@ -448,13 +448,13 @@ def run_windows(
         heard = next_command(shared.control, mine, worker, linger)
         if heard != RUNNING:
             return 0, heard, -1
-        started = now(mine.clock)
+        deadline = now(mine.clock) + command.patience
         if worker == 0:
             plan.done, plan.played, plan.status, plan.particle = 0, 0, PAUSED, -1
         outcome = AGREED
         while outcome != LEFT:
             outcome = play_window(
-                whole, box, features, shared, own, command, started, progress, seen, times, totals, worker
+                whole, box, features, shared, own, command, deadline, progress, seen, times, totals, worker
             )
             if outcome == ABORTED:
                 return 0, ABORTED, -1
