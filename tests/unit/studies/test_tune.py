@@ -42,6 +42,7 @@ class Fake:
         reference = EVENT if self.event else Settings(dt=1e-4)
         self.preliminary = SimpleNamespace(
             thermal_velocity=1.0, reference=reference, reference_name="a law", exact=self.event,
+            contact_time=None,
             is_reference=lambda settings: self.event and settings.method == "event",
         )  # fmt: skip
         self.starts = SimpleNamespace(name="starts of a law", number=self.number)
