@@ -13,7 +13,7 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from itertools import product
 from multiprocessing.connection import wait
@@ -24,6 +24,7 @@ import numpy as np
 from mpsim.core.errors import InputError, MpsimError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.event_scene import contact_time_at_rest
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.measure.observables import overlap
 from mpsim.measure.pairs import lengths_of, to_nearest_image
@@ -167,7 +168,7 @@ def attempt(trial: Trial) -> Outcome:
             case = trial.case()
             scene = case.scene()
             counted = case.compares and trial.row.law == "elastic"
-            start, end, collisions = _run(scene, trial.row.settings(case.dt), case.frames, counted)
+            start, end, collisions = _run(scene, _settings(trial.row, case, scene), case.frames, counted)
         except MpsimError as error:
             outcome.kind, outcome.text = "refused", f"{type(error).__name__}: {error}"
             return outcome
@@ -182,6 +183,14 @@ def attempt(trial: Trial) -> Outcome:
     outcome.errors = _errors(trial, case, scene, start, end, collisions)
     _judge(outcome)
     return outcome
+
+
+def _settings(row: Row, case: Case, scene: Scene) -> Settings:
+    """Of the row; for the exact solver with a contact time where discs come to rest."""
+    settings = row.settings(case.dt)
+    if not (case.rests and capabilities_of(settings).is_exact):
+        return settings
+    return replace(settings, contact_time=contact_time_at_rest(scene, case.dt))
 
 
 def _run(scene: Scene, settings: Settings, frames: int, counted: bool = True) -> tuple[State, State, int]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support.checkpoints import WORDS, rewrite, rewrite_members, saved
 from support.processes import assert_clean, run_script
-from support.scenes import lattice, zoo
+from support.scenes import exact_zoo, lattice, zoo
 
 import mpsim
 from mpsim.engine import checkpoint
@@ -196,6 +196,52 @@ def test_no_index_of_an_exact_checkpoint_leads_out_of_its_arrays(what, tmp_path)
         mpsim.Simulation.resume(path)
 
 
+def of_one(left, name, field, value):
+    """Change a field of the first disc that has left (1), or of the first that has not (0)."""
+
+    def changed(header, arrays):
+        disc = int(np.flatnonzero(arrays["solver.exits"][:, 0] == left)[0])
+        arrays[name][disc, field] = value
+
+    return changed
+
+
+def gone_without_events(header, arrays):
+    of_one(0, "solver.disc", slice(5, 7), np.inf)(header, arrays)
+    of_one(0, "solver.exits", 0, 1.0)(header, arrays)
+
+
+HOSTILE_FEATURES = {
+    "a disc that has half left": of_one(1, "solver.exits", 0, 0.5),
+    "a place of leaving that is not a number": of_one(1, "solver.exits", 1, np.nan),
+    "a place of leaving far outside": of_one(1, "solver.exits", 1, 1e6),
+    "a place of leaving of a disc that is there": of_one(0, "solver.exits", 1, 3.0),
+    "a disc that has left and has an event": of_one(0, "solver.exits", 0, 1.0),
+    "a disc that has left and flies": of_one(1, "solver.disc", 2, 1.0),
+    "a disc that flies and has left": gone_without_events,
+    "a disc that is back and left nowhere": of_one(1, "solver.exits", 0, 0.0),
+    "an obstacle beyond the last": of_one(0, "solver.event", 3, 5 + 2),
+    "a disc ahead of the present": of_one(0, "solver.disc", 4, 1e9),
+    "a spin that is not a number": put("solver.spin", 3, np.nan),
+    "no exits": lambda header, arrays: arrays.pop("solver.exits"),
+    "no piston": lambda header, arrays: (
+        header["scene"].update(piston=None) or put("solver.event", (slice(None), 3), 4)(header, arrays)
+    ),
+    "a piston that leaves no room": lambda header, arrays: header["scene"]["piston"][1].update(stop=0.5),
+    "no obstacles": lambda header, arrays: (
+        header["scene"].update(obstacles=[]) or put("solver.event", (slice(None), 3), 5)(header, arrays)
+    ),
+}
+
+
+@pytest.mark.parametrize("what", HOSTILE_FEATURES)
+def test_no_feature_of_an_exact_checkpoint_is_in_an_impossible_state(what, tmp_path):
+    path = saved(tmp_path / "run", exact_zoo(), method="event", dt=0.3, frames=6)
+    rewrite(path, HOSTILE_FEATURES[what])
+    with pytest.raises(mpsim.CheckpointError, match=r"(?s)cannot be read|no state of a simulation"):
+        mpsim.Simulation.resume(path)
+
+
 @pytest.mark.parametrize("method", ["grid", "event"])
 def test_a_number_of_discs_is_compared_with_the_arrays_before_room_is_made_for_them(method, tmp_path):
     path = saved(tmp_path / "run", lattice(5, 5), method=method)
@@ -211,19 +257,22 @@ def test_a_number_of_discs_is_compared_with_the_arrays_before_room_is_made_for_t
 
 def test_a_checkpoint_that_is_only_rewritten_is_accepted(tmp_path):
     """The control of all hostile ones."""
-    for scene, settings in ((zoo(WORDS, count=5), {}), (lattice(5, 5), {"method": "event", "dt": 0.3})):
+    exact = {"method": "event", "dt": 0.3}
+    for scene, settings in ((zoo(WORDS, count=5), {}), (lattice(5, 5), exact), (exact_zoo(), exact | {"frames": 6})):
         path = saved(tmp_path / "run", scene, **settings)
         rewrite(path, lambda header, arrays: None)
         with mpsim.Simulation.resume(path) as sim:
-            assert sim.frame == 3
+            assert sim.frame == settings.get("frames", 3)
+            assert "frames" not in settings or 0 < (~sim.state.present).sum() < sim.count, "some have left"
 
 
 @pytest.mark.long
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("method", ["grid", "event"])
+@pytest.mark.parametrize("method", ["grid", "event", "event with features"])
 def test_a_random_value_anywhere_is_refused_or_runs(method, tmp_path, figures):
     """Whatever passes the gate must run without a crash: in a process of its own, as a crash would end this one."""
-    outcome = run_script(FUZZ.format(method=method, folder=str(tmp_path)), bound=800)
+    scene = "exact_zoo()" if method.endswith("features") else "lattice(4, 4)"
+    outcome = run_script(FUZZ.format(method=method.split()[0], scene=scene, folder=str(tmp_path)), bound=800)
     assert_clean(outcome)
     refused, ran, failed = map(int, outcome.out.split())
     assert refused > 300
@@ -237,11 +286,11 @@ from pathlib import Path
 import numpy as np
 import mpsim
 from support.checkpoints import rewrite
-from support.scenes import lattice, simulate
+from support.scenes import exact_zoo, lattice, simulate
 
 folder, rng = Path({folder!r}), np.random.default_rng(1)
-with simulate(lattice(4, 4), method={method!r}, dt=0.3) as sim:
-    sim.run(frames=3)
+with simulate({scene}, method={method!r}, dt=0.3) as sim:
+    sim.run(frames=6)
     sim.save(folder / "whole")
 
 def spoil(header, arrays):

@@ -1,10 +1,12 @@
 """The exact solver with a wall that moves: closed forms of one disc, and the stepped solver as its step shrinks."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 from support.scenes import simulate
+from support.tiles import on_tiles
 
 import mpsim
 from mpsim import Piston
@@ -100,6 +102,83 @@ def test_a_disc_that_is_on_the_wall_when_it_stops_stays_inside():
         with exactly(scene, dt=40.0) as sim:
             sim.run(frames=1)
             assert 3.5 - 1e-12 <= sim.state.position[0, 0] <= 10.5
+
+
+# --- no room
+
+
+WEDGE = mpsim.Polyline([[5, 1], [3, 3], [5, 5]], thickness=0.4)
+ACROSS = mpsim.Polyline([[2, 0], [2, 6]], thickness=0.4)
+
+
+def pressed(stop, position=(6.0, 3.0), velocity=(0.1, 0.03), **features):
+    """A piston that comes from the right at a speed of 0.5, until it is at `stop`."""
+    return one(position, velocity, Piston("right", -0.5, stop), width=12.0, height=6.0, **features)
+
+
+@pytest.mark.parametrize("losses", [1.0, 0.5, 0.0])
+@pytest.mark.parametrize(
+    ("features", "at"),
+    [({"obstacles": ACROSS}, 3.2), ({"obstacles": WEDGE, "velocity": (0.0, 0.0)}, 4.49), ({"stop": 1.0}, 1.0)],
+    ids=["before an obstacle", "in a wedge", "before a wall"],
+)
+@pytest.mark.filterwarnings("ignore::mpsim.GuardWarning")
+def test_a_disc_that_is_crushed_is_an_error_that_names_it_and_what_to_do(features, at, losses):
+    """As before: it met both without end, some 10 s later a collapse at one instant, or never."""
+    scene = pressed(**{"stop": 2.0, "wall_restitution": losses, **features})
+    if losses == 0 and "stop" in features:  # it is pushed along without a bounce, and fits just in
+        with exactly(scene, dt=0.5) as sim:
+            sim.run(frames=60)
+            assert sim.state.position[0, 0] == pytest.approx(0.5, abs=1e-12)
+        return
+    with exactly(scene, dt=0.5) as sim, pytest.raises(mpsim.StalledError) as caught:
+        sim.run(frames=60)
+    found = re.match(
+        r"disc 0 is crushed in frame \d+: the piston, now at (.*) and on its way to [12], leaves it no room before an "
+        r"obstacle, a wall or other discs, and has driven it to a speed of 5[.\d]*e\+03, more than 10000 times any at "
+        r"the start\. Let the piston stop earlier, or make room for the discs before it\.$",
+        str(caught.value),
+    )
+    assert found, caught.value
+    assert float(found[1]) == pytest.approx(at, abs=0.01)
+
+
+def test_where_it_stops_a_hundredth_earlier_a_disc_lives_on():
+    """Negative control: in a gap that shrinks to a thousandth it becomes a thousand times as fast, and stays so."""
+    with exactly(pressed(3.21, (6.0, 3.0), (-1.0, 0.0), obstacles=ACROSS), dt=0.5) as sim:
+        sim.run(frames=60)
+        assert 100 < abs(sim.state.velocity[0, 0]) < 2000
+        assert 2.7 <= sim.state.position[0, 0] <= 2.71 + 1e-12
+
+
+def test_a_fast_disc_that_is_added_is_not_taken_for_one_that_is_crushed(tmp_path):
+    """A hundred thousand times as fast as all at the start, also after the run was saved."""
+    with exactly(pressed(5.0), dt=0.001) as sim:
+        sim.run(frames=1)
+        sim.add((8.0, 1.0), (5e4, 0.0))
+        assert sim.run(frames=1).frames == 1
+        sim.save(tmp_path / "fast")
+    with mpsim.Simulation.resume(tmp_path / "fast") as sim:
+        assert sim.run(frames=1).frames == 1
+        assert np.abs(sim.state.velocity).max() >= 5e4
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_discs_are_crushed_alike_on_tiles(workers):
+    """The same disc, place and speed on tiles and as a whole."""
+    place = np.stack(np.meshgrid(np.arange(30) * 1.2 + 2.2, np.arange(40) * 1.2 + 0.8), -1).reshape(-1, 2)
+    velocity = np.random.default_rng(1).normal(size=place.shape)
+    place, velocity = np.append(place, [[58.5, 24.5]], axis=0), np.append(velocity, [[0.0, 0.0]], axis=0)
+    scene = mpsim.Scene(width=60, height=49, radius=0.5, position=place, velocity=velocity,
+                        obstacles=mpsim.Polyline([[57, 20], [57, 29]], thickness=0.2),
+                        piston=Piston("right", -1.0, 50.0))  # fmt: skip
+    texts = []
+    for tiling, number in (((1, 1), 1), ((2, 1), workers)):
+        with on_tiles(scene, tiling, number, dt=0.25) as sim, pytest.raises(mpsim.StalledError) as caught:
+            sim.run(frames=200)
+        texts.append(str(caught.value))
+    assert texts[0] == texts[1]
+    assert re.match("disc 1200 is crushed in frame 7: the piston, now at 58.1 ", texts[0])
 
 
 # --- many discs

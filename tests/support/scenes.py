@@ -39,6 +39,17 @@ def lattice(columns: int, rows: int, pitch: float = 1.125) -> mpsim.Scene:
     return mpsim.Scene(width=width, height=height, position=position, velocity=velocity, radius=0.5)
 
 
+def exact_zoo() -> mpsim.Scene:
+    """For the exact solver: discs that leave through an edge, obstacles, a piston, and rough discs with losses."""
+    index = np.arange(24)
+    place = np.stack([2 + 1.3 * (index % 6), 1.6 + 1.3 * (index // 6)], axis=1)
+    velocity = np.stack([index % 7 - 3, index % 5 - 2], axis=1) * 1.5
+    return mpsim.Scene(width=14, height=9, radius=0.5, position=place, velocity=velocity, absorbing="left",
+                       obstacles=[mpsim.Polyline([[3, 7.6], [6, 8]], thickness=0.2), mpsim.FixedDisc((10.5, 3), 0.4)],
+                       piston=mpsim.Piston("right", -0.3, 12.0), gravity=(0, -0.5), friction=0.3, restitution=0.95,
+                       wall_restitution=0.95)  # fmt: skip
+
+
 FEATURED = [("float64", "gravity"), ("float32", "acceleration"), ("float64", "gravity and acceleration")]
 """Precision and features of the scenes that have any: each combination is a compilation of its own, some seconds."""
 

@@ -3,8 +3,9 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mpsim.core.errors import InputError
+from mpsim.core.errors import InputError, StalledError
 from mpsim.features import FEATURES
 from mpsim.features.edges import kinds_of
 from mpsim.kernels import layout
@@ -20,6 +21,10 @@ soon after the last one loses no energy. Small against any time between collisio
 AT_REST = 0.02
 """A contact time for scenes that come to rest, likewise: most then reach the end of a run, and a disc that hovers in
 such bounces rises by less than a ten-thousandth of its radius."""
+
+CRUSHING = 1e4
+"""So many times as fast as any disc at the start is one to which a wall that moves leaves no room: the gap in which it
+bounces is then a ten-thousandth of what it was."""
 
 LONGEST = 1e100
 """Frame that is taken at most [time], and one over the slowest scene [length/time]."""
@@ -79,6 +84,41 @@ def contact_time_of(scene: Scene, dt: float) -> float:
 def contact_time_at_rest(scene: Scene, dt: float = 1.0) -> float:
     """A contact time with which most scenes that come to rest reach the end of a run [time]."""
     return AT_REST * _time_of_a_radius(scene, dt)
+
+
+def crushing_speed_of(scene: Scene, velocity: NDArray[np.floating], least: float | None = None) -> float | None:
+    """Speed of a disc that a wall crushes [length/time]; None without a wall that moves.
+
+    velocity: of discs that are there or come in [length/time]. least: the speed so far.
+    """
+    if scene.moving_wall is None:
+        return None
+    fall = math.sqrt(2 * gravity_strength(scene) * (scene.width + scene.height))
+    fastest = max(_typical_speed(scene), float(np.abs(velocity).max(initial=0.0)), fall)
+    return max(CRUSHING * fastest, least or 0.0)
+
+
+def crushed(scene: Scene, time: float, disc: int, frame: int, speed: float) -> StalledError:
+    """The error for a disc that a wall has made so fast [length/time] by a time [time]."""
+    wall = scene.moving_wall
+    assert wall is not None
+    return StalledError(
+        f"disc {disc} is crushed in frame {frame}: the {wall.name}, now at {wall.at(time):.6g} and on its way to "
+        f"{wall.stop:g}, leaves it no room before an obstacle, a wall or other discs, and has driven it to a speed of "
+        f"{speed:.3g}, more than {CRUSHING:g} times any at the start. Let the {wall.name} stop earlier, or make room "
+        "for the discs before it."
+    )
+
+
+def stalled(scene: Scene, dt: float, disc: int, frame: int, contact_time: float) -> StalledError:
+    """The error for a disc that collides without end at one instant."""
+    longer = max(contact_time_at_rest(scene, dt), 10 * contact_time)
+    moving = "" if scene.moving_wall is None else f", let the {scene.moving_wall.name} stop earlier"
+    return StalledError(
+        f"disc {disc} collided without end at one instant of frame {frame}. Time must pass between collisions; the "
+        f"contact time of the guard is {contact_time:.3g}. Give a longer one, such as contact_time={longer:.1g}, a "
+        f"restitution above 0 or the discs more room{moving}, or use method='grid'."
+    )
 
 
 def _time_of_a_radius(scene: Scene, dt: float) -> float:

@@ -125,6 +125,8 @@ def _check_clock(arrays: Snapshot, frame_end: float) -> None:
     demand(finite and clock.origin >= 0 and clock.step > 0, "its clock must be finite, its step > 0")
     whole = np.frexp(clock.step)[0] == 0.5 and clock.lap == clock.step * steps
     demand(whole, "its step must be a power of two, its lap all steps")
+    last_update = records.of_numbers(records.DISC, arrays["disc"])["last_update"]
+    demand((last_update <= clock.now).all(), "no disc may be ahead of its present")
     in_frame = clock.origin + clock.now <= frame_end * (1 + 1e-9)
     demand(clock.now <= clock.lap and in_frame, "its present must lie in its lap and frame")
     counts = (counter[name] for name in ("pairs", "walls", "guarded", "events", "lap_events", "stall"))
@@ -148,7 +150,15 @@ def _check_links(scene: Scene, arrays: Snapshot) -> None:
         beyond = np.abs(place * (cells[axis] / length) - (along + 0.5)) - 0.5
         demand((beyond <= max(SLACK * cells[axis], 1e-3)).all(), "a disc must be in its cell")
     if "exits" in arrays:
-        gone = arrays["exits"][:, 0]
-        demand(((gone == 0) | (gone == 1)).all(), "a disc has left or it has not")
-        to_come = np.stack([disc["collision_time"], disc["crossing_time"]])[:, gone == 1]
-        demand(np.isinf(to_come).all(), "a disc that has left must have no event")
+        _check_exits(arrays["exits"], disc)
+
+
+def _check_exits(exits: NDArray[np.float64], disc: Any) -> None:
+    """Discs that have left lie at rest where they did, and nothing more happens to them."""
+    demand(((exits[:, 0] == 0) | (exits[:, 0] == 1)).all(), "a disc has left or it has not")
+    gone, where = exits[:, 0] == 1, exits[:, 1:]
+    to_come = np.stack([disc["collision_time"], disc["crossing_time"]])[:, gone]
+    demand(np.isinf(to_come).all(), "a disc that has left must have no event")
+    demand((disc["velocity"][gone] == 0).all(), "a disc that has left must be at rest")
+    demand((where[~gone] == 0).all(), "only a disc that has left has done so somewhere")
+    demand((where[gone] == disc["position"][gone]).all(), "a disc that has left must lie where it did")

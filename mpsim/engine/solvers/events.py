@@ -20,9 +20,11 @@ from mpsim.engine.frame_count import frames_until
 from mpsim.engine.solvers import event_features, event_snapshot
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Solver
 from mpsim.engine.solvers.event_scene import (
-    contact_time_at_rest,
     contact_time_of,
+    crushed,
+    crushing_speed_of,
     refuse_what_is_not_exact,
+    stalled,
     units_of,
 )
 from mpsim.engine.solvers.event_tiles import WHOLE, Tiling, lay_out, packed, specs_of, tiling_of
@@ -80,6 +82,7 @@ class EventSolver(Solver):
         chosen = settings.contact_time
         self._contact_time = contact_time_of(scene, settings.dt) if chosen is None else chosen
         self._units = units_of(scene, settings.dt)
+        self._crushing_speed = crushing_speed_of(scene, scene.velocity)
         self._events_per_call = 10 * FEWEST_EVENTS
         self._stopped = 0.0
         self._progress: Any = np.zeros((), records.PROGRESS)[()]
@@ -142,17 +145,18 @@ class EventSolver(Solver):
         if status == records.STOPPED:
             self._stopped = stop
         if status == records.NOT_FINITE:
-            now = self.state()
-            place, speed = now.position[particle].tolist(), now.velocity[particle].tolist()
-            raise DivergedError(int(particle), self.frame, (place[0], place[1]), (speed[0], speed[1]))
+            raise self._not_followed(int(particle))
         if status == records.STALLED:
-            longer = max(contact_time_at_rest(self._scene, self._settings.dt), 10 * self._contact_time)
-            raise StalledError(
-                f"disc {particle} collided without end at one instant of frame {self.frame}. Time must pass between "
-                f"collisions; the contact time of the guard is {self._contact_time:.3g}. Give a longer one, such as "
-                f"contact_time={longer:.1g}, a restitution above 0 or the discs more room, or use method='grid'."
-            )
+            raise stalled(self._scene, self._settings.dt, int(particle), self.frame, self._contact_time)
         return int(finished)
+
+    def _not_followed(self, disc: int) -> DivergedError | StalledError:
+        """Why a disc could not be followed: it is not finite, or a wall that moves crushes it."""
+        now = self.state()
+        place, velocity = now.position[disc].tolist(), now.velocity[disc].tolist()
+        if np.isfinite([place, velocity]).all():
+            return crushed(self._scene, self._present, disc, self.frame, math.hypot(*velocity))
+        return DivergedError(disc, self.frame, (place[0], place[1]), (velocity[0], velocity[1]))
 
     def _play_whole(
         self, frames: int, times: NDArray[np.int64], totals: NDArray[Any], stop: float
@@ -258,8 +262,11 @@ class EventSolver(Solver):
         present = self._present_columns({**self._found(), **vars(now)})
         columns = {name: np.concatenate([here, brought[name]]) for name, here in present.items()}
         before, self.choice = self.choice, choice  # who is to play it says what is in a block
+        crushing = self._crushing_speed
+        self._crushing_speed = crushing_speed_of(self._scene, new.velocity, crushing)
         block = self._room(len(places))
-        with block.closed_on_error(), _put_back(self, "choice", before):
+        put_back = _put_back(self, "choice", before), _put_back(self, "_crushing_speed", crushing)
+        with block.closed_on_error(), put_back[0], put_back[1]:
             system = self._placed(block, places, speeds, columns, self._present)
             system.store.counter.guarded = self.guarded  # the guard acts once for the whole run
             # Of a frame in hand, the new store has counted nothing yet.
@@ -337,6 +344,8 @@ class EventSolver(Solver):
         """Go back, or on, to a snapshot. There is room for no more discs than there are."""
         impulse, virial = snapshot["units"].tolist()
         self.choice, self._units = choice, (impulse, virial)
+        velocity = records.of_numbers(records.DISC, snapshot["disc"])["velocity"]
+        self._crushing_speed = crushing_speed_of(self._scene, velocity)
         block = self._room(count_in(snapshot))
         with block.closed_on_error():
             block.create()
@@ -397,7 +406,7 @@ class EventSolver(Solver):
     def _given(self, count: int) -> dict[str, Any]:
         """What features are given besides arrays of the block."""
         of_scene = event_features.given(self._scene, event_snapshot.cells_for(self._scene, count))
-        return {"contact_time": self._contact_time, **of_scene}
+        return {"contact_time": self._contact_time, "crushing_speed": self._crushing_speed, **of_scene}
 
     def _system_in(self, block: SharedBlock) -> System:
         """What kernels take of a block."""

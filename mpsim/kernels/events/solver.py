@@ -24,6 +24,7 @@ from mpsim.kernels.events.boundary import is_wall
 from mpsim.kernels.events.calendar import begin_turn, due, earliest, fit_lap, shift_times
 from mpsim.kernels.events.cells import cell_of, cross, leave_store, link_cells, particle_of
 from mpsim.kernels.events.features.gravity import component
+from mpsim.kernels.events.features.hooks import is_crushed
 from mpsim.kernels.events.flight import advance_to, is_finite
 from mpsim.kernels.events.impacts import collide, hit_surface, hit_wall
 from mpsim.kernels.events.ordering import is_disordered, order_in_space
@@ -84,7 +85,7 @@ def stalled(t, store):
 
 @inlined
 def process_event(i, now, store, box, features, watch):
-    """The event of disc i at time `now`, and what it makes anew. Returns a disc that is not finite, or -1."""
+    """The event of disc i at time `now`, and what it makes anew. Returns a disc that cannot be followed, or -1."""
     disc = store.disc
     event = store.event
     other = np.int64(-1)
@@ -107,6 +108,8 @@ def process_event(i, now, store, box, features, watch):
         advance_to(disc[i], now, features.gravity)
         side = np.int64(event[i].side)
         if hit_surface(i, now, side, store, box, features):
+            if is_crushed(i, side, store, features):
+                return np.int64(i)
             side = np.int64(-1)
         elif is_wall(side, event[i].cell, box):
             hit_wall(i, now, side, store, box, features)
@@ -130,7 +133,7 @@ def advance(store, box, features, until, max_events):
     """Play events up to time `until` [time], at most about `max_events` of them: (status, particle).
 
     Stopping changes nothing: however a run is cut into calls, the events are the same bits. PAUSED: call again.
-    NOT_FINITE, STALLED: the particle where it happened. BACKWARDS: `until` lies before the present.
+    NOT_FINITE (or crushed), STALLED: the particle where it happened. BACKWARDS: `until` lies before the present.
     """
     clock = store.clock
     if not until - clock.origin >= clock.now:

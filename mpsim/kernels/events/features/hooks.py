@@ -118,6 +118,12 @@ def surface(i, side, now, store, box, features):
     return capsules.surface(features.capsules, i, side, store, box, features)
 
 
+@inlined
+def is_crushed(i, side, store, features):
+    """Whether disc i, which has just met `side` of its event, is crushed there: no solver can follow it."""
+    return side == MOVING_WALL and piston.is_crushed(features.moving_wall, features.crushing_speed, store.disc[i])
+
+
 # --- the points of an event at which they act ---------------------------------------------------------------------
 
 

@@ -32,7 +32,17 @@ def moving_wall_of(scene: Any) -> Wall | None:
     return Wall(int(wall.edge), start, stop, speed, (stop - start) / speed)
 
 
-FIELDS = {"moving_wall": moving_wall_of}
+FIELDS = {"moving_wall": moving_wall_of, "crushing_speed": None}
+"""crushing_speed: above it [length/time] a disc that leaves the wall has no room left, or None if nobody asks: between
+the wall and what stands against it a disc meets both ever faster, without end."""
+
+
+@inlined
+def is_crushed(wall, crushing_speed, disc):
+    """Whether a disc that leaves the wall has become so fast."""
+    if wall is None or crushing_speed is None:
+        return False
+    return abs(disc.velocity[wall.edge >> 1]) > crushing_speed
 
 
 @inlined
