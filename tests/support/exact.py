@@ -53,7 +53,7 @@ class Run:
         if steps:
             shapes["step_head"] = (np.int32, (steps,))
         # Whatever stands in memory before.
-        self.store = state.Store(*(np.full(shape, 7, dtype)[()] for dtype, shape in shapes.values()))
+        self.store = state.store_of({name: np.full(shape, 7, dtype)[()] for name, (dtype, shape) in shapes.items()})
         self.box = Box(float(width), float(height), *periodic, *cells, float(radius) if radii is None else 0.0)
         spin = None if spin is None else np.array(spin, dtype=float)
         image = np.zeros((count, 2), np.int64) if image else None

@@ -411,10 +411,9 @@ class EventSolver(Solver):
     def _system_in(self, block: SharedBlock) -> System:
         """What kernels take of a block."""
         scene, arrays = self._scene, block.arrays
-        store = state.Store(*(arrays[name] for name in state.Store._fields))
+        store = state.store_of(arrays)
         count = len(store.order)
         box, features = self._box(count), features_of(scene, arrays | self._given(count))
-        state.hold_all(store.region, box)
         if "tiles" in arrays:
             cells, laws = event_snapshot.cells_for(scene, count), packed(box, features)
             lay_out(arrays, self._tiling(count), cells, self._settings.dt, self._most_workers, laws)

@@ -31,7 +31,7 @@ def arguments_of(arrays: dict[str, Any], features: Any, box: Any) -> TileArgumen
         arrays: of the block.
         features, box: of the whole box.
     """
-    store = state.Store(*(arrays[name] for name in state.Store._fields))
+    store = state.store_of(arrays)
     waiting = features._replace(**{name: arrays[WAITING + name] for name in COLUMNS if name in arrays})
     names = ("tiles", "plan", "plan_times", "counted", "counts", "latest", "busy", "control", "team")
     shared = Shared(arrays[f"{WAITING}disc"], arrays[f"{WAITING}event"], waiting, *(arrays[name] for name in names))
@@ -43,10 +43,11 @@ def _own_of(store: Any, features: Any) -> Any:
     fields = {
         name: np.empty(array.shape, array.dtype) if array.shape else np.zeros((), array.dtype)[()]
         for name, array in store._asdict().items()
+        if array is not None
     }
     columns = {name: np.empty_like(value) for name in COLUMNS if (value := getattr(features, name)) is not None}
     bits = fields["disc"].view(np.int64).reshape(len(store.disc), -1)
-    return Own(state.Store(**fields), features._replace(**columns), bits, np.zeros(len(store.disc), np.int32))
+    return Own(state.Store(**fields, region=np.zeros((), records.REGION)[()]), features._replace(**columns), bits, np.zeros(len(store.disc), np.int32))
 
 
 def arguments_in_block(arrays: dict[str, Any]) -> TileArguments:

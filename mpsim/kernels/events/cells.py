@@ -10,7 +10,7 @@ from mpsim.kernels.events.calendar import reschedule
 from mpsim.kernels.events.features.hooks import is_absent, radius_of
 from mpsim.kernels.events.flight import INFINITY
 from mpsim.kernels.events.records import BOTTOM, MOST_NEAR
-from mpsim.kernels.events.region import number_of_cell, place_along
+from mpsim.kernels.events.region import counts, here_along, number_of_cell, place_along
 from mpsim.kernels.machine import nonnegative
 
 
@@ -71,7 +71,7 @@ def cross(i, side, store, box, features):
     leave_list(i, cell_of(i, store, box), store)
     store.event[i].cell[axis] = cell_beyond(i, axis, direction, store, box, features)
     enter_list(i, cell_of(i, store, box), store)
-    store.counter.crossings += store.region.counts
+    store.counter.crossings += counts(store.region)
 
 
 @inlined
@@ -103,13 +103,14 @@ def is_inside(i, store, box):
     """Whether disc i's cell has cells on all sides that are in this store, none of them through a border."""
     cell, region = store.event[i].cell, store.region
     column, row = place_along(0, cell[0], region, box), place_along(1, cell[1], region, box)
-    in_store = (column >= 1) & (column < region.here[0] - 1) & (row >= 1) & (row < region.here[1] - 1)
+    in_store = (column >= 1) & (column < here_along(0, region, box) - 1) & (row >= 1)
+    in_store &= row < here_along(1, region, box) - 1
     in_box = (cell[0] >= 1) & (cell[0] < box.columns - 1) & (cell[1] >= 1) & (cell[1] < box.rows - 1)
     return in_store & in_box
 
 
 @inlined
-def gather(first, columns, rows, store):
+def gather(first, columns, rows, store, box):
     """Write the discs of a block of cells, from number `first` on, into `store.near`. Returns how many, or MOST_NEAR.
 
     Whether a cell is empty cannot be predicted, so no branch asks for it.
@@ -120,7 +121,7 @@ def gather(first, columns, rows, store):
             i = store.cell_head[nonnegative(cell + row)]
             near[nonnegative(found)] = i
             found += i >= 0
-        cell += store.region.here[1]
+        cell += here_along(1, store.region, box)
     read = 0
     while read < found < MOST_NEAR:
         i = store.cell_next[nonnegative(np.int64(near[nonnegative(read)]))]

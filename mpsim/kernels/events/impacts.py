@@ -20,6 +20,7 @@ from mpsim.kernels.events.features.hooks import (
 )
 from mpsim.kernels.events.flight import advance_to
 from mpsim.kernels.events.records import VIRIAL, VIRIAL_XX, VIRIAL_XY
+from mpsim.kernels.events.region import counts
 from mpsim.kernels.events.sums import add
 from mpsim.kernels.nearest_image import nearest_image
 
@@ -73,8 +74,8 @@ def collide(i, j, now, store, box, features):
         separate(one, other, rx, ry, mass_i, mass_j)
         one.last_contact = now
         other.last_contact = now
-        store.counter.pairs += store.region.counts
-        virial = store.region.counts * (-(1.0 + e) * b * mass_i * mass_j / (mass_i + mass_j))
+        store.counter.pairs += counts(store.region)
+        virial = counts(store.region) * (-(1.0 + e) * b * mass_i * mass_j / (mass_i + mass_j))
         add(store.tally, VIRIAL, virial, box.virial_unit)
         add(store.tally, VIRIAL_XX, virial * rx * rx / (rx * rx + ry * ry), box.virial_unit)
         add(store.tally, VIRIAL_XY, virial * rx * ry / (rx * rx + ry * ry), box.virial_unit)
@@ -97,7 +98,7 @@ def hit_wall(i, now, side, store, box, features):
         leave_list(i, cell_of(i, store, box), store)
         store.cell_next[i] = -1
         store.event[i].collision_count += 1
-        store.counter.walls += store.region.counts
+        store.counter.walls += counts(store.region)
         return
     speed = -inward * disc.velocity[axis]
     leaving = speed_off_wall(speed, axis, inward, disc.last_contact, now, features, store)
@@ -106,8 +107,8 @@ def hit_wall(i, now, side, store, box, features):
     on_wall(i, axis, inward, speed + leaving, store, box, features)
     disc.last_contact = now
     store.event[i].collision_count += 1
-    store.counter.walls += store.region.counts
-    add(store.tally, side, store.region.counts * mass_of(i, features) * (speed + leaving), box.impulse_unit)
+    store.counter.walls += counts(store.region)
+    add(store.tally, side, counts(store.region) * mass_of(i, features) * (speed + leaving), box.impulse_unit)
 
 
 @inlined
@@ -128,7 +129,7 @@ def hit_surface(i, now, side, store, box, features):
     on_surface(i, nx, ny, change, store, box, features)
     disc.last_contact = now
     store.event[i].collision_count += 1
-    store.counter.walls += store.region.counts
+    store.counter.walls += counts(store.region)
     if edge >= 0:
-        add(store.tally, edge, store.region.counts * mass_of(i, features) * change, box.impulse_unit)
+        add(store.tally, edge, counts(store.region) * mass_of(i, features) * change, box.impulse_unit)
     return True

@@ -20,7 +20,7 @@ from mpsim.kernels.events.flight import (
     will_touch,
 )
 from mpsim.kernels.events.records import BOTTOM, LEFT, MOST_NEAR
-from mpsim.kernels.events.region import number_of_cell, place_along
+from mpsim.kernels.events.region import here_along, number_of_cell, place_along
 from mpsim.kernels.machine import nonnegative
 
 
@@ -124,8 +124,9 @@ def earliest_partner(i, now, first_column, last_column, first_row, last_row, sto
     """The earliest impact of disc i with the discs of a block of cells: (time from now, partner or -1)."""
     if is_inside(i, store, box):
         cell = store.event[i].cell
-        first = cell_of(i, store, box) + (first_column - cell[0]) * store.region.here[1] + (first_row - cell[1])
-        found = gather(first, last_column - first_column + 1, last_row - first_row + 1, store)
+        in_column = here_along(1, store.region, box)
+        first = cell_of(i, store, box) + (first_column - cell[0]) * in_column + (first_row - cell[1])
+        found = gather(first, last_column - first_column + 1, last_row - first_row + 1, store, box)
         if found < MOST_NEAR:
             return earliest_of(keep_approaching(i, now, found, store, box, features), store)
     return earliest_one_by_one(i, now, first_column, last_column, first_row, last_row, store, box, features)

@@ -1,7 +1,7 @@
 """The region of a store: the cells that are in it, those that are the tile's own, and the bands along its borders.
 
-Cells are numbered column by column, from the first column and row of the region on. A store that holds the whole box
-is the region of one tile with no others.
+Cells are numbered column by column, from the first column and row of the region on. The region of a store that holds
+the whole box is None, and the compiler drops what is asked of it.
 """
 
 from mpsim.kernels.compiling import inlined
@@ -16,6 +16,8 @@ OUTER_LOW, INNER_LOW, MIDDLE, INNER_HIGH, OUTER_HIGH, ELSEWHERE = 0, 1, 2, 3, 4,
 @inlined
 def place_along(axis, cell, region, box):
     """Column or row of a cell, counted from the first one here; -1 if it is not here."""
+    if region is None:
+        return cell
     place = cell - region.first[axis]
     if place < 0:
         place += box.columns if axis == 0 else box.rows
@@ -25,13 +27,38 @@ def place_along(axis, cell, region, box):
 @inlined
 def number_of_cell(column_place, row, region, box):
     """Number of the cell of a row in a column at such a place, -1 if it is not here."""
+    if region is None:
+        return column_place * box.rows + row
     row_place = place_along(1, row, region, box)
     return column_place * region.here[1] + row_place if column_place >= 0 and row_place >= 0 else -1
 
 
 @inlined
+def here_along(axis, region, box):
+    """Columns or rows of cells that are here."""
+    if region is None:
+        return box.columns if axis == 0 else box.rows
+    return region.here[axis]
+
+
+@inlined
+def counts(region):
+    """1 if the event in hand counts here; 0 if it is that of another tile."""
+    if region is None:
+        return 1
+    return region.counts
+
+
+@inlined
+def begin_event(cell, region, box):
+    """Before an event in a cell: it counts where that is the tile's own."""
+    if region is not None:
+        region.counts = is_own(cell, region, box)
+
+
+@inlined
 def band_along(axis, cell, region, box):
-    """Where a cell lies along an axis: in the tile, in a band along a border of it, or ELSEWHERE."""
+    """Where a cell lies along an axis: in the tile, in a band along a border of it, or ELSEWHERE. Of tiles alone."""
     if region.differs[axis] == 0:
         return MIDDLE
     place = place_along(axis, cell, region, box)
@@ -46,7 +73,7 @@ def band_along(axis, cell, region, box):
 
 @inlined
 def is_own(cell, region, box):
-    """Whether a cell is the tile's own."""
+    """Whether a cell is the tile's own. Of tiles alone."""
     for axis in range(2):
         place = place_along(axis, cell[axis], region, box) - region.own_first[axis]
         if place < 0 or place >= region.own[axis]:

@@ -30,7 +30,7 @@ from mpsim.kernels.events.impacts import collide, hit_surface, hit_wall
 from mpsim.kernels.events.ordering import is_disordered, order_in_space
 from mpsim.kernels.events.prediction import predict
 from mpsim.kernels.events.records import BACKWARDS, ENTRIES, NOT_FINITE, PAUSED, REACHED, STALLED, STOPPED
-from mpsim.kernels.events.region import is_own
+from mpsim.kernels.events.region import begin_event, counts
 from mpsim.kernels.events.watch import watch_disc
 from mpsim.kernels.machine import now
 
@@ -91,9 +91,9 @@ def process_event(i, now, store, box, features, watch):
     other = np.int64(-1)
     side = np.int64(-1)
     deflected = True
-    store.region.counts = is_own(event[i].cell, store.region, box)
-    store.counter.events += store.region.counts
-    store.counter.lap_events += store.region.counts
+    begin_event(event[i].cell, store.region, box)
+    store.counter.events += counts(store.region)
+    store.counter.lap_events += counts(store.region)
     if disc[i].collision_time < disc[i].crossing_time:
         other = np.int64(event[i].partner)
         if other >= 0 and event[other].collision_count == event[i].partner_collision_count:
@@ -103,7 +103,7 @@ def process_event(i, now, store, box, features, watch):
         else:
             other = np.int64(-1)
             deflected = False
-            store.counter.stale_predictions += store.region.counts
+            store.counter.stale_predictions += counts(store.region)
     else:
         advance_to(disc[i], now, features.gravity)
         side = np.int64(event[i].side)

@@ -23,7 +23,6 @@ from mpsim.kernels.events.records import (
     NOT_FINITE,
     OUTSIDE,
     REACHED,
-    REGION,
     TALLY,
     TURN,
 )
@@ -31,9 +30,9 @@ from mpsim.kernels.events.records import (
 Store = namedtuple(
     "Store", "disc event entry cell_head cell_next step_head heap near approach order clock counter tally region turn"
 )
-"""The arrays and records of `layout`."""
+"""The arrays and records of `layout`; and the `region`, of a tile, None where the whole box is here."""
 
-MADE_ANEW = ("entry", "cell_head", "cell_next", "step_head", "heap", "near", "approach", "region", "turn")
+MADE_ANEW = ("entry", "cell_head", "cell_next", "step_head", "heap", "near", "approach", "turn")
 """Those that follow from the others, and from the box."""
 
 KEPT = tuple(name for name in Store._fields if name not in MADE_ANEW)
@@ -56,16 +55,13 @@ def layout(count, cells):
         "clock": (CLOCK, ()),
         "counter": (COUNTER, ()),
         "tally": (TALLY, ()),
-        "region": (REGION, ()),
         "turn": (TURN, ()),
     }
 
 
-def hold_all(region, box):
-    """Write the region of a store that holds all of the box."""
-    region.counts = 1
-    region.first = region.own_first = region.differs = 0
-    region.here = region.own = box.columns, box.rows
+def store_of(arrays):
+    """The store of the whole box, of arrays and records by name."""
+    return Store(**{name: arrays.get(name) for name in Store._fields})
 
 
 def first_misplaced(position, velocity, radius, box):
@@ -93,8 +89,8 @@ def place(position, velocity, columns, time, store, box, features):
     column = np.clip((position[:, 0] * (box.columns / box.width)).astype(np.int64), 0, box.columns - 1)
     row = np.clip((position[:, 1] * (box.rows / box.height)).astype(np.int64), 0, box.rows - 1)
     order = np.argsort(row * box.columns + column, kind="stable")
-    for array in store:
-        np.asarray(array)[...] = 0
+    for name in layout(0, (1, 1)):
+        np.asarray(getattr(store, name))[...] = 0
     store.order[:] = order
     store.disc["position"] = position[order]
     store.disc["velocity"] = velocity[order]
@@ -104,7 +100,6 @@ def place(position, velocity, columns, time, store, box, features):
     for name, values in columns.items():
         getattr(features, name)[:] = values[order]
     store.clock.origin = time
-    hold_all(store.region, box)
     return REACHED, -1
 
 

@@ -181,7 +181,7 @@ IN_A_SNAPSHOT = {
 
 
 MADE_ANEW = {
-    "lists of cells, from the discs": {"cell_head", "cell_next", "region", "turn"},
+    "lists of cells, from the discs": {"cell_head", "cell_next", "turn"},
     "the other buffer": {"b.x", "b.y", "b.vx", "b.vy", "b.id", "b.cell", "b.radius"},
     "the order in memory, which changes no bit": {"a.id", "a.cell", "start", "outbox", "sent", "team"},
     "what a step notes while it moves, for its sort": {"id", "old_cell", "new_cell", "slot", "first_arrival",

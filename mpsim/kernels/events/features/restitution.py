@@ -8,6 +8,7 @@ from typing import Any
 
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.features.gravity import component
+from mpsim.kernels.events.region import counts
 
 
 def restitution_of(scene: Any) -> float | None:
@@ -30,7 +31,7 @@ def effective_restitution(restitution, last_contact, now, contact_time, store):
     if restitution is None:
         return 1.0
     if now - last_contact < contact_time and restitution < 1.0:
-        store.counter.guarded += store.region.counts
+        store.counter.guarded += counts(store.region)
         return 1.0
     return restitution
 
@@ -62,6 +63,6 @@ def fast_enough(speed, pull, contact_time, store):
     """A speed, or that of a bounce of duration `contact_time` under an acceleration `pull` outward, if it is less."""
     least = -0.5 * pull * contact_time
     if speed < least:
-        store.counter.guarded += store.region.counts
+        store.counter.guarded += counts(store.region)
         return least
     return speed
