@@ -36,6 +36,7 @@ SCENES = {
     "sizes and masses": {"radius": SIZES, "mass": MASSES, "boundary": ("periodic", "walls")},
     "losses": {"restitution": 0.9, "wall_restitution": 0.8, "boundary": "periodic"},
     "rough": {**ROUGH, "spin": (INDEX % 5 - 2) / 2},
+    "absorbing": {"absorbing": ("left", "top"), "gravity": (0.25, -1.0)},
     "everything": {
         **ROUGH, "radius": SIZES, "mass": MASSES, "gravity": (0.25, -1.0), "boundary": ("periodic", "walls"),
     },
@@ -83,6 +84,17 @@ def test_every_number_of_workers_finds_the_same_bits(name, figures):
             assert_as_a_whole(sim, name, f"{name} on {workers} workers")
             assert_played_on_tiles(sim)
     figures.note("R1", f"event on up to {workers}", name, "state and counts of one process", "the same")
+
+
+def test_discs_that_leave_in_tiles_are_out_of_the_way_and_never_forgotten():
+    with on_tiles(scene_of("absorbing"), (3, 2), dt=DT) as sim:
+        gone = []
+        for _ in range(FRAMES):
+            sim.run(frames=1)
+            gone.append(np.flatnonzero(~sim.state.present))
+            assert len(sim.state.position) == COUNT and not has_lost_discs(sim)
+    assert len(gone[0]) > 0 and len(gone[-1]) > len(gone[0]) + 100, "too few have left to tell anything"
+    assert all(set(before) <= set(after) for before, after in itertools.pairwise(gone))
 
 
 @pytest.mark.parametrize("dt", [0.001, 3.0])

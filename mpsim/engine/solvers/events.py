@@ -389,9 +389,7 @@ class EventSolver(Solver):
         return max(self.choice.workers)
 
     def _tiling(self, count: int) -> Tiling:
-        """The tiles for so many discs; discs that have left are in no cell, so in no tile."""
-        if self._scene.absorbing:
-            return WHOLE
+        """The tiles for so many discs."""
         cells = event_snapshot.cells_for(self._scene, count)
         return tiling_of(count, cells, self._scene.periodic, self._most_workers)
 

@@ -46,8 +46,9 @@ def _own_of(store: Any, features: Any) -> Any:
         if array is not None
     }
     columns = {name: np.empty_like(value) for name in COLUMNS if (value := getattr(features, name)) is not None}
-    bits = fields["disc"].view(np.int64).reshape(len(store.disc), -1)
-    return Own(state.Store(**fields, region=np.zeros((), records.REGION)[()]), features._replace(**columns), bits, np.zeros(len(store.disc), np.int32))
+    bits = fields["disc"].view(np.int64).reshape(len(fields["disc"]), -1)
+    store = state.Store(**fields, region=np.zeros((), records.REGION)[()])
+    return Own(store, features._replace(**columns), bits, np.zeros(len(store.disc), np.int32))
 
 
 def arguments_in_block(arrays: dict[str, Any]) -> TileArguments:

@@ -141,6 +141,17 @@ def link_cells(store, box, features):
             enter_list(i, cell_of(i, store, box), store)
 
 
+@linked
+def enter_absent(store, box, features):
+    """Enter the discs that have left in the lists of the cells from which they did, too, so that nobody is forgotten.
+
+    Then nothing may be played until `link_cells`.
+    """
+    for i in range(store.disc.shape[0]):
+        if is_absent(i, features):
+            enter_list(i, cell_of(i, store, box), store)
+
+
 @compiled
 def worst_overlap(store, box, features):
     """The deepest overlap of a scene just placed: (particle, particle, depth [length]); (-1, -1, 0.0) for none.

@@ -35,7 +35,7 @@ Store = namedtuple(
 MADE_ANEW = ("entry", "cell_head", "cell_next", "step_head", "heap", "near", "approach", "turn")
 """Those that follow from the others, and from the box."""
 
-KEPT = tuple(name for name in Store._fields if name not in MADE_ANEW)
+KEPT = tuple(name for name in Store._fields if name not in (*MADE_ANEW, "region"))
 """Those that a copy of the state needs."""
 
 

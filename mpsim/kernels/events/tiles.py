@@ -11,7 +11,7 @@ Between windows a tile's discs lie together in the store, column by column, and 
 from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.events.boundary import along
 from mpsim.kernels.events.calendar import begin_turn_until, due, earliest
-from mpsim.kernels.events.cells import link_cells
+from mpsim.kernels.events.cells import enter_absent, link_cells
 from mpsim.kernels.events.features.hooks import copy_columns
 from mpsim.kernels.events.flight import INFINITY
 from mpsim.kernels.events.partners import elsewhere, number_of_partner
@@ -190,6 +190,7 @@ def play_tile(store, box, features, watch, plan, times, counted):
 @linked
 def put_down(tile, store, features, target, target_event, target_features, box):
     """Put the discs in a tile's own cells where they are to wait, column by column, partners by number."""
+    enter_absent(store, box, features)
     region, event = store.region, store.event
     found = 0
     for column in range(region.own_first[0], region.own_first[0] + region.own[0]):

@@ -20,7 +20,7 @@ import numpy as np
 
 from mpsim.kernels.compiling import compiled, inlined, linked
 from mpsim.kernels.events.calendar import begin_turn, fit_lap, shift_times, steps_for
-from mpsim.kernels.events.cells import link_cells
+from mpsim.kernels.events.cells import enter_absent, link_cells
 from mpsim.kernels.events.features.hooks import copy_columns
 from mpsim.kernels.events.flight import INFINITY
 from mpsim.kernels.events.ordering import put_at_targets
@@ -285,6 +285,7 @@ def link(whole, box, features, places):
 @compiled
 def order_by_tiles(whole, box, features, tiles, plan):
     """Put the discs of a store that is played as a whole tile by tile, partners by number."""
+    enter_absent(whole, box, features)
     target, event, place = whole.heap, whole.event, 0
     for number in range(tiles.size):
         tile, before = tiles[number], place
