@@ -92,8 +92,10 @@ def test_discs_that_leave_in_tiles_are_out_of_the_way_and_never_forgotten():
         for _ in range(FRAMES):
             sim.run(frames=1)
             gone.append(np.flatnonzero(~sim.state.present))
-            assert len(sim.state.position) == COUNT and not has_lost_discs(sim)
-    assert len(gone[0]) > 0 and len(gone[-1]) > len(gone[0]) + 50, "too few have left to tell anything"
+            assert len(sim.state.position) == COUNT
+            assert not has_lost_discs(sim)
+    assert len(gone[0]) > 0
+    assert len(gone[-1]) > len(gone[0]) + 50, "too few have left to tell anything"
     assert all(set(before) <= set(after) for before, after in itertools.pairwise(gone))
 
 
