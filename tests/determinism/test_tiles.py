@@ -16,10 +16,12 @@ from support.tiles import (
     on_tiles,
     play_without_comparing,
     tallies,
+    tallies_of_a_command,
     windows_of,
 )
 
 import mpsim
+from mpsim.engine.solvers import event_windows
 
 COUNT = 3000
 INDEX = np.arange(COUNT)
@@ -221,6 +223,31 @@ def test_equal_times_across_borders_have_the_same_bits():
                 assert_played_on_tiles(sim)
 
 
+def triples():
+    """In each of many places two discs hit a third one, from the left and the right, at the same instant."""
+    middles = np.stack(np.meshgrid(6.0 * np.arange(11) + 3, 3.0 * np.arange(16) + 1.5), -1).reshape(-1, 1, 2)
+    places = (middles + [[-2, 0], [0, 0], [2, 0]]).reshape(-1, 2)
+    velocity = np.tile([[1.0, 0.0], [0.0, 0.0], [-1.0, 0.0]], (len(middles), 1))
+    masses = np.tile([1.0, 2.0, 1.0], len(middles))
+    return mpsim.Scene(width=66, height=48, position=places, velocity=velocity, mass=masses, radius=0.5)
+
+
+def test_ties_that_matter_are_broken_alike_in_all_tiles():
+    """Who of two is first at an instant changes what becomes of all three; a row of such threes is on a border."""
+    scene = triples()
+    with on_tiles(scene, (1, 1), dt=0.25) as sim:
+        sim.run(frames=6)
+        first = sim.state.velocity[:3, 0]
+        assert not np.allclose(first, -first[::-1]), "the scene is its mirror image; its future must not be"
+        sim.run(frames=42)
+        expected = sim.state
+    for tiling, workers in (((2, 1), 1), ((3, 1), 1), ((2, 2), 2)):
+        with on_tiles(scene, tiling, workers, dt=0.25) as sim:
+            sim.run(frames=48)
+            assert_same_bits(sim.state, expected, f"ties in {tiling}")
+            assert_played_on_tiles(sim)
+
+
 # --- what must fail
 
 
@@ -280,3 +307,32 @@ def test_a_partner_that_was_thrown_out_of_the_halo_is_found_out(make, tiling):
     with on_tiles(make(), (1, 1), dt=dt) as whole, on_tiles(make(), tiling, dt=dt, halo=4) as sim:
         assert whole.run(frames=frames).collisions == sim.run(frames=frames).collisions > 2
         assert_same_bits(sim.state, whole.state, f"{make.__name__} in {tiling}")
+
+
+def before_a_crush():
+    """A gas, and a disc between a wall of the box that moves and an obstacle."""
+    places = np.stack(np.meshgrid(np.arange(30) * 1.2 + 2.2, np.arange(40) * 1.2 + 0.8), -1).reshape(-1, 2)
+    velocity = np.random.default_rng(1).normal(size=places.shape)
+    return mpsim.Scene(
+        width=60, height=49, radius=0.5, position=np.append(places, [[58.5, 24.5]], axis=0),
+        velocity=np.append(velocity, [[0.0, 0.0]], axis=0), piston=mpsim.Piston("right", -1.0, 50.0),
+        obstacles=mpsim.Polyline([[57, 20], [57, 29]], thickness=0.2),
+    )  # fmt: skip
+
+
+def test_what_a_tile_counted_that_was_not_played_to_its_end_is_forgotten(monkeypatch):
+    """Windows as long as laps: one of them comes to the disc that is crushed, and is played again in halves."""
+    monkeypatch.setattr(event_windows, "PATIENCE", 0)  # so that each command plays a window, and hands out its counts
+    scene, found, afterwards = before_a_crush(), [], 0
+    with on_tiles(scene, (2, 1), dt=1 / 64) as sim:
+        with pytest.raises(mpsim.StalledError, match="is crushed"):
+            while True:
+                if windows_of(sim)["again"] == 0:
+                    begin_with_long_windows(sim)
+                again = windows_of(sim)["again"]
+                found.append(tallies_of_a_command(sim, 1000))
+                afterwards += len(found[-1]) if again else 0
+    assert afterwards > 0, "no window was played again before the end"
+    counted = np.concatenate(found)
+    with on_tiles(scene, (1, 1), dt=1 / 64) as sim:
+        assert counted.tobytes() == tallies(sim, len(counted)).tobytes()

@@ -181,6 +181,27 @@ def test_discs_are_crushed_alike_on_tiles(workers):
     assert re.match("disc 1200 is crushed in frame 7: the piston, now at 58.1 ", texts[0])
 
 
+def until_crushed(sim, frames):
+    """The error that ends a run."""
+    with pytest.raises(mpsim.StalledError, match="is crushed") as caught:
+        sim.run(frames=frames)
+    return str(caught.value)
+
+
+def test_a_disc_that_is_fast_already_when_a_run_is_saved_is_crushed_at_the_same_event(tmp_path):
+    """What counts as crushed follows from the start, not from the discs that are there when a run is resumed."""
+    scene, dt = pressed(2.0, obstacles=ACROSS), 1 / 64
+    with exactly(scene, dt=dt) as sim:
+        expected = until_crushed(sim, 2000)
+    last = int(re.findall(r"frame (\d+)", expected)[0])
+    with exactly(scene, dt=dt) as sim:
+        sim.run(frames=last)
+        assert np.abs(sim.state.velocity).max() > 10 * np.abs(scene.velocity).max()
+        sim.save(tmp_path / "run")
+    with mpsim.Simulation.resume(tmp_path / "run") as sim:
+        assert until_crushed(sim, 2000) == expected
+
+
 # --- many discs
 
 

@@ -41,13 +41,18 @@ def windows_of(sim: mpsim.Simulation) -> dict[str, int]:
     return {name: int(plan[name]) for name in ("windows", "again", "as_one", "parts")}
 
 
-def tallies(sim: mpsim.Simulation, frames: int) -> Any:
-    """Run so many frames, and return what was counted of each: impulses on walls, virials, collisions."""
+def tallies_of_a_command(sim: mpsim.Simulation, frames: int) -> Any:
+    """Give one command of so many frames, and return what was counted of each that it finished."""
     solver = solver_of(sim)
     solver.set_tallied(True)
+    return solver.advance(frames, solver.choice.workers[0]).tally
+
+
+def tallies(sim: mpsim.Simulation, frames: int) -> Any:
+    """Run so many frames, and return what was counted of each: impulses on walls, virials, collisions."""
     found = []
     while frames:
-        found.append(solver.advance(frames, solver.choice.workers[0]).tally)
+        found.append(tallies_of_a_command(sim, frames))
         frames -= len(found[-1])
     return np.concatenate(found)
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.core.columns import Column
 from mpsim.engine.columns import columns_of
+from mpsim.engine.solvers.event_scene import crushing_speed_of
 from mpsim.engine.solvers.snapshots import MOST_STEPS, REAL, Shapes, Snapshot, check_periods, demand, shapes_in_each
 from mpsim.features.obstacles import OBSTACLES
 from mpsim.features.radii import has_radii
@@ -20,6 +21,9 @@ SLACK = 1e-6
 """Fraction of a cell by which rounding may have put a centre beyond its limit."""
 
 PARTNER = (records.EVENT.names or ()).index("partner")
+
+CRUSHING_SPEED = "crushing_speed"
+"""That of a scene with a wall that moves [length/time], by name, shape (1,)."""
 
 _SAVED_AS = {"image": "winding"}
 """Columns that have another name in a snapshot."""
@@ -83,6 +87,16 @@ def put_back(scene: Scene, arrays: dict[str, Any], snapshot: Snapshot) -> None:
             arrays[name][...] = values[arrays["order"]]
 
 
+def crushing_speed_in(scene: Scene, snapshot: Snapshot) -> float | None:
+    """The crushing speed of a snapshot [length/time]; None without a wall that moves.
+
+    Files of older versions do not hold it: there it follows from the discs as they are now.
+    """
+    if CRUSHING_SPEED in snapshot:
+        return float(snapshot[CRUSHING_SPEED][0])
+    return crushing_speed_of(scene, records.of_numbers(records.DISC, snapshot["disc"])["velocity"])
+
+
 def shapes(scene: Scene, count: int) -> Shapes:
     """dtype and shape of every array of a snapshot."""
     layout, columns = state.layout(count, cells_for(scene, count)), column_shapes(scene, count)
@@ -90,6 +104,8 @@ def shapes(scene: Scene, count: int) -> Shapes:
     found: Shapes = {name: (array.dtype, array.shape) for name, array in blank.items()}
     found |= {saved: columns[name] for saved, name in _saved_columns(scene).items()}
     totals = records.numbers(np.empty((), records.TOTALS))
+    if scene.moving_wall is not None:
+        found[CRUSHING_SPEED] = (REAL, (1,))
     return found | shapes_in_each(count) | {"seen": (totals.dtype, totals.shape), "units": (REAL, (2,))}
 
 
@@ -109,6 +125,7 @@ def check(scene: Scene, arrays: Snapshot, dt: float) -> None:
     demand((times[:2] >= 0).all(), "no event may lie before the present lap")
     units = arrays["units"]
     demand(((units > 0) & (np.frexp(units)[0] == 0.5)).all(), "units of impulses must be powers of two")
+    demand(CRUSHING_SPEED not in arrays or arrays[CRUSHING_SPEED][0] > 0, "the crushing speed must be > 0")
     progress = records.of_numbers(records.PROGRESS, arrays["progress"])
     _check_clock(arrays, frame_end=(int(progress.frame) + 1) * dt)
     _check_links(scene, arrays)

@@ -333,6 +333,8 @@ class EventSolver(Solver):
             self._windows.link()
         found = event_snapshot.taken(self._scene, self._block.arrays)
         found |= {"radii": self._radii, "masses": self._masses, "units": np.array(self._units)}
+        if self._crushing_speed is not None:
+            found[event_snapshot.CRUSHING_SPEED] = np.array([self._crushing_speed])
         return found | {name: records.numbers(each).copy() for name, each in self._kept.items()}
 
     @property
@@ -344,8 +346,7 @@ class EventSolver(Solver):
         """Go back, or on, to a snapshot. There is room for no more discs than there are."""
         impulse, virial = snapshot["units"].tolist()
         self.choice, self._units = choice, (impulse, virial)
-        velocity = records.of_numbers(records.DISC, snapshot["disc"])["velocity"]
-        self._crushing_speed = crushing_speed_of(self._scene, velocity)
+        self._crushing_speed = event_snapshot.crushing_speed_in(self._scene, snapshot)
         block = self._room(count_in(snapshot))
         with block.closed_on_error():
             block.create()

@@ -37,6 +37,9 @@ from mpsim.kernels.machine import now
 STOP_ROUNDING = 1e-12
 """Fraction of a time by which rounding may put a stop beyond the end of the frame that reaches it."""
 
+MOST_AT_ONCE = 1_000_000
+"""Events without time passing, beside some for each disc, that are more than can be legal."""
+
 
 @compiled
 def schedule(store, box, features):
@@ -76,11 +79,11 @@ def begin_lap(store, box, features):
 
 
 @inlined
-def stalled(t, store):
-    """Whether far more events than can be legal have happened without time passing."""
+def stalled(t, most, store):
+    """Whether far more events than can be legal have happened without time passing: `most`, and some for each disc."""
     counter = store.counter
     counter.stall = counter.stall + 1 if t <= store.clock.now else 0
-    return counter.stall > 1_000_000 + 64 * store.disc.shape[0]
+    return counter.stall > most + 64 * store.disc.shape[0]
 
 
 @inlined
@@ -151,7 +154,7 @@ def advance(store, box, features, until, max_events):
         t = due(store.disc, i)
         if t > until - clock.origin:
             return REACHED, -1
-        if stalled(t, store):
+        if stalled(t, MOST_AT_ONCE, store):
             return STALLED, particle_of(i, store)
         clock.now = t
         budget -= 1

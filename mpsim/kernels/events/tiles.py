@@ -20,6 +20,10 @@ from mpsim.kernels.events.region import INNER_HIGH, INNER_LOW, place_along
 from mpsim.kernels.events.solver import process_event, stalled
 from mpsim.kernels.events.sums import add_tally, clear_tally
 
+MOST_AT_ONCE = 10_000
+"""Events without time passing, beside some for each disc, after which a tile is given up. One worker for all goes on
+from there, and alone says whether they end; while they do not, tiles are tried again and again."""
+
 
 @linked
 def set_region(region, tile, plan, box):
@@ -151,7 +155,7 @@ def play_until(until, store, box, features, watch):
         t = due(store.disc, i)
         if t > until:
             return REACHED
-        if stalled(t, store):
+        if stalled(t, MOST_AT_ONCE, store):
             return STALLED
         store.clock.now = t
         if process_event(i, t, store, box, features, watch) >= 0:

@@ -153,6 +153,8 @@ def clear_counts(whole, shared, own, worker):
     """Before one worker's share of a window."""
     counter = own.store.counter
     counter.walls = counter.guarded = counter.events = counter.crossings = counter.stale_predictions = 0
+    counter.pairs = 0  # and the sums: a tile that could not be played to its end has left what it had counted
+    clear_tally(own.store.tally)
     for frame in range(shared.plan.frames + 1):
         clear_tally(shared.counted[worker, frame])
         shared.counted[worker, frame].collisions = 0
