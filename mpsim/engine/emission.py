@@ -100,15 +100,16 @@ class Emission:
             return
         heapq.heapify(due)
         plan, occupied, now = copy.copy(self), _Occupied(self._scene, solver), solver.time
+        there = solver.scene_time
         plan.progress = self.progress
         entering: list[tuple[Emitter, FlightEnd]] = []
         while due:
             time, index = heapq.heappop(due)
             emitter = self._emitters[index]
             radius, _ = self._kind(emitter)
-            end = end_of_flight(self._scene, emitter, radius, max(now - time, 0.0), now)
+            end = end_of_flight(self._scene, emitter, radius, max(now - time, 0.0), there)
             name = f"the position of emitters[{index}]"
-            hindered = hindrance(self._scene, now, occupied.radius, name, end.position, radius)
+            hindered = hindrance(self._scene, there, occupied.radius, name, end.position, radius)
             free = not hindered and occupied.admits(end.position, radius)
             if free:
                 entering.append((emitter, end))
@@ -146,7 +147,7 @@ class Emission:
         new = checked(
             scene,
             self._precision,
-            solver.time,
+            solver.scene_time,
             solver.radii,
             positions,
             velocities,

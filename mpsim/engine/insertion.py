@@ -35,7 +35,7 @@ def checked(
 
     Args:
         scene, precision: of the simulation.
-        time: at which they are added [time].
+        time: at which they are added, as the scene counts it [time].
         present: radii of the discs that are there, shape (N,) [length].
         position, velocity, radius, mass: what was given.
         others: what was given of other columns, by name; None: nothing.

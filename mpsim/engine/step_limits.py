@@ -208,7 +208,7 @@ class StepLimits:
         if not self._looks_for_pressed(count) or not self._is_look(frame, count, 1):
             return
         anyway = frame == self._squeezed or self._is_look(frame, count, SELDOM)
-        if not anyway and not is_crowded(self._scene, solver.radii, solver.time):
+        if not anyway and not is_crowded(self._scene, solver.radii, solver.scene_time):
             return
         text = solver.once(lambda: pressed(solver, self._scene, self._settings))
         if text and self._settings.on_fast == "error":

@@ -99,6 +99,12 @@ _REFUSALS: tuple[_Refusal, ...] = (
         for each in feature.invalidates
     ),
     _Refusal(
+        (*_VIRIALS, "collision_rate", "contact_rate"),
+        lambda scene: scene.loses_discs and not scene.absorbing,
+        "removed discs, which its number of discs counts",
+        "Measure in a scene without them, scene.starting_from(sim.state).",
+    ),
+    _Refusal(
         ("pressure_xy",),
         lambda scene: not all(scene.periodic),
         "walls, which are smooth and take up no such momentum",

@@ -147,7 +147,7 @@ def frame_of(sim: Simulation) -> Frame:
 
     On ranks, where no process has them all, in chunks; of a scene that absorbs discs, whose numbers have gaps, whole.
     """
-    if capabilities_of(sim.settings).on_ranks and not sim.scene.absorbing:
+    if capabilities_of(sim.settings).on_ranks and not sim.scene.loses_discs:
         none, found = sim.state_between(0, 0), in_chunks(sim.state_between, sim.count)
         ids = ChunkedArray(np.dtype(np.int64), (sim.count,), np.arange)
         found = {name: value for name, value in found.items() if name not in ("present", "box")}

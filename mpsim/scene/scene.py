@@ -75,6 +75,7 @@ class Scene(HasDiscs):
     wall_friction: float = 0.0
     tangential_restitution: float = 0.0
     spin: NDArray[np.float64] | None = None
+    _has_gaps: bool = False
     _redraw: Callable[[int], "Scene"] | None = None
     _capsules: tuple[tuple[Obstacle, ...], NDArray[np.float64]] | None = None  # with what they were made from
     _capsule_index: CapsuleIndex | None = None
@@ -140,6 +141,17 @@ class Scene(HasDiscs):
     def dissipates(self) -> bool:
         """Whether a feature lets contacts take energy from the motion of the discs, their restitutions aside."""
         return any(feature.dissipates(self) for feature in FEATURES)
+
+    @property
+    def loses_discs(self) -> bool:
+        """Whether discs can be absent: absorbed at an edge, or removed from the simulation that this is the scene of."""
+        return bool(self.absorbing) or self._has_gaps
+
+    def with_gaps(self) -> "Scene":
+        """The same scene, as one from which discs have been removed."""
+        other = copy.copy(self)
+        other._has_gaps = True
+        return other
 
     @property
     def moving_wall(self) -> MovingWall | None:

@@ -24,7 +24,7 @@ from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
 from mpsim.core.version import __version__
 from mpsim.engine.columns import columns_of, given_in
-from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs
+from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Origin
 from mpsim.engine.solvers.discs import disc_at
 from mpsim.engine.solvers.mpi_columns import Border, Range, borders_of, dealt, in_turns
 from mpsim.engine.solvers.mpi_numbers import DiscsByNumber, answers_to_one
@@ -342,14 +342,19 @@ class MpiSolver(SteppedSolver):
     def frame(self) -> int:
         """Frames finished since the start."""
         arrays = {} if self._part is None else self._part.arrays
-        return int(arrays["control"].done) if arrays else self._last_frame
+        return self.origin.frame + int(arrays["control"].done) if arrays else self._last_frame
+
+    @property
+    def _progress(self) -> tuple[int, int]:
+        """Frames and steps done since the origin."""
+        return self._frames, int(self._control.steps)
 
     # --- steps
 
     def speeds(self, new: NewDiscs | None = None) -> Speeds:
         """How fast the discs of all ranks are, those that are about to be added included: of one rank."""
-        scene, sides = self._scene, sides_at(self._scene, self.time)
-        radii, present = self._radii, ~self.absorbed if scene.absorbing else None
+        scene, sides = self._scene, sides_at(self._scene, self.scene_time)
+        radii, present = self._radii, ~self.absorbed if scene.loses_discs else None
         (numbers, own), walls = self.local_state(), Walls(sides, scene.periodic, scene.largest_radius)
         velocity = own.velocity
         if new is not None:
@@ -395,7 +400,7 @@ class MpiSolver(SteppedSolver):
     @property
     def absorbed(self) -> NDArray[np.bool_]:
         """Which discs have left through an absorbing edge, shape (N,)."""
-        return self._by_number().absorbed() if self._scene.absorbing else np.zeros(self.count, bool)
+        return self._by_number().absorbed() if self._scene.loses_discs else np.zeros(self.count, bool)
 
     def _by_number(self) -> DiscsByNumber:
         """The discs of all ranks by number; as long as none moves."""
@@ -423,7 +428,39 @@ class MpiSolver(SteppedSolver):
             added = part.records_of(new, first, grid)
             return np.concatenate([part.in_grid(own, grid), added[: len(added) * (self._shared().rank == 0)]])
 
-        self._enter(records, new, first, (self.frame, int(self._control.steps)))
+        self._enter(records, new, first, self._progress)
+        self._half_done = False
+
+    def discs(self) -> NewDiscs:
+        """Copies of the discs of all ranks, on each of them."""
+        found, part = self._by_number().rows(0, self.count), self._held()
+        position, velocity = found.pop("position"), found.pop("velocity")
+        for column in columns_of(self._scene):
+            if column.name not in found:  # what stays as it is, which all ranks know
+                found[column.name] = part.arrays[column.name][..., : self.count].T.copy()
+        return NewDiscs(position, velocity, self._radii, {**found, columns.MASS.name: self._masses})
+
+    def replace(self, discs: NewDiscs) -> None:
+        """Take other discs, which all ranks have: each those of its columns."""
+        progress, self._half_done = self._progress, True
+        self._enter_all(lambda a, b: (discs.position[a:b], discs.velocity[a:b]), discs.columns, progress)
+        self._half_done = False
+
+    def assume(self, scene: Scene, settings: Settings, origin: Origin) -> None:
+        """Take another scene and settings for those in force."""
+        refuse(scene, settings, self._radii)
+        super().assume(scene, settings, origin)
+
+    def adopt(self, scene: Scene, settings: Settings, choice: Choice, origin: Origin) -> None:
+        """Continue under another scene and settings, on new workers."""
+        discs, progress = self.discs(), self._progress
+        if origin != self.origin:
+            progress, self.substeps = (0, 0), settings.substeps
+        self.assume(scene, settings, origin)
+        self.choice, self._workers = choice, max(choice.workers) // self._shared().size
+        self._half_done = True
+        self._leave_part()
+        self._enter_all(lambda a, b: (discs.position[a:b], discs.velocity[a:b]), discs.columns, progress)
         self._half_done = False
 
     # --- snapshots
