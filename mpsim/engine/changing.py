@@ -5,9 +5,11 @@ from typing import Unpack
 from numpy.typing import ArrayLike
 
 from mpsim.core.columns import GivenColumns
+from mpsim.core.errors import InputError
 from mpsim.engine import changes, insertion
 from mpsim.engine.access import Access, exclusive
 from mpsim.engine.coordinator import Coordinator
+from mpsim.engine.parameters import Parameters, check_names, plain
 
 
 class Changing:
@@ -141,6 +143,42 @@ class Changing:
         """
         self._coordinator.open_solver().demand_alike("the discs that are removed", ids)
         self._coordinator.change(changes.checked_remove(self._place("remove"), ids))
+
+    @exclusive
+    def change(self, **parameters: Unpack[Parameters]) -> None:
+        """Change parameters of the scene or the settings between two frames; those not given stay as they are.
+
+        `scene` and `settings` then are those in force.
+
+        Args:
+            parameters: by name, as Scene, Emitter and Settings have them: gravity, restitution, wall_restitution, dt,
+                contact, passes, substeps, workers; interval or every of emitters, one number for all that have it or a
+                list with one for each; piston_speed, of a piston that then goes on from where it is. What is left of an
+                emitter's interval shrinks or grows as the interval does. dt not in a callback of `run`.
+
+        Raises:
+            InputError: naming the parameter, its rule and the value received, and what can be changed; then nothing is
+                changed.
+            TooFastError: as settings.on_fast says; then nothing is changed either.
+
+        >>> from mpsim import Scene, Simulation
+        >>> scene = Scene(width=9, height=9, position=[[4, 5]], velocity=[[0, 0]], radius=0.5, gravity=(0, -1))
+        >>> with Simulation(scene) as sim:
+        ...     sim.change(gravity=(1, 0), dt=0.005)
+        ...     sim.run(frames=200).frames, sim.state.velocity.round(12).tolist(), round(sim.time, 12)
+        (200, [[1.0, 0.0]], 1.0)
+        """
+        given = dict(parameters)
+        self._coordinator.open_solver().demand_alike("the parameters that are changed", given)
+        place = self._place("change")
+        check_names(given)
+        use = self._access.use
+        if "dt" in given and use is not None and use.outer is not None:
+            raise InputError(
+                f"dt can be changed between two runs, not in a callback of one, which counts by it; got {given['dt']!r}."
+                " Return from the run before."
+            )
+        self._coordinator.change_parameters(place.change(changes.PARAMETERS, plain(given)))
 
     def _place(self, what: str = "") -> changes.Place:
         """Where the simulation stands; what: the call, if that needs a whole frame."""

@@ -26,6 +26,8 @@ from mpsim.engine.batch_size import BatchSizer
 from mpsim.engine.changes import REMOVE, Change, edited
 from mpsim.engine.emission import Emission, Insert, Progress
 from mpsim.engine.notices import Once
+from mpsim.engine.parameters import in_force
+from mpsim.engine.precision_check import check_precision
 from mpsim.engine.recovery import RecoverySnapshots, retried_on_new_workers
 from mpsim.engine.report import Report, phase_seconds
 from mpsim.engine.run_record import RunRecord
@@ -59,6 +61,7 @@ class Coordinator:
         solver: what runs the frames; another one after `auto` has changed the method.
         last_frame, last_time: frames done when it was closed, and the time then [time].
         journal: the changes so far, in order.
+        record: of the run that is in progress, or of the last one.
         emission: what the emitters have done.
         step_limits: whether steps are short enough for the speeds.
     """
@@ -70,6 +73,7 @@ class Coordinator:
         self._comm = comm
         self.last_frame, self.last_time = 0, 0.0
         self.journal: list[Change] = []
+        self.record: RunRecord | None = None
         self._compiled_before = compile_seconds()
         self.emission: Emission = Emission(scene, settings, access.notices)
         choice = methods.choose(scene.count, settings, comm)
@@ -138,7 +142,8 @@ class Coordinator:
         whole, guarded = solver.time == solver.time_of(solver.frame), solver.guarded
         averages = RunAverages(names, frames, self.scene, self._of_discs, whole)
         self.between_frames(lambda: self.solver.set_tallied(averages.counting))
-        return RunRecord(max(solver.choice.workers), averages, whole, guarded)
+        self.record = RunRecord(max(solver.choice.workers), averages, whole, guarded)
+        return self.record
 
     def _of_discs(self, function: Callable[[Discs], Any]) -> Any:
         """What a function of the present state gives, in all processes that share the simulation.
@@ -324,7 +329,7 @@ class Coordinator:
 
         with interrupts_held_back():
             self.between_frames(act)
-            self.journal.append(change)
+            self._note(change)
         self._look_or_undo(lambda: self.solver.replace(before))
 
     def _look_or_undo(self, undo: Callable[[], None]) -> None:
@@ -339,6 +344,41 @@ class Coordinator:
                 self.between_frames(undo)
                 self.journal.pop()
             raise
+
+    def change_parameters(self, change: Change) -> None:
+        """Change parameters of scene or settings, and note it in the journal; the origin is then now."""
+        solver, notices, given = self.solver, self._access.notices, change.values
+        scene, settings = in_force(self.scene, self.settings, given, solver.state_between(0, 0).box)
+        check_precision(scene, settings)
+        emission = self.emission.under(scene, settings, solver.frame, solver.time)
+        limits = self.step_limits.under(scene, settings, solver.frame)
+        try:
+            with interrupts_held_back(), self._access.moving():
+                substeps = limits.check(solver, notices)
+            notices.give()  # where a filter makes an error of a warning, nothing is changed
+        except Exception:
+            self.step_limits.set_limit(solver)
+            raise
+
+        def act() -> None:
+            self._adopt(scene, settings, Origin(change.frame, change.time))
+            limits.set_limit(self.solver)
+            if self.solver.capabilities.has_steps and substeps != self.solver.substeps:
+                self.solver.divide(substeps)
+
+        with interrupts_held_back():
+            before = self.solver.choice
+            self.between_frames(act)
+            self.emission, self.step_limits = emission, limits
+            if self.solver.choice != before:
+                self._batch_sizer = BatchSizer(self.solver.choice.workers, MOST_FRAMES)
+            self._note(change)
+
+    def _note(self, change: Change) -> None:
+        """Note a change that has been made."""
+        self.journal.append(change)
+        if self.record is not None:
+            self.record.averages.interrupted()
 
     def _adopt(self, scene: Scene, settings: Settings, origin: Origin) -> None:
         """Take another scene and settings for those in force."""

@@ -217,6 +217,10 @@ class RunAverages:
         self._samples: dict[str, list[Any]] = {name: [] for name in self._sampled}
         self._every = max(frames // (FLOW_SAMPLES if "flow" in self._sampled else SAMPLES), 1)
 
+    def interrupted(self) -> None:
+        """Discs or parameters have been changed in the run: what that has put in is no drift, which nobody knows now."""
+        self._drifts = {}
+
     @property
     def counting(self) -> bool:
         """Whether the kernels must count."""

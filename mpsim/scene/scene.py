@@ -153,6 +153,19 @@ class Scene(HasDiscs):
         other._has_gaps = True
         return other
 
+    def changed(self, **values: Any) -> "Scene":
+        """The same scene with other gravity, restitution, wall_restitution, emitters, or another piston."""
+        other, rules = copy.copy(self), {
+            "gravity": check_gravity,
+            "restitution": functools.partial(checks.fraction, "restitution"),
+            "wall_restitution": functools.partial(checks.fraction, "wall_restitution"),
+            "emitters": check_emitters,
+            "piston": lambda value: check_piston(value, self.boundary, self.width, self.height, self.absorbing),
+        }
+        for name, value in values.items():
+            setattr(other, name, rules[name](value))
+        return other
+
     @property
     def moving_wall(self) -> MovingWall | None:
         """The wall that a feature of the scene moves; None if all are at rest."""
@@ -313,6 +326,7 @@ class Scene(HasDiscs):
         [[2.0, 2.0]]
         """
         other = copy.copy(self)
+        vars(other).pop("_has_gaps", None)  # those that are absent are left out
         move_to_state(other, state)
         other.check_inside("position", other.position, other.radius)
         return other
