@@ -7,8 +7,9 @@ from numpy.typing import ArrayLike
 from mpsim.core.columns import GivenColumns
 from mpsim.core.errors import InputError
 from mpsim.engine import changes, insertion
-from mpsim.engine.access import Access, exclusive
+from mpsim.engine.access import Access, exclusive, reading
 from mpsim.engine.coordinator import Coordinator
+from mpsim.engine.journal import Journal
 from mpsim.engine.parameters import Parameters, check_names, plain
 
 
@@ -57,7 +58,7 @@ class Changing:
         new = insertion.checked(*now, position, velocity, radius, mass, brought)
         substeps = self._coordinator.look(new)
         self._access.notices.give()  # where a filter makes an error of a warning, nothing is added
-        self._coordinator.insert(new, substeps)
+        self._coordinator.add(place.change(changes.ADD, insertion.arguments_of(place.scene, new)), new, substeps)
 
     @exclusive
     def set(
@@ -179,6 +180,35 @@ class Changing:
                 " Return from the run before."
             )
         self._coordinator.change_parameters(place.change(changes.PARAMETERS, plain(given)))
+
+    @property
+    @reading
+    def journal(self) -> Journal:
+        """What the simulation started from, and every change by set, kick, remove, add and change since, in order.
+
+        A checkpoint holds it, so that of a resumed simulation begins where the first one did. `journal.save` writes it,
+        and `mpsim.replay` runs it again, with the same bits. On ranks all ask for it; one of them saves it.
+
+        >>> from mpsim import Scene, Simulation
+        >>> scene = Scene.random(count=5, packing=0.2, radius=0.5, seed=1)
+        >>> with Simulation(scene) as sim:
+        ...     sim.kick([0, 1], impulse=(1, 0))
+        ...     [(change.frame, change.what, change.values["ids"].tolist()) for change in sim.journal]
+        [(0, 'kick', [0, 1])]
+        """
+        coordinator = self._coordinator
+        solver = coordinator.open_solver()
+        return Journal(*coordinator.start_of_all, tuple(coordinator.journal), solver.frame, solver.digest())
+
+    @property
+    @reading
+    def origin(self) -> tuple[int, float]:
+        """Frame and time [time] since which frames have settings.dt: (0, 0.0), or the last `change` of dt or piston_speed.
+
+        From there time is counted in frames of settings.dt, and the piston of the scene began where the scene has it.
+        """
+        frame, time = self._coordinator.open_solver().origin
+        return frame, time
 
     def _place(self, what: str = "") -> changes.Place:
         """Where the simulation stands; what: the call, if that needs a whole frame."""

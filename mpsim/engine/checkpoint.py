@@ -10,6 +10,7 @@ import dataclasses
 import errno
 import hashlib
 import json
+import math
 import os
 import platform
 import shutil
@@ -33,15 +34,21 @@ from mpsim.core.errors import (
     is_of_the_system,
     level_of_caller,
 )
+from mpsim.engine.journal import Changed, packed, unpacked
 from mpsim.engine.older_formats import in_this_format
+from mpsim.engine.solvers.base import Origin
 from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
-FORMAT = 6
+FORMAT = 7
 """Version of the format. A file of a newer one is refused, by number; one of format 1 lacks the image flags and
 virials by component, one of format 2 is that of smooth discs, one of format 3 has sizes of each disc even if equal,
-one of format 4 no lattice, in one of format 5 the exact solver counts impulses in real numbers."""
+one of format 4 no lattice, in one of format 5 the exact solver counts impulses in real numbers, in one of format 6
+nothing has been changed between frames."""
+
+JOURNAL = "journal"
+"""Name of the array that holds what has been changed; only where something has."""
 
 HEADER = "mpsim_checkpoint"
 """Name of the first array, the header. So the name stands at the start of the file, and tells its kind."""
@@ -74,10 +81,11 @@ class Checkpoint:
 
     Attributes:
         path: of the file that was read (the previous one, if the newest is damaged).
-        scene, settings: of the simulation.
+        scene, settings: at the start of the simulation.
         run: plain values that the engine needs to continue, such as the frame and what emitters have done.
         arrays: of the solver.
         digest: over all that the file holds.
+        changed: what has been changed since the start.
     """
 
     path: Path
@@ -86,6 +94,7 @@ class Checkpoint:
     run: dict[str, Any]
     arrays: Arrays
     digest: str
+    changed: Changed = Changed()
 
 
 Verified = tuple[Path, str, tuple[int, ...]]
@@ -147,7 +156,12 @@ def _check_place(target: Path) -> None:
 
 
 def write(
-    path: str | os.PathLike[str], scene: Scene, settings: Settings, run: dict[str, Any], arrays: Mapping[str, Array]
+    path: str | os.PathLike[str],
+    scene: Scene,
+    settings: Settings,
+    run: dict[str, Any],
+    arrays: Mapping[str, Array],
+    changed: Changed = Changed(),
 ) -> Path:
     """Write a checkpoint; the file that was there is kept beside it as <name>.previous.
 
@@ -158,7 +172,7 @@ def write(
     """
     target = checked_place(path)
     with _as_output_error(target), _kept_as_previous(target), atomic.atomic_write(target) as file:
-        write_arrays(file, _packed(scene, settings, run, arrays))
+        write_arrays(file, _packed(scene, settings, run, arrays, changed))
     return target
 
 
@@ -305,12 +319,17 @@ class _DamagedError(Exception):
     """A file cannot be used; the text says why."""
 
 
-def _packed(scene: Scene, settings: Settings, run: dict[str, Any], arrays: Mapping[str, Array]) -> dict[str, Array]:
+def _packed(
+    scene: Scene, settings: Settings, run: dict[str, Any], arrays: Mapping[str, Array], changed: Changed
+) -> dict[str, Array]:
     """All that goes into a file, the header first."""
     plain, parts = scene_parts(scene)
     everything: dict[str, Array] = {f"scene.{name}": value for name, value in parts.items()}
     once = {name: np.asarray(sizes[0]) for name in SIZES if _are_equal(sizes := np.asarray(arrays[name]))}
     everything |= {f"solver.{name}": value for name, value in {**arrays, **once}.items()}
+    if changed.changes:
+        everything[JOURNAL] = packed(changed.changes)
+        run = run | {"origin": list(changed.origin), "piston": changed.piston}
     header: dict[str, Any] = {
         "format": FORMAT,
         "versions": {"python": platform.python_version()} | {name: version(name) for name in ("numpy", "numba")},
@@ -480,12 +499,25 @@ def _made_from(path: Path, header: dict[str, Any], found: Arrays) -> Checkpoint:
     """A checkpoint from the header and the arrays of its file."""
     with _as_no_state():
         parts = _named("scene.", found), _named("solver.", found)
-        if len(parts[0]) + len(parts[1]) != len(found) or not parts[0].keys() <= set(ARRAYS):
+        if len(parts[0]) + len(parts[1]) + (JOURNAL in found) != len(found) or not parts[0].keys() <= set(ARRAYS):
             raise ValueError(f"it holds arrays that belong to nothing; got {sorted(found)}")
         scene = scene_from(header["scene"], parts[0])
         settings = Settings(**header["settings"])
         arrays = _of_each_disc(parts[1], header.get("discs"))
-        return Checkpoint(path, scene, settings, header["run"], arrays, str(header["digest"]))
+        changed = _changed_in(header["run"], found[JOURNAL]) if JOURNAL in found else Changed()
+        return Checkpoint(path, scene, settings, header["run"], arrays, str(header["digest"]), changed)
+
+
+def _changed_in(run: dict[str, Any], journal: NDArray[Any]) -> Changed:
+    """What the header and the journal of a file say of changes.
+
+    Raises:
+        ValueError, LookupError, TypeError: if they are no such.
+    """
+    (frame, time), piston = run["origin"], run["piston"]
+    if type(frame) is not int or not 0 <= frame <= run["frame"] or not math.isfinite(time) or time < 0:
+        raise ValueError(f"the origin must be a frame that is done, and its time; got {run['origin']!r:.60}")
+    return Changed(unpacked(np.asarray(journal), run["frame"]), Origin(frame, float(time)), piston)
 
 
 def _named(prefix: str, arrays: Arrays) -> Arrays:

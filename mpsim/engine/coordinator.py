@@ -25,8 +25,9 @@ from mpsim.engine.access import Access
 from mpsim.engine.batch_size import BatchSizer
 from mpsim.engine.changes import REMOVE, Change, edited
 from mpsim.engine.emission import Emission, Insert, Progress
+from mpsim.engine.journal import Changed, parameters_after
 from mpsim.engine.notices import Once
-from mpsim.engine.parameters import in_force
+from mpsim.engine.parameters import in_force, moves_origin
 from mpsim.engine.precision_check import check_precision
 from mpsim.engine.recovery import RecoverySnapshots, retried_on_new_workers
 from mpsim.engine.report import Report, phase_seconds
@@ -60,6 +61,7 @@ class Coordinator:
         scene, settings: in force.
         solver: what runs the frames; another one after `auto` has changed the method.
         last_frame, last_time: frames done when it was closed, and the time then [time].
+        start_of_all: scene and settings at the start.
         journal: the changes so far, in order.
         record: of the run that is in progress, or of the last one.
         emission: what the emitters have done.
@@ -72,6 +74,7 @@ class Coordinator:
         self._access = access
         self._comm = comm
         self.last_frame, self.last_time = 0, 0.0
+        self.start_of_all: tuple[Scene, Settings] = (scene, settings)
         self.journal: list[Change] = []
         self.record: RunRecord | None = None
         self._compiled_before = compile_seconds()
@@ -88,8 +91,14 @@ class Coordinator:
         """Start the solver; if that fails, close it."""
         self._begin(self.step_limits.at_start(), self.solver.start)
 
-    def resume(self, snapshot: Snapshot, emission: Progress) -> None:
+    def resume(self, snapshot: Snapshot, emission: Progress, changed: Changed) -> None:
         """Start the solver from a checkpoint; if that fails, close it."""
+        if changed.changes:
+            scene, settings = parameters_after(self.scene, self.settings, changed.changes, changed.piston)
+            self.solver.assume(scene, settings, changed.origin)
+            self.emission = self.emission.under(scene, settings, 0, 0.0)
+            self.step_limits = self.step_limits.under(scene, settings, changed.origin.frame)
+            self.scene, self.settings, self.journal = scene, settings, list(changed.changes)
         self._begin(self.step_limits.at_resume(), lambda: self.restore((snapshot, emission)))
 
     def _begin(self, warned_of: Iterable[tuple[str, type[Warning]]], start: Callable[[], None]) -> None:
@@ -134,6 +143,12 @@ class Coordinator:
             )
         return self.solver
 
+    @property
+    def changed(self) -> Changed:
+        """What has been changed since the start, for a checkpoint."""
+        piston = None if self.scene.piston is None else self.scene.piston.start
+        return Changed(tuple(self.journal), self.solver.origin, piston)
+
     # --- runs
 
     def begin_record(self, names: tuple[str, ...], frames: int) -> RunRecord:
@@ -159,7 +174,8 @@ class Coordinator:
         """Snapshots for a run to go back to if a worker dies; None if the settings do not ask for it."""
         if self.settings.on_worker_death != "restart":
             return None
-        return RecoverySnapshots(self.snapshot, self.restore, record, self._access.notices)
+        changes = lambda: len(self.journal)  # noqa: E731
+        return RecoverySnapshots(self.snapshot, self.restore, record, self._access.notices, changes)
 
     def report(self, record: RunRecord, observing_seconds: float) -> Report:
         """The report of a run that is over."""
@@ -332,6 +348,12 @@ class Coordinator:
             self._note(change)
         self._look_or_undo(lambda: self.solver.replace(before))
 
+    def add(self, change: Change, new: NewDiscs, substeps: int) -> None:
+        """Add discs that have been checked, from outside, and note it in the journal."""
+        with interrupts_held_back():
+            self.insert(new, substeps)
+            self._note(change)
+
     def _look_or_undo(self, undo: Callable[[], None]) -> None:
         """Check the speeds after the last change of the journal; where they are refused, undo it."""
         try:
@@ -346,12 +368,15 @@ class Coordinator:
             raise
 
     def change_parameters(self, change: Change) -> None:
-        """Change parameters of scene or settings, and note it in the journal; the origin is then now."""
+        """Change parameters of scene or settings, and note it in the journal."""
         solver, notices, given = self.solver, self._access.notices, change.values
-        scene, settings = in_force(self.scene, self.settings, given, solver.state_between(0, 0).box)
+        origin, box = solver.origin, None
+        if moves_origin(given):
+            origin, box = Origin(change.frame, change.time), solver.state_between(0, 0).box
+        scene, settings = in_force(self.scene, self.settings, given, box)
         check_precision(scene, settings)
         emission = self.emission.under(scene, settings, solver.frame, solver.time)
-        limits = self.step_limits.under(scene, settings, solver.frame)
+        limits = self.step_limits.under(scene, settings, origin.frame)
         try:
             with interrupts_held_back(), self._access.moving():
                 substeps = limits.check(solver, notices)
@@ -361,7 +386,7 @@ class Coordinator:
             raise
 
         def act() -> None:
-            self._adopt(scene, settings, Origin(change.frame, change.time))
+            self._adopt(scene, settings, origin)
             limits.set_limit(self.solver)
             if self.solver.capabilities.has_steps and substeps != self.solver.substeps:
                 self.solver.divide(substeps)

@@ -60,6 +60,13 @@ def checked(
     return NewDiscs(places, speeds, radii, {MASS.name: masses, **brought})
 
 
+def arguments_of(scene: Scene, new: NewDiscs) -> dict[str, Any]:
+    """The arguments of `Simulation.add` for discs that have been checked: those that it would be given."""
+    found: dict[str, Any] = {"position": new.position, "velocity": new.velocity}
+    found |= {"radius": new.radius} if has_radii(scene) else {}
+    return found | {name: values for name, values in new.columns.items() if name != MASS.name or has_masses(scene)}
+
+
 def _brought(scene: Scene, precision: str, column: Column, value: ArrayLike, count: int) -> Floats:
     """What was given of a column, as `Column.one_each`."""
     if column not in columns_of(scene):

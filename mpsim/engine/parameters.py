@@ -60,6 +60,11 @@ def check_names(given: Mapping[str, Any]) -> None:
         raise InputError(f"change needs something to change, one of {', '.join(NAMES)}; got none of them. Give one.")
 
 
+def moves_origin(given: Mapping[str, Any]) -> bool:
+    """Whether time, or the place of the piston, is counted anew from such a change."""
+    return "dt" in given or "piston_speed" in given
+
+
 def in_force(scene: Scene, settings: Settings, given: Mapping[str, Any], box: Box | None) -> tuple[Scene, Settings]:
     """Scene and settings after a change.
 
@@ -75,7 +80,7 @@ def in_force(scene: Scene, settings: Settings, given: Mapping[str, Any], box: Bo
     piston = scene.piston if box is None else PISTON.continued(scene, box)
     if "piston_speed" in given:
         piston = _at_speed(piston, given["piston_speed"])
-    if piston is not None:
+    if piston is not scene.piston:
         values["piston"] = piston
     counts = {name: given[name] for name in ("interval", "every") if name in given}
     if counts:
@@ -84,7 +89,7 @@ def in_force(scene: Scene, settings: Settings, given: Mapping[str, Any], box: Bo
             emitters = _emitting(emitters, name, value)
         values["emitters"] = emitters
     changed = dataclasses.replace(settings, **{name: given[name] for name in OF_SETTINGS if name in given})
-    scene = scene.changed(**values)
+    scene = scene.changed(**values) if values else scene
     for feature in FEATURES:
         feature.check_law(scene, changed.law)
     return scene, changed

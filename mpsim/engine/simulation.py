@@ -295,7 +295,8 @@ class Simulation(Changing):
         with self._access.state_lock:
             solver = self._coordinator.open_solver()
             run, arrays = {"frame": solver.frame, "emission": self._coordinator.emission.progress}, solver.snapshot()
-        return solver.once(lambda: checkpoint_file.write(path, self.scene, self.settings, run, arrays))
+            start, changed = self._coordinator.start_of_all, self._coordinator.changed
+        return solver.once(lambda: checkpoint_file.write(path, *start, run, arrays, changed))
 
     @classmethod
     def resume(
@@ -332,7 +333,7 @@ class Simulation(Changing):
             raise CheckpointError(
                 f"the checkpoint {str(found.path)!r} must hold a scene and settings that go together; {error}"
             ) from error
-        sim._coordinator.resume(found.arrays, found.run["emission"])
+        sim._coordinator.resume(found.arrays, found.run["emission"], found.changed)
         return sim
 
     def __repr__(self) -> str:

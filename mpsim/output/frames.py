@@ -163,7 +163,8 @@ def _frame(sim: Simulation, walls: Box | None, found: dict[str, Any], radius: An
     assert walls is not None  # those of a simulation are known
     x_low, x_high, y_low, y_high = walls
     position = found.pop("position")
-    time = sim.frame * sim.settings.dt  # sim.time but for the rounding of the exact solver's clock
+    since, began = sim.origin
+    time = began + (sim.frame - since) * sim.settings.dt  # sim.time but for the rounding of the exact solver's clock
     known = {"time": time, "radius": radius, "mass": mass, "ids": ids, **found}
     box, origin = (x_high - x_low, y_high - y_low), (x_low, y_low)
     return Frame(sim.frame, box, origin, sim.scene.periodic, position, Path(), known)

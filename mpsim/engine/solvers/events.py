@@ -1,6 +1,7 @@
 """The exact solver as the coordinator sees it: event-driven, one process, float64."""
 
 import contextlib
+import dataclasses
 import math
 import os
 import time
@@ -271,7 +272,11 @@ class EventSolver(Solver):
         super().assume(scene, settings, origin)
 
     def adopt(self, scene: Scene, settings: Settings, choice: Choice, origin: Origin) -> None:
-        """Predict all events anew under another scene and settings."""
+        """Predict all events anew under another scene and settings; on other workers alone, continue to the same bits."""
+        if scene is self._scene and settings == dataclasses.replace(self._settings, workers=settings.workers):
+            self._settings = settings
+            self.restore(self.snapshot(), choice)
+            return
         discs, block, time = self.discs(), self._block, self._present
         before = self._scene, self._settings, self.origin, self._progress, self._stopped
         if origin != self.origin:
