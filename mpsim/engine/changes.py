@@ -86,7 +86,8 @@ def checked_set(
     settable = [column for column in given() if column is not MASS]
     check_names("Simulation.set", others, settable)
     numbers = _present_numbers(place.solver, ids)
-    count, values = len(numbers), {"ids": numbers}
+    count = len(numbers)
+    values: dict[str, Any] = {"ids": numbers}
     if position is not None:
         places = checks.finite_array("position", _rows(position), (count, 2), f"({count}, 2), one row per disc of ids")
         _check_room(place, numbers, places)

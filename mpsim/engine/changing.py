@@ -176,8 +176,8 @@ class Changing:
         use = self._access.use
         if "dt" in given and use is not None and use.outer is not None:
             raise InputError(
-                f"dt can be changed between two runs, not in a callback of one, which counts by it; got {given['dt']!r}."
-                " Return from the run before."
+                f"dt can be changed between two runs, not in a callback of one, which counts by it; got "
+                f"{given['dt']!r}. Return from the run before."
             )
         self._coordinator.change_parameters(place.change(changes.PARAMETERS, plain(given)))
 
@@ -203,7 +203,7 @@ class Changing:
     @property
     @reading
     def origin(self) -> tuple[int, float]:
-        """Frame and time [time] since which frames have settings.dt: (0, 0.0), or the last `change` of dt or piston_speed.
+        """Frame and time [time] of the last `change` of dt or piston_speed; (0, 0.0) without one.
 
         From there time is counted in frames of settings.dt, and the piston of the scene began where the scene has it.
         """

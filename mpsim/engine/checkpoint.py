@@ -10,7 +10,6 @@ import dataclasses
 import errno
 import hashlib
 import json
-import math
 import os
 import platform
 import shutil
@@ -34,9 +33,9 @@ from mpsim.core.errors import (
     is_of_the_system,
     level_of_caller,
 )
-from mpsim.engine.journal import Changed, packed, unpacked
+from mpsim.core.sizes import of_each_disc
+from mpsim.engine.journal import JOURNAL, UNCHANGED, Changed, changed_in, packed
 from mpsim.engine.older_formats import in_this_format
-from mpsim.engine.solvers.base import Origin
 from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -46,9 +45,6 @@ FORMAT = 7
 virials by component, one of format 2 is that of smooth discs, one of format 3 has sizes of each disc even if equal,
 one of format 4 no lattice, in one of format 5 the exact solver counts impulses in real numbers, in one of format 6
 nothing has been changed between frames."""
-
-JOURNAL = "journal"
-"""Name of the array that holds what has been changed; only where something has."""
 
 HEADER = "mpsim_checkpoint"
 """Name of the first array, the header. So the name stands at the start of the file, and tells its kind."""
@@ -94,7 +90,7 @@ class Checkpoint:
     run: dict[str, Any]
     arrays: Arrays
     digest: str
-    changed: Changed = Changed()
+    changed: Changed = UNCHANGED
 
 
 Verified = tuple[Path, str, tuple[int, ...]]
@@ -161,7 +157,7 @@ def write(
     settings: Settings,
     run: dict[str, Any],
     arrays: Mapping[str, Array],
-    changed: Changed = Changed(),
+    changed: Changed = UNCHANGED,
 ) -> Path:
     """Write a checkpoint; the file that was there is kept beside it as <name>.previous.
 
@@ -328,8 +324,7 @@ def _packed(
     once = {name: np.asarray(sizes[0]) for name in SIZES if _are_equal(sizes := np.asarray(arrays[name]))}
     everything |= {f"solver.{name}": value for name, value in {**arrays, **once}.items()}
     if changed.changes:
-        everything[JOURNAL] = packed(changed.changes)
-        run = run | {"origin": list(changed.origin), "piston": changed.piston}
+        everything[JOURNAL], run = packed(changed.changes), run | changed.place
     header: dict[str, Any] = {
         "format": FORMAT,
         "versions": {"python": platform.python_version()} | {name: version(name) for name in ("numpy", "numba")},
@@ -353,19 +348,6 @@ def _packed(
 
 def _are_equal(sizes: NDArray[np.float64]) -> bool:
     return len(sizes) > 0 and bool((sizes == sizes[0]).all())
-
-
-def _of_each_disc(arrays: Arrays, discs: Any) -> Arrays:
-    """Arrays of a solver, with equal sizes repeated for each disc, which takes no memory.
-
-    Raises:
-        ValueError: if no array in the file is for so many discs: what follows makes room for them.
-    """
-    once = [name for name in SIZES if name in arrays and not arrays[name].ndim]
-    # A list: an interrupt while a generator that is not at its end is thrown away would be lost.
-    if once and not any([array.ndim and len(array) == discs for array in arrays.values()]):
-        raise ValueError(f"it has no array for {discs!r:.30} discs")
-    return {name: np.broadcast_to(array, discs) if name in once else array for name, array in arrays.items()}
 
 
 def _previous(target: Path) -> Path:
@@ -503,21 +485,9 @@ def _made_from(path: Path, header: dict[str, Any], found: Arrays) -> Checkpoint:
             raise ValueError(f"it holds arrays that belong to nothing; got {sorted(found)}")
         scene = scene_from(header["scene"], parts[0])
         settings = Settings(**header["settings"])
-        arrays = _of_each_disc(parts[1], header.get("discs"))
-        changed = _changed_in(header["run"], found[JOURNAL]) if JOURNAL in found else Changed()
+        arrays = of_each_disc(parts[1], SIZES, header.get("discs"))
+        changed = changed_in(header["run"], found[JOURNAL]) if JOURNAL in found else UNCHANGED
         return Checkpoint(path, scene, settings, header["run"], arrays, str(header["digest"]), changed)
-
-
-def _changed_in(run: dict[str, Any], journal: NDArray[Any]) -> Changed:
-    """What the header and the journal of a file say of changes.
-
-    Raises:
-        ValueError, LookupError, TypeError: if they are no such.
-    """
-    (frame, time), piston = run["origin"], run["piston"]
-    if type(frame) is not int or not 0 <= frame <= run["frame"] or not math.isfinite(time) or time < 0:
-        raise ValueError(f"the origin must be a frame that is done, and its time; got {run['origin']!r:.60}")
-    return Changed(unpacked(np.asarray(journal), run["frame"]), Origin(frame, float(time)), piston)
 
 
 def _named(prefix: str, arrays: Arrays) -> Arrays:

@@ -8,6 +8,7 @@ In memory and in checkpoints a change is `changes.Change`. A session file is TOM
 
 import dataclasses
 import json
+import math
 import os
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
@@ -24,10 +25,12 @@ from mpsim.engine.changes import ADD, KICK, PARAMETERS, REMOVE, SET, Change
 from mpsim.engine.parameters import in_force
 from mpsim.engine.solvers.base import Origin
 from mpsim.scene.scene import Scene
-from mpsim.scene.scenefile import reading, toml, writing
 from mpsim.scene.settings import Settings
 
 KINDS = (SET, KICK, REMOVE, ADD, PARAMETERS)
+
+JOURNAL = "journal"
+"""Name of the array of a checkpoint that holds what has been changed; only where something has."""
 
 FORMAT = 1
 """Version of session files. One of a newer version is refused, by number."""
@@ -78,7 +81,9 @@ class Journal:
         """
         target = _toml(path)
         start = target.with_name(f"{target.stem}.scene.toml")
-        writing.save(self.scene, start)
+        self.scene.save(start)
+        from mpsim.scene.scenefile import toml  # noqa: PLC0415 - its validator takes a moment to load
+
         head = {"format": FORMAT, "frame": self.frame, "digest": self.digest, "scene": start.name}
         lines = [*toml.pairs(head), "", "[settings]", *toml.pairs(dataclasses.asdict(self.settings)), ""]
         for each in self.changes:
@@ -87,8 +92,8 @@ class Journal:
         text = "\n".join(lines).encode()
         if len(text) > MOST_BYTES:
             raise OutputError(
-                f"a session file must have at most {MOST_BYTES:,} bytes; {str(target)!r} would have {len(text):,}. Save "
-                "a checkpoint instead, which holds the journal too, or begin a new simulation earlier."
+                f"a session file must have at most {MOST_BYTES:,} bytes; {str(target)!r} would have {len(text):,}. "
+                "Save a checkpoint instead, which holds the journal too, or begin a new simulation earlier."
             )
         try:
             with atomic.atomic_write(target) as file:
@@ -136,7 +141,7 @@ def _checked(tables: dict[str, Any], source: Path) -> dict[str, Any]:
         raise ValueError(f"its scene must be a file beside it, and its digest a text; got {name!r:.60}, {digest!r:.60}")
     entries = [(each.pop("frame"), each.pop("time"), each.pop("what"), each) for each in tables.get("change", [])]
     return {
-        "scene": reading.load(source.with_name(name)).scene,
+        "scene": Scene.load(source.with_name(name)),
         "settings": Settings(**tables["settings"]),
         "changes": checked_entries(entries, frame),
         "frame": frame,
@@ -156,6 +161,14 @@ class Changed(NamedTuple):
     changes: tuple[Change, ...] = ()
     origin: Origin = Origin()
     piston: float | None = None
+
+    @property
+    def place(self) -> dict[str, Any]:
+        """What of it a checkpoint has in its header."""
+        return {"origin": list(self.origin), "piston": self.piston}
+
+
+UNCHANGED = Changed()
 
 
 # --- entries in files ----------------------------------------------------------------------------------------------
@@ -184,6 +197,18 @@ def packed(changes: Iterable[Change]) -> NDArray[np.uint8]:
     """Changes as the array of a checkpoint: text, in which numbers lose no bit."""
     plain = [(*each[:3], {name: _plain(value) for name, value in each.values.items()}) for each in changes]
     return np.frombuffer(json.dumps(plain).encode(), np.uint8)
+
+
+def changed_in(run: dict[str, Any], array: NDArray[Any]) -> Changed:
+    """What a checkpoint says of changes, in its header and its array.
+
+    Raises:
+        ValueError, LookupError, TypeError: if they are no such.
+    """
+    (frame, time), piston = run["origin"], run["piston"]
+    if type(frame) is not int or not 0 <= frame <= run["frame"] or not math.isfinite(time) or time < 0:
+        raise ValueError(f"the origin must be a frame that is done, and its time; got {run['origin']!r:.60}")
+    return Changed(unpacked(np.asarray(array), run["frame"]), Origin(frame, float(time)), piston)
 
 
 def unpacked(array: NDArray[Any], frame: Any) -> tuple[Change, ...]:
@@ -215,7 +240,7 @@ def parameters_after(
         if each.what == PARAMETERS and (values := without_workers(each.values)):
             scene, settings = in_force(scene, settings, values, None)
         if each.what == REMOVE and not scene.loses_discs:
-            scene = scene.with_gaps()
+            scene = scene.changed(has_gaps=True)
     if piston is not None and scene.piston is not None:
         scene = scene.changed(piston=dataclasses.replace(scene.piston, start=piston))
     return scene, settings

@@ -109,8 +109,8 @@ def _emitting(emitters: tuple[Emitter, ...], name: str, value: Any) -> tuple[Emi
     having = [index for index, each in enumerate(emitters) if getattr(each, name) is not None]
     if not having:
         raise InputError(
-            f"{name} can be changed only in a scene with emitters that have it, and got {checks.brief(value)}. Give the "
-            f"scene an Emitter with {name}."
+            f"{name} can be changed only in a scene with emitters that have it, and got {checks.brief(value)}. Give "
+            f"the scene an Emitter with {name}."
         )
     if np.ndim(value) == 0:
         each_of = {index: value for index in having}

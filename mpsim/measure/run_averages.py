@@ -218,7 +218,7 @@ class RunAverages:
         self._every = max(frames // (FLOW_SAMPLES if "flow" in self._sampled else SAMPLES), 1)
 
     def interrupted(self) -> None:
-        """Discs or parameters have been changed in the run: what that has put in is no drift, which nobody knows now."""
+        """Discs or parameters have been changed in the run: what that put in is no drift, and nobody knows the rest."""
         self._drifts = {}
 
     @property

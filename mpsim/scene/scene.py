@@ -27,7 +27,7 @@ from mpsim.features.piston import Piston, check_piston
 from mpsim.features.radii import check_radius
 from mpsim.features.restitution import Restitution
 from mpsim.scene import placement, starts, walls
-from mpsim.scene.continuing import move_to_state
+from mpsim.scene.continuing import change_to, move_to_state
 from mpsim.scene.discs import HasDiscs, start_of
 from mpsim.scene.lattice import Lattice, demand_equal_discs, demand_sites, demand_whole_box
 
@@ -75,7 +75,7 @@ class Scene(HasDiscs):
     wall_friction: float = 0.0
     tangential_restitution: float = 0.0
     spin: NDArray[np.float64] | None = None
-    _has_gaps: bool = False
+    has_gaps: bool = False  # discs have been removed from the simulation whose scene this is
     _redraw: Callable[[int], "Scene"] | None = None
     _capsules: tuple[tuple[Obstacle, ...], NDArray[np.float64]] | None = None  # with what they were made from
     _capsule_index: CapsuleIndex | None = None
@@ -144,26 +144,13 @@ class Scene(HasDiscs):
 
     @property
     def loses_discs(self) -> bool:
-        """Whether discs can be absent: absorbed at an edge, or removed from the simulation that this is the scene of."""
-        return bool(self.absorbing) or self._has_gaps
-
-    def with_gaps(self) -> "Scene":
-        """The same scene, as one from which discs have been removed."""
-        other = copy.copy(self)
-        other._has_gaps = True
-        return other
+        """Whether discs can be absent: absorbed at an edge, or removed from a simulation of this scene."""
+        return bool(self.absorbing) or self.has_gaps
 
     def changed(self, **values: Any) -> "Scene":
-        """The same scene with other gravity, restitution, wall_restitution, emitters, or another piston."""
-        other, rules = copy.copy(self), {
-            "gravity": check_gravity,
-            "restitution": functools.partial(checks.fraction, "restitution"),
-            "wall_restitution": functools.partial(checks.fraction, "wall_restitution"),
-            "emitters": check_emitters,
-            "piston": lambda value: check_piston(value, self.boundary, self.width, self.height, self.absorbing),
-        }
-        for name, value in values.items():
-            setattr(other, name, rules[name](value))
+        """The same scene with other gravity, restitution, wall_restitution, emitters, piston, or has_gaps."""
+        other = copy.copy(self)
+        change_to(other, values)
         return other
 
     @property
@@ -326,7 +313,7 @@ class Scene(HasDiscs):
         [[2.0, 2.0]]
         """
         other = copy.copy(self)
-        vars(other).pop("_has_gaps", None)  # those that are absent are left out
+        vars(other).pop("has_gaps", None)  # those that are absent are left out
         move_to_state(other, state)
         other.check_inside("position", other.position, other.radius)
         return other

@@ -78,8 +78,8 @@ class NewDiscs(NamedTuple):
         columns: what they bring of columns by id, by name, shape (K, *components): masses always.
     """
 
-    position: NDArray[np.float64]
-    velocity: NDArray[np.float64]
+    position: NDArray[np.floating]
+    velocity: NDArray[np.floating]
     radius: NDArray[np.float64]
     columns: Mapping[str, NDArray[Any]]
 
@@ -254,7 +254,7 @@ class Solver(ABC):
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:
-        """Which discs have left, through an absorbing edge or removed, shape (N,); none where the method has no such."""
+        """Which discs have left, through an absorbing edge or removed, shape (N,)."""
         return np.zeros(self.count, bool)
 
     @abstractmethod
@@ -298,8 +298,8 @@ class Solver(ABC):
     def adopt(self, scene: Scene, settings: Settings, choice: Choice, origin: Origin) -> None:
         """Continue from here under another scene and settings, with the same discs.
 
-        The origin is now, or as it was, if nothing is other than whether discs can be absent. Other may be numbers of the scene, what moves its wall and its emitters, and whether discs can be absent; dt,
-        contact, law, passes, substeps, workers of the settings.
+        Other may be numbers of the scene, what moves its wall and its emitters, and whether discs can be absent; dt,
+        contact, passes, substeps, workers of the settings. Where dt or the wall's speed is another, the origin is now.
 
         Raises:
             InputError, ResourceError, WorkerDied, WorkerStalled: as `assume` and `add`.

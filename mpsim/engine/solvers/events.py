@@ -21,7 +21,7 @@ from mpsim.engine.columns import columns_of, given_in
 from mpsim.engine.frame_count import frames_until
 from mpsim.engine.solvers import event_features, event_snapshot
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Origin, Solver
-from mpsim.engine.solvers.event_scene import contact_time_of, refuse_what_is_not_exact, units_of
+from mpsim.engine.solvers.event_scene import contact_time_of, refuse_overlap, refuse_what_is_not_exact, units_of
 from mpsim.engine.solvers.event_tiles import WHOLE, Tiling, lay_out, packed, specs_of, tiling_of
 from mpsim.engine.solvers.event_windows import Windows
 from mpsim.engine.solvers.slices import Slice
@@ -33,7 +33,7 @@ from mpsim.kernels import layout
 from mpsim.kernels import records as stepped
 from mpsim.kernels.events import calendar, records, solver, state
 from mpsim.kernels.events.boundary import Box
-from mpsim.kernels.events.cells import link_cells, worst_overlap
+from mpsim.kernels.events.cells import link_cells
 from mpsim.kernels.events.features.hooks import features_of
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -43,10 +43,6 @@ SECONDS_AT_ONCE = 0.03
 
 FEWEST_EVENTS = 1_000
 """Events between two looks at Ctrl-C at least, so that the Python around a call costs next to nothing."""
-
-ROUNDING = 1e-12
-"""Depth of an overlap, in diameters of the largest disc, up to which a start counts as touching."""
-
 
 VIRIALS = {"virial": records.VIRIAL, "virial_xx": records.VIRIAL_XX, "virial_xy": records.VIRIAL_XY}
 """Entries of a tally, by name in COUNTS."""
@@ -272,7 +268,10 @@ class EventSolver(Solver):
         super().assume(scene, settings, origin)
 
     def adopt(self, scene: Scene, settings: Settings, choice: Choice, origin: Origin) -> None:
-        """Predict all events anew under another scene and settings; on other workers alone, continue to the same bits."""
+        """Predict all events anew under another scene and settings.
+
+        Where only workers are other ones, nothing is: what goes on has the same bits.
+        """
         if scene is self._scene and settings == dataclasses.replace(self._settings, workers=settings.workers):
             self._settings = settings
             self.restore(self.snapshot(), choice)
@@ -473,7 +472,7 @@ class EventSolver(Solver):
                 f"velocity[{particle}] must be below 1e100 for method='event'; got {velocity[particle].tolist()}. "
                 "Choose units in which the numbers are smaller."
             )
-        _refuse_overlap(system, ROUNDING * 2 * self._scene.largest_radius)
+        refuse_overlap(system, 2 * self._scene.largest_radius)
         solver.schedule(*system)
         return system
 
@@ -486,14 +485,3 @@ def _put_back(owner: Any, name: str, value: Any) -> Iterator[None]:
     except BaseException:
         setattr(owner, name, value)
         raise
-
-
-def _refuse_overlap(system: System, rounding: float) -> None:
-    """Raise InputError for discs that overlap by more than rounding [length], naming the worst pair."""
-    first, second, depth = worst_overlap(*system)
-    if depth > rounding:
-        raise InputError(
-            "method='event' needs discs that do not overlap; discs "
-            f"{min(first, second)} and {max(first, second)} overlap by {depth:.3g}, the most of all. Move them "
-            "apart, or run a few frames with method='grid' and start from there."
-        )

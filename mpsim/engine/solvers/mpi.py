@@ -6,7 +6,6 @@ columns that meet there, before the pass that resolves them. Columns are dealt i
 these have wandered.
 """
 
-import contextlib
 import math
 import os
 import time
@@ -29,14 +28,14 @@ from mpsim.engine.solvers.discs import disc_at
 from mpsim.engine.solvers.mpi_columns import Border, Range, borders_of, dealt, in_turns
 from mpsim.engine.solvers.mpi_numbers import DiscsByNumber, answers_to_one
 from mpsim.engine.solvers.mpi_part import Part, refuse
-from mpsim.engine.solvers.mpi_ranks import LOST, NOT_FINITE, Communicator, raised_together
+from mpsim.engine.solvers.mpi_ranks import LOST, NOT_FINITE, Communicator
+from mpsim.engine.solvers.mpi_speeds import There, speeds_on_ranks
+from mpsim.engine.solvers.mpi_together import OnRanks
 from mpsim.engine.solvers.parameters import Present
 from mpsim.engine.solvers.slices import Slice, totals
 from mpsim.engine.solvers.snapshots import Snapshot
 from mpsim.engine.solvers.speed_limit import Fastest, disc_too_fast, fastest_in
-from mpsim.engine.solvers.speeds import Part as SpeedsOfPart
-from mpsim.engine.solvers.speeds import Speeds, Walls, sides_at, speeds_together
-from mpsim.engine.solvers.stepped import SteppedSolver
+from mpsim.engine.solvers.speeds import Speeds
 from mpsim.engine.workers.arrays import Grid
 from mpsim.engine.workers.system_limits import resident_bytes
 from mpsim.features.radii import has_radii
@@ -61,7 +60,7 @@ UNEVEN = 1.1
 dealt anew."""
 
 
-class MpiSolver(SteppedSolver):
+class MpiSolver(OnRanks):
     """Frames on the ranks of `choice.comm`; this process is one of them."""
 
     capabilities: ClassVar[Capabilities] = Capabilities(has_steps=True, on_ranks=True)
@@ -163,22 +162,9 @@ class MpiSolver(SteppedSolver):
 
         self._on_all(begin)
 
-    def _on_all(self, act: Callable[[], None]) -> None:
-        """Act on each rank alone; what one of them raises, all raise."""
-        error: Exception | None = None
-        try:
-            act()
-        except Exception as raised:
-            error = raised
-        self._shared().raise_any(self._shared().all_of(error))
-
     def _configure(self) -> None:
         """Write what follows from what is simulated now."""
         self._held().configure(Present(self._radii, self._grid, None, self.substeps, self._speed_limit))
-
-    def _shared(self) -> Communicator:
-        assert self._ranks is not None  # between `start` and `close`
-        return self._ranks
 
     def _held(self) -> Part:
         assert self._part is not None  # likewise
@@ -353,20 +339,9 @@ class MpiSolver(SteppedSolver):
 
     def speeds(self, new: NewDiscs | None = None) -> Speeds:
         """How fast the discs of all ranks are, those that are about to be added included: of one rank."""
-        scene, sides = self._scene, sides_at(self._scene, self.scene_time)
-        radii, present = self._radii, ~self.absorbed if scene.loses_discs else None
-        (numbers, own), walls = self.local_state(), Walls(sides, scene.periodic, scene.largest_radius)
-        velocity = own.velocity
-        if new is not None:
-            radii = kept_sizes(radii, new.radius)
-            present = None if present is None else np.append(present, np.ones(len(new.position), bool))
-            if self._shared().rank == 0:
-                numbers, velocity = (
-                    np.append(numbers, range(self.count, len(radii))),
-                    np.append(velocity, new.velocity, 0),
-                )
-        part = SpeedsOfPart.of(numbers, velocity, radii[numbers], walls)
-        return speeds_together(part, self._shared().all_of, radii if present is None else radii[present], sides)
+        present = ~self.absorbed if self._scene.loses_discs else None
+        there = There(self._scene, self.scene_time, self._radii, present)
+        return speeds_on_ranks(there, self.local_state(), new, self._shared())
 
     @property
     def too_fast(self) -> bool:
@@ -433,12 +408,7 @@ class MpiSolver(SteppedSolver):
 
     def discs(self) -> NewDiscs:
         """Copies of the discs of all ranks, on each of them."""
-        found, part = self._by_number().rows(0, self.count), self._held()
-        position, velocity = found.pop("position"), found.pop("velocity")
-        for column in columns_of(self._scene):
-            if column.name not in found:  # what stays as it is, which all ranks know
-                found[column.name] = part.arrays[column.name][..., : self.count].T.copy()
-        return NewDiscs(position, velocity, self._radii, {**found, columns.MASS.name: self._masses})
+        return self._by_number().discs(self._radii, self._masses)
 
     def replace(self, discs: NewDiscs) -> None:
         """Take other discs, which all ranks have: each those of its columns."""
@@ -495,14 +465,6 @@ class MpiSolver(SteppedSolver):
         if self._acts_once:
             raise BusyError("what `once` calls may only read a simulation; it was to be changed. Do it on all ranks.")
         self._shared().demand_alike(what, given)
-
-    def together(self) -> contextlib.AbstractContextManager[None]:
-        """A block in which what one rank raises, all raise."""
-        return raised_together(self.choice.comm)
-
-    def any_of(self, said: bool) -> bool:
-        """Whether something is so on any rank."""
-        return self._shared().agree(int(said), 0, 0).trouble > 0
 
     def once(self, act: Callable[[], Result]) -> Result:
         """What an act gives that rank 0 alone does; what it raises, all raise. It may read discs of all ranks."""
