@@ -22,22 +22,24 @@ CHANGES = {
 
 
 class Changes:
-    """Changes a run from within; kills a worker just before or just after each change."""
+    """Changes a run from within, each once; kills a worker just before or just after each change from a frame on."""
 
     every = 40
 
-    def __init__(self, before=False, after=False):
-        self.before, self.after, self.deaths = before, after, 0
+    def __init__(self, before=False, after=False, since=0):
+        self.before, self.after, self.since, self.deaths, self.made = before, after, since, 0, set()
 
     def look(self, sim, collisions):
         kill = lambda: os.kill(random.choice(sim.pids), signal.SIGKILL)  # noqa: E731
-        if sim.frame in CHANGES:
-            if self.before:
+        if sim.frame in CHANGES.keys() - self.made:
+            kills = sim.frame >= self.since
+            self.made.add(sim.frame)
+            if self.before and kills:
                 kill()
             CHANGES[sim.frame](sim)
-            if self.after:
+            if self.after and kills:
                 kill()
-            self.deaths += self.before + self.after
+            self.deaths += kills * (self.before + self.after)
 
 
 def session(changes, workers, **settings):
@@ -66,7 +68,7 @@ def test_a_snapshot_from_before_the_change_would_be_noticed(monkeypatch):
         begin(self, *arguments[:4])
 
     monkeypatch.setattr(recovery.RecoverySnapshots, "__init__", forgetful)
-    assert session(Changes(after=True), 3)[0] != expected[0]
+    assert session(Changes(after=True, since=200), 3)[0] != expected[0]
 
 
 def test_a_death_between_two_runs_is_healed_after_a_change():
