@@ -51,6 +51,15 @@ class Journal:
             "change", the method that was called), and its `values`, the arguments by name.
         frame: the last one; `replay` ends there.
         digest: of the state then.
+
+    Times are in the unit of the scene [time].
+
+    >>> from mpsim import Simulation
+    >>> scene = Scene.random(count=5, packing=0.2, radius=0.5, seed=1)
+    >>> with Simulation(scene) as sim:
+    ...     sim.kick(2, impulse=(1, 0))
+    ...     sim.journal, [change.what for change in sim.journal]
+    (<Journal: 1 changes in 0 frames>, ['kick'])
     """
 
     scene: Scene
@@ -108,6 +117,9 @@ class Journal:
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Journal":
         """Read what `save` wrote. Nothing in the files is executed.
+
+        Args:
+            path: of the session file, with its scene file beside it.
 
         Raises:
             InputError: if it is no such file; SceneFileError, one of these, for its scene.

@@ -24,7 +24,7 @@ def replay(
 ) -> Simulation:
     """Run again what a journal holds, and return the simulation, which can go on from there.
 
-    Its state has the digest of the journal: on one machine, with one version; between machines see docs/determinism.md.
+    Its state has the digest of the journal, and its time [time] is that of the last frame: on one machine, with one version; between machines see docs/determinism.md.
 
     Args:
         source: `sim.journal`, or a path to which `journal.save` has written it.
