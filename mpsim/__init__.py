@@ -46,8 +46,6 @@ from mpsim.core.errors import (
 )
 from mpsim.core.state import State
 from mpsim.core.version import __version__ as __version__
-from mpsim.engine.journal import Journal
-from mpsim.engine.replay import replay
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.features import Emitter, FixedDisc, Piston, Polyline
@@ -112,7 +110,6 @@ __all__ = [
     "ForkedError",
     "GuardWarning",
     "InputError",
-    "Journal",
     "MpsimError",
     "NotMeasurableError",
     "NotRecordedError",
@@ -142,7 +139,6 @@ __all__ = [
     "WorkerStalled",
     "animate",
     "measure",
-    "replay",
     "sweep",
     "tradeoff",
     "tune",

@@ -187,7 +187,7 @@ class Changing:
         """What the simulation started from, and every change by set, kick, remove, add and change since, in order.
 
         A checkpoint holds it, so that of a resumed simulation begins where the first one did. `journal.save` writes it,
-        and `mpsim.replay` runs it again, with the same bits. On ranks all ask for it; one of them saves it.
+        and `Simulation.replay` runs it again, with the same bits. On ranks all ask for it; one of them saves it.
 
         >>> from mpsim import Scene, Simulation
         >>> scene = Scene.random(count=5, packing=0.2, radius=0.5, seed=1)

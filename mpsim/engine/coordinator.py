@@ -73,7 +73,8 @@ class Coordinator:
         self.settings: Settings = settings
         self._access = access
         self._comm = comm
-        self.last_frame, self.last_time = 0, 0.0
+        self.last_frame: int = 0
+        self.last_time: float = 0.0
         self.start_of_all: tuple[Scene, Settings] = (scene, settings)
         self.journal: list[Change] = []
         self.record: RunRecord | None = None

@@ -78,7 +78,7 @@ class Journal:
         return f"<Journal: {len(self.changes)} changes in {self.frame} frames>"
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write a session file, from which `mpsim.replay` makes the same simulation, bit for bit.
+        """Write a session file, from which `Simulation.replay` makes the same simulation, bit for bit.
 
         Args:
             path: ends in .toml; an existing file is replaced. The scene goes to a scene file beside it, named after it:

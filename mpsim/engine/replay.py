@@ -2,59 +2,61 @@
 
 import dataclasses
 import os
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Protocol, TypeVar
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.engine.changes import PARAMETERS, Change
 from mpsim.engine.frame_count import MOST_FRAMES_OF_A_RUN
 from mpsim.engine.journal import Journal, without_workers
-from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import same_bits
 
 
-def replay(
-    source: "Journal | str | os.PathLike[str]",
-    *,
-    frame: int | None = None,
-    workers: int | None = None,
-    start_method: str | None = None,
-    method: str | None = None,
-    comm: object = None,
-) -> Simulation:
-    """Run again what a journal holds, and return the simulation, which can go on from there.
+class Replayable(Protocol):
+    """What a simulation is asked for; the methods of changes are called by name."""
 
-    Its state has the digest of the journal, and its time [time] is that of the last frame: on one machine, with one version; between machines see docs/determinism.md.
+    @property
+    def frame(self) -> int:
+        """Frames done."""
+        ...
+
+    @property
+    def time(self) -> float:
+        """Time reached [time]."""
+        ...
+
+    def run(self, frames: int) -> Any:
+        """Run so many frames."""
+        ...
+
+    def close(self) -> None:
+        """Stop."""
+        ...
+
+
+Sim = TypeVar("Sim", bound=Replayable)
+
+
+def replayed(
+    make: Callable[..., Sim], source: Journal | str | os.PathLike[str], frame: int | None, **chosen: Any
+) -> Sim:
+    """What `Simulation.replay` returns.
 
     Args:
-        source: `sim.journal`, or a path to which `journal.save` has written it.
-        frame: where to stop, with the changes that were made there; None: where the journal ends.
-        workers, start_method: as in Settings; they change no bit. Changes of workers in the journal are left out.
-        method: "grid", "parallel" or "mpi", for one that was recorded by another of them: they have the same bits.
-        comm: as of a new simulation.
-
-    Raises:
-        InputError: for no journal, a change in it that is refused, or one that was made inside a frame.
-
-    >>> from mpsim import Scene
-    >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
-    >>> with Simulation(scene) as sim:
-    ...     report = sim.run(frames=10)
-    ...     sim.kick(3, impulse=(2, 0))
-    ...     report = sim.run(frames=10)
-    ...     journal = sim.journal
-    >>> with replay(journal, workers=1) as again:
-    ...     again.frame, again.digest() == journal.digest
-    (20, True)
+        make: a simulation, called with scene, settings and comm.
+        source, frame: as of `Simulation.replay`.
+        chosen: its workers, start_method, method and comm.
     """
     journal = source if isinstance(source, Journal) else Journal.load(source)
     last = journal.frame
     if frame is not None:
         last = checks.whole("frame", frame, 0, min(last, MOST_FRAMES_OF_A_RUN), "It is one of those that were done.")
-    settings = dataclasses.replace(journal.settings, workers=workers, start_method=start_method)
+    comm, method = chosen.pop("comm"), chosen.pop("method")
+    settings = dataclasses.replace(journal.settings, **chosen)
     if method is not None:
         settings = dataclasses.replace(settings, method=same_bits(journal.settings.method, method))
-    sim = Simulation(journal.scene, settings, comm=comm)
+    sim = make(journal.scene, settings, comm=comm)
     try:
         for number, change in enumerate(journal.changes):
             if change.frame <= last:
@@ -67,7 +69,7 @@ def replay(
     return sim
 
 
-def _apply(sim: Simulation, number: int, change: Change) -> None:
+def _apply(sim: Replayable, number: int, change: Change) -> None:
     """Make a change of a journal again."""
     if sim.time != change.time:
         raise InputError(

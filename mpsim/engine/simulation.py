@@ -24,7 +24,9 @@ from mpsim.engine.changing import Changing
 from mpsim.engine.checkpointer import Checkpointer
 from mpsim.engine.coordinator import Coordinator
 from mpsim.engine.interruption import Interruption
+from mpsim.engine.journal import Journal
 from mpsim.engine.observers import Observer, Observers
+from mpsim.engine.replay import replayed
 from mpsim.engine.report import Report
 from mpsim.engine.run_loop import BetweenSlices, run_frames
 from mpsim.engine.solvers.base import Columns, Solver
@@ -335,6 +337,45 @@ class Simulation(Changing):
             ) from error
         sim._coordinator.resume(found.arrays, found.run["emission"], found.changed)
         return sim
+
+    @classmethod
+    def replay(
+        cls,
+        source: Journal | str | os.PathLike[str],
+        *,
+        frame: int | None = None,
+        workers: int | None = None,
+        start_method: str | None = None,
+        method: str | None = None,
+        comm: object = None,
+    ) -> "Simulation":
+        """Run again what a journal holds, and return the simulation, which can go on from there.
+
+        Its state has the digest of the journal, and its time [time] is that of the last frame: on one machine, with one
+        version; between machines see docs/determinism.md.
+
+        Args:
+            source: `sim.journal`, or a path to which `journal.save` has written it.
+            frame: where to stop, with the changes that were made there; None: where the journal ends.
+            workers, start_method: as in Settings; they change no bit. Changes of workers in the journal are left out.
+            method: "grid", "parallel" or "mpi", for one that was recorded by another of them: they have the same bits.
+            comm: as of a new simulation.
+
+        Raises:
+            InputError: for no journal, a change in it that is refused, or one that was made inside a frame.
+
+        >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+        >>> with Simulation(scene) as sim:
+        ...     report = sim.run(frames=10)
+        ...     sim.kick(3, impulse=(2, 0))
+        ...     report = sim.run(frames=10)
+        ...     journal = sim.journal
+        >>> with Simulation.replay(journal, workers=1) as again:
+        ...     again.frame, again.digest() == journal.digest
+        (20, True)
+        """
+        chosen = {"workers": workers, "start_method": start_method, "method": method, "comm": comm}
+        return replayed(cls, source, frame, **chosen)
 
     def __repr__(self) -> str:
         return f"<Simulation: of process {self._access.creator}>" if self._access.forked else self._described()

@@ -148,7 +148,11 @@ class Scene(HasDiscs):
         return bool(self.absorbing) or self.has_gaps
 
     def changed(self, **values: Any) -> "Scene":
-        """The same scene with other gravity, restitution, wall_restitution, emitters, piston, or has_gaps."""
+        """The same scene with other values of some arguments, for a simulation of it that is changed.
+
+        Args:
+            values: by name: gravity, restitution, wall_restitution, emitters, piston, has_gaps.
+        """
         other = copy.copy(self)
         change_to(other, values)
         return other

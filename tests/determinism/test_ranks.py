@@ -339,7 +339,7 @@ def played(**settings):
     with mpsim.Simulation(stage(), mpsim.Settings(dt=0.025, **settings)) as sim:
         play(sim)
         journal = sim.journal
-        with mpsim.replay(journal, **({"workers": settings["workers"]} if "workers" in settings else {})) as again:
+        with mpsim.Simulation.replay(journal, workers=settings.get("workers")) as again:
             replayed = again.digest()
         return [sim.digest(), sim.count, sim.time, int(sim.state.present.sum()), len(journal), replayed]
 

@@ -10,6 +10,7 @@ from support.sessions import METHODS, STEPS, play, stage
 from support.tiles import always_tiled
 
 import mpsim
+from mpsim.engine.journal import Journal
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning"),
@@ -78,7 +79,7 @@ def test_a_journal_is_replayed_to_the_same_bits(words, way, tmp_path):
     assert (journal.digest, len(journal)) == (alone(words)[0], len(STEPS))
     source = journal if way == "memory" else journal.save(tmp_path / "session.toml")
     for workers in (1, 3):
-        with mpsim.replay(source, workers=workers) as again:
+        with mpsim.Simulation.replay(source, workers=workers) as again:
             assert (again.digest(), again.time, again.frame) == (journal.digest, sim.time, journal.frame)
             assert [change.what for change in again.journal] == [change.what for change in journal]
 
@@ -86,10 +87,10 @@ def test_a_journal_is_replayed_to_the_same_bits(words, way, tmp_path):
 def test_a_journal_is_replayed_by_another_method_of_the_same_bits():
     with begun("grid") as sim:
         journal = play(sim).journal
-    with mpsim.replay(journal, method="parallel", workers=2) as again:
+    with mpsim.Simulation.replay(journal, method="parallel", workers=2) as again:
         assert again.digest() == journal.digest
     with pytest.raises(mpsim.InputError, match="method must be that of the checkpoint"):
-        mpsim.replay(journal, method="event")
+        mpsim.Simulation.replay(journal, method="event")
 
 
 def test_a_journal_that_lacks_a_change_is_replayed_to_other_bits(tmp_path):
@@ -99,9 +100,9 @@ def test_a_journal_that_lacks_a_change_is_replayed_to_other_bits(tmp_path):
     text = path.read_text()
     kick = text.index("[[change]]")
     path.write_text(text[:kick] + text[text.index("[[change]]", kick + 1) :])
-    journal = mpsim.Journal.load(path)
+    journal = Journal.load(path)
     assert len(journal) == len(STEPS) - 1
-    with mpsim.replay(journal) as again:
+    with mpsim.Simulation.replay(journal) as again:
         assert again.digest() != journal.digest
 
 
@@ -117,7 +118,7 @@ def test_a_session_that_is_saved_and_resumed_has_the_same_bits(words, after, tmp
         assert (again.digest(), again.count, again.time) == alone(words)
         assert [change.what for change in again.journal] == KINDS
         journal = again.journal
-    with mpsim.replay(journal) as third:
+    with mpsim.Simulation.replay(journal) as third:
         assert third.digest() == journal.digest
 
 
@@ -133,7 +134,7 @@ def test_a_change_of_workers_changes_no_bit(words):
                 sim.kick(1, (0.1, 0.0))
             found.append(sim.digest())
             journal = sim.journal
-        with mpsim.replay(journal) as again:
+        with mpsim.Simulation.replay(journal) as again:
             found.append(again.digest())
     assert len(set(found)) == 1
 

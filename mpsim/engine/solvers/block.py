@@ -41,6 +41,7 @@ class BlockSolver(SteppedSolver):
 
     count: int
     choice: Choice
+    origin: Origin
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         super().__init__(scene, settings, choice)

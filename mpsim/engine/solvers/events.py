@@ -66,6 +66,7 @@ class EventSolver(Solver):
     capabilities: ClassVar[Capabilities] = Capabilities(has_steps=False, is_exact=True)
     count: int
     choice: Choice
+    origin: Origin
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         refuse_what_is_not_exact(scene, settings)

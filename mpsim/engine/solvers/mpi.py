@@ -65,6 +65,9 @@ class MpiSolver(OnRanks):
 
     capabilities: ClassVar[Capabilities] = Capabilities(has_steps=True, on_ranks=True)
     count: int
+    choice: Choice
+    substeps: int
+    origin: Origin
     tallied: bool
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):

@@ -12,6 +12,7 @@ from support.sessions import METHODS, room
 from support.tiles import first_free_place
 
 import mpsim
+from mpsim.engine.journal import Journal
 from mpsim.measure import kinetic_energy
 
 NAN, INF = float("nan"), float("inf")
@@ -418,9 +419,9 @@ def test_a_session_file_that_is_none_is_refused_by_name(tmp_path):
     ):
         path.write_text(text.replace(old, new))
         with pytest.raises(mpsim.InputError, match=said):
-            mpsim.replay(path)
+            mpsim.Simulation.replay(path)
     with pytest.raises(mpsim.InputError, match=r"must end in \.toml"):
-        mpsim.Journal.load(tmp_path / "session.json")
+        Journal.load(tmp_path / "session.json")
     with pytest.raises(mpsim.InputError, match=r"must end in \.toml"):
         sim_journal_save_elsewhere(tmp_path)
 
@@ -438,10 +439,10 @@ def test_a_journal_is_replayed_up_to_a_frame():
             digests.append(sim.digest())
             sim.run(frames=4)
         journal = sim.journal
-    with mpsim.replay(journal, frame=4) as again:
+    with mpsim.Simulation.replay(journal, frame=4) as again:
         assert (again.frame, again.digest(), len(again.journal)) == (4, digests[1], 2)
     with pytest.raises(mpsim.InputError, match="frame must be a whole number from 0 to 12"):
-        mpsim.replay(journal, frame=13)
+        mpsim.Simulation.replay(journal, frame=13)
 
 
 def test_settings_in_force_are_those_of_the_scene_and_settings():
