@@ -35,7 +35,7 @@ def checked(
 
     Args:
         scene, precision: of the simulation.
-        time: at which they are added [time].
+        time: at which they are added, as the scene counts it [time].
         present: radii of the discs that are there, shape (N,) [length].
         position, velocity, radius, mass: what was given.
         others: what was given of other columns, by name; None: nothing.
@@ -58,6 +58,13 @@ def checked(
         if others.get(column.name) is not None
     }
     return NewDiscs(places, speeds, radii, {MASS.name: masses, **brought})
+
+
+def arguments_of(scene: Scene, new: NewDiscs) -> dict[str, Any]:
+    """The arguments of `Simulation.add` for discs that have been checked: those that it would be given."""
+    found: dict[str, Any] = {"position": new.position, "velocity": new.velocity}
+    found |= {"radius": new.radius} if has_radii(scene) else {}
+    return found | {name: values for name, values in new.columns.items() if name != MASS.name or has_masses(scene)}
 
 
 def _brought(scene: Scene, precision: str, column: Column, value: ArrayLike, count: int) -> Floats:

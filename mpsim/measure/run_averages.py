@@ -99,6 +99,12 @@ _REFUSALS: tuple[_Refusal, ...] = (
         for each in feature.invalidates
     ),
     _Refusal(
+        (*_VIRIALS, "collision_rate", "contact_rate"),
+        lambda scene: scene.loses_discs and not scene.absorbing,
+        "removed discs, which its number of discs counts",
+        "Measure in a scene without them, scene.starting_from(sim.state).",
+    ),
+    _Refusal(
         ("pressure_xy",),
         lambda scene: not all(scene.periodic),
         "walls, which are smooth and take up no such momentum",
@@ -210,6 +216,10 @@ class RunAverages:
             self._sampled["flow"] = moments.flow_of_momentum
         self._samples: dict[str, list[Any]] = {name: [] for name in self._sampled}
         self._every = max(frames // (FLOW_SAMPLES if "flow" in self._sampled else SAMPLES), 1)
+
+    def interrupted(self) -> None:
+        """Discs or parameters have been changed in the run: what that put in is no drift, and nobody knows the rest."""
+        self._drifts = {}
 
     @property
     def counting(self) -> bool:

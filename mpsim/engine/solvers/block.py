@@ -16,7 +16,7 @@ from mpsim.core.state import State
 from mpsim.engine.columns import given_in
 from mpsim.engine.feature_arrays import feature_specs, fill_features
 from mpsim.engine.solvers import stepped_snapshot
-from mpsim.engine.solvers.base import Choice, NewDiscs
+from mpsim.engine.solvers.base import Choice, NewDiscs, Origin
 from mpsim.engine.solvers.discs import absorbed_in, first_not_finite, places_and_speeds, state_in, write_discs
 from mpsim.engine.solvers.parameters import Present, configure
 from mpsim.engine.solvers.slices import Slice, totals
@@ -41,6 +41,7 @@ class BlockSolver(SteppedSolver):
 
     count: int
     choice: Choice
+    origin: Origin
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         super().__init__(scene, settings, choice)
@@ -138,7 +139,7 @@ class BlockSolver(SteppedSolver):
     @property
     def frame(self) -> int:
         """Frames finished since the start."""
-        return int(self._block.arrays["control"].done)
+        return self.origin.frame + int(self._block.arrays["control"].done)
 
     # --- steps
 
@@ -180,6 +181,36 @@ class BlockSolver(SteppedSolver):
         write_discs(self._block, new, self.count)
         self.count, self._radii, self._masses = count, radii, masses
         self._configure()
+
+    def discs(self) -> NewDiscs:
+        """Copies of all discs, in the order of their numbers."""
+        position, velocity = places_and_speeds(self._block, self.count)
+        arrays, count = self._block.arrays, self.count
+        found = {each.name: arrays[each.name][..., :count].T.copy() for each in columns.COLUMNS if each.name in arrays}
+        return NewDiscs(position, velocity, self._radii, {**found, columns.MASS.name: self._masses})
+
+    def replace(self, discs: NewDiscs) -> None:
+        """Write other discs in the place of those that are there: the next step sorts them anew."""
+        write_discs(self._block, discs, 0)
+
+    def adopt(self, scene: Scene, settings: Settings, choice: Choice, origin: Origin) -> None:
+        """Continue under another scene and settings: in the same block, if that has the same arrays then."""
+        before, snapshot, block = (self._scene, self._settings, self.origin), self.snapshot(), self._block
+        if origin != self.origin:
+            snapshot["progress"] = np.zeros(2, np.int64)
+        try:
+            self.assume(scene, settings, origin)
+            same = choice == self.choice and self._next_block(self._capacity, self._radii).specs == self._block.specs
+            if same:
+                fill_features(self._block.arrays, scene)
+                self._control.done, self._control.steps = self._begin_from(snapshot)
+                self._configure()
+            else:
+                self._replace_block(self._capacity, choice, snapshot, self._radii, choice != self.choice, anew=True)
+        except BaseException:
+            if self._block is block:  # else a worker has died on the new one
+                self._scene, self._settings, self.origin = before
+            raise
 
     # --- snapshots
 
@@ -243,14 +274,21 @@ class BlockSolver(SteppedSolver):
         self._replace_block(capacity, choice, self.snapshot(), radii, new_workers=choice != self.choice)
 
     def _replace_block(
-        self, capacity: int, choice: Choice, snapshot: Snapshot, radii: NDArray[np.float64], new_workers: bool
+        self,
+        capacity: int,
+        choice: Choice,
+        snapshot: Snapshot,
+        radii: NDArray[np.float64],
+        new_workers: bool,
+        anew: bool = False,
     ) -> None:
         """A new block that holds a snapshot; the workers attach to it, or others are started.
 
         radii: of the discs for which it is to have a grid, shape (M,): those of the snapshot, and of any to be added.
+        anew: whether the kernels are others.
         """
         old, before = self._block, (self.choice, self._capacity)
-        loaded = "tally" in old.arrays or not self.tallied
+        loaded = ("tally" in old.arrays or not self.tallied) and not anew
         self.choice = choice
         try:
             with (new := self._next_block(capacity, radii)).closed_on_error():

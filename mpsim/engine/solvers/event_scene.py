@@ -1,6 +1,7 @@
 """Scenes for the exact solver: what it cannot do, and the units and times that follow from a scene."""
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from mpsim.features import FEATURES
 from mpsim.features.edges import kinds_of
 from mpsim.kernels import layout
 from mpsim.kernels.events.boundary import COARSE
+from mpsim.kernels.events.cells import worst_overlap
 from mpsim.measure.driving import gravity_strength
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -31,6 +33,10 @@ LONGEST = 1e100
 
 MOST_CROSSINGS = 1e10
 """Crossings of the box by a disc in one frame: some minutes of them, in the smallest scene."""
+
+
+ROUNDING = 1e-12
+"""Depth of an overlap, in diameters of the largest disc, up to which a start counts as touching."""
 
 
 def refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
@@ -137,3 +143,19 @@ def _typical_speed(scene: Scene) -> float:
         0.0 if scene.moving_wall is None else abs(scene.moving_wall.speed),
     ]
     return max(speeds)
+
+
+def refuse_overlap(system: tuple[Any, Any, Any], diameter: float) -> None:
+    """Raise InputError for discs that overlap by more than rounding, naming the worst pair.
+
+    Args:
+        system: store, box and features of a scene just placed.
+        diameter: of the largest disc [length].
+    """
+    first, second, depth = worst_overlap(*system)
+    if depth > ROUNDING * diameter:
+        raise InputError(
+            "method='event' needs discs that do not overlap; discs "
+            f"{min(first, second)} and {max(first, second)} overlap by {depth:.3g}, the most of all. Move them "
+            "apart, or run a few frames with method='grid' and start from there."
+        )
