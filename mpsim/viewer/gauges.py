@@ -14,10 +14,11 @@ from mpsim.core.errors import InputError
 from mpsim.core.state import State
 from mpsim.engine.report import Report
 from mpsim.measure.driving import adds_discs, has_losses, removes_discs
+from mpsim.measure.observables import has_periodic_field
 from mpsim.scene.scene import Scene
 
-BINS = 40
-"""Of the histogram of speeds."""
+BINS = 8, 40
+"""Of the histogram of speeds: fewest and most."""
 
 FEWEST = 20
 """Discs from which a distribution of speeds is compared with Maxwell's."""
@@ -95,11 +96,12 @@ class Gauges:
 
     def _speeds(self, state: State) -> dict[str, Any] | None:
         """Histogram of the speeds, with Maxwell's where it can be expected, or why there is none."""
+        count = int(state.present.sum())
         try:
-            found = measure.speed_distribution(_present(state), BINS)
+            bins = int(np.clip(2 * math.sqrt(count), *BINS))  # or those of few discs are mostly empty
+            found = measure.speed_distribution(_present(state), bins)
         except InputError:  # nothing moves
             return None
-        count = int(state.present.sum())
         mass = self._scene.mass
         note = None
         if mass is not None and np.ptp(mass):
@@ -139,4 +141,6 @@ def _why_energy_changes(scene: Scene) -> str | None:
         return "discs enter"
     if removes_discs(scene):
         return "discs leave"
+    if has_periodic_field(scene):
+        return "discs fall through a periodic edge"
     return None

@@ -366,12 +366,14 @@ function drawLegend() {
   c.textAlign = "left";
   c.fillText("speed [length/time]", 0, bar + 2.5 * size);
   c.textAlign = "right";
-  c.fillText("98 % slower", knee, bar + 2.5 * size);
-  c.fillText("fastest", width, bar + 2.5 * size);
+  c.fillText("98 % below", knee, bar + 2.5 * size);
+  c.fillText("max", width, bar + 2.5 * size);
 }
 
 // --- the gauges
 
+/** Least height of a chart, where less is rounding; of the others it is 2 % of the value. */
+const LEAST = { energy_drift: 1e-9 };
 const GAUGES = ["temperature", "energy_drift", "collisions_per_second", "frames_per_second", "nanoseconds"];
 
 function drawGauges() {
@@ -380,7 +382,7 @@ function drawGauges() {
   for (const name of GAUGES) {
     $(name).textContent = digits(gauges?.[name]);
     $(name).dataset.value = gauges?.[name] ?? "";
-    drawChart($(name).parentElement.querySelector("canvas"), state.history[name] ?? []);
+    drawChart($(name).parentElement.querySelector("canvas"), state.history[name] ?? [], LEAST[name] ?? 0);
   }
   $("drift-name").textContent = gauges?.energy_note ? "Energy change" : "Energy drift";
   $("drift-note").textContent = gauges?.energy_note
@@ -390,13 +392,14 @@ function drawGauges() {
 }
 
 /** The last readings of a gauge as a line, from the lowest to the highest. */
-function drawChart(canvas, values) {
+function drawChart(canvas, values, smallest) {
   const { width, height, ratio } = sharpen(canvas), c = canvas.getContext("2d");
   c.clearRect(0, 0, width, height);
   const known = values.filter((value) => value !== null);
   if (known.length < 2) return;
   let low = Math.min(...known), high = Math.max(...known);
-  const least = Math.max(Math.abs(low), Math.abs(high)) * 0.02 || 1; // noise of rounding is no signal
+  const least = Math.max(Math.max(Math.abs(low), Math.abs(high)) * 0.02, smallest) || 1;
+  const room = Math.max(values.length, KEPT / 4) - 1;
   if (high - low < least) [low, high] = [(low + high - least) / 2, (low + high + least) / 2];
   c.strokeStyle = "#0b5394";
   c.lineWidth = 1.6 * ratio;
@@ -405,7 +408,7 @@ function drawChart(canvas, values) {
   let open = false;
   values.forEach((value, k) => {
     if (value === null) { open = false; return; }
-    const x = ratio + (k / (KEPT - 1)) * (width - 2 * ratio), y = 2 * ratio + (1 - (value - low) / (high - low)) * (height - 4 * ratio);
+    const x = ratio + (k / room) * (width - 2 * ratio), y = 2 * ratio + (1 - (value - low) / (high - low)) * (height - 4 * ratio);
     if (open) c.lineTo(x, y); else c.moveTo(x, y);
     open = true;
   });
