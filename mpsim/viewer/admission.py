@@ -57,10 +57,11 @@ class Admission:
             Refusal: for another host, and without the token.
         """
         self._demand_host(headers.get_all("Host"))
-        _, token, *rest = path.partition("?")[0].split("/", 2)
-        if not rest or not hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode()):
+        parts = path.partition("?")[0].split("/", 2)
+        token = parts[1] if len(parts) == 3 and not parts[0] else ""
+        if not hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode()):
             raise Refusal(404, "There is nothing here. Open the whole address that mpsim view has printed.")
-        return rest[0]
+        return parts[2]
 
     def demand_own_page(self, headers: Any) -> None:
         """Refuse a connection that no page of this view asks for.

@@ -85,7 +85,7 @@ class Server:
         self._clients: set[Client] = set()
         self._texts: dict[str, str] = {}
         self._picture: Shown | None = None
-        self._loop = asyncio.new_event_loop()
+        self._loop: asyncio.AbstractEventLoop | None = None  # from the start
         self._end = asyncio.Event()
         self._thread = threading.Thread(target=self._serve, name="mpsim view: server", daemon=True)
         self._websockets = websockets()
@@ -93,13 +93,13 @@ class Server:
     def start(self, session: Session) -> None:
         """Start the thread; pages see this session."""
         self._session = session
+        self._loop = asyncio.new_event_loop()
         self._thread.start()
 
     def close(self) -> None:
         """End all connections, and the thread."""
         if self._thread.ident is None:
             self._socket.close()
-            self._loop.close()
             return
         self._from_outside(self._end.set)
         self._thread.join()
@@ -116,13 +116,17 @@ class Server:
 
     def _from_outside(self, act: Callable[..., None], *arguments: Any) -> None:
         """Have the server's thread do something; nothing, if it has ended."""
+        if self._loop is None:
+            return
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(act, *arguments)
 
     # --- the thread
 
     def _serve(self) -> None:
-        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
+        loop = self._loop
+        assert loop is not None  # since the start
+        with asyncio.Runner(loop_factory=lambda: loop) as runner:
             runner.run(self._until_the_end())
 
     async def _until_the_end(self) -> None:
@@ -155,6 +159,8 @@ class Server:
     def _answer(self, connection: Any, request: Any) -> Any:
         """The answer to a request of HTTP; None lets it become a connection."""
         try:
+            if getattr(request, "method", "GET") != "GET":  # older versions of websockets refuse others themselves
+                raise Refusal(405, "Only GET is answered here.")
             name = self._admission.name_of(request.path, request.headers)
             if name == SOCKET:
                 self._admission.demand_own_page(request.headers)

@@ -36,8 +36,11 @@ PICTURE_SHARE, GAUGE_SHARE = 1 / 20, 1 / 50
 """Largest part of the time that pictures and gauges may take from a simulation that runs as fast as it goes: of very
 many discs there are fewer."""
 
-MOST_WAITING = 64
+MOST_WAITING = 1000
 """Deeds that wait for their turn at most."""
+
+REPLACING = ("play", "pause", "speed", "reset")
+"""Deeds of which the last one counts, if several follow each other while frames are run."""
 
 CLOSING_SECONDS = 10.0
 """Time that `close` waits for the thread: longer than any frames, but not than all that may have to be compiled."""
@@ -138,6 +141,8 @@ class Session:
             InputError: if too many wait already.
         """
         with self._wake:
+            if self._deeds and deed.name in REPLACING and self._deeds[-1].name == deed.name:
+                self._deeds.pop()
             if len(self._deeds) >= MOST_WAITING:
                 raise InputError(f"at most {MOST_WAITING} deeds may wait; got one more, {deed.name}. Wait.")
             self._deeds.append(deed)
@@ -180,7 +185,8 @@ class Session:
             while self._turn():
                 pass
         except BaseException as error:  # raised by whoever waits for the end
-            self.error = error
+            self.error, self._over, self._note = error, True, str(error) or type(error).__name__
+            self._tell()
         finally:
             with contextlib.suppress(Exception):  # the first error counts
                 self._drop()
