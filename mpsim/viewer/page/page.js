@@ -575,7 +575,11 @@ const disabled = (id) => $(id).disabled;
 for (const id of ["play", "step", "reset"]) $(id).addEventListener("click", act[id]);
 
 let dragging = false; // the slider
-function setSpeed(index) { send({ do: "speed", value: SPEEDS[bound(index, 0, SPEEDS.length - 1)] }); }
+function setSpeed(index) {
+  const at = bound(index, 0, SPEEDS.length - 1);
+  $("speed").value = at; // at once, so that the next key counts from here
+  send({ do: "speed", value: SPEEDS[at] });
+}
 $("speed").max = SPEEDS.length - 1;
 $("speed").value = USUAL;
 $("speed").addEventListener("input", () => { dragging = true; setSpeed(+$("speed").value); });
