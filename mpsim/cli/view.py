@@ -1,5 +1,6 @@
 """`mpsim view`: a scene as it runs, on a page in the browser."""
 
+import signal
 from typing import Any
 
 import click
@@ -31,6 +32,7 @@ def view(scene: str, host: str, port: int, browser: bool, paused: bool, **option
     """
     from mpsim.viewer import live  # noqa: PLC0415 - other commands need no server
 
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends it as Ctrl-C does
     file = scenefile.load(scene)
     settings = terminal.settings_of(file, options)
     live.view(file.scene, settings, host=host, port=port, browser=browser, playing=not paused, name=file.name)

@@ -3,8 +3,12 @@
 UNIT = 60.0
 """Frames a second at speed 1: one for each picture of a usual screen."""
 
-TURN = 1 / 60
-"""Seconds that frames are run for at a time: so long a command of a page waits."""
+LOOK = 1 / 60
+"""Seconds between two looks at a run."""
+
+TURN = 3 * LOOK
+"""Seconds that frames are run for at a time, if they are all due: so long a deed of a page waits. Beginning and ending
+a run takes 0.3 ms."""
 
 MOST_BEHIND = 0.1
 """Seconds by which a simulation may be late and still catch up: after a longer stop it goes on from where it is."""
@@ -37,12 +41,13 @@ class Pace:
     def due(self, now: float) -> int:
         """Number of frames to run now, which are then no longer due; as many as fit TURN at most."""
         if self.speed is None:
-            return self._most()
+            looks = self.frames_between_looks
+            return max(self._fitting(TURN) // looks, 1) * looks
         rate = self.speed * UNIT
         self._next = max(self._next, now - MOST_BEHIND)
         if now < self._next:
             return 0
-        frames = min(int((now - self._next) * rate) + 1, self._most())
+        frames = min(int((now - self._next) * rate) + 1, self._fitting(TURN))
         self._next += frames / rate
         return frames
 
@@ -50,12 +55,20 @@ class Pace:
         """Seconds until a frame is due."""
         return 0.0 if self.speed is None else max(self._next - now, 0.0)
 
+    @property
+    def frames_between_looks(self) -> int:
+        """Number of frames that take LOOK at most, at least one.
+
+        A power of two, so that it is the same from one turn to the next although frames never take quite as long.
+        """
+        return 1 << (self._fitting(LOOK).bit_length() - 1)
+
     def note(self, frames: int, seconds: float) -> None:
         """Note how long some frames took."""
         self._seconds_per_frame = max(seconds / frames, 1e-9)
 
-    def _most(self) -> int:
-        """Frames that fit TURN; one where nothing is known yet."""
+    def _fitting(self, seconds: float) -> int:
+        """Number of frames that take so long; one where nothing is known yet."""
         if self._seconds_per_frame is None:
             return 1
-        return min(max(int(TURN / self._seconds_per_frame), 1), MOST_FRAMES)
+        return min(max(int(seconds / self._seconds_per_frame), 1), MOST_FRAMES)

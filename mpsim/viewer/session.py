@@ -8,7 +8,7 @@ import contextlib
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -24,17 +24,19 @@ from mpsim.scene.settings import Settings
 from mpsim.viewer import wire
 from mpsim.viewer.colours import SpeedScale, scale_of
 from mpsim.viewer.gauges import Gauges, Meter
-from mpsim.viewer.pace import Pace
+from mpsim.viewer.pace import LOOK, Pace
 
-PICTURE_SECONDS = 1 / 60
-"""Shortest time between two pictures."""
+PICTURE_SECONDS = 0.8 * LOOK
+"""Shortest time between two pictures: a little less than between two looks, or every other one would come too early."""
 
-GAUGE_SECONDS = 0.25
+GAUGE_SECONDS = 0.4
 """Shortest time between two readings of the gauges."""
 
-PICTURE_SHARE, GAUGE_SHARE = 1 / 20, 1 / 50
-"""Largest part of the time that pictures and gauges may take from a simulation that runs as fast as it goes: of very
-many discs there are fewer."""
+PICTURE_SHARE, GAUGE_SHARE = 1 / 50, 1 / 200
+"""Largest part of its time that pictures and gauges take from a simulation that runs as fast as it goes ..."""
+
+LONGEST_WAIT = 0.5
+"""... but for very many discs, of which there is a picture after so many seconds at the latest."""
 
 MOST_WAITING = 1000
 """Deeds that wait for their turn at most."""
@@ -282,7 +284,7 @@ class Session:
         frames = self._pace.due(time.perf_counter()) if self._playing else min(self._steps, 1)
         if not frames:
             return
-        report = self._simulation.run(frames=frames)
+        report = self._simulation.run(frames=frames, observe=_Glance(self._pace.frames_between_looks, self._look))
         self._pace.note(frames, float(report.frame_seconds.sum()))
         self._meter.note(report)
         if self._steps:
@@ -302,18 +304,23 @@ class Session:
             picture = self._asked and now >= self._next_picture and where != self._shown
         if not gauges and not picture:
             return
-        frame, moment, state = _now(sim)
+        frame, moment, state = (sim.frame, sim.time, sim.state) if self._owned else _now(sim)
         if gauges:
             self._gauged = where
             self._tell_gauges(state, frame, moment)
             self._next_gauges = now + max(GAUGE_SECONDS, (time.perf_counter() - now) / GAUGE_SHARE)
+            now = time.perf_counter()
         if picture:
-            started = time.perf_counter()
             with self._wake:
                 self._asked = False
             self._shown = where
             self._show(state, frame, moment)
-            self._next_picture = started + max(PICTURE_SECONDS, (time.perf_counter() - started) / PICTURE_SHARE)
+            self._next_picture = now + max(PICTURE_SECONDS, self._fair_wait(time.perf_counter() - now))
+
+    def _fair_wait(self, took: float) -> float:
+        """Time from a picture that took so long to the next one, so that the run is not slowed down [s]."""
+        at_full_speed = self._playing and self._pace.speed is None  # else it has time left
+        return min(took / PICTURE_SHARE, LONGEST_WAIT) if at_full_speed else 0.0
 
     def _rest(self) -> None:
         """Wait until something is due or asked for."""
@@ -388,10 +395,22 @@ class Session:
         self._audience.tell("gauges", text)
 
 
-def _now(sim: Simulation) -> tuple[int, float, State]:
-    """Frame, time and state of a simulation.
+class _Glance:
+    """Looks at a run on its way, as an observer."""
 
-    Another thread of the program may be running it: where that is quick, the state may be one of a few frames later.
+    def __init__(self, every: int, act: Callable[[], None]):
+        self.every: int = every
+        self._act = act
+
+    def look(self, sim: Simulation, collisions: int) -> None:
+        """Look."""
+        self._act()
+
+
+def _now(sim: Simulation) -> tuple[int, float, State]:
+    """Frame, time and state of a simulation that another thread of the program may be running.
+
+    Where that is quick, the state may be one of a few frames later.
     """
     frame, moment, state = sim.frame, sim.time, sim.state
     for _ in range(3):

@@ -137,7 +137,8 @@ main(["view", "gas", "--no-browser", "--paused", "--method", "grid", "--dt", "0.
 """
 
 
-def test_the_command_shows_a_scene_until_ctrl_c():
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_command_shows_a_scene_until_ctrl_c(number):
     with Script(COMMAND) as script:
         address = address_in(script.line())
         with Visitor(address) as visitor:
@@ -148,7 +149,7 @@ def test_the_command_shows_a_scene_until_ctrl_c():
             visitor.say("step", frames=2)
             visitor.hear_until(lambda v: v.frame == 2)
             assert visitor.picture.header.time == 0.04
-            script.send(signal.SIGINT)
+            script.send(number)
             outcome = script.finish()
     assert_clean(outcome)
     assert_nothing_left_of(script.pid)

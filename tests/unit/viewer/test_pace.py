@@ -2,7 +2,7 @@
 
 import pytest
 
-from mpsim.viewer.pace import MOST_BEHIND, TURN, UNIT, Pace
+from mpsim.viewer.pace import LOOK, MOST_BEHIND, TURN, UNIT, Pace
 
 
 def frames_in(pace: Pace, seconds: float, tick: float) -> int:
@@ -24,7 +24,8 @@ def test_as_fast_as_it_goes_fills_a_turn():
     pace = Pace(None)
     assert pace.due(0.0) == 1, "nothing is known of the time of a frame yet"
     pace.note(10, 10 * TURN / 50)
-    assert pace.due(0.0) == 50
+    assert (pace.due(0.0), pace.frames_between_looks) == (48, 16), "of 50 frames, and of 16.67"
+    assert pytest.approx(50 / 3) == 50 * LOOK / TURN
     pace.note(1, 3.0)
     assert pace.due(0.0) == 1, "a long frame is run, too"
     assert pace.wait(0.0) == 0

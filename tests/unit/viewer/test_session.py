@@ -39,6 +39,14 @@ class Watcher:
         with self.news:
             assert self.news.wait_for(lambda: holds(self), PATIENCE), (len(self.pictures), self.told)
 
+    def see(self, session, holds):
+        """Ask for pictures until something holds."""
+        end = time.monotonic() + PATIENCE
+        while not holds(self):
+            assert time.monotonic() < end, (len(self.pictures), self.told, session.error)
+            session.ask()
+            time.sleep(0.005)
+
     @property
     def phase(self):
         return self.told.get("status", {}).get("phase")
@@ -89,8 +97,7 @@ def test_a_watched_run_has_the_bits_of_one_alone(start):
     session, watcher = start(scene, GRID, playing=False)
     step_to(session, watcher, frames)
     assert session._sim.digest() == expected
-    session.ask()
-    watcher.wait(lambda w: w.frame == frames)
+    watcher.see(session, lambda w: w.frame == frames)
     found = wire.unpack(watcher.pictures[-1].packed)
     assert np.abs(found.position - state.position).max() <= 0.501 * max(scene.width, scene.height) / 65535
     assert len(watcher.pictures) > 2, "and it was looked at on the way"
@@ -130,8 +137,7 @@ def test_the_first_picture_is_the_scene_before_anything_runs(start):
 
 def test_nothing_runs_and_nothing_is_packed_while_nobody_watches(start, monkeypatch):
     session, watcher = start(gas(50, 0.2), GRID)
-    session.ask()
-    watcher.wait(lambda w: w.frame > 0)
+    watcher.see(session, lambda w: w.frame > 0)
     session.watched_by(0)
     time.sleep(0.1)
     before, frame, pictures = time.process_time(), session._sim.frame, len(watcher.pictures)
@@ -141,8 +147,7 @@ def test_nothing_runs_and_nothing_is_packed_while_nobody_watches(start, monkeypa
     assert (session._sim.frame, len(watcher.pictures)) == (frame, pictures)
     assert time.process_time() - before < 0.1, "it costs nothing"
     session.watched_by(1)
-    session.ask()
-    watcher.wait(lambda w: w.frame > frame)
+    watcher.see(session, lambda w: w.frame > frame)
 
 
 def test_a_picture_is_made_only_when_it_is_asked_for(start):
@@ -169,8 +174,7 @@ def test_reset_goes_back_to_the_start(start):
     step_to(session, watcher, 10)
     first = session._sim.digest()
     do(session, "reset")
-    session.ask()
-    watcher.wait(lambda w: w.frame == 0 and len(w.pictures) > 1)
+    watcher.see(session, lambda w: w.frame == 0 and len(w.pictures) > 1)
     step_to(session, watcher, 10)
     assert session._sim.digest() == first
 
@@ -180,8 +184,7 @@ def test_a_simulation_of_the_program_is_shown_and_stays_its_own(start):
         sim.run(frames=5)
         session, watcher = start(sim, playing=False)
         assert watcher.told == {} or not watcher.told["scene"]["can_reset"]
-        session.ask()
-        watcher.wait(lambda w: w.frame == 5)
+        watcher.see(session, lambda w: w.frame == 5)
         session.ask()
         sim.run(frames=7)  # by the program
         watcher.wait(lambda w: w.frame == 12)
@@ -196,8 +199,7 @@ def test_a_simulation_of_the_program_is_shown_and_stays_its_own(start):
 def test_a_simulation_that_its_program_closes_is_over_on_the_page(start):
     sim = mpsim.Simulation(gas(50, 0.3), GRID)
     session, watcher = start(sim)
-    session.ask()
-    watcher.wait(lambda w: w.frame > 0)
+    watcher.see(session, lambda w: w.frame > 0)
     while True:
         try:
             sim.close()
@@ -224,8 +226,7 @@ def test_a_run_that_fails_pauses_with_the_reason_and_can_be_reset(start, monkeyp
     watcher.wait(lambda w: w.phase == "paused" and w.told["status"]["note"])
     assert watcher.told["status"]["note"] == str(broken)
     do(session, "reset")
-    session.ask()
-    watcher.wait(lambda w: w.frame == 0 and w.told["status"]["note"] is None and len(w.pictures) > 1)
+    watcher.see(session, lambda w: w.frame == 0 and w.told["status"]["note"] is None and len(w.pictures) > 1)
     step_to(session, watcher, 2)
 
 
@@ -244,8 +245,7 @@ def test_discs_that_enter_are_shown(start):
     )  # fmt: skip
     session, watcher = start(scene, GRID, playing=False)
     step_to(session, watcher, 130)
-    session.ask()
-    watcher.wait(lambda w: w.frame == 130)
+    watcher.see(session, lambda w: w.frame == 130)
     found = wire.unpack(watcher.pictures[-1].packed)
     assert len(found.position) == session._sim.count > 1
     assert wire.unpack_radii(watcher.pictures[-1].radii).tolist() == [0.25]
@@ -257,8 +257,7 @@ def test_a_moving_wall_is_where_the_state_says(start):
     )
     session, watcher = start(scene, GRID, playing=False)
     step_to(session, watcher, 50)
-    session.ask()
-    watcher.wait(lambda w: w.frame == 50)
+    watcher.see(session, lambda w: w.frame == 50)
     assert wire.unpack(watcher.pictures[-1].packed).header.walls == session._sim.state.box
     assert watcher.told["scene"]["wall"] == 1
 
@@ -278,7 +277,7 @@ def test_pictures_of_a_run_at_full_speed_take_a_small_part_of_it(start, monkeypa
     real = wire.pack
 
     def slow(header, state):
-        time.sleep(0.05)
+        time.sleep(0.02)
         return real(header, state)
 
     monkeypatch.setattr(session_module.wire, "pack", slow)
@@ -289,7 +288,14 @@ def test_pictures_of_a_run_at_full_speed_take_a_small_part_of_it(start, monkeypa
     while time.monotonic() < end:
         session.ask()
         time.sleep(0.01)
-    assert 1 <= len(watcher.pictures) - before <= 4, "50 ms each, so one a second"
+    assert 2 <= len(watcher.pictures) - before <= 7, "at least one in half a second, and no more: each takes 20 ms"
+    do(session, "speed", value=1.0)
+    watcher.wait(lambda w: w.told["status"]["speed"] == 1.0)
+    before, end = len(watcher.pictures), time.monotonic() + 2.0
+    while time.monotonic() < end:
+        session.ask()
+        time.sleep(0.01)
+    assert len(watcher.pictures) - before > 15, "one that waits for its next frame has time for pictures"
 
 
 def test_settings_beside_a_simulation_and_ranks_are_refused():
@@ -303,8 +309,7 @@ def test_settings_beside_a_simulation_and_ranks_are_refused():
 def test_workers_end_with_the_session(start):
     """The guard in conftest.py looks for processes and blocks that are left."""
     session, watcher = start(gas(300, 0.3), mpsim.Settings(method="parallel", workers=2))
-    session.ask()
-    watcher.wait(lambda w: w.frame > 0)
+    watcher.see(session, lambda w: w.frame > 0)
     assert len(session._sim.pids) == 1
     pids = session._sim.pids
     do(session, "reset")
