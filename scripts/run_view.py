@@ -5,8 +5,8 @@ python scripts/run_view.py --quick             some seconds
 python scripts/run_view.py --pictures FOLDER   only pictures of the page, which need Playwright and Chromium
 python scripts/run_view.py --docs docs/howto/live-view.md
 
-Times are of the processor, of all threads of the process that simulates; the page is another process. A run with and one
-without a page take turns, and of their ratios the median counts, as the machine may be shared.
+Times are of the processor, of all threads of the process that simulates; the page is another process. A run with and
+one without a page take turns, and of their ratios the median counts, as the machine may be shared.
 """
 
 import argparse
@@ -26,6 +26,7 @@ from typing import Any
 
 from pages import fill_blocks, made_by
 from rich.console import Console
+from run_bench import machine
 
 import mpsim
 from mpsim.scene import scenefile
@@ -97,7 +98,7 @@ class Album:
 
     def send(self, pictures: int) -> float:
         """Hand over so many pictures; returns the processor time of each, packing and sending together [s]."""
-        scene, radii = self._scene, b""
+        scene, radii, started = self._scene, b"", 0.0
         for serial in range(1, pictures + 1):
             self._asked.acquire()
             if serial == 4:  # the first ones allocate
@@ -288,7 +289,7 @@ def main() -> int:
     (options.out / "view.json").write_text(json.dumps({"pictures": pictures, "cost": cost, "first": first}, indent=1))
     console.print(text, highlight=False, markup=False, soft_wrap=True)
     if options.docs is not None:
-        fill_blocks(options.docs, "run_view", {"table": f"{text}\n{made_by(benchmark.machine())}"})
+        fill_blocks(options.docs, "run_view", {"table": f"{text}\n{made_by(machine())}"})
     return 0
 
 

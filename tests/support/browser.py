@@ -27,7 +27,7 @@ def chromium() -> str:
 def browser() -> Iterator[Any]:
     """A browser without a window."""
     executable = chromium()
-    from playwright.sync_api import sync_playwright
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415 - which may be missing
 
     with sync_playwright() as playwright:
         opened = playwright.chromium.launch(

@@ -1,5 +1,8 @@
 """The page in a real browser: buttons and keys, what is drawn, and numbers beside the library's."""
 
+# ruff: noqa: RUF001 - signs that the page shows
+
+import base64
 import contextlib
 import io
 import re
@@ -53,20 +56,14 @@ class Page:
     def settle(self) -> int:
         """Wait until the paused page shows the frame and the gauges of the simulation; returns that frame."""
         until(lambda: self.text("phase") == "paused" and self.frame == self.sim.frame)
-        until(lambda: self.page.evaluate("document.getElementById('temperature').dataset.value") == repr_js(measure.temperature(self.sim.state, self.sim.scene)))  # fmt: skip
+        expected = measure.temperature(self.sim.state, self.sim.scene)
+        until(lambda: float(self.page.get_attribute("#temperature", "data-value") or -1) == expected)
         return self.frame
 
     def stage(self) -> np.ndarray:
         """The discs as they are drawn, without what lies below them: shape (height, width, 4)."""
         url = self.page.evaluate("document.getElementById('discs-canvas').toDataURL()")
-        import base64
-
         return np.asarray(Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))).convert("RGBA"))
-
-
-def repr_js(value: float) -> str:
-    """A number as JavaScript writes it."""
-    return f"{value!r}".removesuffix(".0")
 
 
 @pytest.fixture
@@ -165,7 +162,7 @@ def test_the_wheel_zooms_on_the_stage_and_scrolls_elsewhere(shown):
     until(lambda: (page.stage()[:, :, 3] > 127).sum() != (before[:, :, 3] > 127).sum())
     assert page.page.evaluate("scrollY") == 0
     page.page.keyboard.press("0")
-    until(lambda: (page.stage() == before).all())
+    until(lambda: np.array_equal(page.stage(), before))
     page.page.mouse.down()
     page.page.mouse.move(240, 320, steps=3)
     page.page.mouse.up()
@@ -228,6 +225,13 @@ def test_it_says_that_the_program_has_ended(shown):
     assert page.page.is_disabled("#play")
 
 
+CONNECTED = """(where) => new Promise((end) => {
+    const socket = new WebSocket(where);
+    socket.onopen = () => end("open");
+    socket.onerror = () => end("refused");
+})"""
+
+
 def test_another_site_cannot_read_or_connect(shown, opened):
     page = shown()
     until(lambda: page.frame > 5)
@@ -235,11 +239,11 @@ def test_another_site_cannot_read_or_connect(shown, opened):
     try:
         other.route("http://evil.example/", lambda route: route.fulfill(body="<p>evil</p>", content_type="text/html"))
         other.goto("http://evil.example/")
-        assert other.evaluate("fetch(%r).then(() => 'read', () => 'refused')" % page.view.address) == "refused"
-        ended = "new Promise((end) => { const s = new WebSocket(%r); s.onopen = () => end('open'); s.onerror = () => end('refused') })"
+        fetched = "(where) => fetch(where).then(() => 'read', () => 'refused')"
+        assert other.evaluate(fetched, page.view.address) == "refused"
         address = re.sub("^http", "ws", page.view.address) + "socket"
-        assert other.evaluate(ended % address) == "refused"
-        assert page.page.evaluate(ended % address) == "open", "negative control: its own page can"
+        assert other.evaluate(CONNECTED, address) == "refused"
+        assert page.page.evaluate(CONNECTED, address) == "open", "negative control: its own page can"
     finally:
         other.close()
 

@@ -191,7 +191,8 @@ def test_nor_can_one_that_lets_its_name_point_here(view):
     with socket.create_connection((where.hostname, where.port)) as raw:
         raw.sendall(
             f"GET {where.path}socket HTTP/1.1\r\nHost: {evil}\r\nOrigin: http://{evil}\r\nUpgrade: websocket\r\n"
-            "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n".encode()
+            "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+            "Sec-WebSocket-Version: 13\r\n\r\n".encode()
         )
         assert raw.recv(100).startswith(b"HTTP/1.1 421 ")
     still_works(view)
@@ -200,15 +201,24 @@ def test_nor_can_one_that_lets_its_name_point_here(view):
 # --- hostile connections: each ends itself, and nothing else
 
 
+def hear_to_the_end(visitor) -> None:
+    """Take messages until the connection ends, which raises; or until it should have ended."""
+    end = time.monotonic() + 30
+    while time.monotonic() < end:
+        visitor.hear(10)
+
+
 def closed_after(view, *messages) -> tuple[int, str]:
     """Code and reason of the end of a connection that sends these messages."""
-    with Visitor(view.address) as visitor, pytest.raises(ConnectionClosed) as closed:
+
+    def talk(visitor):
         visitor.say("visible", value=True)
         for message in messages:
             visitor.socket.send(message)
-        end = time.monotonic() + 30
-        while time.monotonic() < end:
-            visitor.hear(10)
+        hear_to_the_end(visitor)
+
+    with Visitor(view.address) as visitor, pytest.raises(ConnectionClosed) as closed:
+        talk(visitor)
     assert closed.value.rcvd is not None
     return closed.value.rcvd.code, closed.value.rcvd.reason
 
@@ -262,8 +272,7 @@ def test_frames_that_break_the_protocol_end_their_connection(view):
             visitor.hear(10)
             visitor.socket.socket.sendall(noise)
             with pytest.raises(ConnectionClosed):
-                while True:
-                    visitor.hear(10)
+                hear_to_the_end(visitor)
     still_works(view)
 
 
@@ -288,17 +297,15 @@ def test_connections_that_are_cut_leave_nothing(view):
 
 def test_closing_while_it_runs_ends_all_and_pages_are_told(capsys):
     threads = threading.active_count()
-    with viewed(SCENE, mpsim.Settings(method="parallel", workers=2)) as view:
-        with Visitor(view.address) as visitor:
-            visitor.say("visible", value=True)
-            visitor.say("speed", value=None)
-            visitor.hear_until(lambda v: v.frame > 100)
-            started = time.monotonic()
-            view.close()
-            assert time.monotonic() - started < 5
-            with pytest.raises(ConnectionClosed):
-                while True:
-                    visitor.hear(10)
+    with viewed(SCENE, mpsim.Settings(method="parallel", workers=2)) as view, Visitor(view.address) as visitor:
+        visitor.say("visible", value=True)
+        visitor.say("speed", value=None)
+        visitor.hear_until(lambda v: v.frame > 100)
+        started = time.monotonic()
+        view.close()
+        assert time.monotonic() - started < 5
+        with pytest.raises(ConnectionClosed):
+            hear_to_the_end(visitor)
     deadline = time.monotonic() + 5
     while threading.active_count() > threads and time.monotonic() < deadline:
         time.sleep(0.02)
