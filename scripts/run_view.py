@@ -210,7 +210,7 @@ def take_pictures(folder: Path) -> list[Path]:
     from playwright.sync_api import sync_playwright  # noqa: PLC0415 - only for pictures
 
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
-    found, file = [], scenefile.load("mixture")
+    found, file = [], scenefile.load("dense")
     with contextlib.redirect_stdout(io.StringIO()):
         view = mpsim.view(file.scene, file.settings, browser=False, wait=False, name=file.name)
     with view, sync_playwright() as playwright:

@@ -309,16 +309,16 @@ class Session:
             self._gauged = where
             self._tell_gauges(state, frame, moment)
             self._next_gauges = now + max(GAUGE_SECONDS, (time.perf_counter() - now) / GAUGE_SHARE)
-            now = time.perf_counter()
         if picture:
+            now, spent = time.perf_counter(), time.thread_time()
             with self._wake:
                 self._asked = False
             self._shown = where
             self._show(state, frame, moment)
-            self._next_picture = now + max(PICTURE_SECONDS, self._fair_wait(time.perf_counter() - now))
+            self._next_picture = now + max(PICTURE_SECONDS, self._fair_wait(time.thread_time() - spent))
 
     def _fair_wait(self, took: float) -> float:
-        """Time from a picture that took so long to the next one, so that the run is not slowed down [s]."""
+        """Time from a picture that took so much processor time to the next one, so that the run is not slowed down [s]."""
         at_full_speed = self._playing and self._pace.speed is None  # else it has time left
         return min(took / PICTURE_SHARE, LONGEST_WAIT) if at_full_speed else 0.0
 

@@ -346,7 +346,7 @@ function drawLegend() {
   const key = picture ? `${picture.usual} ${picture.fastest}` : "";
   if (key === legendKey && !changed) return;
   legendKey = key;
-  const c = canvas.getContext("2d"), size = fontSize(ratio), bar = height - 2.7 * size;
+  const c = canvas.getContext("2d"), size = fontSize(ratio), bar = height - 2.95 * size;
   c.clearRect(0, 0, width, height);
   if (!picture) return;
   for (let x = 0; x < width; x++) {
