@@ -306,9 +306,10 @@ class Session:
             return
         frame, moment, state = (sim.frame, sim.time, sim.state) if self._owned else _now(sim)
         if gauges:
+            spent = time.thread_time()
             self._gauged = where
             self._tell_gauges(state, frame, moment)
-            self._next_gauges = now + max(GAUGE_SECONDS, (time.perf_counter() - now) / GAUGE_SHARE)
+            self._next_gauges = now + max(GAUGE_SECONDS, (time.thread_time() - spent) / GAUGE_SHARE)
         if picture:
             now, spent = time.perf_counter(), time.thread_time()
             with self._wake:
