@@ -319,7 +319,7 @@ class Session:
             self._next_picture = now + max(PICTURE_SECONDS, self._fair_wait(time.thread_time() - spent))
 
     def _fair_wait(self, took: float) -> float:
-        """Time to the next picture after one that took so much processor time, so that the run is not slowed down [s]."""
+        """Time to the next picture after one that took so much processor time, so as not to slow down the run [s]."""
         at_full_speed = self._playing and self._pace.speed is None  # else it has time left
         return min(took / PICTURE_SHARE, LONGEST_WAIT) if at_full_speed else 0.0
 
