@@ -60,9 +60,15 @@ from mpsim.studies.tuned import Tuned
 if TYPE_CHECKING:
     from mpsim.output.animation import animate
     from mpsim.output.trajectory import Trajectory
+    from mpsim.viewer.live import View, view
 
 
-_LATE = {"animate": "mpsim.output.animation", "Trajectory": "mpsim.output.trajectory"}
+_LATE = {
+    "animate": "mpsim.output.animation",
+    "Trajectory": "mpsim.output.trajectory",
+    "View": "mpsim.viewer.live",
+    "view": "mpsim.viewer.live",
+}
 """Names that are imported on first use, so that `import mpsim` stays quick."""
 
 _VIEWS = {
@@ -135,6 +141,7 @@ __all__ = [
     "TrajectoryError",
     "TrajectoryWarning",
     "Tuned",
+    "View",
     "WorkerDied",
     "WorkerStalled",
     "animate",
@@ -142,4 +149,5 @@ __all__ = [
     "sweep",
     "tradeoff",
     "tune",
+    "view",
 ]
