@@ -35,10 +35,10 @@ from mpsim.core.errors import (
 )
 from mpsim.core.joint_archive import piece_of, write_around, write_contents
 from mpsim.core.joint_file import write_at
+from mpsim.core.sizes import of_each_disc
 from mpsim.core.team import Alone, Team
 from mpsim.engine.checkpoint_digest import digest_of, joined_digest
 from mpsim.engine.checkpoint_scene import ARRAYS, scene_from, scene_parts
-from mpsim.core.sizes import of_each_disc
 from mpsim.engine.journal import JOURNAL, UNCHANGED, Changed, changed_in, packed
 from mpsim.engine.older_formats import in_this_format
 from mpsim.features import FEATURES
@@ -177,7 +177,7 @@ def write(
         OutputError: if one of them cannot write; on all, and what was there before is still there.
     """
     target = place_of(path)
-    header, everything = _packed(scene, settings, run, arrays)
+    header, everything = _packed(scene, settings, run, arrays, changed)
     with _as_output_error(target), contextlib.ExitStack() as replacing:
         file: Any = None  # of the first process
 
