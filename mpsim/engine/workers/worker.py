@@ -185,7 +185,7 @@ def _join(worker: int, connection: Connection, block: SharedBlock) -> tuple[Any,
     mine.mails = load_word(control.signals, layout.MAIL)
     connection.send(("ready", None))
     if "tiles" in block.arrays:
-        return idle_call(arguments_in_block(block.arrays), worker, LINGER)
+        return idle_call(arguments_in_block(block.arrays, worker), worker, LINGER)
     return kernel_arguments(block, worker)
 
 
