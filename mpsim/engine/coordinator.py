@@ -73,6 +73,7 @@ class Coordinator:
         self.step_limits: StepLimits = StepLimits(scene, settings, solver.capabilities.has_steps)
         self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
         self._rest = Once()
+        self._logged: list[Any] = []  # collisions of a frame in hand: an interrupted run leaves them to the next one
         self.solver: Solver = solver(scene, settings, choice)
         self._closing = Closing(simulation, self.solver, access)  # before there is anything to close
 
@@ -128,13 +129,19 @@ class Coordinator:
 
     # --- runs
 
-    def begin_record(self, names: tuple[str, ...], frames: int) -> RunRecord:
-        """Begin the record of a run of so many frames, with averages for measures of these names."""
+    def begin_record(self, names: tuple[str, ...], frames: int, logged: bool = False) -> RunRecord:
+        """Begin the record of a run of so many frames, with averages for measures of these names.
+
+        logged: whether collisions are logged.
+        """
         solver = self.solver
         whole, guarded = solver.time == solver.frame * self._settings.dt, solver.guarded
         averages = RunAverages(names, frames, self._scene, self._of_discs, whole)
+        self.between_frames(lambda: self.solver.log_collisions(logged))
         self.between_frames(lambda: self.solver.set_tallied(averages.counting))
-        return RunRecord(max(solver.choice.workers), averages, whole, guarded)
+        if not logged:
+            self._logged.clear()
+        return RunRecord(max(solver.choice.workers), averages, whole, guarded, self._logged)
 
     def _of_discs(self, function: Callable[[Discs], Any]) -> Any:
         """What a function of the present state gives, in all processes that share the simulation.
@@ -203,6 +210,9 @@ class Coordinator:
         if part.times.shape[1]:
             self._batch_sizer.note(workers, part.times.shape[1], float(np.median(part.times[0].sum(axis=1))) * 1e-9)
         record.take(part)
+        if solver.logging:
+            with interrupts_held_back():
+                record.logged.append(solver.take_collisions())
         self.last_frame = solver.frame
         self._warn_of_rest(solver.guarded - record.guarded)
         if solver.too_fast:  # look now: the run may end here, or be saved
@@ -265,7 +275,7 @@ class Coordinator:
     def _replace_solver(self, choice: Choice, snapshot: Snapshot, room: int = 0) -> None:
         """Replace the solver by one of another method, chosen by `auto`."""
         old, new = self.solver, methods.METHODS[choice.method].solver(self._scene, self._settings, choice)
-        new.tallied = old.tallied
+        new.tallied, new.logging = old.tallied, old.logging
         self._closing.solvers.append(new)  # before there is anything to close
         try:
             new.restore(snapshot, choice, room)

@@ -15,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.columns import MASS, Column
+from mpsim.core.errors import InputError
 from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State, part_of
+from mpsim.engine.solvers.collisions import no_collisions
 from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot
 from mpsim.engine.solvers.speed_limit import SpeedLimit
@@ -120,6 +122,7 @@ class Solver(ABC):
         substeps: steps of a frame now; 1 without steps.
         tallied: whether what measures need is counted, and put into Slice.tally. It may be set before `start`; then
             `set_tallied` changes it.
+        logging: whether collisions are logged, for `take_collisions`. As `tallied`, with `log_collisions`.
     """
 
     capabilities: ClassVar[Capabilities]
@@ -127,6 +130,7 @@ class Solver(ABC):
     choice: Choice
     substeps: int = 1
     tallied: bool = False
+    logging: bool = False
 
     @abstractmethod
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
@@ -177,6 +181,23 @@ class Solver(ABC):
         Raises:
             ResourceError, WorkerDied, WorkerStalled: as `start`.
         """
+
+    def log_collisions(self, wanted: bool) -> None:
+        """Have collisions logged from now on, or not; see `logging`.
+
+        Raises:
+            InputError: if they are wanted, and the method does not log them.
+            ResourceError, WorkerDied, WorkerStalled: as `start`.
+        """
+        if wanted:
+            raise InputError(
+                f"method={self.choice.method!r} does not log collisions, for which observe asks. Use method='event', "
+                "'parallel', 'grid' or 'naive'."
+            )
+
+    def take_collisions(self) -> NDArray[Any]:
+        """The collisions since the last call, those of a frame in hand included, in order: TABLE (`collisions.py`)."""
+        return no_collisions()
 
     @property
     @abstractmethod
