@@ -71,7 +71,7 @@ def kernel_arguments(block: SharedBlock, worker: int) -> GridArguments:
         b=b,
         start=arrays["start"],
         changes=layout.Changes(*(arrays[field] for field in layout.Changes._fields)),
-        features=features_of(arrays),
+        features=features_of(arrays, worker),
         parameters=arrays["parameters"],
         control=arrays["control"],
         team=arrays["team"],
