@@ -210,15 +210,19 @@ class Coordinator:
         if part.times.shape[1]:
             self._batch_sizer.note(workers, part.times.shape[1], float(np.median(part.times[0].sum(axis=1))) * 1e-9)
         record.take(part)
-        if solver.logging:
-            with interrupts_held_back():
-                record.logged.append(solver.take_collisions())
+        self._take_collisions()
         self.last_frame = solver.frame
         self._warn_of_rest(solver.guarded - record.guarded)
         if solver.too_fast:  # look now: the run may end here, or be saved
             self._adapt()
         self.step_limits.look_for_pressed(solver, self._access.notices)
         self._emit(self.emission.in_time)
+
+    def _take_collisions(self) -> None:
+        """Take over what the solver has logged, before it moves to another block."""
+        if self.solver.logging:
+            with interrupts_held_back():
+                self._logged.append(self.solver.take_collisions())
 
     def _warn_of_rest(self, guarded: int) -> None:
         """Warn once, while it runs, if the guard has acted so often in a run that discs must be at rest."""
@@ -290,6 +294,7 @@ class Coordinator:
 
     def between_frames(self, action: Callable[[], None]) -> None:
         """Do what may move the discs to another block; on new workers if one has died. Signals wait for its end."""
+        self._take_collisions()
         renew = (lambda: self.restore(self.snapshot())) if self._settings.on_worker_death == "restart" else None
         with interrupts_held_back(), self._access.moving():
             try:

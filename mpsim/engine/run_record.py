@@ -33,9 +33,7 @@ class RunRecord:
         logged: tables of collisions that nobody has taken yet.
     """
 
-    def __init__(
-        self, workers: int, averages: RunAverages, whole: bool, guarded: int, logged: list[NDArray[Any]]
-    ):
+    def __init__(self, workers: int, averages: RunAverages, whole: bool, guarded: int, logged: list[NDArray[Any]]):
         self.averages = averages
         self.whole: bool = whole
         self.guarded: int = guarded

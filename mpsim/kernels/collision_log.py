@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from mpsim.kernels.compiling import inlined
+from mpsim.kernels.records import Record
 
-COLLISION = np.dtype(
+_fields: Any = np.dtype(
     [
         ("span", np.int64),  # exact solver: the frame, counted from the start; others: the step, from 1 in each command
         ("time", np.float64),  # exact solver: since the start; others: from then until the end of the step [time]
@@ -24,6 +25,7 @@ COLLISION = np.dtype(
     ],
     align=True,
 )
+COLLISION = np.dtype((Record, _fields))
 """A row of the log, of one cache line."""
 
 DISC, WALL, OBSTACLE = range(3)

@@ -27,9 +27,8 @@ from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
 from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.features.radii import has_radii
-from mpsim.kernels import layout
+from mpsim.kernels import collision_log, layout
 from mpsim.kernels import records as stepped
-from mpsim.kernels import collision_log
 from mpsim.kernels.events import calendar, records, solver, state
 from mpsim.kernels.events.boundary import Box
 from mpsim.kernels.events.cells import link_cells, worst_overlap

@@ -201,10 +201,10 @@ def all_agree(tiles, plan, box):
 @linked
 def log_is_full(tiles):
     """Whether what happened in a tile did not fit the log of its worker."""
+    full = False
     for number in range(tiles.size):
-        if tiles[number].status == FULL:
-            return True
-    return False
+        full |= tiles[number].status == FULL
+    return full
 
 
 # --- take over ----------------------------------------------------------------------------------------------------

@@ -69,10 +69,10 @@ def on_walls(log, discs, i, x, y, features, parameters, control):
 
     The coordinate at right angles to a wall is not that of the wall.
     """
-    if log is not None:  # noqa: SIM102 - see optional.py
-        if (x.low_change != x.high_change) | (y.low_change != y.high_change):
-            if not is_absent(features.exits, discs.id[i]):
-                write_walls(log, discs, i, x, y, features, parameters, control)
+    if log is not None:
+        met = (x.low_change != x.high_change) | (y.low_change != y.high_change)
+        if met and not is_absent(features.exits, discs.id[i]):
+            write_walls(log, discs, i, x, y, features, parameters, control)
 
 
 @inlined

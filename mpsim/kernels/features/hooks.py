@@ -12,7 +12,17 @@ from typing import Any
 
 from mpsim.kernels.collision_log import log_of
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.features import absorption, acceleration, boundary, capsules, collisions, friction, masses, piston, radii
+from mpsim.kernels.features import (
+    absorption,
+    acceleration,
+    boundary,
+    capsules,
+    collisions,
+    friction,
+    masses,
+    piston,
+    radii,
+)
 from mpsim.kernels.optional import any_present
 
 FEATURES = (acceleration, masses, boundary, absorption, piston, radii, capsules, friction, collisions)

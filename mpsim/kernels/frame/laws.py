@@ -188,7 +188,7 @@ def impact_contact(discs, i, j, shift_x, shift_y, features, parameters, control,
 
 @inlined
 def touched(log, discs, i, j, shift_x, shift_y, parameters, control):
-    """How long ago, and where, two overlapping discs touched, as `note_contact` wants it; None where there is no log."""
+    """How long ago, and where, two overlapping discs touched, for `note_contact`; None where there is no log."""
     if log is None:
         return None
     since = 0.0

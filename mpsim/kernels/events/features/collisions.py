@@ -26,7 +26,7 @@ def between_discs(log, i, j, rx, ry, impulse, store, box, features):
 
 @inlined
 def on_fixed(log, kind, i, met, nx, ny, change, store, box, features):
-    """Impact of disc i on what is no disc, which has changed its velocity by so much along n, the unit vector from there."""
+    """Impact of disc i on what is no disc, which has changed its velocity by so much along the unit vector n."""
     if log is not None:  # noqa: SIM102
         if store.region.counts != 0:
             disc, radius = store.disc[i], radius_of(i, box, features)

@@ -1,0 +1,77 @@
+"""The log of collisions of solvers whose frames are made of steps."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.engine.solvers import collisions
+from mpsim.engine.workers.arrays import MOST_FRAMES, ArraySpec
+from mpsim.kernels import collision_log
+from mpsim.scene.scene import Scene
+
+
+class StepLog:
+    """What is in the logs of a block, as tables, and how much room there is in them.
+
+    Args:
+        scene: of the simulation.
+        dt: length of a frame [time].
+
+    Attributes:
+        frames_that_fit: frames that a command may have, so that a log is about half full after it; at least one.
+    """
+
+    def __init__(self, scene: Scene, dt: float):
+        self._scene = scene
+        self._dt = dt
+        self._least = 1
+        self._begun = (0, 1)
+        self._tables: list[NDArray[Any]] = []
+        self.frames_that_fit: int = MOST_FRAMES
+
+    def specs(self, count: int, workers: int) -> dict[str, ArraySpec]:
+        """The arrays of the logs in a block for so many discs."""
+        return collisions.specs_of(count, workers, self._least)
+
+    def begin(self, arrays: Mapping[str, Any], frame: int, substeps: int) -> None:
+        """Empty the logs for a command that begins when so many frames are done, each of so many steps from then on."""
+        arrays[collision_log.STATE][:] = 0
+        self._begun = frame, substeps
+
+    def take(self, arrays: Mapping[str, Any], frames: int) -> bool:
+        """Take over what a command of so many frames has left in the logs. False: not all of it has fitted.
+
+        Then a block that is made from now on has room for it.
+        """
+        longest, room = collisions.longest(arrays), arrays[collision_log.ROWS].shape[1]
+        if longest > room:
+            self._least = 2 * longest
+            return False
+        self.frames_that_fit = max(min(frames * room // (2 * longest or 1), 2 * self.frames_that_fit, MOST_FRAMES), 1)
+        arrays[collision_log.STATE][:, collision_log.AGREED] = arrays[collision_log.STATE][:, collision_log.COUNT]
+        self._tables.append(self._table(collisions.emptied(arrays)))
+        return True
+
+    def taken(self) -> NDArray[Any]:
+        """The collisions since the last call."""
+        tables, self._tables = self._tables, []
+        return collisions.in_order(collisions.joined(tables))
+
+    def _table(self, rows: NDArray[Any]) -> NDArray[Any]:
+        (frames, substeps), step = self._begun, rows["span"] - 1
+        frame, ended = frames + step // substeps, (step % substeps + 1) / substeps
+        time = (frame + ended) * self._dt - rows["time"]
+        for edge in range(4):
+            hit = (rows["kind"] == collision_log.WALL) & (rows["j"] == edge)
+            rows["place"][hit, edge // 2] = self._wall_at(edge, time[hit])
+        return collisions.table_of(rows, frame + 1, time, self._scene)
+
+    def _wall_at(self, edge: int, time: NDArray[np.float64]) -> float | NDArray[np.float64]:
+        """Where the wall of an edge is at times [length]."""
+        wall = self._scene.moving_wall
+        if wall is None or wall.edge != edge:
+            return self._scene.box[edge]
+        place = wall.start + wall.speed * time
+        return np.maximum(place, wall.stop) if wall.speed < 0 else np.minimum(place, wall.stop)
