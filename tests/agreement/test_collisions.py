@@ -30,16 +30,14 @@ SCENES = {
 
 def scene_of(name):
     position = CORNERS + 0.1
-    return mpsim.Scene(
-        width=SIDE, height=SIDE, position=position, velocity=VELOCITY, **{"radius": 0.4, **SCENES[name]}
-    )
+    return mpsim.Scene(width=SIDE, height=SIDE, position=position, velocity=VELOCITY, **{"radius": 0.4, **SCENES[name]})
 
 
 def twin_of(scene):
     radius = np.broadcast_to(scene.radius, COUNT)
-    moving = scene.moving_wall
+    moving, gravity = scene.moving_wall, (0.0, 0.0) if scene.gravity is None else scene.gravity
     return Twin(
-        scene.position, scene.velocity, radius, SIDE, SIDE, mass=scene.mass, gravity=scene.gravity or (0.0, 0.0),
+        scene.position, scene.velocity, radius, SIDE, SIDE, mass=scene.mass, gravity=gravity,
         restitution=scene.restitution, wall_restitution=scene.wall_restitution, periodic=scene.periodic,
         capsules=scene.capsules, moving_wall=moving and (moving.edge, moving.start, moving.stop, moving.speed),
         absorbing=[("left", "right", "bottom", "top").index(edge) for edge in scene.absorbing],
