@@ -83,9 +83,18 @@ def table_of(rows: NDArray[Any], frame: Any, time: Any, scene: Scene) -> NDArray
 
 
 def in_order(table: NDArray[Any]) -> NDArray[Any]:
-    """A table in the order of `table_of`."""
-    vectors = [table[name][:, axis] for name in ("impulse", "place") for axis in (1, 0)]
-    return table[np.lexsort((*vectors, table["kind"], table["j"], table["i"], table["time"], table["frame"]))]
+    """A table in the order of `table_of`; itself, if it is in order."""
+    before, after = table[:-1], table[1:]
+    late = (before["frame"] > after["frame"]) | ((before["frame"] == after["frame"]) & (before["time"] > after["time"]))
+    if late.any():
+        table = table[np.lexsort((table["time"], table["frame"]))]
+    same = (table["frame"][1:] == table["frame"][:-1]) & (table["time"][1:] == table["time"][:-1])
+    if same.any():
+        tied = np.append(same, False) | np.append(False, same)
+        table, ties = table.copy(), table[tied]
+        vectors = [ties[name][:, axis] for name in ("impulse", "place") for axis in (1, 0)]
+        table[tied] = ties[np.lexsort((*vectors, ties["kind"], ties["j"], ties["i"], ties["time"], ties["frame"]))]
+    return table
 
 
 def _name_obstacles(table: NDArray[Any], scene: Scene) -> None:
