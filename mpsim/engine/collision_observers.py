@@ -86,7 +86,7 @@ class Collisions:
         return self._kept[0]
 
     def begin(self, sim: Simulation) -> None:
-        """A run of a simulation begins.
+        """A run of the simulation `sim` begins.
 
         Raises:
             InputError: if this belongs to another one.
@@ -101,7 +101,7 @@ class Collisions:
             )
 
     def take_collisions(self, table: NDArray[Any], frame: int) -> None:
-        """Take the collisions up to the end of a frame; those of frames that have been taken are left out."""
+        """Take a table, of the collisions up to the end of a frame; those of frames that have been taken are left out."""
         chosen = (table["frame"] > self._seen) & np.isin(table["kind"], self._kinds)
         if self._ids is not None:
             other = (table["kind"] == 0) & np.isin(table["j"], self._ids)
@@ -110,7 +110,7 @@ class Collisions:
         self._seen = max(self._seen, frame)
 
     def look(self, sim: Simulation, collisions: int) -> None:
-        """Hand over what has been taken, once a frame."""
+        """Hand over what has been taken, once a frame of `sim`; collisions: not used, as a report counts others too."""
         if sim.frame > self._handed:
             self._handed = sim.frame
             self._hand_over(sim)
@@ -184,7 +184,7 @@ class Sensor(Collisions):
         return np.array([each[2] for each in self._found], np.float64)
 
     def begin(self, sim: Simulation) -> None:
-        """A run of a simulation begins.
+        """A run of the simulation `sim` begins.
 
         Raises:
             InputError: if this belongs to another one, or the scene has no such obstacle.
