@@ -101,7 +101,7 @@ class Collisions:
             )
 
     def take_collisions(self, table: NDArray[Any], frame: int) -> None:
-        """Take a table, of the collisions up to the end of a frame; those of frames that have been taken are left out."""
+        """Take a table: the collisions up to the end of a frame, those of frames that have been taken left out."""
         chosen = (table["frame"] > self._seen) & np.isin(table["kind"], self._kinds)
         if self._ids is not None:
             other = (table["kind"] == 0) & np.isin(table["j"], self._ids)
