@@ -43,11 +43,12 @@ class BlockSolver(SteppedSolver):
 
     count: int
     choice: Choice
+    logging: bool
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         super().__init__(scene, settings, choice)
         self._moving = False
-        self._log = StepLog(scene, settings.dt)
+        self._log: StepLog = StepLog(scene, settings.dt)
         self._begun = -1  # frames that were done when the last command was given to this block
         self._block = self._next_block(max(scene.count, 1), self._radii)
 

@@ -68,6 +68,7 @@ class EventSolver(Solver):
     capabilities: ClassVar[Capabilities] = Capabilities(has_steps=False, is_exact=True)
     count: int
     choice: Choice
+    logging: bool
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         refuse_what_is_not_exact(scene, settings)
@@ -199,7 +200,8 @@ class EventSolver(Solver):
     def log_collisions(self, wanted: bool) -> None:
         """Have collisions logged, or not: by other kernels, in another block."""
         if wanted != self.logging:
-            stopped, self.logging = self._stopped, wanted
+            stopped = self._stopped
+            self.logging = wanted
             with _put_back(self, "logging", not wanted):
                 self.restore(self.snapshot(), self.choice)
             self._stopped = stopped

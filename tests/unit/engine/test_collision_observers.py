@@ -8,6 +8,8 @@ from support.refusals import assert_says
 from support.scenes import gas, simulate
 
 import mpsim
+from mpsim.engine.solvers.base import Choice, Solver
+from mpsim.engine.solvers.mpi import MpiSolver
 
 
 @contextlib.contextmanager
@@ -172,3 +174,13 @@ def test_another_kind_of_observer_needs_no_log():
         sim.run(frames=3, observe=frames)
         assert "collisions" not in sim.array_names
     assert frames.seen == 4
+
+
+def test_ranks_do_not_log_them():
+    class OnRanks:
+        choice = Choice("mpi", (1,))
+
+    assert MpiSolver.log_collisions is Solver.log_collisions
+    with refused("method='mpi'", "does not log collisions", "'event'"):
+        Solver.log_collisions(OnRanks(), True)
+    Solver.log_collisions(OnRanks(), False)
