@@ -46,6 +46,7 @@ from mpsim.core.errors import (
 )
 from mpsim.core.state import State
 from mpsim.core.version import __version__ as __version__
+from mpsim.engine.collision_observers import Collisions, Sensor
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.features import Emitter, FixedDisc, Piston, Polyline
@@ -108,6 +109,7 @@ __all__ = [
     "CheckpointError",
     "CheckpointWarning",
     "ClosedError",
+    "Collisions",
     "DivergedError",
     "Emitter",
     "EmitterWarning",
@@ -128,6 +130,7 @@ __all__ = [
     "ResourceError",
     "Scene",
     "SceneFileError",
+    "Sensor",
     "Settings",
     "SharedMemoryError",
     "Simulation",

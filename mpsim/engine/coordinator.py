@@ -85,6 +85,7 @@ class Coordinator:
         self.step_limits: StepLimits = StepLimits(scene, settings, solver.capabilities.has_steps)
         self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
         self._rest = Once()
+        self._logged: list[Any] = []  # collisions of a frame in hand: an interrupted run leaves them to the next one
         self.solver: Solver = solver(scene, settings, choice)
         self._closing = Closing(simulation, self.solver, access)  # before there is anything to close
 
@@ -152,13 +153,19 @@ class Coordinator:
 
     # --- runs
 
-    def begin_record(self, names: tuple[str, ...], frames: int) -> RunRecord:
-        """Begin the record of a run of so many frames, with averages for measures of these names."""
+    def begin_record(self, names: tuple[str, ...], frames: int, logged: bool = False) -> RunRecord:
+        """Begin the record of a run of so many frames, with averages for measures of these names.
+
+        logged: whether collisions are logged.
+        """
         solver = self.solver
         whole, guarded = solver.time == solver.time_of(solver.frame), solver.guarded
         averages = RunAverages(names, frames, self.scene, self._of_discs, whole)
+        self.between_frames(lambda: self.solver.log_collisions(logged))
         self.between_frames(lambda: self.solver.set_tallied(averages.counting))
-        self.record = RunRecord(max(solver.choice.workers), averages, whole, guarded)
+        if not logged:
+            self._logged.clear()
+        self.record = RunRecord(max(solver.choice.workers), averages, whole, guarded, self._logged)
         return self.record
 
     def _of_discs(self, function: Callable[[Discs], Any]) -> Any:
@@ -229,12 +236,19 @@ class Coordinator:
         if part.times.shape[1]:
             self._batch_sizer.note(workers, part.times.shape[1], float(np.median(part.times[0].sum(axis=1))) * 1e-9)
         record.take(part)
+        self._take_collisions()
         self.last_frame, self.last_time = solver.frame, solver.time_of(solver.frame)
         self._warn_of_rest(solver.guarded - record.guarded)
         if solver.too_fast:  # look now: the run may end here, or be saved
             self._adapt()
         self.step_limits.look_for_pressed(solver, self._access.notices)
         self._emit(self.emission.in_time)
+
+    def _take_collisions(self) -> None:
+        """Take over what the solver has logged, before it moves to another block."""
+        if self.solver.logging:
+            with interrupts_held_back():
+                self._logged.append(self.solver.take_collisions())
 
     def _warn_of_rest(self, guarded: int) -> None:
         """Warn once, while it runs, if the guard has acted so often in a run that discs must be at rest."""
@@ -292,7 +306,7 @@ class Coordinator:
     def _replace_solver(self, choice: Choice, snapshot: Snapshot, room: int = 0) -> None:
         """Replace the solver by one of another method, chosen by `auto`."""
         old, new = self.solver, methods.METHODS[choice.method].solver(self.scene, self.settings, choice)
-        new.tallied, new.origin = old.tallied, old.origin
+        new.tallied, new.logging, new.origin = old.tallied, old.logging, old.origin
         self._closing.solvers.append(new)  # before there is anything to close
         try:
             new.restore(snapshot, choice, room)
@@ -307,6 +321,7 @@ class Coordinator:
 
     def between_frames(self, action: Callable[[], None]) -> None:
         """Do what may move the discs to another block; on new workers if one has died. Signals wait for its end."""
+        self._take_collisions()
         renew = (lambda: self.restore(self.snapshot())) if self.settings.on_worker_death == "restart" else None
         with interrupts_held_back(), self._access.moving():
             try:

@@ -259,7 +259,7 @@ class Simulation(Changing):
         frames = frame_count.frames_wanted(frames, until, self.settings.dt, self.frame, self.time, solver.origin)
         observers, names = Observers(observe), checked(measures, self.scene, self.count)
         with access.state_lock:
-            record = coordinator.begin_record(names, frames)
+            record = coordinator.begin_record(names, frames, observers.want_collisions)
         solver = coordinator.open_solver()
         place = None if checkpoint is None else solver.once(lambda: checkpoint_file.checked_place(checkpoint))
         with (

@@ -19,6 +19,7 @@ from mpsim.core.errors import InputError
 from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State, part_of
 from mpsim.core.team import Alone, Team
+from mpsim.engine.solvers.collisions import no_collisions
 from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot
 from mpsim.engine.solvers.speed_limit import SpeedLimit
@@ -138,6 +139,7 @@ class Solver(ABC):
         origin: when the scene and settings in force began to act.
         tallied: whether what measures need is counted, and put into Slice.tally. It may be set before `start`; then
             `set_tallied` changes it.
+        logging: whether collisions are logged, for `take_collisions`. As `tallied`, with `log_collisions`.
     """
 
     capabilities: ClassVar[Capabilities]
@@ -146,6 +148,7 @@ class Solver(ABC):
     substeps: int = 1
     origin: Origin = Origin()
     tallied: bool = False
+    logging: bool = False
 
     @abstractmethod
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
@@ -196,6 +199,23 @@ class Solver(ABC):
         Raises:
             ResourceError, WorkerDied, WorkerStalled: as `start`.
         """
+
+    def log_collisions(self, wanted: bool) -> None:
+        """Have collisions logged from now on, or not; see `logging`.
+
+        Raises:
+            InputError: if they are wanted, and the method does not log them.
+            ResourceError, WorkerDied, WorkerStalled: as `start`.
+        """
+        if wanted:
+            raise InputError(
+                f"method={self.choice.method!r} does not log collisions, for which observe asks. Use method='event', "
+                "'parallel', 'grid' or 'naive'."
+            )
+
+    def take_collisions(self) -> NDArray[Any]:
+        """The collisions since the last call, those of a frame in hand included, in order: TABLE (`collisions.py`)."""
+        return no_collisions()
 
     @property
     @abstractmethod

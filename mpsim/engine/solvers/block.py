@@ -23,12 +23,14 @@ from mpsim.engine.solvers.slices import Slice, totals
 from mpsim.engine.solvers.snapshots import Snapshot, count_in
 from mpsim.engine.solvers.speed_limit import disc_too_fast, fastest_in
 from mpsim.engine.solvers.speeds import Speeds
+from mpsim.engine.solvers.step_log import Begun, StepLog
 from mpsim.engine.solvers.stepped import SteppedSolver
 from mpsim.engine.workers.arrays import block_arrays
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.system_limits import resident_bytes
 from mpsim.features.radii import has_radii
 from mpsim.kernels import layout
+from mpsim.kernels.collision_log import ROWS
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -42,10 +44,12 @@ class BlockSolver(SteppedSolver):
     count: int
     choice: Choice
     origin: Origin
+    logging: bool
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         super().__init__(scene, settings, choice)
         self._moving = False
+        self._log: StepLog = StepLog()
         self._begun = -1  # frames that were done when the last command was given to this block
         self._block = self._next_block(max(scene.count, 1), self._radii)
 
@@ -96,6 +100,25 @@ class BlockSolver(SteppedSolver):
 
     def advance(self, frames: int, workers: int, stop: float = math.inf) -> Slice:
         """Run frames on so many workers; while it is the coordinator alone, the others rest."""
+        if not self.logging:
+            return self._command(frames, workers, stop)
+        with interrupts_held_back():  # what a log could not hold is found out before anybody else comes
+            return self._logged_command(frames, workers, stop)
+
+    def _logged_command(self, frames: int, workers: int, stop: float) -> Slice:
+        """The same, with all collisions in the log: if they do not fit, the frames are run again with more room."""
+        log, before = self._log, self.snapshot()
+        frames = min(frames, log.frames_that_fit)
+        begun = Begun(self._scene, self.origin, self.frame, self._settings.dt, self.substeps)
+        while True:
+            log.begin(self._block.arrays)
+            part = self._command(frames, workers, stop)
+            if log.take(self._block.arrays, part.times.shape[1], begun):
+                return part
+            self.restore(before, self.choice)
+
+    def _command(self, frames: int, workers: int, stop: float) -> Slice:
+        """Run frames."""
         self._write_command(frames, workers, stop)
         abort = self._run_command(workers)
         if abort != layout.RUNNING:
@@ -126,6 +149,20 @@ class BlockSolver(SteppedSolver):
         if tallied != self.tallied:
             self.tallied = tallied
             self._move(self._capacity, self.choice, self._radii)
+
+    def log_collisions(self, wanted: bool) -> None:
+        """Have collisions logged from now on, or not: by other kernels, in another block."""
+        if wanted != self.logging:
+            self.logging = wanted
+            try:
+                self._move(self._capacity, self.choice, self._radii)
+            except BaseException:
+                self.logging = not wanted
+                raise
+
+    def take_collisions(self) -> NDArray[Any]:
+        """The collisions since the last call."""
+        return self._log.taken()
 
     @property
     def half_done(self) -> bool:
@@ -248,7 +285,8 @@ class BlockSolver(SteppedSolver):
         features = feature_specs(self._scene, capacity, precision)
         grid = self._grid_of(capacity, self._giant_radius(radii))
         self._capacity = capacity
-        return SharedBlock(block_arrays(capacity, grid, self._most_workers, precision, features, self.tallied))
+        arrays = block_arrays(capacity, grid, self._most_workers, precision, features, self.tallied)
+        return SharedBlock(arrays | self._log.specs(capacity, self._most_workers) if self.logging else arrays)
 
     def _fill(self, block: SharedBlock) -> None:
         """Make a block, and fill it with what the scene has."""
@@ -288,7 +326,7 @@ class BlockSolver(SteppedSolver):
         anew: whether the kernels are others.
         """
         old, before = self._block, (self.choice, self._capacity)
-        loaded = ("tally" in old.arrays or not self.tallied) and not anew
+        loaded = ("tally" in old.arrays or not self.tallied) and (ROWS in old.arrays) == self.logging and not anew
         self.choice = choice
         try:
             with (new := self._next_block(capacity, radii)).closed_on_error():

@@ -19,7 +19,7 @@ from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
 from mpsim.engine.columns import columns_of, given_in
 from mpsim.engine.frame_count import frames_until
-from mpsim.engine.solvers import event_features, event_snapshot
+from mpsim.engine.solvers import collisions, event_features, event_snapshot
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Origin, Solver
 from mpsim.engine.solvers.event_scene import (
     contact_time_of,
@@ -37,7 +37,7 @@ from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
 from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.features.radii import has_radii
-from mpsim.kernels import layout
+from mpsim.kernels import collision_log, layout
 from mpsim.kernels import records as stepped
 from mpsim.kernels.events import calendar, records, solver, state
 from mpsim.kernels.events.boundary import Box
@@ -75,6 +75,7 @@ class EventSolver(Solver):
     count: int
     choice: Choice
     origin: Origin
+    logging: bool
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         refuse_what_is_not_exact(scene, settings)
@@ -205,6 +206,27 @@ class EventSolver(Solver):
     def set_tallied(self, tallied: bool) -> None:
         """Have counts returned, or not. The kernel always counts, which costs 1 %."""
         self.tallied = tallied
+
+    def log_collisions(self, wanted: bool) -> None:
+        """Have collisions logged, or not: by other kernels, in another block."""
+        if wanted != self.logging:
+            stopped = self._stopped
+            self.logging = wanted
+            with _put_back(self, "logging", not wanted):
+                self.restore(self.snapshot(), self.choice)
+            self._stopped = stopped
+
+    def take_collisions(self) -> NDArray[Any]:
+        """The collisions since the last call."""
+        arrays = self._block.arrays
+        if self._windows is None:
+            arrays[collision_log.STATE][:, collision_log.AGREED] = arrays[collision_log.STATE][:, collision_log.COUNT]
+        rows = collisions.emptied(arrays)
+        rows["i"] = self._system.store.order[rows["i"]]
+        among_discs = rows["kind"] == collision_log.DISC
+        rows["j"][among_discs] = self._system.store.order[rows["j"][among_discs]]
+        frame, time = self.origin.frame + rows["span"] + 1, self.origin.time + rows["time"]
+        return collisions.table_of(rows, frame, time, self._scene)
 
     # --- state
 
@@ -429,6 +451,8 @@ class EventSolver(Solver):
         cells, tiling = event_snapshot.cells_for(self._scene, count), self._tiling(count)
         shapes = state.layout(count, cells) | event_snapshot.column_shapes(self._scene, count)
         specs = {name: ArraySpec(np.dtype(dtype), shape) for name, (dtype, shape) in shapes.items()}
+        if self.logging:
+            specs |= collisions.specs_of(count, self._most_workers if tiling != WHOLE else 1)
         if tiling != WHOLE:
             laws = packed(self._box(count), features_of(self._scene, self._given(count)))
             specs |= specs_of(count, tiling, self._most_workers, shapes, laws)
@@ -464,6 +488,7 @@ class EventSolver(Solver):
         store = state.Store(*(arrays[name] for name in state.Store._fields))
         count = len(store.order)
         box, features = self._box(count), features_of(scene, arrays | self._given(count))
+        features = features._replace(log=collision_log.log_of(arrays, 0))
         state.hold_all(store.region, box)
         if "tiles" in arrays:
             cells, laws = event_snapshot.cells_for(scene, count), packed(box, features)
