@@ -51,14 +51,17 @@ def refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
     for what, present in refusals.items():
         if present:
             raise InputError(f"method='event' cannot do {what}. Leave it out, or use method='grid'.")
-    _refuse_extremes(scene, settings.dt)
+    refuse_extremes(scene, scene.velocity, settings.dt)
 
 
-def _refuse_extremes(scene: Scene, dt: float) -> None:
-    """Raise InputError for speeds whose squares vanish, and frames so long that no run would reach their end."""
+def refuse_extremes(scene: Scene, velocity: NDArray[np.floating], dt: float) -> None:
+    """Raise InputError for speeds whose squares vanish, and frames so long that no run would reach their end.
+
+    velocity: of all discs, shape (N, 2) [length/time].
+    """
     if dt > LONGEST:
         raise InputError(f"dt must be at most {LONGEST:g} for method='event'; got {dt:g}. Choose other units of time.")
-    fastest = float(np.abs(scene.velocity).max(initial=0.0))
+    fastest = float(np.abs(velocity).max(initial=0.0))
     if 0 < fastest < 1 / LONGEST:
         raise InputError(
             f"velocity must be at least {1 / LONGEST:g} for method='event', or all zero, so that squares do not "

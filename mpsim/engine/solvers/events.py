@@ -6,7 +6,7 @@ import math
 import os
 import time
 from collections.abc import Iterator
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 import psutil
@@ -14,35 +14,31 @@ from numpy.typing import NDArray
 
 from mpsim.core.columns import MASS
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.errors import DivergedError, InputError, StalledError
+from mpsim.core.errors import DivergedError, StalledError
 from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
 from mpsim.engine.columns import columns_of, given_in
 from mpsim.engine.frame_count import frames_until
 from mpsim.engine.solvers import collisions, event_features, event_snapshot
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Origin, Solver
+from mpsim.engine.solvers.event_block import Plan, System
 from mpsim.engine.solvers.event_scene import (
     contact_time_of,
     crushed,
     crushing_speed_of,
-    refuse_overlap,
+    refuse_extremes,
     refuse_what_is_not_exact,
     stalled,
     units_of,
 )
-from mpsim.engine.solvers.event_tiles import WHOLE, Tiling, lay_out, packed, specs_of, tiling_of
 from mpsim.engine.solvers.event_windows import Windows
 from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
-from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.engine.workers.shared import SharedBlock
-from mpsim.features.radii import has_radii
 from mpsim.kernels import collision_log, layout
 from mpsim.kernels import records as stepped
 from mpsim.kernels.events import calendar, records, solver, state
-from mpsim.kernels.events.boundary import Box
 from mpsim.kernels.events.cells import link_cells
-from mpsim.kernels.events.features.hooks import features_of
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -54,14 +50,6 @@ FEWEST_EVENTS = 1_000
 
 VIRIALS = {"virial": records.VIRIAL, "virial_xx": records.VIRIAL_XX, "virial_xy": records.VIRIAL_XY}
 """Entries of a tally, by name in COUNTS."""
-
-
-class System(NamedTuple):
-    """What kernels take of a block: its arrays, the box with its cells, and what the scene has besides."""
-
-    store: Any
-    box: Any
-    features: Any
 
 
 class EventSolver(Solver):
@@ -91,14 +79,13 @@ class EventSolver(Solver):
         self._clock: Any = np.zeros(2, np.int64)
         self._system: Any = None
         self._windows: Windows | None = None
-        self._block = self._room(scene.count)
+        self._block = self._plan.room(scene.count)
 
     def start(self) -> None:
         """Make the block with the scene's discs in it, which must not overlap."""
-        scene = self._scene
-        self._system = self._placed(
-            self._block, scene.position, scene.velocity, self._present_columns(given_in(scene)), 0.0
-        )
+        scene, known = self._scene, {"radius": self._radii, "mass": self._masses}
+        columns = event_snapshot.columns_of_discs(scene, self.count, given_in(scene) | known)
+        self._system = self._plan.placed(self._block, scene.position, scene.velocity, columns, 0.0)
         self._begin()
 
     def _begin(self) -> None:
@@ -329,17 +316,18 @@ class EventSolver(Solver):
         given: velocities of those that are new or were changed [length/time].
 
         Raises:
-            InputError: if they overlap; then nothing has changed.
+            InputError: if they overlap, or are too fast; then nothing has changed.
         """
+        refuse_extremes(self._scene, discs.velocity, self._settings.dt)
         count, known = len(discs.position), {"radius": discs.radius, "mass": discs.mass}
         columns = event_snapshot.columns_of_discs(self._scene, count, {**discs.columns, **known})
         before, self.choice = self.choice, choice  # who is to play it says what is in a block
         crushing = self._crushing_speed
         self._crushing_speed = crushing_speed_of(self._scene, given, crushing)
-        block = self._room(count)
+        block = self._plan.room(count)
         put_back = _put_back(self, "choice", before), _put_back(self, "_crushing_speed", crushing)
         with block.closed_on_error(), put_back[0], put_back[1]:
-            system = self._placed(block, discs.position, discs.velocity, columns, time)
+            system = self._plan.placed(block, discs.position, discs.velocity, columns, time)
             system.store.counter.guarded = self.guarded  # the guard acts once for the whole run
             # Of a frame in hand, the new store has counted nothing yet.
             counted: Any = np.zeros((), records.TOTALS)[()]
@@ -418,11 +406,11 @@ class EventSolver(Solver):
         self.choice, self._units = choice, (impulse, virial)
         velocity = records.of_numbers(records.DISC, snapshot["disc"])["velocity"]
         self._crushing_speed = crushing_speed_of(self._scene, velocity)
-        block = self._room(count_in(snapshot))
+        block = self._plan.room(count_in(snapshot))
         with block.closed_on_error():
             block.create()
             event_snapshot.put_back(self._scene, block.arrays, snapshot)
-            system = self._system_in(block)
+            system = self._plan.system_in(block)
             link_cells(*system)
             # The order of events is total: where the calendar keeps one cannot matter.
             calendar.begin_turn(system.store.clock.now, system.store)
@@ -446,80 +434,15 @@ class EventSolver(Solver):
 
     # --- the block
 
-    def _room(self, count: int) -> SharedBlock:
-        """A block for so many discs, which is still to be made."""
-        cells, tiling = event_snapshot.cells_for(self._scene, count), self._tiling(count)
-        shapes = state.layout(count, cells) | event_snapshot.column_shapes(self._scene, count)
-        specs = {name: ArraySpec(np.dtype(dtype), shape) for name, (dtype, shape) in shapes.items()}
-        if self.logging:
-            specs |= collisions.specs_of(count, self._most_workers if tiling != WHOLE else 1)
-        if tiling != WHOLE:
-            laws = packed(self._box(count), features_of(self._scene, self._given(count)))
-            specs |= specs_of(count, tiling, self._most_workers, shapes, laws)
-        return SharedBlock(specs)
-
     @property
     def _most_workers(self) -> int:
         return max(self.choice.workers)
 
-    def _tiling(self, count: int) -> Tiling:
-        """The tiles for so many discs; discs that have left are in no cell, so in no tile."""
-        if self._scene.loses_discs:
-            return WHOLE
-        cells = event_snapshot.cells_for(self._scene, count)
-        return tiling_of(count, cells, self._scene.periodic, self._most_workers)
-
-    def _box(self, count: int) -> Box:
-        """The box with the cells for so many discs."""
-        scene, (impulse, virial) = self._scene, self._units
-        common = 0.0 if has_radii(scene) else scene.largest_radius
-        return Box(
-            scene.width, scene.height, *scene.periodic, *event_snapshot.cells_for(scene, count), common, impulse, virial
-        )
-
-    def _given(self, count: int) -> dict[str, Any]:
-        """What features are given besides arrays of the block."""
-        of_scene = event_features.given(self._scene, event_snapshot.cells_for(self._scene, count))
-        return {"contact_time": self._contact_time, "crushing_speed": self._crushing_speed, **of_scene}
-
-    def _system_in(self, block: SharedBlock) -> System:
-        """What kernels take of a block."""
-        scene, arrays = self._scene, block.arrays
-        store = state.Store(*(arrays[name] for name in state.Store._fields))
-        count = len(store.order)
-        box, features = self._box(count), features_of(scene, arrays | self._given(count))
-        features = features._replace(log=collision_log.log_of(arrays, 0))
-        state.hold_all(store.region, box)
-        if "tiles" in arrays:
-            cells, laws = event_snapshot.cells_for(scene, count), packed(box, features)
-            lay_out(arrays, self._tiling(count), cells, self._settings.dt, self._most_workers, laws)
-        return System(store, box, features)
-
-    def _present_columns(self, values: dict[str, Any]) -> dict[str, NDArray[Any]]:
-        """Columns of the discs that are there, whose radii and masses are known."""
-        known = {"radius": self._radii, "mass": self._masses}
-        return event_snapshot.columns_of_discs(self._scene, self.count, values | known)
-
-    def _placed(
-        self,
-        block: SharedBlock,
-        position: NDArray[np.floating],
-        velocity: NDArray[np.floating],
-        columns: dict[str, NDArray[Any]],
-        time: float,
-    ) -> System:
-        """Make a block, with discs in it that are ready to go."""
-        block.create()
-        system = self._system_in(block)
-        status, particle = state.place(position, velocity, columns, time, *system)
-        if status != records.REACHED:
-            raise InputError(
-                f"velocity[{particle}] must be below 1e100 for method='event'; got {velocity[particle].tolist()}. "
-                "Choose units in which the numbers are smaller."
-            )
-        refuse_overlap(system, 2 * self._scene.largest_radius)
-        solver.schedule(*system)
-        return system
+    @property
+    def _plan(self) -> Plan:
+        """What says which arrays a block has now."""
+        guards = self._contact_time, self._crushing_speed
+        return Plan(self._scene, self._settings.dt, self._units, *guards, self._most_workers, self.logging)
 
 
 @contextlib.contextmanager
