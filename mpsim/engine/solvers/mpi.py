@@ -18,16 +18,15 @@ from numpy.typing import NDArray
 
 from mpsim.core import columns
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.errors import BusyError, DivergedError, InputError
+from mpsim.core.errors import DivergedError, InputError
 from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
-from mpsim.core.team import Team
 from mpsim.core.version import __version__
 from mpsim.engine.columns import columns_of, given_in
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Origin
 from mpsim.engine.solvers.discs import disc_at
 from mpsim.engine.solvers.mpi_columns import Border, Range, borders_of, dealt, in_turns
-from mpsim.engine.solvers.mpi_numbers import Asked, DiscsByNumber, answers_to_one
+from mpsim.engine.solvers.mpi_numbers import DiscsByNumber
 from mpsim.engine.solvers.mpi_part import Part, refuse
 from mpsim.engine.solvers.mpi_ranks import LOST, NOT_FINITE, Communicator
 from mpsim.engine.solvers.mpi_speeds import There, speeds_on_ranks
@@ -75,15 +74,12 @@ class MpiSolver(OnRanks):
         super().__init__(scene, settings, choice)
         refuse(scene, settings, scene.radii)
         self._fastest = Fastest()
-        self._numbered: DiscsByNumber | None = None
         self._workers = 1  # of each rank, itself included
         self._ranks: Communicator | None = None
         self._part: Part | None = None
         self._last_frame = 0
         self._half_done = False
         self._tolerated, self._is_uneven = math.inf, False
-        self._acts_once = False  # this is the first rank, and the others wait for what it asks
-        self._each_asks = False  # each rank asks for discs of its own
 
     def start(self) -> None:
         """Take the discs of own columns."""
@@ -388,15 +384,6 @@ class MpiSolver(OnRanks):
             self._numbered = DiscsByNumber(self._held(), self._scene, self.count, self._told_of)
         return self._numbered
 
-    def _told_of(self, asked: Asked) -> list[Any]:
-        """What each rank has of a range."""
-        ranks, own = self._shared(), self._by_number().own
-        if self._acts_once:
-            return ranks.ask(asked, own)
-        if self._each_asks:
-            return ranks.each_to_each([own(of_one) for of_one in ranks.all_of(asked)])
-        return answers_to_one(ranks.all_of((asked, own(asked))))
-
     def add(self, new: NewDiscs, choice: Choice) -> None:
         """Append discs, ids continuing. All discs are dealt anew: the grid may be another one."""
         radii, masses = kept_sizes(self._radii, new.radius), kept_sizes(self._masses, new.mass)
@@ -463,32 +450,6 @@ class MpiSolver(OnRanks):
         given = {name: np.asarray(snapshot[name]) for name in names}
         position, velocity = snapshot["position"], snapshot["velocity"]
         self._enter_all(lambda first, last: (position[first:last], velocity[first:last]), given, progress)
-
-    def demand_alike(self, what: str, given: object) -> None:
-        """Refuse what differs on some ranks."""
-        if self._acts_once:
-            raise BusyError("what `once` calls may only read a simulation; it was to be changed. Do it on all ranks.")
-        self._shared().demand_alike(what, given)
-
-    def once(self, act: Callable[[], Result]) -> Result:
-        """What an act gives that rank 0 alone does; what it raises, all raise. It may read discs of all ranks."""
-        if self._acts_once:
-            return act()
-        ranks = self._shared()
-        self._acts_once = ranks.rank == 0
-        try:
-            return ranks.once(act, self._by_number().own)
-        finally:
-            self._acts_once, self._numbered = False, None
-
-    def jointly(self, act: Callable[[Team], Result]) -> Result:
-        """What an act gives that all ranks do. Signals wait for its end: no rank may leave it before the others."""
-        self._each_asks = True
-        try:
-            with interrupts_held_back():
-                return act(self._shared())
-        finally:
-            self._each_asks, self._numbered = False, None
 
     # --- what a report says
 
