@@ -363,7 +363,8 @@ class Coordinator:
         with interrupts_held_back():
             self.between_frames(act)
             self._note(change)
-        self._look_or_undo(lambda: self.solver.replace(before))
+        if change.what != REMOVE:  # which makes no disc faster
+            self._look_or_undo(lambda: self.solver.replace(before))
 
     def add(self, change: Change, new: NewDiscs, substeps: int) -> None:
         """Add discs that have been checked, from outside, and note it in the journal."""
@@ -420,7 +421,7 @@ class Coordinator:
         """Note a change that has been made."""
         self.journal.append(change)
         if self.record is not None:
-            self.record.averages.interrupted()
+            self.record.averages.interrupted(self.scene, self.solver.count)
 
     def _adopt(self, scene: Scene, settings: Settings, origin: Origin) -> None:
         """Take another scene and settings for those in force."""

@@ -81,6 +81,7 @@ class StepLimits:
         self._scene = scene
         self._settings = settings
         self._has_steps = has_steps
+        self._since = since
         self._fast, self._pressed = Once(given=not has_steps), Once(given=not has_steps)  # so that nobody looks
         self._has_limit = False
         self._acceleration = acceleration_bound(scene)
@@ -158,8 +159,11 @@ class StepLimits:
         return min(every - frame % every for every in self._intervals(frame, count))
 
     def is_due(self, frame: int, count: int) -> bool:
-        """Whether to check speeds before this frame, or to lift the limit, as the warning has been given."""
-        return self._has_limit if self._fast.given else self._is_look(frame, count, 1)
+        """Whether to check speeds before this frame, or to lift the limit, as the warning has been given.
+
+        At the first frame they are: a snapshot in which no frame has been done does not tell the sub-steps.
+        """
+        return self._has_limit if self._fast.given else frame == self._since or self._is_look(frame, count, 1)
 
     def _is_look(self, frame: int, count: int, rarer: int) -> bool:
         """Whether this frame is one of every so many looks, for any reason to look."""
