@@ -89,7 +89,8 @@ def checked_set(
     count = len(numbers)
     values: dict[str, Any] = {"ids": numbers}
     if position is not None:
-        places = checks.finite_array("position", _rows(position), (count, 2), f"({count}, 2), one row per disc of ids")
+        meaning = f"({count}, 2), one row per disc of ids"
+        places = checks.finite_array("position", checks.rows(position), (count, 2), meaning)
         _check_room(place, numbers, places)
         values["position"] = places
     if velocity is not None:
@@ -128,7 +129,9 @@ def checked_remove(place: Place, ids: ArrayLike) -> Change:
 def _present_numbers(solver: Solver, ids: ArrayLike) -> NDArray[np.int64]:
     """Numbers of discs that are there, each once, shape (K,)."""
     count = solver.count
-    array = np.atleast_1d(np.asarray(ids)) if np.size(ids) else np.zeros(0, np.int64)
+    array = np.atleast_1d(np.asarray(ids if checks.dimensions(ids) >= 0 else None))
+    if not array.size:
+        array = np.zeros(0, np.int64)
     if array.dtype.kind not in "iu" or array.ndim != 1:
         hint = " Use numpy.flatnonzero(mask) to select by a mask." if array.dtype.kind == "b" else ""
         raise InputError(
@@ -149,14 +152,9 @@ def _present_numbers(solver: Solver, ids: ArrayLike) -> NDArray[np.int64]:
     return numbers
 
 
-def _rows(value: Any) -> Any:
-    """A pair as one row; anything else as it is, for the gate."""
-    return [value] if np.ndim(value) == 1 else value
-
-
 def _pairs(name: str, value: Any, count: int, precision: str) -> Floats:
     """One pair for all, or one each, shape (count, 2)."""
-    if np.ndim(value) == 1 and len(value) == 2:
+    if checks.dimensions(value) == 1 and len(value) == 2:
         value = np.tile(checks.finite_array(name, value, (2,), "(2,)"), (count, 1))
     pairs = checks.finite_array(name, value, (count, 2), f"(2,) or ({count}, 2), one row per disc of ids")
     checks.fitting(name, pairs, precision)

@@ -45,9 +45,9 @@ def checked(
         TypeError: for the name of no column that can be given.
     """
     check_names("Simulation.add", others, given())
-    places = checks.finite_array("position", np.atleast_2d(position), (None, 2), "(2,) or (K, 2)")
+    places = checks.finite_array("position", checks.rows(position), (None, 2), "(2,) or (K, 2)")
     count = len(places)
-    speeds = checks.finite_array("velocity", np.atleast_2d(velocity), (count, 2), f"({count}, 2), as position has")
+    speeds = checks.finite_array("velocity", checks.rows(velocity), (count, 2), f"({count}, 2), as position has")
     radii = _one_each("radius", radius, scene.largest_radius, count, has_radii(scene))
     masses = _one_each("mass", mass, 1.0, count, has_masses(scene))
     _check_room(scene, time, present, "position", places, radii)
@@ -116,7 +116,7 @@ def _one_each(name: str, value: ArrayLike | None, common: float, count: int, own
         return np.full(count, common)
     if value is None:
         raise InputError(f"{name} must be given for added discs, as the discs of this scene have one each; got None.")
-    each = np.full(count, value) if np.ndim(value) == 0 else value
+    each = np.full(count, value) if checks.dimensions(value) == 0 else value
     array = checks.finite_array(name, each, (count,), f"() or ({count},)")
     largest = common if name == "radius" else math.inf
     if (array <= 0).any() or (array > largest).any():

@@ -151,7 +151,10 @@ def _checked(tables: dict[str, Any], source: Path) -> dict[str, Any]:
     name, frame, digest = tables["scene"], tables["frame"], tables["digest"]
     if not isinstance(name, str) or Path(name).name != name or not isinstance(digest, str):
         raise ValueError(f"its scene must be a file beside it, and its digest a text; got {name!r:.60}, {digest!r:.60}")
-    entries = [(each.pop("frame"), each.pop("time"), each.pop("what"), each) for each in tables.get("change", [])]
+    changes = tables.get("change", [])
+    if not isinstance(changes, list) or not all(isinstance(each, dict) for each in changes):
+        raise ValueError(f"its changes must be tables, each below [[change]]; got {changes!r:.60}")
+    entries = [(each.pop("frame"), each.pop("time"), each.pop("what"), each) for each in changes]
     return {
         "scene": Scene.load(source.with_name(name)),
         "settings": Settings(**tables["settings"]),

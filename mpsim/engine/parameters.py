@@ -5,7 +5,9 @@
 
 import dataclasses
 import inspect
+import numbers
 from collections.abc import Mapping, Sequence
+from decimal import Decimal
 from typing import Any, TypedDict
 
 import numpy as np
@@ -76,6 +78,8 @@ def in_force(scene: Scene, settings: Settings, given: Mapping[str, Any], box: Bo
     Raises:
         InputError: naming the parameter, its rule and the value received.
     """
+    if "gravity" in given and given["gravity"] is None:
+        raise InputError("gravity must be two numbers in a change; got None. Give (0, 0) for a scene without weight.")
     values = {name: given[name] for name in given if name in ("gravity", "restitution", "wall_restitution")}
     piston = scene.piston if box is None else PISTON.continued(scene, box)
     if "piston_speed" in given:
@@ -112,7 +116,7 @@ def _emitting(emitters: tuple[Emitter, ...], name: str, value: Any) -> tuple[Emi
             f"{name} can be changed only in a scene with emitters that have it, and got {checks.brief(value)}. Give "
             f"the scene an Emitter with {name}."
         )
-    if np.ndim(value) == 0:
+    if checks.dimensions(value) <= 0:
         each_of = {index: value for index in having}
     else:
         if len(value) != len(emitters) or len(having) != len(emitters):
@@ -128,8 +132,17 @@ def _emitting(emitters: tuple[Emitter, ...], name: str, value: Any) -> tuple[Emi
 
 
 def plain(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Checked parameters as a journal holds them: numbers, words and lists."""
-    found: dict[str, Any] = {}
-    for name, value in given.items():
-        found[name] = np.asarray(value).tolist() if isinstance(value, np.ndarray | np.generic | list | tuple) else value
-    return found
+    """Parameters as a journal holds them: plain numbers, words and lists of these; what is neither, as it is."""
+    return {name: _plain(value) for name, value in given.items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, numbers.Integral):
+        return int(value)
+    return float(value) if isinstance(value, numbers.Real | Decimal) else value

@@ -68,7 +68,8 @@ def refuse_extremes(scene: Scene, velocity: NDArray[np.floating], dt: float) -> 
             f"vanish; the fastest is {fastest:g}. Choose other units of time."
         )
     fall = math.sqrt(gravity_strength(scene) * scene.height)
-    crossings = (fastest + fall) * dt / max(scene.width, scene.height)
+    push = 0.0 if scene.moving_wall is None else 2 * abs(scene.moving_wall.speed)
+    crossings = (fastest + fall + push) * dt / max(scene.width, scene.height)
     if crossings > MOST_CROSSINGS and fastest < LONGEST:  # which is refused with its disc
         raise InputError(
             f"dt must be short enough for method='event' to end a frame: one of {dt:g} would take the fastest disc "
