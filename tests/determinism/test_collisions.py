@@ -1,5 +1,6 @@
 """Collisions are the same rows on any number of workers and tiles, however a run is cut, and change no bit of it."""
 
+import contextlib
 import functools
 import os
 import signal
@@ -8,10 +9,12 @@ import numpy as np
 import pytest
 from support.internals import solver_of
 from support.scenes import simulate
+from support.sessions import METHODS, stage
 from support.tiles import always_tiled, on_tiles, windows_of
 
 import mpsim
-from mpsim.engine.solvers import collisions
+from mpsim.engine.solvers import collisions, step_log
+from mpsim.engine.solvers.base import Origin
 
 COUNT, FRAMES, DT = 1500, 24, 0.125
 INDEX = np.arange(COUNT)
@@ -178,6 +181,66 @@ def test_a_run_that_was_interrupted_loses_nothing(method):
         sim.run(frames=FRAMES - sim.frame, observe=seen)
     assert stopped == [FRAMES // 2]
     assert seen.table.tobytes() == expected.tobytes()
+
+
+class Doings:
+    """What happens to the stage at some frames of a run, each once."""
+
+    every = 10
+
+    def __init__(self):
+        self.to_come = {
+            10: lambda sim: sim.kick([1, 7], (0.5, 0.25)),
+            20: lambda sim: sim.remove([4, 11]),
+            30: lambda sim: sim.change(gravity=(0.25, -0.25), piston_speed=-0.5),
+            40: lambda sim: sim.set(5, velocity=(1.0, 0.0)),
+        }
+
+    def look(self, sim, collisions):
+        self.to_come.pop(sim.frame, lambda sim: None)(sim)
+
+
+def changed_as_it_ran(words, cuts, **more):
+    """The table of a run in which discs, a piston's speed and the length of frames are changed, and the digest."""
+    seen, doings = mpsim.Collisions(), Doings()
+    tiled = always_tiled(2, 2, halo=3) if words == "event on tiles" else contextlib.nullcontext()
+    with tiled, simulate(stage(), dt=0.025, **METHODS[words] | more) as sim:
+        for frames in cuts:
+            sim.run(frames=frames, observe=[seen, doings])
+        sim.change(dt=0.0125)
+        sim.run(frames=30, observe=seen)
+        return seen.table, sim.digest()
+
+
+@pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
+@pytest.mark.parametrize("words", METHODS)
+def test_frames_and_times_go_on_after_changes(words):
+    """Of each collision, and so does the place of those on the piston."""
+    table, digest = changed_as_it_ran(words, (60,))
+    short = np.maximum(table["frame"] - 60, 0)
+    ends = np.minimum(table["frame"], 60) * 0.025 + short * 0.0125
+    early = ends - table["time"]
+    assert (early > -1e-9).all()
+    assert (early < np.where(short, 0.0125, 0.025) + 1e-9).all()
+    assert (short > 0).sum() > 5
+    at_piston = table[(table["kind"] == 1) & (table["j"] == 1)]
+    times, width = at_piston["time"], stage().width
+    place = np.maximum(width - 0.25 * np.minimum(times, 0.75) - 0.5 * np.maximum(times - 0.75, 0.0), 0.8 * width)
+    np.testing.assert_allclose(at_piston["place"][:, 0], place, rtol=0, atol=1e-12)
+    assert (times > 0.75).sum() > 2
+    if "workers" in METHODS[words]:
+        for workers, cuts in ((1, (5,) * 12), (3, (60,))):
+            again = changed_as_it_ran(words, cuts, workers=workers)
+            assert again[1] == digest
+            assert again[0].tobytes() == table.tobytes()
+
+
+def test_times_that_do_not_count_from_the_change_would_be_noticed(monkeypatch):
+    """The control: without the origin, those after it begin at 0 again."""
+    origin = property(lambda self: Origin(self.frame, 0.0))
+    monkeypatch.setattr(step_log.Begun, "origin", origin)
+    with pytest.raises(AssertionError):
+        test_frames_and_times_go_on_after_changes("grid")
 
 
 def test_a_run_that_nobody_observes_has_no_log():

@@ -32,9 +32,11 @@ def obstructed():
 
 def test_pi_has_314_collisions():
     with mpsim.Simulation(mpsim.Scene.load("pi"), mpsim.Settings(method="event", dt=0.5)) as sim:
-        seen = mpsim.Collisions()
-        sim.run(until=42, observe=seen)
+        seen, at_wall = mpsim.Collisions(), mpsim.Sensor(wall="left")
+        anywhere = mpsim.Sensor(region=(0.0, 40.0, 0.0, 1.0))
+        sim.run(until=42, observe=[seen, at_wall, anywhere])
     kinds = seen.table["kind"]
+    assert (anywhere.counts.sum(), at_wall.counts.sum()) == (314, 157)
     assert (len(kinds), (kinds == 0).sum(), (kinds == 1).sum()) == (314, 157, 157)
     assert set(seen.table["j"][kinds == 1]) == {0}
     assert (np.diff(seen.table["time"]) > 0).all()
