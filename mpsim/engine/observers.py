@@ -24,7 +24,7 @@ Observed = TypeVar("Observed", bound=HasFrame)
 
 
 class Observer(Protocol[Seen_contra]):
-    """What looks at a simulation along a run. Looking must change nothing.
+    """What looks at a simulation along a run; what it is to change it changes by set, kick, remove, add and change.
 
     Attributes:
         every: frames between two looks, >= 1, counted from frame 0, so that a run in parts shows the same frames.
@@ -38,7 +38,7 @@ class Observer(Protocol[Seen_contra]):
         A frame may be shown twice: at the end of one run and the start of the next, or when a run has healed.
 
         Args:
-            sim: to be read only.
+            sim: as it then stands.
             collisions: contacts resolved since this run began.
         """
         ...

@@ -275,8 +275,9 @@ class EventSolver(Solver):
 
     def discs(self) -> NewDiscs:
         """Copies of all discs at the present time."""
-        now = self.state()
-        columns = {**self._found(), **vars(now)}
+        found = self._found()
+        now = event_features.state_of(self._scene, self._present, found, self._radii)
+        columns = {**found, **vars(now)}
         kept = {each.name: columns[each.name] for each in columns_of(self._scene) if each.name in columns}
         return NewDiscs(now.position, now.velocity, self._radii, {**kept, MASS.name: self._masses})
 
