@@ -46,6 +46,7 @@ from mpsim.core.errors import (
 )
 from mpsim.core.state import State
 from mpsim.core.version import __version__ as __version__
+from mpsim.engine.collision_observers import Collisions, Sensor
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.features import Emitter, FixedDisc, Piston, Polyline
@@ -60,9 +61,15 @@ from mpsim.studies.tuned import Tuned
 if TYPE_CHECKING:
     from mpsim.output.animation import animate
     from mpsim.output.trajectory import Trajectory
+    from mpsim.viewer.live import View, view
 
 
-_LATE = {"animate": "mpsim.output.animation", "Trajectory": "mpsim.output.trajectory"}
+_LATE = {
+    "animate": "mpsim.output.animation",
+    "Trajectory": "mpsim.output.trajectory",
+    "View": "mpsim.viewer.live",
+    "view": "mpsim.viewer.live",
+}
 """Names that are imported on first use, so that `import mpsim` stays quick."""
 
 _VIEWS = {
@@ -102,6 +109,7 @@ __all__ = [
     "CheckpointError",
     "CheckpointWarning",
     "ClosedError",
+    "Collisions",
     "DivergedError",
     "Emitter",
     "EmitterWarning",
@@ -122,6 +130,7 @@ __all__ = [
     "ResourceError",
     "Scene",
     "SceneFileError",
+    "Sensor",
     "Settings",
     "SharedMemoryError",
     "Simulation",
@@ -135,6 +144,7 @@ __all__ = [
     "TrajectoryError",
     "TrajectoryWarning",
     "Tuned",
+    "View",
     "WorkerDied",
     "WorkerStalled",
     "animate",
@@ -142,4 +152,5 @@ __all__ = [
     "sweep",
     "tradeoff",
     "tune",
+    "view",
 ]

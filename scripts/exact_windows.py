@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mpsim
-from mpsim.engine.solvers import events
+from mpsim.engine.solvers import event_block
 from mpsim.engine.solvers.event_tiles import Tiling, tiling_of
 from mpsim.engine.workers.tiles import TileArguments, arguments_of
 from mpsim.kernels.compiling import compiled
@@ -27,11 +27,11 @@ NEVER = np.iinfo(np.int64).max
 @contextlib.contextmanager
 def divided(columns: int, rows: int = 1) -> Iterator[None]:
     """Simulations that are made in here have so many tiles; (1, 1): they are played as a whole."""
-    events.tiling_of = lambda *_: Tiling(columns, rows)  # type: ignore[assignment]
+    event_block.tiling_of = lambda *_: Tiling(columns, rows)  # type: ignore[assignment]
     try:
         yield
     finally:
-        events.tiling_of = tiling_of
+        event_block.tiling_of = tiling_of
 
 
 def windows_of(sim: mpsim.Simulation) -> NDArray[np.int64]:

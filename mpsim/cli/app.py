@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from mpsim.cli import clean, look, machine, run, scenes, stability, trade
+from mpsim.cli import clean, look, machine, run, scenes, stability, trade, view
 from mpsim.cli.terminal import INTERRUPTED, Compiling, Interrupted
 from mpsim.core.errors import InputError, MpsimError
 from mpsim.kernels.compile_notice import announced_by
@@ -56,7 +56,8 @@ Examples:
   mpsim run gas --until 50 --out run               simulate it; run/ holds what happened
   mpsim resume run --until 100                     continue it
   mpsim plot run                                   draw what it recorded
-  mpsim animate gas gas.gif                        or watch it
+  mpsim view gas                                   watch it, in the browser
+  mpsim animate gas gas.gif                        or write a film of it
   mpsim tune gas --pressure 1%                     the cheapest settings that are good to 1 % in pressure
   mpsim tradeoff gas --out gas.csv                 what settings cost and how wrong they are
 """
@@ -87,6 +88,7 @@ for command in (
     run.resume,
     look.plot,
     look.animate,
+    view.view,
     trade.tune,
     trade.tradeoff,
     machine.bench,

@@ -16,6 +16,8 @@ from mpsim.core.errors import InputError
 def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: str) -> NDArray[np.float64]:
     """A read-only float64 copy of `value` with the given shape (None: any length). `meaning` is the shape in words."""
     try:
+        if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "cmM":
+            raise TypeError(f"of dtype {value.dtype}")
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:  # the last for a whole number beyond float64
         raise InputError(f"{name} must be numbers of shape {meaning}; got {brief(value)} ({error!s:.200}).") from None
@@ -36,6 +38,19 @@ def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: 
         raise InputError(f"{name} must have shape {meaning}; got shape {array.shape}. Reshape the array.")
     array.flags.writeable = False
     return array
+
+
+def dimensions(value: Any) -> int:
+    """How many axes an array of a value would have; -1 of rows that differ in length, which `finite_array` refuses."""
+    try:
+        return np.ndim(value)
+    except ValueError:
+        return -1
+
+
+def rows(value: Any) -> Any:
+    """A pair as one row; anything else as it is, for `finite_array`."""
+    return [value] if dimensions(value) == 1 else value
 
 
 def resolution(array: NDArray[np.float64]) -> float:

@@ -80,8 +80,8 @@ class Column(NamedTuple):
         """
         if self.components:
             shape = self.rows(count)
-            return checks.finite_array(self.name, np.atleast_2d(value), shape, f"{shape}, as position has")
-        each = np.full(count, value) if np.ndim(value) == 0 else value
+            return checks.finite_array(self.name, checks.rows(value), shape, f"{shape}, as position has")
+        each = np.full(count, value) if checks.dimensions(value) == 0 else value
         return checks.finite_array(self.name, each, (count,), f"() or ({count},), one per row of position")
 
     def of_state(self, values: Any, count: int) -> NDArray[Any]:

@@ -1,5 +1,8 @@
 """Radii and masses of discs: where all are equal, they take the memory of one number."""
 
+from collections.abc import Iterable, Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -32,3 +35,16 @@ def kept_sizes(*parts: ArrayLike) -> NDArray[np.float64]:
     sizes = np.concatenate(arrays)
     sizes.flags.writeable = False
     return sizes
+
+
+def of_each_disc(arrays: Mapping[str, NDArray[Any]], names: Iterable[str], discs: Any) -> dict[str, NDArray[Any]]:
+    """Arrays of a file, those of these names repeated for each disc where they are one number, which takes no memory.
+
+    Raises:
+        ValueError: if no array in the file is for so many discs: what follows makes room for them.
+    """
+    once = [name for name in names if name in arrays and not arrays[name].ndim]
+    # A list: an interrupt while a generator that is not at its end is thrown away would be lost.
+    if once and not any([array.ndim and len(array) == discs for array in arrays.values()]):
+        raise ValueError(f"it has no array for {discs!r:.30} discs")
+    return {name: np.broadcast_to(array, discs) if name in once else array for name, array in arrays.items()}

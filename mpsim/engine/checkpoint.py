@@ -35,9 +35,11 @@ from mpsim.core.errors import (
 )
 from mpsim.core.joint_archive import piece_of, write_around, write_contents
 from mpsim.core.joint_file import write_at
+from mpsim.core.sizes import of_each_disc
 from mpsim.core.team import Alone, Team
 from mpsim.engine.checkpoint_digest import digest_of, joined_digest
 from mpsim.engine.checkpoint_scene import ARRAYS, scene_from, scene_parts
+from mpsim.engine.journal import JOURNAL, UNCHANGED, Changed, changed_in, packed
 from mpsim.engine.older_formats import in_this_format
 from mpsim.features import FEATURES
 from mpsim.scene.scene import Scene
@@ -47,7 +49,7 @@ FORMAT = 7
 """Version of the format. A file of a newer one is refused, by number; one of format 1 lacks the image flags and
 virials by component, one of format 2 is that of smooth discs, one of format 3 has sizes of each disc even if equal,
 one of format 4 no lattice, in one of format 5 the exact solver counts impulses in real numbers, in one of format 6 some
-columns have their components first, and the digest is over all at once."""
+columns have their components first, the digest is over all at once, and nothing has been changed between frames."""
 
 HEADER = "mpsim_checkpoint"
 """Name of the first array, the header. So the name stands at the start of the file, and tells its kind."""
@@ -78,10 +80,11 @@ class Checkpoint:
 
     Attributes:
         path: of the file that was read (the previous one, if the newest is damaged).
-        scene, settings: of the simulation.
+        scene, settings: at the start of the simulation.
         run: plain values that the engine needs to continue, such as the frame and what emitters have done.
         arrays: of the solver.
         digest: over all that the file holds.
+        changed: what has been changed since the start.
     """
 
     path: Path
@@ -90,6 +93,7 @@ class Checkpoint:
     run: dict[str, Any]
     arrays: Arrays
     digest: str
+    changed: Changed = UNCHANGED
 
 
 Verified = tuple[Path, str, tuple[int, ...]]
@@ -159,6 +163,7 @@ def write(
     run: dict[str, Any],
     arrays: Mapping[str, Array],
     team: Team = ALONE,
+    changed: Changed = UNCHANGED,
 ) -> Path:
     """Write a checkpoint; the file that was there is kept beside it as <name>.previous.
 
@@ -172,7 +177,7 @@ def write(
         OutputError: if one of them cannot write; on all, and what was there before is still there.
     """
     target = place_of(path)
-    header, everything = _packed(scene, settings, run, arrays)
+    header, everything = _packed(scene, settings, run, arrays, changed)
     with _as_output_error(target), contextlib.ExitStack() as replacing:
         file: Any = None  # of the first process
 
@@ -285,13 +290,15 @@ class _DamagedError(Exception):
 
 
 def _packed(
-    scene: Scene, settings: Settings, run: dict[str, Any], arrays: Mapping[str, Array]
+    scene: Scene, settings: Settings, run: dict[str, Any], arrays: Mapping[str, Array], changed: Changed
 ) -> tuple[dict[str, Any], dict[str, Array]]:
     """The header of a file, without its digest, and its arrays."""
     plain, parts = scene_parts(scene)
     everything: dict[str, Array] = {f"scene.{name}": value for name, value in parts.items()}
     once = {name: np.asarray(sizes[0]) for name in SIZES if _are_equal(sizes := np.asarray(arrays[name]))}
     everything |= {f"solver.{name}": value for name, value in sorted({**arrays, **once}.items())}
+    if changed.changes:
+        everything[JOURNAL], run = packed(changed.changes), run | changed.place
     header: dict[str, Any] = {
         "format": FORMAT,
         "versions": {"python": platform.python_version()} | {name: version(name) for name in ("numpy", "numba")},
@@ -318,19 +325,6 @@ def _text_of(header: dict[str, Any]) -> bytes:
 
 def _are_equal(sizes: NDArray[np.float64]) -> bool:
     return len(sizes) > 0 and (sizes.strides == (0,) or bool((sizes == sizes[0]).all()))
-
-
-def _of_each_disc(arrays: Arrays, discs: Any) -> Arrays:
-    """Arrays of a solver, with equal sizes repeated for each disc, which takes no memory.
-
-    Raises:
-        ValueError: if no array in the file is for so many discs: what follows makes room for them.
-    """
-    once = [name for name in SIZES if name in arrays and not arrays[name].ndim]
-    # A list: an interrupt while a generator that is not at its end is thrown away would be lost.
-    if once and not any([array.ndim and len(array) == discs for array in arrays.values()]):
-        raise ValueError(f"it has no array for {discs!r:.30} discs")
-    return {name: np.broadcast_to(array, discs) if name in once else array for name, array in arrays.items()}
 
 
 def _previous(target: Path) -> Path:
@@ -464,12 +458,13 @@ def _made_from(path: Path, header: dict[str, Any], found: Arrays) -> Checkpoint:
     """A checkpoint from the header and the arrays of its file."""
     with _as_no_state():
         parts = _named("scene.", found), _named("solver.", found)
-        if len(parts[0]) + len(parts[1]) != len(found) or not parts[0].keys() <= set(ARRAYS):
+        if len(parts[0]) + len(parts[1]) + (JOURNAL in found) != len(found) or not parts[0].keys() <= set(ARRAYS):
             raise ValueError(f"it holds arrays that belong to nothing; got {sorted(found)}")
         scene = scene_from(header["scene"], parts[0])
         settings = Settings(**header["settings"])
-        arrays = _of_each_disc(parts[1], header.get("discs"))
-        return Checkpoint(path, scene, settings, header["run"], arrays, str(header["digest"]))
+        arrays = of_each_disc(parts[1], SIZES, header.get("discs"))
+        changed = changed_in(header["run"], found[JOURNAL]) if JOURNAL in found else UNCHANGED
+        return Checkpoint(path, scene, settings, header["run"], arrays, str(header["digest"]), changed)
 
 
 def _named(prefix: str, arrays: Arrays) -> Arrays:

@@ -1,5 +1,6 @@
 """Whether a simulation can be in the state that a checkpoint holds."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from mpsim.core import checks
 from mpsim.core.archive import Arrays
 from mpsim.engine.checkpoint import Checkpoint
+from mpsim.engine.journal import parameters_after
 from mpsim.engine.solvers import event_snapshot
 from mpsim.engine.solvers.methods import METHODS, choose
 from mpsim.engine.solvers.snapshots import MOST_STEPS, count_in, demand
@@ -22,7 +24,8 @@ NOT_IN_ALL_FILES = {"image", "winding", event_snapshot.CRUSHING_SPEED}
 
 def check(found: Checkpoint) -> None:
     """Raise ValueError for a checkpoint in which no simulation can have been, saying why."""
-    scene, settings, arrays = found.scene, found.settings, found.arrays
+    arrays, changed = found.arrays, found.changed
+    scene, settings = parameters_after(found.scene, found.settings, changed.changes, changed.piston)
     count = count_in(arrays)
     demand(scene.count <= count <= LARGEST_COUNT, f"it has {count} discs; its scene has {scene.count}")
     solver = METHODS[choose(count, settings).method].solver
@@ -41,7 +44,8 @@ def check(found: Checkpoint) -> None:
     _check_sizes(scene, arrays)
     frames, second = arrays["progress"].tolist()
     demand(0 <= frames <= MOST_STEPS and second >= 0, f"frames and steps must be >= 0; got {frames}, {second}")
-    demand(found.run["frame"] == frames, f"its frame must be {frames}; got {found.run['frame']!r}")
+    frame = changed.origin.frame + frames
+    demand(found.run["frame"] == frame, f"its frame must be {frame}; got {found.run['frame']!r}")
     _check_emission(scene, found.run["emission"], count)
     if solver.capabilities.has_steps:
         _check_steps(settings, frames, second)
@@ -68,8 +72,13 @@ def _check_sizes(scene: Scene, arrays: Arrays) -> None:
 
 def _check_emission(scene: Scene, emission: Any, count: int) -> None:
     """What emitters have done: whole numbers, one each, and no more discs than there are."""
-    demand(isinstance(emission, dict) and emission.keys() == {"emitted", "due"}, "emission must have emitted and due")
+    known = isinstance(emission, dict) and emission.keys() - {"since"} == {"emitted", "due"}
+    demand(known, "emission must have emitted and due")
     for name, values in emission.items():
+        if name == "since":
+            times = isinstance(values, list) and all(type(value) is float and math.isfinite(value) for value in values)
+            demand(times and len(values) == len(scene.emitters), "since must be one time per emitter")
+            continue
         whole = isinstance(values, list) and all(type(value) is int and 0 <= value <= MOST_STEPS for value in values)
         demand(whole and len(values) == len(scene.emitters), f"{name} must be one whole number per emitter")
     demand(sum(emission["emitted"]) <= count - scene.count, "emitters cannot have added more discs than there are")

@@ -14,7 +14,7 @@ _OWN: tuple[tuple[Column, Callable[[Scene], bool]], ...] = ((IMAGE, lambda scene
 def columns_of(scene: Scene) -> list[Column]:
     """The columns that the discs of a scene have."""
     own = [column for column, needed in _OWN if needed(scene)]
-    return own + [column for feature in FEATURES if feature.is_in(scene) for column in feature.columns]
+    return own + [column for feature in FEATURES if feature.has_columns(scene) for column in feature.columns]
 
 
 def given_in(scene: Scene) -> dict[str, Any]:

@@ -23,14 +23,18 @@ from mpsim.core.errors import (
 from mpsim.core.state import Discs, StateInChunks
 from mpsim.engine.access import Access
 from mpsim.engine.batch_size import BatchSizer
+from mpsim.engine.changes import REMOVE, Change, edited
 from mpsim.engine.emission import Emission, Insert, Progress
+from mpsim.engine.journal import Changed, parameters_after
 from mpsim.engine.notices import Once
+from mpsim.engine.parameters import in_force, moves_origin
+from mpsim.engine.precision_check import check_precision
 from mpsim.engine.recovery import RecoverySnapshots, retried_on_new_workers
 from mpsim.engine.report import Report, phase_seconds
 from mpsim.engine.run_record import RunRecord
 from mpsim.engine.shutdown import Closing
 from mpsim.engine.solvers import methods
-from mpsim.engine.solvers.base import Choice, NewDiscs, Solver
+from mpsim.engine.solvers.base import Choice, NewDiscs, Origin, Solver
 from mpsim.engine.solvers.snapshots import Snapshot, count_in
 from mpsim.engine.step_limits import StepLimits
 from mpsim.engine.workers.arrays import MOST_FRAMES
@@ -54,18 +58,26 @@ class Coordinator:
         comm: communicator of the ranks that share it; None: of all.
 
     Attributes:
+        scene, settings: in force.
         solver: what runs the frames; another one after `auto` has changed the method.
-        last_frame: frames done when it was closed.
+        last_frame, last_time: frames done when it was closed, and the time then [time].
+        start_of_all: scene and settings at the start.
+        journal: the changes so far, in order.
+        record: of the run that is in progress, or of the last one.
         emission: what the emitters have done.
         step_limits: whether steps are short enough for the speeds.
     """
 
     def __init__(self, simulation: object, scene: Scene, settings: Settings, access: Access, comm: object = None):
-        self._scene = scene
-        self._settings = settings
+        self.scene: Scene = scene
+        self.settings: Settings = settings
         self._access = access
         self._comm = comm
         self.last_frame: int = 0
+        self.last_time: float = 0.0
+        self.start_of_all: tuple[Scene, Settings] = (scene, settings)
+        self.journal: list[Change] = []
+        self.record: RunRecord | None = None
         self._compiled_before = compile_seconds()
         self.emission: Emission = Emission(scene, settings, access.notices)
         choice = methods.choose(scene.count, settings, comm)
@@ -73,6 +85,7 @@ class Coordinator:
         self.step_limits: StepLimits = StepLimits(scene, settings, solver.capabilities.has_steps)
         self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
         self._rest = Once()
+        self._logged: list[Any] = []  # collisions of a frame in hand: an interrupted run leaves them to the next one
         self.solver: Solver = solver(scene, settings, choice)
         self._closing = Closing(simulation, self.solver, access)  # before there is anything to close
 
@@ -80,8 +93,14 @@ class Coordinator:
         """Start the solver; if that fails, close it."""
         self._begin(self.step_limits.at_start(), self.solver.start)
 
-    def resume(self, snapshot: Snapshot, emission: Progress) -> None:
+    def resume(self, snapshot: Snapshot, emission: Progress, changed: Changed) -> None:
         """Start the solver from a checkpoint; if that fails, close it."""
+        if changed.changes:
+            scene, settings = parameters_after(self.scene, self.settings, changed.changes, changed.piston)
+            self.solver.assume(scene, settings, changed.origin)
+            self.emission = self.emission.under(scene, settings, 0, 0.0)
+            self.step_limits = self.step_limits.under(scene, settings, changed.origin.frame)
+            self.scene, self.settings, self.journal = scene, settings, list(changed.changes)
         self._begin(self.step_limits.at_resume(), lambda: self.restore((snapshot, emission)))
 
     def _begin(self, warned_of: Iterable[tuple[str, type[Warning]]], start: Callable[[], None]) -> None:
@@ -108,7 +127,7 @@ class Coordinator:
         """Close the simulation, also from within another call of this thread; Ctrl-C waits."""
         with interrupts_held_back(), self._access.moving():
             if self.alive:
-                self.last_frame = self.solver.frame
+                self.last_frame, self.last_time = self.solver.frame, self.solver.time_of(self.solver.frame)
                 self._closing()
 
     def open_solver(self) -> Solver:
@@ -126,15 +145,28 @@ class Coordinator:
             )
         return self.solver
 
+    @property
+    def changed(self) -> Changed:
+        """What has been changed since the start, for a checkpoint."""
+        piston = None if self.scene.piston is None else self.scene.piston.start
+        return Changed(tuple(self.journal), self.solver.origin, piston)
+
     # --- runs
 
-    def begin_record(self, names: tuple[str, ...], frames: int) -> RunRecord:
-        """Begin the record of a run of so many frames, with averages for measures of these names."""
+    def begin_record(self, names: tuple[str, ...], frames: int, logged: bool = False) -> RunRecord:
+        """Begin the record of a run of so many frames, with averages for measures of these names.
+
+        logged: whether collisions are logged.
+        """
         solver = self.solver
-        whole, guarded = solver.time == solver.frame * self._settings.dt, solver.guarded
-        averages = RunAverages(names, frames, self._scene, self._of_discs, whole)
+        whole, guarded = solver.time == solver.time_of(solver.frame), solver.guarded
+        averages = RunAverages(names, frames, self.scene, self._of_discs, whole)
+        self.between_frames(lambda: self.solver.log_collisions(logged))
         self.between_frames(lambda: self.solver.set_tallied(averages.counting))
-        return RunRecord(max(solver.choice.workers), averages, whole, guarded)
+        if not logged:
+            self._logged.clear()
+        self.record = RunRecord(max(solver.choice.workers), averages, whole, guarded, self._logged)
+        return self.record
 
     def _of_discs(self, function: Callable[[Discs], Any]) -> Any:
         """What a function of the present state gives, in all processes that share the simulation.
@@ -148,16 +180,17 @@ class Coordinator:
 
     def recovery(self, record: RunRecord) -> RecoverySnapshots | None:
         """Snapshots for a run to go back to if a worker dies; None if the settings do not ask for it."""
-        if self._settings.on_worker_death != "restart":
+        if self.settings.on_worker_death != "restart":
             return None
-        return RecoverySnapshots(self.snapshot, self.restore, record, self._access.notices)
+        changes = lambda: len(self.journal)  # noqa: E731
+        return RecoverySnapshots(self.snapshot, self.restore, record, self._access.notices, changes)
 
     def report(self, record: RunRecord, observing_seconds: float) -> Report:
         """The report of a run that is over."""
         solver = self.open_solver()
         resources = solver.resources()
-        ran = methods.what_ran(solver.choice, self._batch_sizer.best, self._settings)
-        gathered = record.averages.measures(Run(self._scene, solver.count, self._settings.dt))
+        ran = methods.what_ran(solver.choice, self._batch_sizer.best, self.settings)
+        gathered = record.averages.measures(Run(self.scene, solver.count, self.settings.dt))
         guarded = solver.guarded - record.guarded
         if guarded:
             self._access.notices.warn(
@@ -203,12 +236,19 @@ class Coordinator:
         if part.times.shape[1]:
             self._batch_sizer.note(workers, part.times.shape[1], float(np.median(part.times[0].sum(axis=1))) * 1e-9)
         record.take(part)
-        self.last_frame = solver.frame
+        self._take_collisions()
+        self.last_frame, self.last_time = solver.frame, solver.time_of(solver.frame)
         self._warn_of_rest(solver.guarded - record.guarded)
         if solver.too_fast:  # look now: the run may end here, or be saved
             self._adapt()
         self.step_limits.look_for_pressed(solver, self._access.notices)
         self._emit(self.emission.in_time)
+
+    def _take_collisions(self) -> None:
+        """Take over what the solver has logged, before it moves to another block."""
+        if self.solver.logging:
+            with interrupts_held_back():
+                self._logged.append(self.solver.take_collisions())
 
     def _warn_of_rest(self, guarded: int) -> None:
         """Warn once, while it runs, if the guard has acted so often in a run that discs must be at rest."""
@@ -240,7 +280,7 @@ class Coordinator:
             with interrupts_held_back(), self._access.moving():
                 solver.divide(self.step_limits.check(solver, self._access.notices))
 
-    def look(self, new: NewDiscs) -> int:
+    def look(self, new: NewDiscs | None = None) -> int:
         """Check the speeds of all discs and new ones; warn or refuse as is set. Returns the sub-steps from now on."""
         solver, notices = self.solver, self._access.notices
         with interrupts_held_back(), self._access.moving():
@@ -253,7 +293,7 @@ class Coordinator:
     def restore(self, kept: tuple[Any, Any]) -> None:
         """Go back, or on, to such a snapshot; see `Solver.restore`."""
         snapshot, progress = kept
-        before, choice = self.solver.choice, methods.choose(count_in(snapshot), self._settings, self._comm)
+        before, choice = self.solver.choice, methods.choose(count_in(snapshot), self.settings, self._comm)
         with interrupts_held_back(), self._access.moving():
             if methods.same_solver(before, choice):
                 self.solver.restore(snapshot, choice)
@@ -265,8 +305,8 @@ class Coordinator:
 
     def _replace_solver(self, choice: Choice, snapshot: Snapshot, room: int = 0) -> None:
         """Replace the solver by one of another method, chosen by `auto`."""
-        old, new = self.solver, methods.METHODS[choice.method].solver(self._scene, self._settings, choice)
-        new.tallied = old.tallied
+        old, new = self.solver, methods.METHODS[choice.method].solver(self.scene, self.settings, choice)
+        new.tallied, new.logging, new.origin = old.tallied, old.logging, old.origin
         self._closing.solvers.append(new)  # before there is anything to close
         try:
             new.restore(snapshot, choice, room)
@@ -281,7 +321,8 @@ class Coordinator:
 
     def between_frames(self, action: Callable[[], None]) -> None:
         """Do what may move the discs to another block; on new workers if one has died. Signals wait for its end."""
-        renew = (lambda: self.restore(self.snapshot())) if self._settings.on_worker_death == "restart" else None
+        self._take_collisions()
+        renew = (lambda: self.restore(self.snapshot())) if self.settings.on_worker_death == "restart" else None
         with interrupts_held_back(), self._access.moving():
             try:
                 retried_on_new_workers(action, renew, self._access.notices)
@@ -293,7 +334,7 @@ class Coordinator:
     def insert(self, new: NewDiscs, substeps: int) -> None:
         """Add discs that have been checked; the solver may then continue by another method."""
         count = self.solver.count + len(new.position)
-        before, choice = self.solver.choice, methods.choose(count, self._settings, self._comm)
+        before, choice = self.solver.choice, methods.choose(count, self.settings, self._comm)
 
         def grow() -> None:
             if not methods.same_solver(self.solver.choice, choice):
@@ -306,3 +347,84 @@ class Coordinator:
         methods.note_remark(choice, before, self._access.notices)
         if choice != before:
             self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
+
+    # --- changes between two frames
+
+    def change(self, change: Change) -> None:
+        """Make a change of discs that has been checked, and note it in the journal."""
+        before = self.solver.discs()
+        after = edited(before, change)
+
+        def act() -> None:
+            if change.what == REMOVE and not self.scene.loses_discs:
+                self._adopt(self.scene.changed(has_gaps=True), self.settings, self.solver.origin)
+            self.solver.replace(after)
+
+        with interrupts_held_back():
+            self.between_frames(act)
+            self._note(change)
+        if change.what != REMOVE:  # which makes no disc faster
+            self._look_or_undo(lambda: self.solver.replace(before))
+
+    def add(self, change: Change, new: NewDiscs, substeps: int) -> None:
+        """Add discs that have been checked, from outside, and note it in the journal."""
+        with interrupts_held_back():
+            self.insert(new, substeps)
+            self._note(change)
+
+    def _look_or_undo(self, undo: Callable[[], None]) -> None:
+        """Check the speeds after the last change of the journal; where they are refused, undo it."""
+        try:
+            substeps = self.look()
+            self._access.notices.give()  # where a filter makes an error of a warning, nothing is changed
+            if substeps != self.solver.substeps:
+                self.between_frames(lambda: self.solver.divide(substeps))
+        except Exception:
+            with interrupts_held_back():
+                self.between_frames(undo)
+                self.journal.pop()
+            raise
+
+    def change_parameters(self, change: Change) -> None:
+        """Change parameters of scene or settings, and note it in the journal."""
+        solver, notices, given = self.solver, self._access.notices, change.values
+        origin, box = solver.origin, None
+        if moves_origin(given):
+            origin, box = Origin(change.frame, change.time), solver.state_between(0, 0).box
+        scene, settings = in_force(self.scene, self.settings, given, box)
+        check_precision(scene, settings)
+        emission = self.emission.under(scene, settings, solver.frame, solver.time)
+        limits = self.step_limits.under(scene, settings, origin.frame)
+        try:
+            with interrupts_held_back(), self._access.moving():
+                substeps = limits.check(solver, notices)
+            notices.give()  # where a filter makes an error of a warning, nothing is changed
+        except Exception:
+            self.step_limits.set_limit(solver)
+            raise
+
+        def act() -> None:
+            self._adopt(scene, settings, origin)
+            limits.set_limit(self.solver)
+            if self.solver.capabilities.has_steps and substeps != self.solver.substeps:
+                self.solver.divide(substeps)
+
+        with interrupts_held_back():
+            before = self.solver.choice
+            self.between_frames(act)
+            self.emission, self.step_limits = emission, limits
+            if self.solver.choice != before:
+                self._batch_sizer = BatchSizer(self.solver.choice.workers, MOST_FRAMES)
+            self._note(change)
+
+    def _note(self, change: Change) -> None:
+        """Note a change that has been made."""
+        self.journal.append(change)
+        if self.record is not None:
+            self.record.averages.interrupted(self.scene, self.solver.count)
+
+    def _adopt(self, scene: Scene, settings: Settings, origin: Origin) -> None:
+        """Take another scene and settings for those in force."""
+        choice = methods.choose(self.solver.count, settings, self._comm)
+        self.solver.adopt(scene, settings, choice, origin)
+        self.scene, self.settings = scene, settings

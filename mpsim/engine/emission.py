@@ -4,6 +4,7 @@ import copy
 import heapq
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +35,7 @@ FEW_LOOKS = 32
 MOST_STRIPS = 2**16
 """Strips of the box into which discs are sorted, at most."""
 
-Progress = dict[str, list[int]]
+Progress = dict[str, list[Any]]
 
 
 class Emission:
@@ -64,16 +65,41 @@ class Emission:
         self._common_radius = scene.largest_radius
         self._emitted = [0] * len(scene.emitters)
         self._due = [emitter.every or TRIES for emitter in scene.emitters]
+        self._since = [0.0] * len(scene.emitters)
         self._waiting = Once()
 
     @property
     def progress(self) -> Progress:
-        """How many discs each emitter has added, and the count at which it is due again."""
-        return {"emitted": list(self._emitted), "due": list(self._due)}
+        """How many discs each emitter has added, and the count at which it is due again.
+
+        With `since`, the time from which its intervals count, where one has been changed [time].
+        """
+        found: Progress = {"emitted": list(self._emitted), "due": list(self._due)}
+        return found | ({"since": list(self._since)} if any(self._since) else {})
 
     @progress.setter
     def progress(self, found: Progress) -> None:
         self._emitted, self._due = list(found["emitted"]), list(found["due"])
+        self._since = list(found.get("since", [0.0] * len(self._due)))
+
+    def under(self, scene: Scene, settings: Settings, frame: int, time: float) -> "Emission":
+        """The same emitters from now on, at a frame and time [time], under another scene, which may change their rates.
+
+        What is left of an interval shrinks or grows as the interval does.
+
+        Raises:
+            InputError: as a new one.
+        """
+        other = Emission(scene, settings, self._notices)
+        other._waiting, other.progress = self._waiting, self.progress
+        for index, (before, after) in enumerate(zip(self._emitters, scene.emitters, strict=True)):
+            if before.interval is not None and after.interval is not None and before.interval != after.interval:
+                left = max(self._time(index) - time, 0.0) / before.interval
+                other._since[index], other._due[index] = time + (left - 1) * after.interval, TRIES
+            if before.every is not None and after.every is not None and before.every != after.every:
+                left = (self._due[index] - frame) / before.every
+                other._due[index] = frame + max(round(left * after.every), 0)
+        return other
 
     def frames_ahead(self, frame: int) -> int:
         """Frames until an emitter that counts frames is due again; a very large number without one."""
@@ -100,15 +126,16 @@ class Emission:
             return
         heapq.heapify(due)
         plan, occupied, now = copy.copy(self), _Occupied(self._scene, solver), solver.time
+        there = solver.scene_time
         plan.progress = self.progress
         entering: list[tuple[Emitter, FlightEnd]] = []
         while due:
             time, index = heapq.heappop(due)
             emitter = self._emitters[index]
             radius, _ = self._kind(emitter)
-            end = end_of_flight(self._scene, emitter, radius, max(now - time, 0.0), now)
+            end = end_of_flight(self._scene, emitter, radius, max(now - time, 0.0), there)
             name = f"the position of emitters[{index}]"
-            hindered = hindrance(self._scene, now, occupied.radius, name, end.position, radius)
+            hindered = hindrance(self._scene, there, occupied.radius, name, end.position, radius)
             free = not hindered and occupied.admits(end.position, radius)
             if free:
                 entering.append((emitter, end))
@@ -146,7 +173,7 @@ class Emission:
         new = checked(
             scene,
             self._precision,
-            solver.time,
+            solver.scene_time,
             solver.radii,
             positions,
             velocities,
@@ -173,7 +200,7 @@ class Emission:
         """When an emitter that has an interval is due [time]."""
         interval = self._emitters[index].interval
         assert interval is not None
-        return self._due[index] * (interval / TRIES)
+        return self._since[index] + self._due[index] * (interval / TRIES)
 
     def _warn(self, index: int, emitter: Emitter, when: float, hindered: str | None) -> None:
         """Warn, once, that a disc waits."""

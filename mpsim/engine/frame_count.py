@@ -17,13 +17,21 @@ def frames_until(until: float, dt: float) -> int:
     return math.ceil(until / dt * (1 - 1e-12))
 
 
-def frames_wanted(frames: int | None, until: float | None, dt: float, frame: int, time: float) -> int:
+def frames_wanted(
+    frames: int | None,
+    until: float | None,
+    dt: float,
+    frame: int,
+    time: float,
+    origin: tuple[int, float] = (0, 0.0),
+) -> int:
     """How many frames a run is to have.
 
     Args:
         frames, until: as `Simulation.run` was given them.
         dt: of a frame [time].
         frame, time: where the simulation stands.
+        origin: the frame and the time since which dt is that of a frame.
 
     Raises:
         InputError: both or neither, or one out of range.
@@ -35,4 +43,4 @@ def frames_wanted(frames: int | None, until: float | None, dt: float, frame: int
     until = checks.non_negative("until", until, "[time]")
     if until < time:
         raise InputError(f"until must not lie in the past: the time is {time:g}; got {until!r}.")
-    return max(frames_until(until, dt) - frame, 0)
+    return max(origin[0] + frames_until(until - origin[1], dt) - frame, 0)

@@ -35,7 +35,7 @@ def checked(
 
     Args:
         scene, precision: of the simulation.
-        time: at which they are added [time].
+        time: at which they are added, as the scene counts it [time].
         present: radii of the discs that are there, shape (N,) [length].
         position, velocity, radius, mass: what was given.
         others: what was given of other columns, by name; None: nothing.
@@ -45,9 +45,9 @@ def checked(
         TypeError: for the name of no column that can be given.
     """
     check_names("Simulation.add", others, given())
-    places = checks.finite_array("position", np.atleast_2d(position), (None, 2), "(2,) or (K, 2)")
+    places = checks.finite_array("position", checks.rows(position), (None, 2), "(2,) or (K, 2)")
     count = len(places)
-    speeds = checks.finite_array("velocity", np.atleast_2d(velocity), (count, 2), f"({count}, 2), as position has")
+    speeds = checks.finite_array("velocity", checks.rows(velocity), (count, 2), f"({count}, 2), as position has")
     radii = _one_each("radius", radius, scene.largest_radius, count, has_radii(scene))
     masses = _one_each("mass", mass, 1.0, count, has_masses(scene))
     _check_room(scene, time, present, "position", places, radii)
@@ -58,6 +58,13 @@ def checked(
         if others.get(column.name) is not None
     }
     return NewDiscs(places, speeds, radii, {MASS.name: masses, **brought})
+
+
+def arguments_of(scene: Scene, new: NewDiscs) -> dict[str, Any]:
+    """The arguments of `Simulation.add` for discs that have been checked: those that it would be given."""
+    found: dict[str, Any] = {"position": new.position, "velocity": new.velocity}
+    found |= {"radius": new.radius} if has_radii(scene) else {}
+    return found | {name: values for name, values in new.columns.items() if name != MASS.name or has_masses(scene)}
 
 
 def _brought(scene: Scene, precision: str, column: Column, value: ArrayLike, count: int) -> Floats:
@@ -109,7 +116,7 @@ def _one_each(name: str, value: ArrayLike | None, common: float, count: int, own
         return np.full(count, common)
     if value is None:
         raise InputError(f"{name} must be given for added discs, as the discs of this scene have one each; got None.")
-    each = np.full(count, value) if np.ndim(value) == 0 else value
+    each = np.full(count, value) if checks.dimensions(value) == 0 else value
     array = checks.finite_array(name, each, (count,), f"() or ({count},)")
     largest = common if name == "radius" else math.inf
     if (array <= 0).any() or (array > largest).any():

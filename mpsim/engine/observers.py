@@ -4,6 +4,8 @@ import time
 from collections.abc import Iterable
 from typing import Any, Generic, Protocol, TypeVar
 
+from numpy.typing import NDArray
+
 from mpsim.core import checks
 from mpsim.core.errors import InputError
 
@@ -22,7 +24,7 @@ Observed = TypeVar("Observed", bound=HasFrame)
 
 
 class Observer(Protocol[Seen_contra]):
-    """What looks at a simulation along a run. Looking must change nothing.
+    """What looks at a simulation along a run; what it is to change it changes by set, kick, remove, add and change.
 
     Attributes:
         every: frames between two looks, >= 1, counted from frame 0, so that a run in parts shows the same frames.
@@ -36,7 +38,7 @@ class Observer(Protocol[Seen_contra]):
         A frame may be shown twice: at the end of one run and the start of the next, or when a run has healed.
 
         Args:
-            sim: to be read only.
+            sim: as it then stands.
             collisions: contacts resolved since this run began.
         """
         ...
@@ -53,12 +55,32 @@ class Observers(Generic[Observed]):
         self.seconds: float = 0.0
         given: Any = [] if observers is None else [observers] if hasattr(observers, "look") else observers
         self._observers: list[Observer[Observed]] = list(given) if isinstance(given, Iterable) else [given]
+        self._of_collisions: list[Any] = []
         for each in self._observers:
             if not callable(getattr(each, "look", None)):
                 raise InputError(
                     f"observe must be one observer or several, such as mpsim.Trajectory.write(...); got {each!r}."
                 )
+            if hasattr(each, "take_collisions"):
+                self._of_collisions.append(each)
             checks.whole("every of an observer", getattr(each, "every", None), 1, 10**12, "1 looks at every frame.")
+
+    @property
+    def want_collisions(self) -> bool:
+        """Whether any of them asks for collisions."""
+        return bool(self._of_collisions)
+
+    def begin(self, sim: Observed) -> None:
+        """A run of a simulation begins."""
+        for each in self._of_collisions:
+            each.begin(sim)
+
+    def take_collisions(self, table: NDArray[Any], frame: int) -> None:
+        """Hand over the collisions up to the end of a frame since the last call: TABLE, in order."""
+        started = time.perf_counter()
+        for each in self._of_collisions:
+            each.take_collisions(table, frame)
+        self.seconds += time.perf_counter() - started
 
     def frames_ahead(self, frame: int) -> int:
         """Number of frames until the next look; very large without observers."""

@@ -44,6 +44,8 @@ def check_precision(scene: Scene, settings: Settings) -> None:
         checks.not_vanishing("radius", smallest, 1e4 * math.sqrt(tiny), precision)
     checks.not_vanishing("dt / substeps", settings.dt / settings.substeps, tiny, precision)
     checks.fitting("dt", np.array([settings.dt]), precision)
+    if (wall := scene.moving_wall) is not None:
+        checks.fitting("speed of a wall", np.array([wall.speed]), precision)
     fastest = 0.0
     for first, velocity in scene.velocities_in_pieces():
         checks.fitting("velocity", velocity, precision, first)

@@ -58,10 +58,11 @@ def retried_on_new_workers(act: Callable[[], None], renew: Callable[[], None] | 
 
 
 class Kept(NamedTuple):
-    """A snapshot, and where the record of the run stood."""
+    """A snapshot, where the record of the run stood, and how many changes there had been."""
 
     snapshot: Any
     mark: Mark
+    changes: int
 
 
 class RecoverySnapshots:
@@ -72,9 +73,18 @@ class RecoverySnapshots:
         restore: goes back to such a copy, on new workers.
         record: of the run, which is rewound too.
         notices: which take a line for each death.
+        changes: how often discs or parameters have been changed from outside: a snapshot from before is of no use.
     """
 
-    def __init__(self, take: Callable[[], Any], restore: Callable[[Any], None], record: RunRecord, notices: Notices):
+    def __init__(
+        self,
+        take: Callable[[], Any],
+        restore: Callable[[Any], None],
+        record: RunRecord,
+        notices: Notices,
+        changes: Callable[[], int] = lambda: 0,
+    ):
+        self._changes = changes
         self._take = take
         self._restore = restore
         self._record = record
@@ -86,8 +96,10 @@ class RecoverySnapshots:
     def take(self) -> None:
         """Take a snapshot if it is time for one and there is anything new to keep."""
         started = time.perf_counter()
-        if started >= self._due and (self._kept is None or self._record.done > self._kept.mark.done):
-            self._kept = Kept(self._take(), self._record.mark())
+        is_new = self._kept is None or self._record.done > self._kept.mark.done
+        is_changed = self._kept is not None and self._kept.changes != self._changes()
+        if is_changed or (is_new and started >= self._due):
+            self._kept = Kept(self._take(), self._record.mark(), self._changes())
             now = time.perf_counter()
             self._due = now + max(SNAPSHOT_SECONDS, (now - started) / SNAPSHOT_FRACTION)
             self._deaths = 0
@@ -102,7 +114,7 @@ class RecoverySnapshots:
             self._deaths += 1
             if self._kept is None or self._deaths > MOST_DEATHS:
                 raise death
-            snapshot, mark = self._kept
+            snapshot, mark, _ = self._kept
             frames = self._record.done - mark.done
             log_death(death, f"going back {frames} frames and more" if frames else "trying again", self._notices)
             self._record.rewind(mark)

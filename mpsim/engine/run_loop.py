@@ -35,6 +35,7 @@ def run_frames(
     sim, observers, checkpoints, progress, interruption = between
     recovery = coordinator.recovery(record)
     with access.callbacks():
+        observers.begin(sim)
         if record.whole:
             observers.look(sim, 0)
         if not frames:
@@ -49,6 +50,9 @@ def run_frames(
             done = coordinator.solver.frame > before
         with access.callbacks():
             access.notices.give()
+            if done and observers.want_collisions:
+                frame = coordinator.solver.frame
+                observers.take_collisions(record.take_logged(frame), frame)
             if done:
                 observers.look(sim, record.collisions)
             checkpoints.look(record.done, last=record.done == frames)

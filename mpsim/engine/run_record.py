@@ -5,18 +5,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.engine.solvers import collisions
 from mpsim.engine.solvers.slices import Slice
 from mpsim.kernels.layout import PHASES
 from mpsim.measure.run_averages import RunAverages
 
 
 class Mark(NamedTuple):
-    """How far a run had come: frames and collisions, slices of times, and what had been gathered for measures."""
+    """How far a run had come: frames and collisions, slices of times, what had been gathered for measures, logged."""
 
     done: int
     collisions: int
     slices: int
     gathered: Any
+    logged: tuple[NDArray[Any], ...]
 
 
 class RunRecord:
@@ -28,14 +30,16 @@ class RunRecord:
         guarded: losses that the solver's guard had suppressed before.
         done: frames.
         collisions: contacts resolved.
+        logged: tables of collisions that nobody has taken yet.
     """
 
-    def __init__(self, workers: int, averages: RunAverages, whole: bool, guarded: int):
+    def __init__(self, workers: int, averages: RunAverages, whole: bool, guarded: int, logged: list[NDArray[Any]]):
         self.averages = averages
         self.whole: bool = whole
         self.guarded: int = guarded
         self.done: int = 0
         self.collisions: int = 0
+        self.logged: list[NDArray[Any]] = logged
         self._times = [np.zeros((workers, 0, len(PHASES)), np.int64)]
 
     def take(self, part: Slice) -> None:
@@ -49,13 +53,21 @@ class RunRecord:
 
     def mark(self) -> Mark:
         """How far the run has come, for `rewind`."""
-        return Mark(self.done, self.collisions, len(self._times), self.averages.mark())
+        return Mark(self.done, self.collisions, len(self._times), self.averages.mark(), tuple(self.logged))
 
     def rewind(self, mark: Mark) -> None:
         """Forget what came after a mark."""
         self.done, self.collisions = mark.done, mark.collisions
         del self._times[mark.slices :]
         self.averages.rewind(mark.gathered)
+        self.logged[:] = mark.logged
+
+    def take_logged(self, frame: int) -> NDArray[Any]:
+        """The collisions up to the end of a frame that nobody has taken yet, in order: TABLE. Later ones stay."""
+        table = collisions.joined(self.logged)
+        late = table["frame"] > frame
+        self.logged[:] = [table[late]]
+        return collisions.in_order(table[~late])
 
     @property
     def times(self) -> NDArray[np.int64]:

@@ -9,23 +9,25 @@ import os
 import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TypeVar, Unpack
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from mpsim.core import checks
-from mpsim.core.columns import GivenColumns
 from mpsim.core.errors import CheckpointError, InputError
 from mpsim.core.state import State
 from mpsim.core.team import Team
 from mpsim.engine import checkpoint as checkpoint_file
-from mpsim.engine import checkpoint_validation, frame_count, insertion, precision_check
+from mpsim.engine import checkpoint_validation, frame_count, precision_check
 from mpsim.engine.access import Access, exclusive, reading
+from mpsim.engine.changing import Changing
 from mpsim.engine.checkpointer import Checkpointer
 from mpsim.engine.coordinator import Coordinator
 from mpsim.engine.interruption import Interruption
+from mpsim.engine.journal import Journal
 from mpsim.engine.observers import Observer, Observers
+from mpsim.engine.replay import replayed
 from mpsim.engine.report import Report
 from mpsim.engine.run_loop import BetweenSlices, run_frames
 from mpsim.engine.solvers.base import Columns, Solver
@@ -39,7 +41,7 @@ from mpsim.scene.settings import Settings
 Result = TypeVar("Result")
 
 
-class Simulation:
+class Simulation(Changing):
     """A scene being simulated. Use it in a `with` block: leaving it stops the workers and frees the shared memory.
 
     Args:
@@ -78,8 +80,6 @@ class Simulation:
         if not isinstance(settings, Settings):
             raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
         _check_comm(settings, comm)
-        self._scene = scene
-        self._settings = settings
         self._access = Access()
         for feature in FEATURES:
             feature.check_law(scene, settings.law)
@@ -107,13 +107,13 @@ class Simulation:
 
     @property
     def scene(self) -> Scene:
-        """The scene as it was given (discs added since are not in it)."""
-        return self._scene
+        """The scene as it was given, with what `change` has changed since; discs added since are not in it."""
+        return self._coordinator.scene
 
     @property
     def settings(self) -> Settings:
-        """The settings as they were given."""
-        return self._settings
+        """The settings as they were given, with what `change` has changed since."""
+        return self._coordinator.settings
 
     @property
     @reading
@@ -125,7 +125,7 @@ class Simulation:
     @reading
     def time(self) -> float:
         """Simulated time since the start [time]: frame * dt (of `event` after Ctrl-C inside a frame: a little more)."""
-        return self._solver.time if self._coordinator.alive else self._coordinator.last_frame * self._settings.dt
+        return self._solver.time if self._coordinator.alive else self._coordinator.last_time
 
     @property
     @reading
@@ -199,7 +199,7 @@ class Simulation:
     def _whole(self, what: str) -> Solver:
         """The solver, with a whole state to read."""
         use = self._access.use
-        if capabilities_of(self._settings).on_ranks and use is not None and use.thread != threading.get_ident():
+        if capabilities_of(self.settings).on_ranks and use is not None and use.thread != threading.get_ident():
             raise self._access.busy(f"reading {what} of other ranks", use)  # whose turn comes at other moments
         if (solver := self._coordinator.open_solver()).half_done:  # in a signal handler, just after a worker has died
             raise self._access.busy(f"reading {what}", self._access.use)
@@ -254,11 +254,12 @@ class Simulation:
         coordinator, access = self._coordinator, self._access
         measures = measures if measures is None or isinstance(measures, str) else tuple(measures)
         given = frames, until, measures, checkpoint, checkpoint_every, checkpoint_seconds
-        coordinator.open_solver().demand_alike("arguments of run", given)
-        frames = frame_count.frames_wanted(frames, until, self._settings.dt, self.frame, self.time)
-        observers, names = Observers(observe), checked(measures, self._scene, self.count)
+        solver = coordinator.open_solver()
+        solver.demand_alike("arguments of run", given)
+        frames = frame_count.frames_wanted(frames, until, self.settings.dt, self.frame, self.time, solver.origin)
+        observers, names = Observers(observe), checked(measures, self.scene, self.count)
         with access.state_lock:
-            record = coordinator.begin_record(names, frames)
+            record = coordinator.begin_record(names, frames, observers.want_collisions)
         solver = coordinator.open_solver()
         place = None if checkpoint is None else solver.once(lambda: checkpoint_file.checked_place(checkpoint))
         with (
@@ -297,7 +298,8 @@ class Simulation:
         with self._access.state_lock:
             solver = self._coordinator.open_solver()
             run, arrays = {"frame": solver.frame, "emission": self._coordinator.emission.progress}, solver.snapshot()
-        return solver.jointly(lambda team: checkpoint_file.write(path, self._scene, self._settings, run, arrays, team))
+            start, changed = self._coordinator.start_of_all, self._coordinator.changed
+        return solver.jointly(lambda team: checkpoint_file.write(path, *start, run, arrays, team, changed))
 
     @classmethod
     def resume(
@@ -334,43 +336,47 @@ class Simulation:
             raise CheckpointError(
                 f"the checkpoint {str(found.path)!r} must hold a scene and settings that go together; {error}"
             ) from error
-        sim._coordinator.resume(found.arrays, found.run["emission"])
+        sim._coordinator.resume(found.arrays, found.run["emission"], found.changed)
         return sim
 
-    @exclusive
-    def add(
-        self,
-        position: ArrayLike,
-        velocity: ArrayLike,
-        acceleration: ArrayLike | None = None,
+    @classmethod
+    def replay(
+        cls,
+        source: Journal | str | os.PathLike[str],
         *,
-        radius: ArrayLike | None = None,
-        mass: ArrayLike | None = None,
-        **others: Unpack[GivenColumns],
-    ) -> None:
-        """Add one disc, or several.
+        frame: int | None = None,
+        workers: int | None = None,
+        start_method: str | None = None,
+        method: str | None = None,
+        comm: object = None,
+    ) -> "Simulation":
+        """Run again what a journal holds, and return the simulation, which can go on from there.
+
+        Its state has the digest of the journal, and its time [time] is that of the last frame: on one machine, with one
+        version; between machines see docs/determinism.md.
 
         Args:
-            position, velocity: shape (2,) or (K, 2); centres inside the box as it is now, clear of what stands in it
-                [length], [length/time]. A new disc may overlap others: the next frames push them apart.
-            acceleration: as position, only in a scene that has it; left out it is zero [length/time^2].
-            radius, mass: one or one each; needed in a scene whose discs have one each, and only there. No disc may be
-                larger than the largest of the scene [length], [mass].
-            others: what else discs of the scene have, by name, such as spin [1/time] in a scene of rough discs: one or
-                one each; left out it is zero.
+            source: `sim.journal`, or a path to which `journal.save` has written it.
+            frame: where to stop, with the changes that were made there; None: where the journal ends.
+            workers, start_method: as in Settings; they change no bit. Changes of workers in the journal are left out.
+            method: "grid", "parallel" or "mpi", for one that was recorded by another of them: they have the same bits.
+            comm: as of a new simulation.
 
         Raises:
-            InputError: naming the argument, its rule and the value received; then nothing was added.
-            TooFastError: as settings.on_fast says; then nothing was added either.
+            InputError: for no journal, a change in it that is refused, or one that was made inside a frame.
+
+        >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+        >>> with Simulation(scene) as sim:
+        ...     report = sim.run(frames=10)
+        ...     sim.kick(3, impulse=(2, 0))
+        ...     report = sim.run(frames=10)
+        ...     journal = sim.journal
+        >>> with Simulation.replay(journal, workers=1) as again:
+        ...     again.frame, again.digest() == journal.digest
+        (20, True)
         """
-        given = position, velocity, acceleration, radius, mass, others
-        self._coordinator.open_solver().demand_alike("the discs that are added", given)
-        now = (self._settings.precision, self.time, self.radii)
-        brought = {"acceleration": acceleration, **others}
-        new = insertion.checked(self._scene, *now, position, velocity, radius, mass, brought)
-        substeps = self._coordinator.look(new)
-        self._access.notices.give()  # where a filter makes an error of a warning, nothing is added
-        self._coordinator.insert(new, substeps)
+        chosen = {"workers": workers, "start_method": start_method, "method": method, "comm": comm}
+        return replayed(cls, source, frame, **chosen)
 
     def __repr__(self) -> str:
         return f"<Simulation: of process {self._access.creator}>" if self._access.forked else self._described()

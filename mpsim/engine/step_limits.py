@@ -74,12 +74,14 @@ class StepLimits:
     Args:
         scene, settings: of the simulation.
         has_steps: of the solver's capabilities; without steps there is nothing to look for.
+        since: frame from which on they are in force.
     """
 
-    def __init__(self, scene: Scene, settings: Settings, has_steps: bool):
+    def __init__(self, scene: Scene, settings: Settings, has_steps: bool, since: int = 0):
         self._scene = scene
         self._settings = settings
         self._has_steps = has_steps
+        self._since = since
         self._fast, self._pressed = Once(given=not has_steps), Once(given=not has_steps)  # so that nobody looks
         self._has_limit = False
         self._acceleration = acceleration_bound(scene)
@@ -88,9 +90,15 @@ class StepLimits:
             for wraps, length in zip(scene.periodic, sides_at(scene, math.inf), strict=True)
         )
         self._often = settings.on_fast == "substep" or narrow
-        self._squeezing, self._squeezed = self._frames_of_moving_wall()
+        self._squeezing, self._squeezed = self._frames_of_moving_wall(since)
 
-    def _frames_of_moving_wall(self) -> tuple[int, int]:
+    def under(self, scene: Scene, settings: Settings, frame: int) -> "StepLimits":
+        """Those from a frame on, under another scene and settings; what has been warned of is not warned of again."""
+        other = StepLimits(scene, settings, self._has_steps, frame)
+        other._fast, other._pressed = self._fast, self._pressed
+        return other
+
+    def _frames_of_moving_wall(self, since: int) -> tuple[int, int]:
         """Frames in which a wall takes SQUEEZE of the room that is left in the end, and the last of such looks."""
         wall, dt = self._scene.moving_wall, self._settings.dt
         if wall is None:
@@ -99,7 +107,7 @@ class StepLimits:
         displacement = abs(wall.speed) * dt
         # A wall that needs 1e18 frames for it has no effect that can be told from none.
         every = math.ceil(min(max(SQUEEZE * after / displacement, 1.0), 1e18))
-        return every, every * math.ceil((before - after) / displacement / every)
+        return every, every * math.ceil((since + (before - after) / displacement) / every)
 
     def at_start(self) -> Iterator[tuple[str, type[Warning]]]:
         """What to warn of before anything is run: overlaps, lost digits, speeds.
@@ -151,8 +159,11 @@ class StepLimits:
         return min(every - frame % every for every in self._intervals(frame, count))
 
     def is_due(self, frame: int, count: int) -> bool:
-        """Whether to check speeds before this frame, or to lift the limit, as the warning has been given."""
-        return self._has_limit if self._fast.given else self._is_look(frame, count, 1)
+        """Whether to check speeds before this frame, or to lift the limit, as the warning has been given.
+
+        At the first frame they are: a snapshot in which no frame has been done does not tell the sub-steps.
+        """
+        return self._has_limit if self._fast.given else frame == self._since or self._is_look(frame, count, 1)
 
     def _is_look(self, frame: int, count: int, rarer: int) -> bool:
         """Whether this frame is one of every so many looks, for any reason to look."""
@@ -208,7 +219,7 @@ class StepLimits:
         if not self._looks_for_pressed(count) or not self._is_look(frame, count, 1):
             return
         anyway = frame == self._squeezed or self._is_look(frame, count, SELDOM)
-        if not anyway and not is_crowded(self._scene, solver.radii, solver.time):
+        if not anyway and not is_crowded(self._scene, solver.radii, solver.scene_time):
             return
         text = solver.once(lambda: pressed(solver, self._scene, self._settings))
         if text and self._settings.on_fast == "error":

@@ -22,6 +22,10 @@ class Absorption(Feature):
         ),
     )
 
+    def has_columns(self, scene: SceneLike) -> bool:
+        """Whether discs can be absent: absorbed, or removed while the scene is simulated."""
+        return scene.loses_discs
+
     def description(self, scene: SceneLike) -> str:
         """The edges."""
         return ", ".join(scene.absorbing)

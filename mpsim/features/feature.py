@@ -42,6 +42,11 @@ class SceneLike(Protocol):
     absorbing: tuple[str, ...]
 
     @property
+    def loses_discs(self) -> bool:
+        """Whether discs can be absent, as absorbed ones."""
+        ...
+
+    @property
     def count(self) -> int:
         """Number of discs at the start."""
         ...
@@ -188,6 +193,10 @@ class Feature:
         """Whether the scene has it."""
         value = self.of(scene)
         return value is not None and value != ()
+
+    def has_columns(self, scene: SceneLike) -> bool:
+        """Whether the discs of the scene have its columns."""
+        return self.is_in(scene)
 
     @property
     def all_per_disc(self) -> dict[str, PerDisc]:

@@ -99,6 +99,12 @@ _REFUSALS: tuple[_Refusal, ...] = (
         for each in feature.invalidates
     ),
     _Refusal(
+        (*_VIRIALS, "collision_rate", "contact_rate"),
+        lambda scene: scene.loses_discs and not scene.absorbing,
+        "removed discs, which its number of discs counts",
+        "Measure in a scene without them, scene.starting_from(sim.state).",
+    ),
+    _Refusal(
         ("pressure_xy",),
         lambda scene: not all(scene.periodic),
         "walls, which are smooth and take up no such momentum",
@@ -204,12 +210,31 @@ class RunAverages:
         self._of_discs = of_discs
         self._drifts = {name: DRIFTS[name] for name in names if name in DRIFTS and whole}
         self._before = self._conserved()
+        self._lost: set[str] = set()
         self._counts: list[Counts] = []
         self._sampled: dict[str, Callable[[Discs, Scene], Any]] = {n: SAMPLED[n] for n in names if n in SAMPLED}
         if any(name in COMPONENTS for name in names):
             self._sampled["flow"] = moments.flow_of_momentum
         self._samples: dict[str, list[Any]] = {name: [] for name in self._sampled}
         self._every = max(frames // (FLOW_SAMPLES if "flow" in self._sampled else SAMPLES), 1)
+
+    def interrupted(self, scene: Scene, count: int) -> None:
+        """Discs or parameters have been changed in the run.
+
+        NaN are from then on the drifts, as what was put in is none; the virial, which takes the kinetic energy for
+        constant; and what a run of such a scene could not have.
+
+        Args:
+            scene: from now on.
+            count: number of discs now.
+        """
+        self._drifts = {}
+        virials = {"pressure_virial", "pressure"} if all(scene.periodic) else {"pressure_virial"}
+        self._lost |= {name for name in self._names if name in virials or refusal(name, scene, count)}
+        flows = self._lost.issuperset(set(COMPONENTS) & set(self._names))
+        for name in [*self._lost, *(["flow"] if flows else [])]:
+            self._sampled.pop(name, None)
+            self._samples.pop(name, None)
 
     @property
     def counting(self) -> bool:
@@ -247,9 +272,9 @@ class RunAverages:
         after = self._conserved() if len(counts) else {}
         results = Measures()
         unknown = {name for name, values in self._samples.items() if not values or np.isnan(values).any()}
-        unknown |= set() if len(counts) else set(COUNTED)
+        unknown |= self._lost if len(counts) else set(COUNTED) | self._lost
         for name in self._names:
-            if name in unknown:  # without frames, or a mean over no discs
+            if name in unknown:  # without frames, a mean over no discs, or of a scene that cannot have it
                 results[name] = Measure(float("nan"), float("nan"), 0, settled=False)
             elif name in COUNTED:
                 results[name] = COUNTED[name](counts, run)
@@ -273,12 +298,13 @@ class RunAverages:
 
     def _with_what_is_needed(self, run: Run) -> Run:
         """The run with the quantities that the requested measures take from states."""
-        walls = "pressure" in self._names and not all(run.scene.periodic)
-        if walls or "pressure_virial" in self._names or "pressure" in self._names:
+        names = set(self._names) - self._lost
+        walls = "pressure" in names and not all(run.scene.periodic)
+        if walls or "pressure_virial" in names or "pressure" in names:
             if walls:
                 count, speed = self._of_discs(moments.number_and_speed)
                 run = replace(run, speed=speed, count=count)
-            if "pressure_virial" in self._names or not walls:
+            if "pressure_virial" in names or not walls:
                 energy = self._of_discs(lambda now: _energy_without_drift(now, self._scene))
                 run = replace(run, kinetic_energy=energy)
         if self._samples.get("flow"):

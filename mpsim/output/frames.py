@@ -147,7 +147,7 @@ def frame_of(sim: Simulation) -> Frame:
 
     On ranks, where no process has them all, in chunks; of a scene that absorbs discs, whose numbers have gaps, whole.
     """
-    if capabilities_of(sim.settings).on_ranks and not sim.scene.absorbing:
+    if capabilities_of(sim.settings).on_ranks and not sim.scene.loses_discs:
         none, found = sim.state_between(0, 0), in_chunks(sim.state_between, sim.count)
         ids = ChunkedArray(np.dtype(np.int64), (sim.count,), np.arange)
         found = {name: value for name, value in found.items() if name not in ("present", "box")}
@@ -163,7 +163,8 @@ def _frame(sim: Simulation, walls: Box | None, found: dict[str, Any], radius: An
     assert walls is not None  # those of a simulation are known
     x_low, x_high, y_low, y_high = walls
     position = found.pop("position")
-    time = sim.frame * sim.settings.dt  # sim.time but for the rounding of the exact solver's clock
+    since, began = sim.origin
+    time = began + (sim.frame - since) * sim.settings.dt  # sim.time but for the rounding of the exact solver's clock
     known = {"time": time, "radius": radius, "mass": mass, "ids": ids, **found}
     box, origin = (x_high - x_low, y_high - y_low), (x_low, y_low)
     return Frame(sim.frame, box, origin, sim.scene.periodic, position, Path(), known)

@@ -1,5 +1,6 @@
 """A scene that continues from a state of a run of it: what the discs that are present have by then."""
 
+from collections.abc import Mapping
 from itertools import chain
 from typing import Any
 
@@ -10,6 +11,9 @@ from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.core.state import State
 from mpsim.features import FEATURES
+from mpsim.features.emitters import check_emitters
+from mpsim.features.fields import check_gravity
+from mpsim.features.piston import check_piston
 
 
 def move_to_state(scene: Any, state: State) -> None:
@@ -41,6 +45,25 @@ def move_to_state(scene: Any, state: State) -> None:
     scene.start_anew(np.where(moved <= rounding, inside, position[state.present]), velocity[state.present])
     for array in (scene.position, scene.velocity):
         array.flags.writeable = False
+
+
+def change_to(scene: Any, values: Mapping[str, Any]) -> None:
+    """Give a scene, a copy that nothing else refers to, other values of some arguments.
+
+    Raises:
+        InputError: naming the argument, its rule and the value received.
+    """
+    for name, value in values.items():
+        if name == "gravity":
+            scene.gravity = check_gravity(value)
+        elif name == "emitters":
+            scene.emitters = check_emitters(value)
+        elif name == "has_gaps":
+            scene.has_gaps = value
+        elif name == "piston":
+            scene.piston = check_piston(value, scene.boundary, scene.width, scene.height, scene.absorbing)
+        else:
+            setattr(scene, name, checks.fraction(name, value))
 
 
 def _keep(scene: Any, kept: NDArray[np.bool_]) -> None:

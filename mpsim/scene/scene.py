@@ -27,7 +27,7 @@ from mpsim.features.piston import Piston, check_piston
 from mpsim.features.radii import check_radius
 from mpsim.features.restitution import Restitution
 from mpsim.scene import placement, starts, walls
-from mpsim.scene.continuing import move_to_state
+from mpsim.scene.continuing import change_to, move_to_state
 from mpsim.scene.discs import HasDiscs, start_of
 from mpsim.scene.lattice import Lattice, demand_equal_discs, demand_sites, demand_whole_box
 
@@ -75,6 +75,7 @@ class Scene(HasDiscs):
     wall_friction: float = 0.0
     tangential_restitution: float = 0.0
     spin: NDArray[np.float64] | None = None
+    has_gaps: bool = False  # discs have been removed from the simulation whose scene this is
     _redraw: Callable[[int], "Scene"] | None = None
     _capsules: tuple[tuple[Obstacle, ...], NDArray[np.float64]] | None = None  # with what they were made from
     _capsule_index: CapsuleIndex | None = None
@@ -140,6 +141,21 @@ class Scene(HasDiscs):
     def dissipates(self) -> bool:
         """Whether a feature lets contacts take energy from the motion of the discs, their restitutions aside."""
         return any(feature.dissipates(self) for feature in FEATURES)
+
+    @property
+    def loses_discs(self) -> bool:
+        """Whether discs can be absent: absorbed at an edge, or removed from a simulation of this scene."""
+        return bool(self.absorbing) or self.has_gaps
+
+    def changed(self, **values: Any) -> "Scene":
+        """The same scene with other values of some arguments, for a simulation of it that is changed.
+
+        Args:
+            values: by name: gravity, restitution, wall_restitution, emitters, piston, has_gaps.
+        """
+        other = copy.copy(self)
+        change_to(other, values)
+        return other
 
     @property
     def moving_wall(self) -> MovingWall | None:
@@ -301,6 +317,7 @@ class Scene(HasDiscs):
         [[2.0, 2.0]]
         """
         other = copy.copy(self)
+        vars(other).pop("has_gaps", None)  # those that are absent are left out
         move_to_state(other, state)
         other.check_inside("position", other.position, other.radius)
         return other

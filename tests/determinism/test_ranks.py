@@ -325,3 +325,32 @@ def test_ranks_share_a_crowd_evenly_in_every_step_and_with_the_same_bits(name, n
     )
     assert digest == other == whole
     assert shifting < 1.3 < static
+
+
+SESSION = """
+import json, sys, warnings
+import mpsim
+from mpi4py import MPI
+from support.sessions import play, stage
+
+warnings.simplefilter("ignore")
+
+def played(**settings):
+    with mpsim.Simulation(stage(), mpsim.Settings(dt=0.025, **settings)) as sim:
+        play(sim)
+        journal = sim.journal
+        with mpsim.Simulation.replay(journal, workers=settings.get("workers")) as again:
+            replayed = again.digest()
+        return [sim.digest(), sim.count, sim.time, int(sim.state.present.sum()), len(journal), replayed]
+
+told = [played(method="mpi", workers=int(sys.argv[1])), played(method="grid")]
+if MPI.COMM_WORLD.rank == 0:
+    print(json.dumps(told))
+"""
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_session_with_every_change_has_the_bits_of_one_process(workers):
+    on_two, alone_there = told_by_script(2, str(workers), script=SESSION)
+    assert on_two == alone_there
+    assert on_two[0] == on_two[5]

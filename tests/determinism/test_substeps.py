@@ -6,6 +6,7 @@ from support.checkpoints import rewrite
 from support.scenes import gas, simulate, struck, zoo
 
 import mpsim
+from mpsim.engine import step_limits
 from mpsim.kernels.layout import TOP
 
 FRAMES = 75
@@ -46,6 +47,41 @@ def test_workers_and_measures_change_no_bit():
         sim.run(frames=40)
         sim.run(frames=FRAMES - 40, measures=["collision_rate"])
         assert sim.digest() == whole
+
+
+def resumed_after_a_change(tmp_path):
+    """Digests of a run in which dt becomes longer, resumed there and not."""
+    digests = []
+    with substepped(cooling(), dt=0.02) as sim:
+        sim.run(frames=10)  # no frame at which speeds are looked at anyway
+        sim.change(dt=0.3)
+        path = sim.save(tmp_path / "run")
+        sim.run(frames=30)
+        digests.append(sim.digest())
+        journal = sim.journal
+        assert sim.substeps > 1
+    with mpsim.Simulation.resume(path) as sim:
+        sim.run(frames=30)
+        digests.append(sim.digest())
+    with mpsim.Simulation.replay(journal) as sim:
+        digests.append(sim.digest())
+    return digests
+
+
+def test_a_run_that_is_resumed_where_dt_was_changed_has_the_same_sub_steps(tmp_path):
+    assert len(set(resumed_after_a_change(tmp_path))) == 1
+
+
+def test_without_a_look_where_dt_was_changed_they_would_be_others(tmp_path, monkeypatch):
+    """The control."""
+    looks = step_limits.StepLimits.is_due
+    monkeypatch.setattr(
+        step_limits.StepLimits,
+        "is_due",
+        lambda self, frame, count: not (frame == self._since > 0) and looks(self, frame, count),
+    )
+    uncut, resumed, replayed = resumed_after_a_change(tmp_path)
+    assert uncut == replayed != resumed
 
 
 @pytest.mark.parametrize("at", [0, 5, 16, 33])

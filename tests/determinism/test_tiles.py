@@ -1,5 +1,6 @@
 """The exact solver finds the same bits in whatever tiles it plays the box, on any number of workers."""
 
+import contextlib
 import functools
 import itertools
 import math
@@ -226,7 +227,7 @@ def test_equal_times_across_borders_have_the_same_bits():
 def triples():
     """In each of many places two discs hit a third one, from the left and the right, at the same instant."""
     middles = np.stack(np.meshgrid(6.0 * np.arange(11) + 3, 3.0 * np.arange(16) + 1.5), -1).reshape(-1, 1, 2)
-    places = (middles + [[-2, 0], [0, 0], [2, 0]]).reshape(-1, 2)
+    places = (middles + np.array([[-2, 0], [0, 0], [2, 0]])).reshape(-1, 2)
     velocity = np.tile([[1.0, 0.0], [0.0, 0.0], [-1.0, 0.0]], (len(middles), 1))
     masses = np.tile([1.0, 2.0, 1.0], len(middles))
     return mpsim.Scene(width=66, height=48, position=places, velocity=velocity, mass=masses, radius=0.5)
@@ -324,14 +325,14 @@ def test_what_a_tile_counted_that_was_not_played_to_its_end_is_forgotten(monkeyp
     """Windows as long as laps: one of them comes to the disc that is crushed, and is played again in halves."""
     monkeypatch.setattr(event_windows, "PATIENCE", 0)  # so that each command plays a window, and hands out its counts
     scene, found, afterwards = before_a_crush(), [], 0
-    with on_tiles(scene, (2, 1), dt=1 / 64) as sim:
-        with pytest.raises(mpsim.StalledError, match="is crushed"):
-            while True:
-                if windows_of(sim)["again"] == 0:
-                    begin_with_long_windows(sim)
-                again = windows_of(sim)["again"]
-                found.append(tallies_of_a_command(sim, 1000))
-                afterwards += len(found[-1]) if again else 0
+    with on_tiles(scene, (2, 1), dt=1 / 64) as sim, contextlib.suppress(mpsim.StalledError):
+        for _ in range(10_000):
+            if windows_of(sim)["again"] == 0:
+                begin_with_long_windows(sim)
+            again = windows_of(sim)["again"]
+            found.append(tallies_of_a_command(sim, 1000))
+            afterwards += len(found[-1]) if again else 0
+        raise AssertionError("nobody was crushed")
     assert afterwards > 0, "no window was played again before the end"
     counted = np.concatenate(found)
     with on_tiles(scene, (1, 1), dt=1 / 64) as sim:

@@ -9,7 +9,7 @@ from unittest import mock
 import numpy as np
 
 import mpsim
-from mpsim.engine.solvers import event_tiles, events
+from mpsim.engine.solvers import event_block, event_tiles
 from mpsim.engine.solvers.event_tiles import Tiling
 from mpsim.engine.workers.tiles import arguments_of
 from mpsim.kernels.compiling import compiled
@@ -22,7 +22,7 @@ from support.scenes import simulate
 def always_tiled(columns: int, rows: int = 1, halo: int = event_tiles.HALO) -> Iterator[None]:
     """Divide every box into so many tiles, with such a halo, however many discs and workers there are."""
     with (
-        mock.patch.object(events, "tiling_of", return_value=Tiling(columns, rows)),
+        mock.patch.object(event_block, "tiling_of", return_value=Tiling(columns, rows)),
         mock.patch.object(event_tiles, "HALO", halo),
     ):
         yield

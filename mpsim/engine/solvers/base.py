@@ -14,10 +14,12 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.columns import MASS, Column
+from mpsim.core.columns import EXITS, MASS, Column
+from mpsim.core.errors import InputError
 from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State, part_of
 from mpsim.core.team import Alone, Team
+from mpsim.engine.solvers.collisions import no_collisions
 from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot
 from mpsim.engine.solvers.speed_limit import SpeedLimit
@@ -59,8 +61,18 @@ class Columns(NamedTuple):
     number: int
 
 
+class Origin(NamedTuple):
+    """When the parameters in force began to act: `frame`, frames done, and `time` [time], since the start.
+
+    A solver counts its frames from there, and a wall that moves began there at the start that its scene gives it.
+    """
+
+    frame: int = 0
+    time: float = 0.0
+
+
 class NewDiscs(NamedTuple):
-    """Discs that enter, K of them.
+    """Discs that enter, or all that there are, K of them.
 
     Attributes:
         position, velocity: shape (K, 2) [length], [length/time].
@@ -68,8 +80,8 @@ class NewDiscs(NamedTuple):
         columns: what they bring of columns by id, by name, shape (K, *components): masses always.
     """
 
-    position: NDArray[np.float64]
-    velocity: NDArray[np.float64]
+    position: NDArray[np.floating]
+    velocity: NDArray[np.floating]
     radius: NDArray[np.float64]
     columns: Mapping[str, NDArray[Any]]
 
@@ -82,6 +94,11 @@ class NewDiscs(NamedTuple):
         """What they bring of a column, shape (K, *components): zeros of what they do not bring."""
         brought = self.columns.get(column.name)
         return np.zeros(column.rows(len(self.position))) if brought is None else brought
+
+    @property
+    def absent(self) -> NDArray[np.bool_]:
+        """Which of them have left, shape (K,)."""
+        return self.of(EXITS)[:, 0] != 0
 
 
 @dataclass(frozen=True)
@@ -119,15 +136,19 @@ class Solver(ABC):
         count: number of discs, N.
         choice: what runs.
         substeps: steps of a frame now; 1 without steps.
+        origin: when the scene and settings in force began to act.
         tallied: whether what measures need is counted, and put into Slice.tally. It may be set before `start`; then
             `set_tallied` changes it.
+        logging: whether collisions are logged, for `take_collisions`. As `tallied`, with `log_collisions`.
     """
 
     capabilities: ClassVar[Capabilities]
     count: int
     choice: Choice
     substeps: int = 1
+    origin: Origin = Origin()
     tallied: bool = False
+    logging: bool = False
 
     @abstractmethod
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
@@ -179,6 +200,23 @@ class Solver(ABC):
             ResourceError, WorkerDied, WorkerStalled: as `start`.
         """
 
+    def log_collisions(self, wanted: bool) -> None:
+        """Have collisions logged from now on, or not; see `logging`.
+
+        Raises:
+            InputError: if they are wanted, and the method does not log them.
+            ResourceError, WorkerDied, WorkerStalled: as `start`.
+        """
+        if wanted:
+            raise InputError(
+                f"method={self.choice.method!r} does not log collisions, for which observe asks. Use method='event', "
+                "'parallel', 'grid' or 'naive'."
+            )
+
+    def take_collisions(self) -> NDArray[Any]:
+        """The collisions since the last call, those of a frame in hand included, in order: TABLE (`collisions.py`)."""
+        return no_collisions()
+
     @property
     @abstractmethod
     def frame(self) -> int:
@@ -192,6 +230,15 @@ class Solver(ABC):
     @abstractmethod
     def reached(self, time: float) -> bool:
         """Whether a time [time] has been reached, but for rounding."""
+
+    def time_of(self, frame: int) -> float:
+        """The time at the end of a frame that is done under the parameters in force, or is to come [time]."""
+        return self.origin.time + (frame - self.origin.frame) * self._settings.dt
+
+    @property
+    def scene_time(self) -> float:
+        """The time for which the scene in force says where its walls are [time]."""
+        return self.time - self.origin.time
 
     @property
     def half_done(self) -> bool:
@@ -228,19 +275,62 @@ class Solver(ABC):
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:
-        """Which discs have left through an absorbing edge, shape (N,); none where the method has no such edges."""
+        """Which discs have left, through an absorbing edge or removed, shape (N,)."""
         return np.zeros(self.count, bool)
 
     @abstractmethod
     def add(self, new: NewDiscs, choice: Choice) -> None:
         """Append discs that have been checked, and continue as `choice` says, whose method is one of this class.
 
-        There is no way to remove a disc: one that leaves through an absorbing edge keeps its number.
+        One that leaves, through an absorbing edge or removed, keeps its number.
 
         Raises:
             InputError: for discs that the method cannot do.
             ResourceError, WorkerDied, WorkerStalled: as `start`; `half_done` then says whether the state is lost.
         """
+
+    # --- changes between two frames
+
+    def discs(self) -> NewDiscs:
+        """Copies of all discs now, with all that they have, for `replace`.
+
+        Raises:
+            InputError: if the method cannot change discs between two frames.
+        """
+        raise self._cannot_change()
+
+    def replace(self, discs: NewDiscs) -> None:
+        """Continue from here with these discs in place of those that are there, as many, of the same radii.
+
+        Raises:
+            InputError: for discs that the method cannot do.
+            ResourceError, WorkerDied, WorkerStalled: as `add`.
+        """
+        raise self._cannot_change()
+
+    def assume(self, scene: Scene, settings: Settings, origin: Origin) -> None:
+        """Take another scene and settings for those in force, before `restore`; they differ as `adopt` says.
+
+        Raises:
+            InputError: for a scene or settings that the method cannot do, naming them; then nothing has changed.
+        """
+        self._scene, self._settings, self.origin = scene, settings, origin
+
+    def adopt(self, scene: Scene, settings: Settings, choice: Choice, origin: Origin) -> None:
+        """Continue from here under another scene and settings, with the same discs.
+
+        Other may be numbers of the scene, what moves its wall and its emitters, and whether discs can be absent; dt,
+        contact, passes, substeps, workers of the settings. Where dt or the wall's speed is another, the origin is now.
+
+        Raises:
+            InputError, ResourceError, WorkerDied, WorkerStalled: as `assume` and `add`.
+        """
+        raise self._cannot_change()
+
+    def _cannot_change(self) -> InputError:
+        return InputError(
+            f"method={self.choice.method!r} cannot change what it simulates between two frames. Use another method."
+        )
 
     # --- snapshots
 

@@ -16,19 +16,21 @@ from mpsim.core.state import State
 from mpsim.engine.columns import given_in
 from mpsim.engine.feature_arrays import feature_specs, fill_features
 from mpsim.engine.solvers import stepped_snapshot
-from mpsim.engine.solvers.base import Choice, NewDiscs
+from mpsim.engine.solvers.base import Choice, NewDiscs, Origin
 from mpsim.engine.solvers.discs import absorbed_in, first_not_finite, places_and_speeds, state_in, write_discs
 from mpsim.engine.solvers.parameters import Present, configure
 from mpsim.engine.solvers.slices import Slice, totals
 from mpsim.engine.solvers.snapshots import Snapshot, count_in
 from mpsim.engine.solvers.speed_limit import disc_too_fast, fastest_in
 from mpsim.engine.solvers.speeds import Speeds
+from mpsim.engine.solvers.step_log import Begun, StepLog
 from mpsim.engine.solvers.stepped import SteppedSolver
 from mpsim.engine.workers.arrays import block_arrays
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.system_limits import resident_bytes
 from mpsim.features.radii import has_radii
 from mpsim.kernels import layout
+from mpsim.kernels.collision_log import ROWS
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -41,10 +43,13 @@ class BlockSolver(SteppedSolver):
 
     count: int
     choice: Choice
+    origin: Origin
+    logging: bool
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         super().__init__(scene, settings, choice)
         self._moving = False
+        self._log: StepLog = StepLog()
         self._begun = -1  # frames that were done when the last command was given to this block
         self._block = self._next_block(max(scene.count, 1), self._radii)
 
@@ -95,6 +100,25 @@ class BlockSolver(SteppedSolver):
 
     def advance(self, frames: int, workers: int, stop: float = math.inf) -> Slice:
         """Run frames on so many workers; while it is the coordinator alone, the others rest."""
+        if not self.logging:
+            return self._command(frames, workers, stop)
+        with interrupts_held_back():  # what a log could not hold is found out before anybody else comes
+            return self._logged_command(frames, workers, stop)
+
+    def _logged_command(self, frames: int, workers: int, stop: float) -> Slice:
+        """The same, with all collisions in the log: if they do not fit, the frames are run again with more room."""
+        log, before = self._log, self.snapshot()
+        frames = min(frames, log.frames_that_fit)
+        begun = Begun(self._scene, self.origin, self.frame, self._settings.dt, self.substeps)
+        while True:
+            log.begin(self._block.arrays)
+            part = self._command(frames, workers, stop)
+            if log.take(self._block.arrays, part.times.shape[1], begun):
+                return part
+            self.restore(before, self.choice)
+
+    def _command(self, frames: int, workers: int, stop: float) -> Slice:
+        """Run frames."""
         self._write_command(frames, workers, stop)
         abort = self._run_command(workers)
         if abort != layout.RUNNING:
@@ -126,6 +150,20 @@ class BlockSolver(SteppedSolver):
             self.tallied = tallied
             self._move(self._capacity, self.choice, self._radii)
 
+    def log_collisions(self, wanted: bool) -> None:
+        """Have collisions logged from now on, or not: by other kernels, in another block."""
+        if wanted != self.logging:
+            self.logging = wanted
+            try:
+                self._move(self._capacity, self.choice, self._radii)
+            except BaseException:
+                self.logging = not wanted
+                raise
+
+    def take_collisions(self) -> NDArray[Any]:
+        """The collisions since the last call."""
+        return self._log.taken()
+
     @property
     def half_done(self) -> bool:
         """Whether the last command was left inside a frame, by a death say, or a move to another block half done."""
@@ -138,7 +176,7 @@ class BlockSolver(SteppedSolver):
     @property
     def frame(self) -> int:
         """Frames finished since the start."""
-        return int(self._block.arrays["control"].done)
+        return self.origin.frame + int(self._block.arrays["control"].done)
 
     # --- steps
 
@@ -181,6 +219,36 @@ class BlockSolver(SteppedSolver):
         self.count, self._radii, self._masses = count, radii, masses
         self._configure()
 
+    def discs(self) -> NewDiscs:
+        """Copies of all discs, in the order of their numbers."""
+        position, velocity = places_and_speeds(self._block, self.count)
+        arrays, count = self._block.arrays, self.count
+        found = {each.name: arrays[each.name][..., :count].T.copy() for each in columns.COLUMNS if each.name in arrays}
+        return NewDiscs(position, velocity, self._radii, {**found, columns.MASS.name: self._masses})
+
+    def replace(self, discs: NewDiscs) -> None:
+        """Write other discs in the place of those that are there: the next step sorts them anew."""
+        write_discs(self._block, discs, 0)
+
+    def adopt(self, scene: Scene, settings: Settings, choice: Choice, origin: Origin) -> None:
+        """Continue under another scene and settings: in the same block, if that has the same arrays then."""
+        before, snapshot, block = (self._scene, self._settings, self.origin), self.snapshot(), self._block
+        if origin != self.origin:
+            snapshot["progress"] = np.zeros(2, np.int64)
+        try:
+            self.assume(scene, settings, origin)
+            same = choice == self.choice and self._next_block(self._capacity, self._radii).specs == self._block.specs
+            if same:
+                fill_features(self._block.arrays, scene)
+                self._control.done, self._control.steps = self._begin_from(snapshot)
+                self._configure()
+            else:
+                self._replace_block(self._capacity, choice, snapshot, self._radii, choice != self.choice, anew=True)
+        except BaseException:
+            if self._block is block:  # else a worker has died on the new one
+                self._scene, self._settings, self.origin = before
+            raise
+
     # --- snapshots
 
     def snapshot(self) -> Snapshot:
@@ -217,7 +285,8 @@ class BlockSolver(SteppedSolver):
         features = feature_specs(self._scene, capacity, precision)
         grid = self._grid_of(capacity, self._giant_radius(radii))
         self._capacity = capacity
-        return SharedBlock(block_arrays(capacity, grid, self._most_workers, precision, features, self.tallied))
+        arrays = block_arrays(capacity, grid, self._most_workers, precision, features, self.tallied)
+        return SharedBlock(arrays | self._log.specs(capacity, self._most_workers) if self.logging else arrays)
 
     def _fill(self, block: SharedBlock) -> None:
         """Make a block, and fill it with what the scene has."""
@@ -243,14 +312,21 @@ class BlockSolver(SteppedSolver):
         self._replace_block(capacity, choice, self.snapshot(), radii, new_workers=choice != self.choice)
 
     def _replace_block(
-        self, capacity: int, choice: Choice, snapshot: Snapshot, radii: NDArray[np.float64], new_workers: bool
+        self,
+        capacity: int,
+        choice: Choice,
+        snapshot: Snapshot,
+        radii: NDArray[np.float64],
+        new_workers: bool,
+        anew: bool = False,
     ) -> None:
         """A new block that holds a snapshot; the workers attach to it, or others are started.
 
         radii: of the discs for which it is to have a grid, shape (M,): those of the snapshot, and of any to be added.
+        anew: whether the kernels are others.
         """
         old, before = self._block, (self.choice, self._capacity)
-        loaded = "tally" in old.arrays or not self.tallied
+        loaded = ("tally" in old.arrays or not self.tallied) and (ROWS in old.arrays) == self.logging and not anew
         self.choice = choice
         try:
             with (new := self._next_block(capacity, radii)).closed_on_error():

@@ -1,6 +1,7 @@
 """Scenes for the exact solver: what it cannot do, and the units and times that follow from a scene."""
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from mpsim.features import FEATURES
 from mpsim.features.edges import kinds_of
 from mpsim.kernels import layout
 from mpsim.kernels.events.boundary import COARSE
+from mpsim.kernels.events.cells import worst_overlap
 from mpsim.measure.driving import gravity_strength
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -33,6 +35,10 @@ MOST_CROSSINGS = 1e10
 """Crossings of the box by a disc in one frame: some minutes of them, in the smallest scene."""
 
 
+ROUNDING = 1e-12
+"""Depth of an overlap, in diameters of the largest disc, up to which a start counts as touching."""
+
+
 def refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
     """Raise InputError for what the exact solver cannot do exactly, by name."""
     refusals = {
@@ -45,21 +51,25 @@ def refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
     for what, present in refusals.items():
         if present:
             raise InputError(f"method='event' cannot do {what}. Leave it out, or use method='grid'.")
-    _refuse_extremes(scene, settings.dt)
+    refuse_extremes(scene, scene.velocity, settings.dt)
 
 
-def _refuse_extremes(scene: Scene, dt: float) -> None:
-    """Raise InputError for speeds whose squares vanish, and frames so long that no run would reach their end."""
+def refuse_extremes(scene: Scene, velocity: NDArray[np.floating], dt: float) -> None:
+    """Raise InputError for speeds whose squares vanish, and frames so long that no run would reach their end.
+
+    velocity: of all discs, shape (N, 2) [length/time].
+    """
     if dt > LONGEST:
         raise InputError(f"dt must be at most {LONGEST:g} for method='event'; got {dt:g}. Choose other units of time.")
-    fastest = float(np.abs(scene.velocity).max(initial=0.0))
+    fastest = float(np.abs(velocity).max(initial=0.0))
     if 0 < fastest < 1 / LONGEST:
         raise InputError(
             f"velocity must be at least {1 / LONGEST:g} for method='event', or all zero, so that squares do not "
             f"vanish; the fastest is {fastest:g}. Choose other units of time."
         )
     fall = math.sqrt(gravity_strength(scene) * scene.height)
-    crossings = (fastest + fall) * dt / max(scene.width, scene.height)
+    push = 0.0 if scene.moving_wall is None else 2 * abs(scene.moving_wall.speed)
+    crossings = (fastest + fall + push) * dt / max(scene.width, scene.height)
     if crossings > MOST_CROSSINGS and fastest < LONGEST:  # which is refused with its disc
         raise InputError(
             f"dt must be short enough for method='event' to end a frame: one of {dt:g} would take the fastest disc "
@@ -137,3 +147,19 @@ def _typical_speed(scene: Scene) -> float:
         0.0 if scene.moving_wall is None else abs(scene.moving_wall.speed),
     ]
     return max(speeds)
+
+
+def refuse_overlap(system: tuple[Any, Any, Any], diameter: float) -> None:
+    """Raise InputError for discs that overlap by more than rounding, naming the worst pair.
+
+    Args:
+        system: store, box and features of a scene just placed.
+        diameter: of the largest disc [length].
+    """
+    first, second, depth = worst_overlap(*system)
+    if depth > ROUNDING * diameter:
+        raise InputError(
+            "method='event' needs discs that do not overlap; discs "
+            f"{min(first, second)} and {max(first, second)} overlap by {depth:.3g}, the most of all. Move them "
+            "apart, or run a few frames with method='grid' and start from there."
+        )

@@ -122,7 +122,8 @@ def specs_of(
 
 def packed(box: Any, features: Any) -> bytes:
     """What workers must know of a scene besides the arrays of the block."""
-    return pickle.dumps((box, {name: value for name, value in features._asdict().items() if name not in COLUMNS}))
+    numbers = {name: value for name, value in features._asdict().items() if name not in (*COLUMNS, "log")}
+    return pickle.dumps((box, numbers))
 
 
 def lay_out(

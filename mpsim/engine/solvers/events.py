@@ -1,45 +1,44 @@
 """The exact solver as the coordinator sees it: event-driven, one process, float64."""
 
 import contextlib
+import dataclasses
 import math
 import os
 import time
 from collections.abc import Iterator
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 import psutil
 from numpy.typing import NDArray
 
+from mpsim.core.columns import MASS
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.errors import DivergedError, InputError, StalledError
+from mpsim.core.errors import DivergedError, StalledError
 from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
-from mpsim.engine.columns import given_in
+from mpsim.engine.columns import columns_of, given_in
 from mpsim.engine.frame_count import frames_until
-from mpsim.engine.solvers import event_features, event_snapshot
-from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Solver
+from mpsim.engine.solvers import collisions, event_features, event_snapshot
+from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Origin, Solver
+from mpsim.engine.solvers.event_block import Plan, System
 from mpsim.engine.solvers.event_scene import (
     contact_time_of,
     crushed,
     crushing_speed_of,
+    refuse_extremes,
     refuse_what_is_not_exact,
     stalled,
     units_of,
 )
-from mpsim.engine.solvers.event_tiles import WHOLE, Tiling, lay_out, packed, specs_of, tiling_of
 from mpsim.engine.solvers.event_windows import Windows
 from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
-from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.engine.workers.shared import SharedBlock
-from mpsim.features.radii import has_radii
-from mpsim.kernels import layout
+from mpsim.kernels import collision_log, layout
 from mpsim.kernels import records as stepped
 from mpsim.kernels.events import calendar, records, solver, state
-from mpsim.kernels.events.boundary import Box
-from mpsim.kernels.events.cells import link_cells, worst_overlap
-from mpsim.kernels.events.features.hooks import features_of
+from mpsim.kernels.events.cells import link_cells
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -49,20 +48,8 @@ SECONDS_AT_ONCE = 0.03
 FEWEST_EVENTS = 1_000
 """Events between two looks at Ctrl-C at least, so that the Python around a call costs next to nothing."""
 
-ROUNDING = 1e-12
-"""Depth of an overlap, in diameters of the largest disc, up to which a start counts as touching."""
-
-
 VIRIALS = {"virial": records.VIRIAL, "virial_xx": records.VIRIAL_XX, "virial_xy": records.VIRIAL_XY}
 """Entries of a tally, by name in COUNTS."""
-
-
-class System(NamedTuple):
-    """What kernels take of a block: its arrays, the box with its cells, and what the scene has besides."""
-
-    store: Any
-    box: Any
-    features: Any
 
 
 class EventSolver(Solver):
@@ -75,6 +62,8 @@ class EventSolver(Solver):
     capabilities: ClassVar[Capabilities] = Capabilities(has_steps=False, is_exact=True)
     count: int
     choice: Choice
+    origin: Origin
+    logging: bool
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         refuse_what_is_not_exact(scene, settings)
@@ -90,14 +79,13 @@ class EventSolver(Solver):
         self._clock: Any = np.zeros(2, np.int64)
         self._system: Any = None
         self._windows: Windows | None = None
-        self._block = self._room(scene.count)
+        self._block = self._plan.room(scene.count)
 
     def start(self) -> None:
         """Make the block with the scene's discs in it, which must not overlap."""
-        scene = self._scene
-        self._system = self._placed(
-            self._block, scene.position, scene.velocity, self._present_columns(given_in(scene)), 0.0
-        )
+        scene, known = self._scene, {"radius": self._radii, "mass": self._masses}
+        columns = event_snapshot.columns_of_discs(scene, self.count, given_in(scene) | known)
+        self._system = self._plan.placed(self._block, scene.position, scene.velocity, columns, 0.0)
         self._begin()
 
     def _begin(self) -> None:
@@ -124,7 +112,7 @@ class EventSolver(Solver):
         before, seen = int(self._system.store.counter.pairs), records.numbers(self._seen).copy()
         times = np.zeros((1 + self._most_workers, frames), np.int64)
         totals = np.zeros(frames if self.tallied else 0, records.TOTALS)
-        done = self._run_kernel(times, totals, stop)
+        done = self._run_kernel(times, totals, stop - self.origin.time)
         by_phase = np.zeros((self._most_workers, done, len(layout.PHASES)), np.int64)
         if self._windows is None:
             by_phase[0, :, layout.MOVE] = times[0, :done]
@@ -206,30 +194,54 @@ class EventSolver(Solver):
         """Have counts returned, or not. The kernel always counts, which costs 1 %."""
         self.tallied = tallied
 
+    def log_collisions(self, wanted: bool) -> None:
+        """Have collisions logged, or not: by other kernels, in another block."""
+        if wanted != self.logging:
+            stopped = self._stopped
+            self.logging = wanted
+            with _put_back(self, "logging", not wanted):
+                self.restore(self.snapshot(), self.choice)
+            self._stopped = stopped
+
+    def take_collisions(self) -> NDArray[Any]:
+        """The collisions since the last call."""
+        arrays = self._block.arrays
+        if self._windows is None:
+            arrays[collision_log.STATE][:, collision_log.AGREED] = arrays[collision_log.STATE][:, collision_log.COUNT]
+        rows = collisions.emptied(arrays)
+        rows["i"] = self._system.store.order[rows["i"]]
+        among_discs = rows["kind"] == collision_log.DISC
+        rows["j"][among_discs] = self._system.store.order[rows["j"][among_discs]]
+        frame, time = self.origin.frame + rows["span"] + 1, self.origin.time + rows["time"]
+        return collisions.table_of(rows, frame, time, self._scene)
+
     # --- state
 
     @property
     def frame(self) -> int:
         """Frames finished since the start."""
-        return int(self._progress.frame)
+        return self.origin.frame + int(self._progress.frame)
 
     @property
     def time(self) -> float:
         """The time that has been reached [time]: the end of the last frame, or later if a stop came inside one."""
         frame, dt, present = self.frame, self._settings.dt, self._present
-        if frames_until(present, dt) <= frame:
-            return frame * dt
-        return min(present, (frame + 1) * dt)  # beyond its frame only by rounding
+        if frames_until(present, dt) <= frame - self.origin.frame:
+            return self.time_of(frame)
+        return min(self.origin.time + present, self.time_of(frame + 1))  # beyond its frame only by rounding
 
     @property
     def _present(self) -> float:
-        """The time of the last event, stop or end of a frame [time]: to the bit, where `time` rounds to frames."""
+        """The time of the last event, stop or end of a frame, since the origin [time].
+
+        To the bit, where `time` rounds to frames.
+        """
         last_event = float(self._system.store.clock.origin + self._system.store.clock.now)
-        return max(self.frame * self._settings.dt, last_event, self._stopped)
+        return max(int(self._progress.frame) * self._settings.dt, last_event, self._stopped)
 
     def reached(self, time: float) -> bool:
         """Whether a time [time] has been reached."""
-        return time <= self._present
+        return time - self.origin.time <= self._present
 
     def state(self) -> State:
         """Synchronised copies at `time`, in the order of the scene's discs. Taking them changes nothing."""
@@ -244,7 +256,7 @@ class EventSolver(Solver):
     @property
     def absorbed(self) -> NDArray[np.bool_]:
         """Which discs have left through an absorbing edge, shape (N,)."""
-        if not self._scene.absorbing:
+        if not self._scene.loses_discs:
             return np.zeros(self.count, bool)
         return event_features.absorbed_in(self._found(), self.count)
 
@@ -254,27 +266,76 @@ class EventSolver(Solver):
         Raises:
             InputError: then nothing was added.
         """
-        now = self.state()
+        now = self.discs()
         places, speeds = np.concatenate([now.position, new.position]), np.concatenate([now.velocity, new.velocity])
         radii, masses = kept_sizes(self._radii, new.radius), kept_sizes(self._masses, new.mass)
-        values = {"radius": new.radius, **new.columns}
-        brought = event_snapshot.columns_of_discs(self._scene, len(new.position), values)
-        present = self._present_columns({**self._found(), **vars(now)})
-        columns = {name: np.concatenate([here, brought[name]]) for name, here in present.items()}
+        kept = {each.name: np.concatenate([now.of(each), new.of(each)]) for each in columns_of(self._scene)}
+        everyone = NewDiscs(places, speeds, radii, {**kept, MASS.name: masses})
+        self._place_anew(everyone, choice, self._present, new.velocity)
+
+    def discs(self) -> NewDiscs:
+        """Copies of all discs at the present time."""
+        found = self._found()
+        now = event_features.state_of(self._scene, self._present, found, self._radii)
+        columns = {**found, **vars(now)}
+        kept = {each.name: columns[each.name] for each in columns_of(self._scene) if each.name in columns}
+        return NewDiscs(now.position, now.velocity, self._radii, {**kept, MASS.name: self._masses})
+
+    def replace(self, discs: NewDiscs) -> None:
+        """Predict the events of other discs anew; refused if they overlap."""
+        self._place_anew(discs, self.choice, self._present, discs.velocity)
+
+    def assume(self, scene: Scene, settings: Settings, origin: Origin) -> None:
+        """Take another scene and settings for those in force; the guard's contact time stays that of the start."""
+        refuse_what_is_not_exact(scene, settings)
+        super().assume(scene, settings, origin)
+
+    def adopt(self, scene: Scene, settings: Settings, choice: Choice, origin: Origin) -> None:
+        """Predict all events anew under another scene and settings.
+
+        Where only workers are other ones, nothing is: what goes on has the same bits.
+        """
+        if scene is self._scene and settings == dataclasses.replace(self._settings, workers=settings.workers):
+            self._settings = settings
+            self.restore(self.snapshot(), choice)
+            return
+        discs, block, time = self.discs(), self._block, self._present
+        before = self._scene, self._settings, self.origin, self._progress, self._stopped
+        if origin != self.origin:
+            self._progress, self._stopped, time = np.zeros((), records.PROGRESS)[()], 0.0, 0.0
+        try:
+            self.assume(scene, settings, origin)
+            self._place_anew(discs, choice, time, discs.velocity)
+        except BaseException:
+            if self._block is block:  # else a worker has died on the new one
+                self._scene, self._settings, self.origin, self._progress, self._stopped = before
+            raise
+
+    def _place_anew(self, discs: NewDiscs, choice: Choice, time: float, given: NDArray[np.floating]) -> None:
+        """Continue with these discs, from a time since the origin [time]: all that is to come is predicted anew.
+
+        given: velocities of those that are new or were changed [length/time].
+
+        Raises:
+            InputError: if they overlap, or are too fast; then nothing has changed.
+        """
+        refuse_extremes(self._scene, discs.velocity, self._settings.dt)
+        count, known = len(discs.position), {"radius": discs.radius, "mass": discs.mass}
+        columns = event_snapshot.columns_of_discs(self._scene, count, {**discs.columns, **known})
         before, self.choice = self.choice, choice  # who is to play it says what is in a block
         crushing = self._crushing_speed
-        self._crushing_speed = crushing_speed_of(self._scene, new.velocity, crushing)
-        block = self._room(len(places))
+        self._crushing_speed = crushing_speed_of(self._scene, given, crushing)
+        block = self._plan.room(count)
         put_back = _put_back(self, "choice", before), _put_back(self, "_crushing_speed", crushing)
         with block.closed_on_error(), put_back[0], put_back[1]:
-            system = self._placed(block, places, speeds, columns, self._present)
+            system = self._plan.placed(block, discs.position, discs.velocity, columns, time)
             system.store.counter.guarded = self.guarded  # the guard acts once for the whole run
             # Of a frame in hand, the new store has counted nothing yet.
             counted: Any = np.zeros((), records.TOTALS)[()]
             solver.write_totals(counted, self._system.store)
             seen = records.of_numbers(records.TOTALS, records.numbers(self._seen) - records.numbers(counted))
         self._take(block, system)
-        self._radii, self._masses, self._seen = radii, masses, seen
+        self._radii, self._masses, self._seen = discs.radius, discs.mass, seen
         self._begin()
 
     def _take(self, block: SharedBlock, system: System) -> None:
@@ -347,11 +408,11 @@ class EventSolver(Solver):
         impulse, virial = snapshot["units"].tolist()
         self.choice, self._units = choice, (impulse, virial)
         self._crushing_speed = event_snapshot.crushing_speed_in(self._scene, snapshot)
-        block = self._room(count_in(snapshot))
+        block = self._plan.room(count_in(snapshot))
         with block.closed_on_error():
             block.create()
             event_snapshot.put_back(self._scene, block.arrays, snapshot)
-            system = self._system_in(block)
+            system = self._plan.system_in(block)
             link_cells(*system)
             # The order of events is total: where the calendar keeps one cannot matter.
             calendar.begin_turn(system.store.clock.now, system.store)
@@ -375,74 +436,15 @@ class EventSolver(Solver):
 
     # --- the block
 
-    def _room(self, count: int) -> SharedBlock:
-        """A block for so many discs, which is still to be made."""
-        cells, tiling = event_snapshot.cells_for(self._scene, count), self._tiling(count)
-        shapes = state.layout(count, cells) | event_snapshot.column_shapes(self._scene, count)
-        specs = {name: ArraySpec(np.dtype(dtype), shape) for name, (dtype, shape) in shapes.items()}
-        if tiling != WHOLE:
-            laws = packed(self._box(count), features_of(self._scene, self._given(count)))
-            specs |= specs_of(count, tiling, self._most_workers, shapes, laws)
-        return SharedBlock(specs)
-
     @property
     def _most_workers(self) -> int:
         return max(self.choice.workers)
 
-    def _tiling(self, count: int) -> Tiling:
-        """The tiles for so many discs."""
-        cells = event_snapshot.cells_for(self._scene, count)
-        return tiling_of(count, cells, self._scene.periodic, self._most_workers)
-
-    def _box(self, count: int) -> Box:
-        """The box with the cells for so many discs."""
-        scene, (impulse, virial) = self._scene, self._units
-        common = 0.0 if has_radii(scene) else scene.largest_radius
-        return Box(
-            scene.width, scene.height, *scene.periodic, *event_snapshot.cells_for(scene, count), common, impulse, virial
-        )
-
-    def _given(self, count: int) -> dict[str, Any]:
-        """What features are given besides arrays of the block."""
-        of_scene = event_features.given(self._scene, event_snapshot.cells_for(self._scene, count))
-        return {"contact_time": self._contact_time, "crushing_speed": self._crushing_speed, **of_scene}
-
-    def _system_in(self, block: SharedBlock) -> System:
-        """What kernels take of a block."""
-        scene, arrays = self._scene, block.arrays
-        store = state.store_of(arrays)
-        count = len(store.order)
-        box, features = self._box(count), features_of(scene, arrays | self._given(count))
-        if "tiles" in arrays:
-            cells, laws = event_snapshot.cells_for(scene, count), packed(box, features)
-            lay_out(arrays, self._tiling(count), cells, self._settings.dt, self._most_workers, laws)
-        return System(store, box, features)
-
-    def _present_columns(self, values: dict[str, Any]) -> dict[str, NDArray[Any]]:
-        """Columns of the discs that are there, whose radii and masses are known."""
-        known = {"radius": self._radii, "mass": self._masses}
-        return event_snapshot.columns_of_discs(self._scene, self.count, values | known)
-
-    def _placed(
-        self,
-        block: SharedBlock,
-        position: NDArray[np.floating],
-        velocity: NDArray[np.floating],
-        columns: dict[str, NDArray[Any]],
-        time: float,
-    ) -> System:
-        """Make a block, with discs in it that are ready to go."""
-        block.create()
-        system = self._system_in(block)
-        status, particle = state.place(position, velocity, columns, time, *system)
-        if status != records.REACHED:
-            raise InputError(
-                f"velocity[{particle}] must be below 1e100 for method='event'; got {velocity[particle].tolist()}. "
-                "Choose units in which the numbers are smaller."
-            )
-        _refuse_overlap(system, ROUNDING * 2 * self._scene.largest_radius)
-        solver.schedule(*system)
-        return system
+    @property
+    def _plan(self) -> Plan:
+        """What says which arrays a block has now."""
+        guards = self._contact_time, self._crushing_speed
+        return Plan(self._scene, self._settings.dt, self._units, *guards, self._most_workers, self.logging)
 
 
 @contextlib.contextmanager
@@ -453,14 +455,3 @@ def _put_back(owner: Any, name: str, value: Any) -> Iterator[None]:
     except BaseException:
         setattr(owner, name, value)
         raise
-
-
-def _refuse_overlap(system: System, rounding: float) -> None:
-    """Raise InputError for discs that overlap by more than rounding [length], naming the worst pair."""
-    first, second, depth = worst_overlap(*system)
-    if depth > rounding:
-        raise InputError(
-            "method='event' needs discs that do not overlap; discs "
-            f"{min(first, second)} and {max(first, second)} overlap by {depth:.3g}, the most of all. Move them "
-            "apart, or run a few frames with method='grid' and start from there."
-        )

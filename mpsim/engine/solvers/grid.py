@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.engine.feature_arrays import giant_radius
-from mpsim.engine.solvers.base import Choice, Columns
+from mpsim.engine.solvers.base import Choice, Columns, NewDiscs
 from mpsim.engine.solvers.block import BlockSolver
 from mpsim.engine.solvers.snapshots import Snapshot
 from mpsim.engine.workers.arrays import Grid
@@ -101,6 +101,11 @@ class GridSolver(BlockSolver):
         if self._pool is not None:
             self._pool.stop()
             self._pool = None
+
+    def replace(self, discs: NewDiscs) -> None:
+        """Write other discs in the place of those that are there: the next step sorts them anew."""
+        self._sorted_grid = None
+        super().replace(discs)
 
     def _enter(self, snapshot: Snapshot) -> None:
         self._sorted_grid = None

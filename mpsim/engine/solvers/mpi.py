@@ -6,7 +6,6 @@ columns that meet there, before the pass that resolves them. Columns are dealt i
 these have wandered.
 """
 
-import contextlib
 import math
 import os
 import time
@@ -19,25 +18,24 @@ from numpy.typing import NDArray
 
 from mpsim.core import columns
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.core.errors import BusyError, DivergedError, InputError
+from mpsim.core.errors import DivergedError, InputError
 from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
-from mpsim.core.team import Team
 from mpsim.core.version import __version__
 from mpsim.engine.columns import columns_of, given_in
-from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs
+from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Origin
 from mpsim.engine.solvers.discs import disc_at
 from mpsim.engine.solvers.mpi_columns import Border, Range, borders_of, dealt, in_turns
-from mpsim.engine.solvers.mpi_numbers import Asked, DiscsByNumber, answers_to_one
+from mpsim.engine.solvers.mpi_numbers import DiscsByNumber
 from mpsim.engine.solvers.mpi_part import Part, refuse
-from mpsim.engine.solvers.mpi_ranks import LOST, NOT_FINITE, Communicator, raised_together
+from mpsim.engine.solvers.mpi_ranks import LOST, NOT_FINITE, Communicator
+from mpsim.engine.solvers.mpi_speeds import There, speeds_on_ranks
+from mpsim.engine.solvers.mpi_together import OnRanks
 from mpsim.engine.solvers.parameters import Present
 from mpsim.engine.solvers.slices import Slice, totals
 from mpsim.engine.solvers.snapshots import Snapshot
 from mpsim.engine.solvers.speed_limit import Fastest, disc_too_fast, fastest_in
-from mpsim.engine.solvers.speeds import Part as SpeedsOfPart
-from mpsim.engine.solvers.speeds import Speeds, Walls, sides_at, speeds_together
-from mpsim.engine.solvers.stepped import SteppedSolver
+from mpsim.engine.solvers.speeds import Speeds
 from mpsim.engine.workers.arrays import Grid
 from mpsim.engine.workers.system_limits import resident_bytes
 from mpsim.features.radii import has_radii
@@ -62,26 +60,26 @@ UNEVEN = 1.1
 dealt anew."""
 
 
-class MpiSolver(SteppedSolver):
+class MpiSolver(OnRanks):
     """Frames on the ranks of `choice.comm`; this process is one of them."""
 
     capabilities: ClassVar[Capabilities] = Capabilities(has_steps=True, on_ranks=True)
     count: int
+    choice: Choice
+    substeps: int
+    origin: Origin
     tallied: bool
 
     def __init__(self, scene: Scene, settings: Settings, choice: Choice):
         super().__init__(scene, settings, choice)
         refuse(scene, settings, scene.radii)
         self._fastest = Fastest()
-        self._numbered: DiscsByNumber | None = None
         self._workers = 1  # of each rank, itself included
         self._ranks: Communicator | None = None
         self._part: Part | None = None
         self._last_frame = 0
         self._half_done = False
         self._tolerated, self._is_uneven = math.inf, False
-        self._acts_once = False  # this is the first rank, and the others wait for what it asks
-        self._each_asks = False  # each rank asks for discs of its own
 
     def start(self) -> None:
         """Take the discs of own columns."""
@@ -163,15 +161,11 @@ class MpiSolver(SteppedSolver):
             self._configure()
             part.start()
 
-        ranks.on_all(begin)
+        self._on_all(begin)
 
     def _configure(self) -> None:
         """Write what follows from what is simulated now."""
         self._held().configure(Present(self._radii, self._grid, None, self.substeps, self._speed_limit))
-
-    def _shared(self) -> Communicator:
-        assert self._ranks is not None  # between `start` and `close`
-        return self._ranks
 
     def _held(self) -> Part:
         assert self._part is not None  # likewise
@@ -335,26 +329,20 @@ class MpiSolver(SteppedSolver):
     def frame(self) -> int:
         """Frames finished since the start."""
         arrays = {} if self._part is None else self._part.arrays
-        return int(arrays["control"].done) if arrays else self._last_frame
+        return self.origin.frame + int(arrays["control"].done) if arrays else self._last_frame
+
+    @property
+    def _progress(self) -> tuple[int, int]:
+        """Frames and steps done since the origin."""
+        return self._frames, int(self._control.steps)
 
     # --- steps
 
     def speeds(self, new: NewDiscs | None = None) -> Speeds:
         """How fast the discs of all ranks are, those that are about to be added included: of one rank."""
-        scene, sides = self._scene, sides_at(self._scene, self.time)
-        radii, present = self._radii, ~self.absorbed if scene.absorbing else None
-        (numbers, own), walls = self.local_state(), Walls(sides, scene.periodic, scene.largest_radius)
-        velocity = own.velocity
-        if new is not None:
-            radii = kept_sizes(radii, new.radius)
-            present = None if present is None else np.append(present, np.ones(len(new.position), bool))
-            if self._shared().rank == 0:
-                numbers, velocity = (
-                    np.append(numbers, range(self.count, len(radii))),
-                    np.append(velocity, new.velocity, 0),
-                )
-        part = SpeedsOfPart.of(numbers, velocity, radii[numbers], walls)
-        return speeds_together(part, self._shared().all_of, radii if present is None else radii[present], sides)
+        present = ~self.absorbed if self._scene.loses_discs else None
+        there = There(self._scene, self.scene_time, self._radii, present)
+        return speeds_on_ranks(there, self.local_state(), new, self._shared())
 
     @property
     def too_fast(self) -> bool:
@@ -388,22 +376,13 @@ class MpiSolver(SteppedSolver):
     @property
     def absorbed(self) -> NDArray[np.bool_]:
         """Which discs have left through an absorbing edge, shape (N,)."""
-        return self._by_number().absorbed() if self._scene.absorbing else np.zeros(self.count, bool)
+        return self._by_number().absorbed() if self._scene.loses_discs else np.zeros(self.count, bool)
 
     def _by_number(self) -> DiscsByNumber:
         """The discs of all ranks by number; as long as none moves."""
         if self._numbered is None:
             self._numbered = DiscsByNumber(self._held(), self._scene, self.count, self._told_of)
         return self._numbered
-
-    def _told_of(self, asked: Asked) -> list[Any]:
-        """What each rank has of a range."""
-        ranks, own = self._shared(), self._by_number().own
-        if self._acts_once:
-            return ranks.ask(asked, own)
-        if self._each_asks:
-            return ranks.each_to_each([own(of_one) for of_one in ranks.all_of(asked)])
-        return answers_to_one(ranks.all_of((asked, own(asked))))
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
         """Append discs, ids continuing. All discs are dealt anew: the grid may be another one."""
@@ -418,7 +397,34 @@ class MpiSolver(SteppedSolver):
             added = part.records_of(new, first, grid)
             return np.concatenate([part.in_grid(own, grid), added[: len(added) * (self._shared().rank == 0)]])
 
-        self._enter(records, new, first, (self.frame, int(self._control.steps)))
+        self._enter(records, new, first, self._progress)
+        self._half_done = False
+
+    def discs(self) -> NewDiscs:
+        """Copies of the discs of all ranks, on each of them."""
+        return self._by_number().discs(self._radii, self._masses)
+
+    def replace(self, discs: NewDiscs) -> None:
+        """Take other discs, which all ranks have: each those of its columns."""
+        progress, self._half_done = self._progress, True
+        self._enter_all(lambda a, b: (discs.position[a:b], discs.velocity[a:b]), discs.columns, progress)
+        self._half_done = False
+
+    def assume(self, scene: Scene, settings: Settings, origin: Origin) -> None:
+        """Take another scene and settings for those in force."""
+        refuse(scene, settings, self._radii)
+        super().assume(scene, settings, origin)
+
+    def adopt(self, scene: Scene, settings: Settings, choice: Choice, origin: Origin) -> None:
+        """Continue under another scene and settings, on new workers."""
+        discs, progress = self.discs(), self._progress
+        if origin != self.origin:
+            progress, self.substeps = (0, 0), settings.substeps
+        self.assume(scene, settings, origin)
+        self.choice, self._workers = choice, max(choice.workers) // self._shared().size
+        self._half_done = True
+        self._leave_part()
+        self._enter_all(lambda a, b: (discs.position[a:b], discs.velocity[a:b]), discs.columns, progress)
         self._half_done = False
 
     # --- snapshots
@@ -444,40 +450,6 @@ class MpiSolver(SteppedSolver):
         given = {name: np.asarray(snapshot[name]) for name in names}
         position, velocity = snapshot["position"], snapshot["velocity"]
         self._enter_all(lambda first, last: (position[first:last], velocity[first:last]), given, progress)
-
-    def demand_alike(self, what: str, given: object) -> None:
-        """Refuse what differs on some ranks."""
-        if self._acts_once:
-            raise BusyError("what `once` calls may only read a simulation; it was to be changed. Do it on all ranks.")
-        self._shared().demand_alike(what, given)
-
-    def together(self) -> contextlib.AbstractContextManager[None]:
-        """A block in which what one rank raises, all raise."""
-        return raised_together(self.choice.comm)
-
-    def any_of(self, said: bool) -> bool:
-        """Whether something is so on any rank."""
-        return self._shared().agree(int(said), 0, 0).trouble > 0
-
-    def once(self, act: Callable[[], Result]) -> Result:
-        """What an act gives that rank 0 alone does; what it raises, all raise. It may read discs of all ranks."""
-        if self._acts_once:
-            return act()
-        ranks = self._shared()
-        self._acts_once = ranks.rank == 0
-        try:
-            return ranks.once(act, self._by_number().own)
-        finally:
-            self._acts_once, self._numbered = False, None
-
-    def jointly(self, act: Callable[[Team], Result]) -> Result:
-        """What an act gives that all ranks do. Signals wait for its end: no rank may leave it before the others."""
-        self._each_asks = True
-        try:
-            with interrupts_held_back():
-                return act(self._shared())
-        finally:
-            self._each_asks, self._numbered = False, None
 
     # --- what a report says
 

@@ -10,6 +10,8 @@ from mpsim.core import columns
 from mpsim.core.chunks import Array, ChunkedArray, ranges
 from mpsim.core.errors import InputError
 from mpsim.core.state import State, digest_of, in_chunks
+from mpsim.engine.columns import columns_of
+from mpsim.engine.solvers.base import NewDiscs
 from mpsim.engine.solvers.discs import state_of
 from mpsim.engine.solvers.mpi_part import Part
 from mpsim.scene.scene import Scene
@@ -97,7 +99,7 @@ class DiscsByNumber:
     def digest(self) -> str:
         """Digest of the state of all discs, read in chunks."""
         values = in_chunks(self.state, self._count)
-        if not self._scene.absorbing:
+        if not self._scene.loses_discs:
             del values["present"]  # which all of them are
         return digest_of(values)
 
@@ -107,6 +109,15 @@ class DiscsByNumber:
         found.pop(columns.EXITS.name, None)
         position, velocity = found.pop("position"), found.pop("velocity")
         return state_of(self._scene, self._part.arrays, position, velocity, found, absorbed)
+
+    def discs(self, radii: NDArray[np.float64], masses: NDArray[np.float64]) -> NewDiscs:
+        """All discs, of these radii and masses, shape (N,) [length], [mass]."""
+        found = self.rows(0, self._count)
+        position, velocity = found.pop("position"), found.pop("velocity")
+        for column in columns_of(self._scene):
+            if column.name not in found:  # what stays as it is, which all ranks know
+                found[column.name] = self._part.arrays[column.name][..., : self._count].T.copy()
+        return NewDiscs(position, velocity, radii, {**found, columns.MASS.name: masses})
 
     def snapshot(self) -> dict[str, Array]:
         """What steps have changed, as a snapshot holds it, to be read in chunks."""

@@ -44,17 +44,22 @@ class SteppedSolver(Solver):
     @property
     def time(self) -> float:
         """Simulated time since the start [time]."""
-        return self.frame * self._settings.dt
+        return self.time_of(self.frame)
+
+    @property
+    def _frames(self) -> int:
+        """Frames done since the origin."""
+        return self.frame - self.origin.frame
 
     def reached(self, time: float) -> bool:
         """Whether the last frame has reached a time [time]; one that ends within rounding of it has."""
-        frame, dt = self.frame, self._settings.dt
-        return time < (frame + 1) * dt and frames_until(time, dt) <= frame
+        frames, dt, time = self._frames, self._settings.dt, time - self.origin.time
+        return time < (frames + 1) * dt and frames_until(time, dt) <= frames
 
     def _frames_to(self, stop: float, most: int) -> int:
         """Frames until one reaches the time `stop`, at least one, and at most so many."""
-        frame, dt = self.frame, self._settings.dt
-        return min(most, max(frames_until(stop, dt) - frame, 1)) if stop < (frame + most) * dt else most
+        frames, dt, stop = self._frames, self._settings.dt, stop - self.origin.time
+        return min(most, max(frames_until(stop, dt) - frames, 1)) if stop < (frames + most) * dt else most
 
     # --- steps
 
@@ -71,7 +76,7 @@ class SteppedSolver(Solver):
         """
         if substeps != self.substeps:
             self.substeps = substeps
-            self._control.steps = self.frame * substeps
+            self._control.steps = self._frames * substeps
             self._configure()
 
     def _speeds(self, velocity: NDArray[Any], absorbed: NDArray[np.bool_], new: NewDiscs | None) -> Speeds:
@@ -80,7 +85,7 @@ class SteppedSolver(Solver):
         if new is not None:
             velocity, radii = np.concatenate([velocity, new.velocity]), kept_sizes(radii, new.radius)
             present = np.append(present, np.ones(len(new.position), bool))
-        return speeds_of(velocity, radii, scene, self.time, present if scene.absorbing else None)
+        return speeds_of(velocity, radii, scene, self.scene_time, present if scene.loses_discs else None)
 
     # --- the grid
 
@@ -88,7 +93,7 @@ class SteppedSolver(Solver):
         """The grid for so many discs; giant: radius above which discs are kept out of it."""
         scene = self._scene
         largest = scene.largest_radius if giant is None else giant
-        outside = bool(scene.absorbing) or has_radii(scene)
+        outside = scene.loses_discs or has_radii(scene)
         return grid_for(
             count, scene.width, scene.height, 2 * largest, self._settings.precision, scene.boundary, outside
         )

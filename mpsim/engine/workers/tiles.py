@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mpsim.kernels.collision_log import log_of
 from mpsim.kernels.events import records, state
 from mpsim.kernels.events.features.hooks import BARE, COLUMNS
 from mpsim.kernels.events.windows import Own, Shared, run_windows
@@ -24,13 +25,15 @@ class TileArguments(NamedTuple):
     own: Any
 
 
-def arguments_of(arrays: dict[str, Any], features: Any, box: Any) -> TileArguments:
+def arguments_of(arrays: dict[str, Any], features: Any, box: Any, worker: int = 0) -> TileArguments:
     """Arguments for one worker, with memory of its own, of which the system gives what is written to.
 
     Args:
         arrays: of the block.
         features, box: of the whole box.
+        worker: whose log of collisions it is, if there are any.
     """
+    features = features._replace(log=log_of(arrays, worker))
     store = state.store_of(arrays)
     waiting = features._replace(**{name: arrays[WAITING + name] for name in COLUMNS if name in arrays})
     names = ("tiles", "plan", "plan_times", "counted", "counts", "latest", "busy", "control", "team")
@@ -51,11 +54,11 @@ def _own_of(store: Any, features: Any) -> Any:
     return Own(store, features._replace(**columns), bits, np.zeros(len(store.disc), np.int32))
 
 
-def arguments_in_block(arrays: dict[str, Any]) -> TileArguments:
+def arguments_in_block(arrays: dict[str, Any], worker: int = 0) -> TileArguments:
     """`arguments_of` in a worker, which knows the block alone."""
     box, numbers = pickle.loads(arrays["laws"].tobytes())
     features = BARE._replace(**numbers, **{name: arrays[name] for name in COLUMNS if name in arrays})
-    return arguments_of(arrays, features, box)
+    return arguments_of(arrays, features, box, worker)
 
 
 def idle_call(arguments: TileArguments, worker: int, linger: int) -> tuple[Any, ...]:

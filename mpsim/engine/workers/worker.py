@@ -71,7 +71,7 @@ def kernel_arguments(block: SharedBlock, worker: int) -> GridArguments:
         b=b,
         start=arrays["start"],
         changes=layout.Changes(*(arrays[field] for field in layout.Changes._fields)),
-        features=features_of(arrays),
+        features=features_of(arrays, worker),
         parameters=arrays["parameters"],
         control=arrays["control"],
         team=arrays["team"],
@@ -185,7 +185,7 @@ def _join(worker: int, connection: Connection, block: SharedBlock) -> tuple[Any,
     mine.mails = load_word(control.signals, layout.MAIL)
     connection.send(("ready", None))
     if "tiles" in block.arrays:
-        return idle_call(arguments_in_block(block.arrays), worker, LINGER)
+        return idle_call(arguments_in_block(block.arrays, worker), worker, LINGER)
     return kernel_arguments(block, worker)
 
 

@@ -8,7 +8,7 @@ from numpy.typing import DTypeLike, NDArray
 from mpsim.kernels.records import Record
 
 # Outcomes.
-REACHED, PAUSED, NOT_FINITE, STALLED, BACKWARDS, OUTSIDE, STOPPED, ABORTED = range(8)
+REACHED, PAUSED, NOT_FINITE, STALLED, BACKWARDS, OUTSIDE, STOPPED, ABORTED, FULL = range(9)
 
 # Borders of a cell, and walls of the box: side >> 1 is the axis, side & 1 whether it is the high one.
 LEFT, RIGHT, BOTTOM, TOP = range(4)

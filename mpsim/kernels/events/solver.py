@@ -19,6 +19,7 @@ import math
 
 import numpy as np
 
+from mpsim.kernels.collision_log import begin_span, is_full
 from mpsim.kernels.compiling import compiled, inlined
 from mpsim.kernels.events.boundary import is_wall
 from mpsim.kernels.events.calendar import begin_turn, due, earliest, fit_lap, shift_times
@@ -135,14 +136,15 @@ def process_event(i, now, store, box, features, watch):
 def advance(store, box, features, until, max_events):
     """Play events up to time `until` [time], at most about `max_events` of them: (status, particle).
 
-    Stopping changes nothing: however a run is cut into calls, the events are the same bits. PAUSED: call again.
+    Stopping changes nothing: however a run is cut into calls, the events are the same bits. PAUSED: call again, once
+    the log of collisions has been emptied, if there is one.
     NOT_FINITE (or crushed), STALLED: the particle where it happened. BACKWARDS: `until` lies before the present.
     """
     clock = store.clock
     if not until - clock.origin >= clock.now:
         return BACKWARDS, -1
     budget = max_events
-    while budget > 0:
+    while budget > 0 and not is_full(features.log):
         i = earliest(store)
         if i < 0:
             # A lap begins only when `until` lies beyond the one before: the laps do not depend on the stops.
@@ -189,6 +191,7 @@ def advance_frames(store, box, features, dt, frames, max_events, stop, progress,
     end = store.counter.events + max_events
     for frame in range(frames):
         started = now(timespec)
+        begin_span(features.log, progress.frame)
         until = (progress.frame + 1) * dt
         stops = stop <= until * (1.0 + STOP_ROUNDING)
         status, particle = advance(store, box, features, stop if stops else until, end - store.counter.events)

@@ -8,6 +8,7 @@ in its own cells, and its own discs are what becomes of the box. If not, it is p
 Between windows a tile's discs lie together in the store, column by column, and partners are named by number.
 """
 
+from mpsim.kernels.collision_log import begin_span, overflows
 from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.events.boundary import along
 from mpsim.kernels.events.calendar import begin_turn_until, due, earliest
@@ -15,7 +16,7 @@ from mpsim.kernels.events.cells import enter_absent, link_cells
 from mpsim.kernels.events.features.hooks import copy_columns
 from mpsim.kernels.events.flight import INFINITY
 from mpsim.kernels.events.partners import elsewhere, number_of_partner
-from mpsim.kernels.events.records import BANDS, NOT_FINITE, REACHED, STALLED
+from mpsim.kernels.events.records import BANDS, FULL, NOT_FINITE, REACHED, STALLED
 from mpsim.kernels.events.region import INNER_HIGH, INNER_LOW, place_along
 from mpsim.kernels.events.solver import process_event, stalled
 from mpsim.kernels.events.sums import add_tally, clear_tally
@@ -175,7 +176,7 @@ def take_counts(totals, store):
 
 @linked
 def play_tile(store, box, features, watch, plan, times, counted):
-    """Play the window of a plan: REACHED, or what went wrong.
+    """Play the window of a plan: REACHED, or what went wrong; FULL: the log of collisions has been too small.
 
     counted: TOTALS of each frame that ends in the window, and of what is left of it.
     """
@@ -184,11 +185,12 @@ def play_tile(store, box, features, watch, plan, times, counted):
         until = (plan.first_frame + frame + 1) * times.dt - origin
         if frame == plan.frames:
             until = INFINITY if plan.ends_lap else times.until - origin
+        begin_span(features.log, plan.first_frame + frame)
         status = play_until(until, store, box, features, watch)
         if status != REACHED:
             return status
         take_counts(counted[frame], store)
-    return REACHED
+    return FULL if overflows(features.log) else REACHED
 
 
 @linked

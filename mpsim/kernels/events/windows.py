@@ -18,13 +18,14 @@ from typing import Any
 
 import numpy as np
 
+from mpsim.kernels.collision_log import agree, take_back
 from mpsim.kernels.compiling import compiled, inlined, linked
 from mpsim.kernels.events.calendar import begin_turn, fit_lap, shift_times, steps_for
 from mpsim.kernels.events.cells import enter_absent, link_cells
 from mpsim.kernels.events.features.hooks import copy_columns
 from mpsim.kernels.events.flight import INFINITY
 from mpsim.kernels.events.ordering import put_at_targets
-from mpsim.kernels.events.records import ABORTED, PAUSED, REACHED, STOPPED
+from mpsim.kernels.events.records import ABORTED, FULL, PAUSED, REACHED, STOPPED
 from mpsim.kernels.events.solver import STOP_ROUNDING, advance_frames, write_totals
 from mpsim.kernels.events.state import Store
 from mpsim.kernels.events.sums import add_tally, clear_tally
@@ -159,6 +160,7 @@ def clear_counts(whole, shared, own, worker):
         clear_tally(shared.counted[worker, frame])
         shared.counted[worker, frame].collisions = 0
     shared.latest[worker] = whole.clock.now
+    take_back(own.features.log)
 
 
 @linked
@@ -196,6 +198,15 @@ def all_agree(tiles, plan, box):
                     other = tiles[other_column * plan.tiles[1] + other_row]
                     agreed = agreed and bands_agree(tile, other, columns_ahead, rows_ahead)
     return agreed
+
+
+@linked
+def log_is_full(tiles):
+    """Whether what happened in a tile did not fit the log of its worker."""
+    full = False
+    for number in range(tiles.size):
+        full |= tiles[number].status == FULL
+    return full
 
 
 # --- take over ----------------------------------------------------------------------------------------------------
@@ -360,11 +371,13 @@ def play_again(whole, box, features, shared, own, command, progress, seen, times
     plan.as_one += 1
     left, done = min(plan.frames + 1, command.frames - plan.done), plan.done
     link(whole, box, features, own.places)
+    take_back(features.log)
     most = FEWEST_EVENTS + EVENTS_OF_A_DISC * whole.disc.shape[0]
     finished, status, particle = advance_frames(
         whole, box, features, shared.times.dt, left, most, command.stop, progress, seen, times[0, done:],
         totals[done:], shared.team[0].clock,
     )  # fmt: skip
+    agree(features.log)
     order_by_tiles(whole, box, features, shared.tiles, plan)
     plan.done += finished
     shared.times.reached = command.stop if status == STOPPED else progress.frame * shared.times.dt
@@ -382,8 +395,11 @@ def end_window(whole, box, features, shared, own, command, outcome, progress, se
     if outcome == LEFT:
         plan.running = 0
         return
-    plan.windows += 1
     agreed = outcome == AGREED
+    if not agreed and plan.played > 1 and log_is_full(shared.tiles):  # it may be enough to empty it
+        plan.status = FULL
+        return
+    plan.windows += 1
     if agreed:
         take_over(whole, shared, progress, seen, times, totals)
     else:
@@ -412,6 +428,7 @@ def work(whole, box, features, shared, own, worker, deadline):
     began = now(mine.clock)
     if agreed:
         take_discs(whole, features, shared, worker)
+        agree(own.features.log)
     shared.busy[worker] += now(mine.clock) - began
     if barrier_of(control, mine) != RUNNING:
         return ABORTED

@@ -112,7 +112,7 @@ def resolve_capsule(discs, i, k, capsule, radius, ax, ay, features, parameters, 
     discs.vy[i] += change * ny
     discs.x[i] += displacement * nx
     discs.y[i] += displacement * ny
-    on_capsule(discs, i, nx, ny, change, time, features, parameters)
+    on_capsule(discs, i, k, nx, ny, change, time, features, parameters)
     return True
 
 

@@ -4,7 +4,7 @@ Apart from `hooks.py`, which imports the capsules: their contacts are such point
 """
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.features import friction
+from mpsim.kernels.features import collisions, friction
 
 
 @inlined
@@ -23,13 +23,24 @@ def on_walls(discs, i, x, y, in_flight, features, parameters, control):
     x, y: what it has met along them, of `WallContact`. in_flight: None while contacts are resolved, when coordinates
     along periodic axes are left alone.
     """
+    collisions.on_walls(features.log, discs, i, x, y, features, parameters, control)
     friction.on_walls(features.wall_friction, discs, i, x, y, in_flight, features, parameters, control)
 
 
 @inlined
-def on_capsule(discs, i, nx, ny, normal_change, time, features, parameters):
-    """Contact of a disc with a capsule, along the unit vector n from there to the disc.
+def on_capsule(discs, i, k, nx, ny, normal_change, time, features, parameters):
+    """Contact of a disc with capsule k, along the unit vector n from there to the disc.
 
     normal_change: of its velocity along n. time: since the contact [time].
     """
+    collisions.on_capsule(features.log, discs, i, k, nx, ny, normal_change, time, features, parameters)
     friction.on_fixed(features.wall_friction, discs, i, nx, ny, normal_change, time, features, parameters)
+
+
+@inlined
+def note_contact(discs, i, j, touched, impulse, nx, ny, features):
+    """Contact of two discs that has been resolved, with such an impulse along the unit vector n from i to j.
+
+    touched: how long before the end of the step [time], and where (x, y) [length]; None where there is no log.
+    """
+    collisions.between_discs(features.log, discs, i, j, touched, impulse, nx, ny)

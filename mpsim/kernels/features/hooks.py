@@ -10,12 +10,24 @@ from collections import namedtuple
 from collections.abc import Mapping
 from typing import Any
 
+from mpsim.kernels.collision_log import log_of
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.features import absorption, acceleration, boundary, capsules, friction, masses, piston, radii
+from mpsim.kernels.features import (
+    absorption,
+    acceleration,
+    boundary,
+    capsules,
+    collisions,
+    friction,
+    masses,
+    piston,
+    radii,
+)
 from mpsim.kernels.optional import any_present
 
-FEATURES = (acceleration, masses, boundary, absorption, piston, radii, capsules, friction)
-"""Their FIELDS are those of `Features`: of each the name of its array, or the class of a record of several."""
+FEATURES = (acceleration, masses, boundary, absorption, piston, radii, capsules, friction, collisions)
+"""Their FIELDS are those of `Features`: of each the name of its array, or the class of a record of several,
+or None: of the log of collisions, each worker has its own."""
 
 Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
 """What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it."""
@@ -24,14 +36,17 @@ BARE = Features(*[None] * len(Features._fields))
 """Of a scene without features."""
 
 
-def features_of(arrays: Mapping[str, Any]) -> Any:
-    """The `Features` of a scene, from its arrays by name; field f of a record r is the array "r.f"."""
-    found: dict[str, Any] = {}
+def features_of(arrays: Mapping[str, Any], worker: int = 0) -> Any:
+    """The `Features` of a scene, from its arrays by name; field f of a record r is the array "r.f".
+
+    worker: whose log of collisions it is, if there are any.
+    """
+    found: dict[str, Any] = {"log": log_of(arrays, worker)}
     for feature in FEATURES:
         for name, source in feature.FIELDS.items():
             if isinstance(source, str):
                 found[name] = arrays.get(source)
-            elif f"{name}.{source._fields[0]}" in arrays:
+            elif source is not None and f"{name}.{source._fields[0]}" in arrays:
                 found[name] = source(*(arrays[f"{name}.{field}"] for field in source._fields))
     return BARE._replace(**found)
 

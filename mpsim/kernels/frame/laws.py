@@ -10,7 +10,8 @@ import numpy as np
 from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.features.acceleration import accelerations_of
 from mpsim.kernels.features.boundary import put_inside, seen_from
-from mpsim.kernels.features.contact_hooks import between_discs
+from mpsim.kernels.features.collisions import touching_point
+from mpsim.kernels.features.contact_hooks import between_discs, note_contact
 from mpsim.kernels.features.masses import mass_fraction
 from mpsim.kernels.features.radii import touching_distance
 from mpsim.kernels.frame.walls import keep_inside
@@ -186,14 +187,29 @@ def impact_contact(discs, i, j, shift_x, shift_y, features, parameters, control,
 
 
 @inlined
+def touched(log, discs, i, j, shift_x, shift_y, parameters, control):
+    """How long ago, and where, two overlapping discs touched, for `note_contact`; None where there is no log."""
+    if log is None:
+        return None
+    since = 0.0
+    if control.contact == IMPACT:
+        time = np.float64(time_since_impact(discs, i, j, shift_x, shift_y, parameters))
+        since = time if (time >= 0.0) & (time <= parameters.dt) else 0.0
+    x, y = touching_point(discs, i, j, shift_x, shift_y, since, parameters)
+    return since, x, y
+
+
+@inlined
 def resolve_contact(discs, i, j, shift_x, shift_y, features, parameters, control, tally, frame):
     """Resolve two overlapping discs by the contact, one of `layout.CONTACTS`, and the law of the run."""
     if tally is not None:
         tally_depth(discs, i, j, shift_x, shift_y, parameters, tally, frame)
+    before = touched(features.log, discs, i, j, shift_x, shift_y, parameters, control)
     if control.contact == IMPACT:
         impulse, nx, ny = impact_contact(discs, i, j, shift_x, shift_y, features, parameters, control, tally, frame)
     else:
         impulse, nx, ny = push_contact(discs, i, j, shift_x, shift_y, features, parameters, control.law)
+    note_contact(discs, i, j, before, impulse, nx, ny, features)
     if tally is not None:
         relative = touching_distance(discs.radius, i, j, parameters) / parameters.diameter
         virial = impulse * relative * np.float64(parameters.tally_scale)

@@ -4,6 +4,7 @@ import math
 
 from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.features.acceleration import accelerate
+from mpsim.kernels.features.collisions import on_walls
 from mpsim.kernels.features.hooks import after_flight, after_move, before_move, special_borders
 from mpsim.kernels.frame.flight import BLOCK, flight_of, fly
 from mpsim.kernels.frame.speed_limit import end_where_fast
@@ -91,6 +92,16 @@ def tally_walls(discs, low, high, features, parameters, tally, frame):
 
 
 @inlined
+def log_walls(log, discs, low, high, features, parameters, control):
+    """Log the contacts with walls of a straight flight: before it, for the same reason."""
+    if log is not None:
+        zero = real(parameters, 0)
+        for i in range(low, high):
+            x, y = flight_of(discs, i, zero, zero, None, features, parameters)
+            on_walls(log, discs, i, x, y, features, parameters, control)
+
+
+@inlined
 def fly_straight(discs, low, high, special, features, parameters, control, tally, frame):
     """p += v dt, walls and borders; returns True if a position or velocity is not finite.
 
@@ -100,6 +111,7 @@ def fly_straight(discs, low, high, special, features, parameters, control, tally
         return fly(discs, low, high, None, features, parameters, control, tally, frame)
     if tally is not None:
         tally_walls(discs, low, high, features, parameters, tally, frame)
+    log_walls(features.log, discs, low, high, features, parameters, control)
     return drift_between_walls(discs, low, high, parameters)
 
 

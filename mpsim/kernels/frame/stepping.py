@@ -33,6 +33,7 @@ Inside a column the order is that of the sorted discs, a function of positions a
 nothing but the state in particle order: not on the workers, nor on the memory order left by earlier frames.
 """
 
+from mpsim.kernels.collision_log import next_span
 from mpsim.kernels.compiling import compiled, inlined, linked
 from mpsim.kernels.features.hooks import prepare_next_step
 from mpsim.kernels.frame.contacts import resolve_all_pairs, resolve_columns
@@ -82,6 +83,7 @@ def step(front, back, start, changes, features, parameters, control, team, sent,
     mine = team[worker]
     moment = now(mine.clock)
     set_phase(mine, MOVE)
+    next_span(features.log)
     if move_and_bin(front, back, changes, features, parameters, control, mine, tally):
         list_emigrants(front, changes, sent[worker], team, worker, control)
     moment = add_time(times, mine, MOVE, moment)
@@ -201,6 +203,7 @@ def run_naive(discs, features, parameters, control, team, tally, times):
         for _ in range(control.substeps):
             moment = now(mine.clock)
             set_phase(mine, MOVE)
+            next_span(features.log)
             if not move(discs, 0, count, features, parameters, control, mine, tally):
                 return BAD_STATE
             moment = add_time(times, mine, MOVE, moment)

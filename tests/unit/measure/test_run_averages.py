@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from support.compare import assert_same_bits
 from support.scenes import gas, simulate
+from support.sessions import room
+from support.tiles import first_free_place
 
 import mpsim
 from mpsim import Emitter, FixedDisc, InputError, Piston, Scene, State
@@ -177,3 +179,34 @@ def test_absorbed_discs_do_not_slow_down_those_that_press_on_the_walls():
         assert not found.settled
         errors.append(found.error)
     assert errors[1] == errors[0] > 0
+
+
+@pytest.mark.parametrize("method", ["grid", "event"])
+@pytest.mark.parametrize(
+    ("change", "lost"),
+    [
+        (None, set()),  # the control
+        (lambda sim: sim.kick(0, (0.5, 0.0)), {"pressure_virial", "energy_drift"}),
+        (lambda sim: sim.change(gravity=(0.0, -1.0)), {"pressure_virial", "pressure_xx", "energy_drift"}),
+        (lambda sim: sim.change(restitution=0.5), {"pressure_virial", "pressure_xx", "energy_drift"}),
+        (lambda sim: sim.remove([3, 4]), {"pressure_virial", "pressure_xx", "energy_drift", "collision_rate"}),
+        (lambda sim: sim.add(first_free_place(sim.state), (0.0, 0.0), mass=2.0), {
+            "pressure_virial", "pressure_xx", "energy_drift", "kinetic_energy"
+        }),
+    ],
+)  # fmt: skip
+def test_what_a_change_in_the_run_makes_wrong_is_nan_and_nothing_else(method, change, lost):
+    names = {"pressure", "pressure_virial", "pressure_xx", "collision_rate", "kinetic_energy", "energy_drift"}
+
+    class Halfway:
+        every = 10
+
+        def look(self, sim, collisions):
+            if sim.frame == 10 and change is not None:
+                change(sim)
+
+    with simulate(room(60, mass=np.linspace(1, 2, 60)), method=method, dt=0.05) as sim:
+        found = sim.run(frames=20, measures=names, observe=Halfway()).measures
+        assert {name for name in names if np.isnan(found[name].value)} == lost
+        again = sim.run(frames=20, measures=["pressure"]).measures
+        assert again["pressure"].value > 0

@@ -16,6 +16,7 @@ from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.features import (
     absorption,
     capsules,
+    collisions,
     friction,
     gravity,
     images,
@@ -26,7 +27,7 @@ from mpsim.kernels.events.features import (
 from mpsim.kernels.events.records import MOVING_WALL
 from mpsim.kernels.optional import copy_entry, copy_row, swap_entries, swap_rows
 
-FEATURES = (gravity, properties, restitution, friction, images, absorption, piston, capsules)
+FEATURES = (gravity, properties, restitution, friction, images, absorption, piston, capsules, collisions)
 
 Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
 """What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it."""
@@ -138,18 +139,21 @@ def before_border(i, store, box, features):
 def between_discs(i, j, rx, ry, normal_impulse, store, box, features):
     """After the normal impulse of discs i and j, r = r_i - r_j apart [mass length/time]."""
     friction.between_discs(features.friction, i, j, rx, ry, normal_impulse, store, box, features)
+    collisions.between_discs(features.log, i, j, rx, ry, normal_impulse, store, box, features)
 
 
 @inlined
 def on_wall(i, axis, inward, normal_change, store, box, features):
     """After disc i has met a wall at right angles to an axis, which has changed its velocity inward by so much."""
     friction.on_wall(features.wall_friction, i, axis, inward, normal_change, store, box, features)
+    collisions.on_wall(features.log, i, axis, inward, normal_change, store, box, features)
 
 
 @inlined
 def on_surface(i, nx, ny, normal_change, store, box, features):
     """After disc i has met a surface that has changed its velocity by so much along n, the unit vector from there."""
     friction.on_surface(features.wall_friction, i, nx, ny, normal_change, store, box, features)
+    collisions.on_surface(features.log, i, nx, ny, normal_change, features.moving_wall, store, box, features)
 
 
 @inlined

@@ -1,0 +1,203 @@
+"""Changes of a simulation between two frames: checked against what is there, then made of a copy of its discs.
+
+A change is a plain record of what was asked for, once that has passed the gate. The same record is applied, kept in the
+journal, written to checkpoints and session files, and applied again when those are replayed.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mpsim.core import checks
+from mpsim.core.columns import EXITS, MASS, SPIN, check_names, given
+from mpsim.core.errors import InputError
+from mpsim.engine.columns import columns_of
+from mpsim.engine.solvers.base import NewDiscs, Solver
+from mpsim.features import FEATURES, feature
+from mpsim.scene.scene import Scene
+
+Floats = NDArray[np.float64]
+
+SET, KICK, REMOVE, ADD, PARAMETERS = "set", "kick", "remove", "add", "change"
+"""What a change can be: each is called as the method of a simulation that makes it."""
+
+
+class Change(NamedTuple):
+    """One change.
+
+    Attributes:
+        frame: frames done when it was made.
+        time: then [time].
+        what: SET, KICK, REMOVE, ADD or PARAMETERS.
+        values: the arguments of that method by name, those that were given: arrays and plain values.
+    """
+
+    frame: int
+    time: float
+    what: str
+    values: Mapping[str, Any]
+
+
+class Place(NamedTuple):
+    """Where a simulation stands when it is changed: its solver, the scene in force, and the precision of the run."""
+
+    solver: Solver
+    scene: Scene
+    precision: str
+
+    def change(self, what: str, values: Mapping[str, Any]) -> Change:
+        """A change of this moment."""
+        return Change(self.solver.frame, self.solver.time, what, values)
+
+
+def demand_whole_frame(solver: Solver, what: str) -> None:
+    """Refuse a change inside a frame, in which Ctrl-C may leave the exact solver.
+
+    Raises:
+        InputError: with both times.
+    """
+    end = solver.time_of(solver.frame)
+    if solver.time != end:
+        raise InputError(
+            f"{what} must be called between two frames; got time {solver.time:g}, and frame {solver.frame} ended at "
+            f"{end:g}: an interrupt has left the run inside a frame. Finish it by run(frames=1) before."
+        )
+
+
+# --- what was asked for, checked -----------------------------------------------------------------------------------
+
+
+def checked_set(
+    place: Place,
+    ids: ArrayLike,
+    position: ArrayLike | None,
+    velocity: ArrayLike | None,
+    acceleration: ArrayLike | None,
+    others: Mapping[str, Any],
+) -> Change:
+    """`Simulation.set`, checked.
+
+    Raises:
+        InputError: naming the argument, its rule and the value received.
+        TypeError: for the name of no column that can be set.
+    """
+    settable = [column for column in given() if column is not MASS]
+    check_names("Simulation.set", others, settable)
+    numbers = _present_numbers(place.solver, ids)
+    count = len(numbers)
+    values: dict[str, Any] = {"ids": numbers}
+    if position is not None:
+        meaning = f"({count}, 2), one row per disc of ids"
+        places = checks.finite_array("position", checks.rows(position), (count, 2), meaning)
+        _check_room(place, numbers, places)
+        values["position"] = places
+    if velocity is not None:
+        values["velocity"] = _pairs("velocity", velocity, count, place.precision)
+    for column in settable:
+        value = {"acceleration": acceleration, **others}.get(column.name)
+        if value is None:
+            continue
+        if column not in columns_of(place.scene):
+            raise InputError(
+                f"{column.name} can be set only in a scene {column.scenes}, and got {checks.brief(value)}. "
+                f"{column.remedy}"
+            )
+        values[column.name] = column.one_each(value, count)
+        checks.fitting(column.name, values[column.name], place.precision)
+    if len(values) == 1:
+        names = ", ".join(["position", "velocity", *(column.name for column in settable)])
+        raise InputError(f"set needs something to set, one of {names}; got none of them. Give one.")
+    return place.change(SET, values)
+
+
+def checked_kick(place: Place, ids: ArrayLike, impulse: ArrayLike) -> Change:
+    """`Simulation.kick`, checked."""
+    numbers = _present_numbers(place.solver, ids)
+    impulses = _pairs("impulse", impulse, len(numbers), place.precision)
+    changed = edited(place.solver.discs(), place.change(KICK, {"ids": numbers, "impulse": impulses}))
+    checks.fitting("the velocity after the kick", np.asarray(changed.velocity[numbers], np.float64), place.precision)
+    return place.change(KICK, {"ids": numbers, "impulse": impulses})
+
+
+def checked_remove(place: Place, ids: ArrayLike) -> Change:
+    """`Simulation.remove`, checked."""
+    return place.change(REMOVE, {"ids": _present_numbers(place.solver, ids)})
+
+
+def _present_numbers(solver: Solver, ids: ArrayLike) -> NDArray[np.int64]:
+    """Numbers of discs that are there, each once, shape (K,)."""
+    count = solver.count
+    array = np.atleast_1d(np.asarray(ids if checks.dimensions(ids) >= 0 else None))
+    if not array.size:
+        array = np.zeros(0, np.int64)
+    if array.dtype.kind not in "iu" or array.ndim != 1:
+        hint = " Use numpy.flatnonzero(mask) to select by a mask." if array.dtype.kind == "b" else ""
+        raise InputError(
+            f"ids must be whole numbers, one or shape (K,), as they are given to discs; got {checks.brief(ids)}.{hint}"
+        )
+    for wrong in array[(array < 0) | (array >= count)].tolist()[:1]:
+        raise InputError(f"ids must be numbers of discs, from 0 to {count - 1}; got {wrong}. There are {count} discs.")
+    numbers = array.astype(np.int64)
+    values, times = np.unique(numbers, return_counts=True)
+    for twice in values[times > 1].tolist()[:1]:
+        raise InputError(f"ids must hold each disc once; got {twice} {times[values == twice][0]} times.")
+    if (gone := solver.absorbed[numbers]).any():
+        raise InputError(
+            f"ids must be discs that are there; disc {numbers[gone][0]} has been removed, or has left through an "
+            "absorbing edge. sim.state.present says who is there."
+        )
+    numbers.flags.writeable = False
+    return numbers
+
+
+def _pairs(name: str, value: Any, count: int, precision: str) -> Floats:
+    """One pair for all, or one each, shape (count, 2)."""
+    if checks.dimensions(value) == 1 and len(value) == 2:
+        value = np.tile(checks.finite_array(name, value, (2,), "(2,)"), (count, 1))
+    pairs = checks.finite_array(name, value, (count, 2), f"(2,) or ({count}, 2), one row per disc of ids")
+    checks.fitting(name, pairs, precision)
+    return pairs
+
+
+def _check_room(place: Place, numbers: NDArray[np.int64], position: Floats) -> None:
+    """Refuse places outside the box as it is now, or where a feature of the scene leaves no room."""
+    solver, scene = place.solver, place.scene
+    radius = solver.radii[numbers]
+    scene.check_inside("position", position, radius, solver.scene_time)
+    others = ~solver.absorbed
+    others[numbers] = False
+    new = feature.NewDiscs("position", position, radius, solver.radii[others])
+    for each in FEATURES:
+        each.check_room(scene, new)
+
+
+# --- what it makes of discs ----------------------------------------------------------------------------------------
+
+
+def edited(discs: NewDiscs, change: Change) -> NewDiscs:
+    """All discs after a change of some: copies, in the precision of the run.
+
+    A kick adds impulse / mass to a velocity, computed in float64. A disc that is removed rests where it was.
+    """
+    values, numbers = change.values, change.values["ids"]
+    position, velocity, columns = discs.position.copy(), discs.velocity.copy(), dict(discs.columns)
+    if change.what == KICK:
+        velocity[numbers] = velocity[numbers] + values["impulse"] / discs.mass[numbers, None]
+    elif change.what == REMOVE:
+        exits = discs.of(EXITS).copy()
+        exits[numbers] = np.column_stack([np.ones(len(numbers)), position[numbers]])
+        velocity[numbers], columns[EXITS.name] = 0, exits
+        if SPIN.name in columns:
+            columns[SPIN.name] = columns[SPIN.name].copy()
+            columns[SPIN.name][numbers] = 0
+    else:
+        for name, array in (("position", position), ("velocity", velocity)):
+            if name in values:
+                array[numbers] = values[name]
+        for column in given():
+            if column.name in values:
+                columns[column.name] = columns[column.name].copy()
+                columns[column.name][numbers] = values[column.name]
+    return NewDiscs(position, velocity, discs.radius, columns)

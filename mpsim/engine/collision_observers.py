@@ -1,0 +1,233 @@
+"""Observers of collisions: all of them in a table, and counters of those on an obstacle, on a wall or in a region."""
+
+import math
+import weakref
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.collisions import joined
+from mpsim.features.edges import EDGES
+
+KINDS = ("discs", "walls", "obstacles")
+"""What a disc can collide with; `kind` of a table is an index of these."""
+
+
+class Collisions:
+    """Every collision of a run, for `Simulation.run(observe=...)`; the run stays the same to the bit.
+
+    The table is a structured array, one row for each collision, in the order of `frame`, `time`, `i`, `j`, whatever the
+    number of workers:
+
+    - `frame`: the number that `sim.frame` has at the end of the frame in which it happens, from 1;
+    - `time` [time]: exact with `event`. With the other methods the instant that contact `impact` goes back to, where it
+      does, else the end of the step;
+    - `kind`: 0, two discs; 1, a disc and a wall; 2, a disc and an obstacle;
+    - `i`, `j`: numbers of the discs, i < j. With a wall j is 0 left, 1 right, 2 bottom, 3 top; with an obstacle its
+      index in `Scene.obstacles`;
+    - `impulse`, shape (2,) [mass length/time]: on disc i, along the normal; on j it is the opposite. What friction adds
+      along the surface is not in it. Of law `reflect`, the mean of both discs';
+    - `place`, shape (2,) [length]: where the surfaces touch.
+
+    A contact that changes no velocity is no collision, and neither is leaving through an absorbing edge. It belongs to
+    the first simulation that it observes. Methods: all but `mpi`.
+
+    Args:
+        each: called as each(sim, table) every so many frames, with the collisions since the last call; then they are
+            not kept. None: they are kept, about 72 bytes each.
+        every: frames between two calls, >= 1, counted from frame 0. Runs are quicker if they look up less often.
+        between: "discs", "walls" or "obstacles", or several of these: what discs collide with; None: all three.
+        ids: numbers of discs: collisions in which one of them takes part; None: all.
+
+    Raises:
+        InputError: for an argument out of range; by `run` for another simulation, or with `mpi`.
+
+    Source: the order of events of event-driven molecular dynamics, as the solver plays them (`docs/exact.md`).
+
+    >>> import mpsim
+    >>> bounces = mpsim.Collisions()
+    >>> with mpsim.Simulation(mpsim.Scene.load("pi"), mpsim.Settings(method="event", dt=1.0)) as sim:
+    ...     report = sim.run(until=42, observe=bounces)
+    >>> len(bounces.table), (bounces.table["kind"] == 1).sum()
+    (314, 157)
+    >>> first = bounces.table[0]
+    >>> first["time"], first["place"], first["impulse"][0].round(4)
+    (5.0, array([6. , 0.5]), -1.9998)
+    """
+
+    def __init__(
+        self,
+        *,
+        each: Callable[[Simulation, NDArray[Any]], None] | None = None,
+        every: int = 1,
+        between: str | Iterable[str] | None = None,
+        ids: ArrayLike | None = None,
+    ):
+        if each is not None and not callable(each):
+            raise InputError(f"each must be a function of a simulation and a table; got {checks.brief(each)}.")
+        self.every: int = checks.whole("every", every, 1, 10**12, "1 hands over the collisions of every frame.")
+        self._each = each
+        self._kinds = _kinds_of(between)
+        self._ids = None if ids is None else _ids_of(ids)
+        self._owner: weakref.ref[Simulation] | None = None
+        self._seen, self._handed = -1, 0
+        self._kept: list[NDArray[Any]] = []
+        self._waiting: list[NDArray[Any]] = []
+
+    @property
+    def table(self) -> NDArray[Any]:
+        """The collisions so far, those that `each` has been given left out: a structured array, shape (n,)."""
+        self._kept, self._waiting = [joined([*self._kept, *self._waiting])], []
+        return self._kept[0]
+
+    def begin(self, sim: Simulation) -> None:
+        """A run of the simulation `sim` begins.
+
+        Raises:
+            InputError: if this belongs to another one.
+        """
+        if self._owner is None:
+            self._owner, self._handed = weakref.ref(sim), sim.frame
+        owner = self._owner()
+        if owner is not sim:
+            raise InputError(
+                f"{type(self).__name__} belongs to one simulation, {owner or 'which is gone by now'}; got another, "
+                f"{sim}. Make one for each."
+            )
+
+    def take_collisions(self, table: NDArray[Any], frame: int) -> None:
+        """Take a table: the collisions up to the end of a frame, those of frames that have been taken left out."""
+        chosen = (table["frame"] > self._seen) & np.isin(table["kind"], self._kinds)
+        if self._ids is not None:
+            other = (table["kind"] == 0) & np.isin(table["j"], self._ids)
+            chosen &= np.isin(table["i"], self._ids) | other
+        self._waiting.append(table[chosen])
+        self._seen = max(self._seen, frame)
+
+    def look(self, sim: Simulation, collisions: int) -> None:
+        """Hand over what has been taken, once a frame of `sim`; collisions: not used, as a report counts others too."""
+        if sim.frame > self._handed:
+            self._handed = sim.frame
+            self._hand_over(sim)
+
+    def _hand_over(self, sim: Simulation) -> None:
+        if self._each is not None:
+            table, self._waiting = joined(self._waiting), []
+            self._each(sim, table)
+
+
+class Sensor(Collisions):
+    """A counter of the collisions on an obstacle, on a wall or in a region, for `Simulation.run(observe=...)`.
+
+    Give one of obstacle, wall and region. Attributes `frames`, `counts` and `impulse` have an entry for each look.
+
+    Args:
+        obstacle: index in `Scene.obstacles`.
+        wall: "left", "right", "bottom" or "top".
+        region: (x_low, x_high, y_low, y_high): collisions at a place in it, low edges included, high ones not [length].
+        every: frames that are counted together, >= 1.
+        between: as of `Collisions`; of use with a region.
+
+    Raises:
+        InputError: for none or several of the three, or one out of range; by `run` as for `Collisions`.
+
+    Source: as `Collisions`; the sum of impulses on a wall over length and time is the pressure (`mpsim.measure`).
+
+    >>> import mpsim
+    >>> sensor = mpsim.Sensor(wall="left", every=21)
+    >>> with mpsim.Simulation(mpsim.Scene.load("pi"), mpsim.Settings(method="event", dt=1.0)) as sim:
+    ...     report = sim.run(until=42, observe=sensor)
+    >>> sensor.frames.tolist(), sensor.counts.tolist()
+    ([21, 42], [156, 1])
+    """
+
+    def __init__(
+        self,
+        *,
+        obstacle: int | None = None,
+        wall: str | None = None,
+        region: tuple[float, float, float, float] | None = None,
+        every: int = 1,
+        between: str | Iterable[str] | None = None,
+    ):
+        super().__init__(every=every, between=between)
+        if (obstacle is not None) + (wall is not None) + (region is not None) != 1:
+            raise InputError(
+                f"a Sensor must be given one of obstacle, wall and region; got obstacle={obstacle!r}, wall={wall!r}, "
+                f"region={checks.brief(region)}. Make one for each."
+            )
+        self._obstacle = None if obstacle is None else checks.whole(
+            "obstacle", obstacle, 0, 2**31, "It is an index in Scene.obstacles."
+        )  # fmt: skip
+        self._edge = None if wall is None else EDGES.index(checks.choice("wall", wall, EDGES))
+        self._region = None if region is None else _region_of(region)
+        self._found: list[tuple[int, int, float]] = []
+
+    @property
+    def frames(self) -> NDArray[np.int64]:
+        """Frames done at each look, shape (n,)."""
+        return np.array([each[0] for each in self._found], np.int64)
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """Collisions since the look before, shape (n,)."""
+        return np.array([each[1] for each in self._found], np.int64)
+
+    @property
+    def impulse(self) -> NDArray[np.float64]:
+        """Sum of the sizes of their impulses, shape (n,) [mass length/time]."""
+        return np.array([each[2] for each in self._found], np.float64)
+
+    def begin(self, sim: Simulation) -> None:
+        """A run of the simulation `sim` begins.
+
+        Raises:
+            InputError: if this belongs to another one, or the scene has no such obstacle.
+        """
+        number = len(sim.scene.obstacles)
+        if self._obstacle is not None and self._obstacle >= number:
+            raise InputError(
+                f"obstacle of a Sensor must be an index in Scene.obstacles, which has {number}; got {self._obstacle}."
+            )
+        super().begin(sim)
+
+    def _hand_over(self, sim: Simulation) -> None:
+        table, self._waiting = joined(self._waiting), []
+        met = table[self._meets(table)]
+        sizes = np.hypot(met["impulse"][:, 0], met["impulse"][:, 1])
+        self._found.append((sim.frame, len(met), math.fsum(sizes.tolist())))
+
+    def _meets(self, table: NDArray[Any]) -> NDArray[np.bool_]:
+        """Which collisions are counted."""
+        if self._obstacle is not None:
+            return (table["kind"] == 2) & (table["j"] == self._obstacle)
+        if self._region is None:
+            return (table["kind"] == 1) & (table["j"] == self._edge)
+        (x_low, x_high, y_low, y_high), (x, y) = self._region, table["place"].T
+        return (x >= x_low) & (x < x_high) & (y >= y_low) & (y < y_high)
+
+
+def _kinds_of(between: str | Iterable[str] | None) -> list[int]:
+    words = KINDS if between is None else [between] if isinstance(between, str) else between
+    if not isinstance(words, Iterable):
+        raise InputError(f"between must be one or several of {', '.join(KINDS)}; got {checks.brief(between)}.")
+    return [KINDS.index(checks.choice("between", word, KINDS)) for word in words]
+
+
+def _ids_of(ids: ArrayLike) -> NDArray[np.int64]:
+    found = np.atleast_1d(np.asarray(ids))
+    if found.ndim != 1 or found.dtype.kind not in "iu" or (found < 0).any():
+        raise InputError(f"ids must be numbers of discs, whole and >= 0; got {checks.brief(ids)}. None is all.")
+    return found.astype(np.int64)
+
+
+def _region_of(region: Any) -> tuple[float, float, float, float]:
+    x_low, x_high, y_low, y_high = checks.finite_array("region", region, (4,), "(4,)").tolist()
+    if not (x_low < x_high and y_low < y_high):
+        raise InputError(f"region must be (x_low, x_high, y_low, y_high) with low < high; got {checks.brief(region)}.")
+    return x_low, x_high, y_low, y_high

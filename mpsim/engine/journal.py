@@ -1,0 +1,266 @@
+"""The journal of a simulation: what it started from and every change since, in files that replay it.
+
+In memory and in checkpoints a change is `changes.Change`. A session file is TOML beside a scene file:
+
+    session.toml            settings, and a table for each change
+    session.scene.toml      the scene at the start, with long arrays in files beside it
+"""
+
+import dataclasses
+import json
+import math
+import os
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core import atomic, checks, untrusted
+from mpsim.core.errors import InputError, OutputError, reason_of
+from mpsim.engine.changes import ADD, KICK, PARAMETERS, REMOVE, SET, Change
+from mpsim.engine.parameters import in_force
+from mpsim.engine.solvers.base import Origin
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+
+KINDS = (SET, KICK, REMOVE, ADD, PARAMETERS)
+
+JOURNAL = "journal"
+"""Name of the array of a checkpoint that holds what has been changed; only where something has."""
+
+FORMAT = 1
+"""Version of session files. One of a newer version is refused, by number."""
+
+MOST_BYTES = 2**28
+"""Bytes of a session file at most."""
+
+KEYS = ("format", "frame", "digest", "scene", "settings", "change")
+
+
+@dataclass(frozen=True)
+class Journal:
+    """All that was done to a simulation from outside, up to a frame. Iterating over it gives the changes, in order.
+
+    Attributes:
+        scene, settings: at the start.
+        changes: each with `frame` and `time` at which it was made, `what` it was ("set", "kick", "remove", "add" or
+            "change", the method that was called), and its `values`, the arguments by name.
+        frame: the last one; `replay` ends there.
+        digest: of the state then.
+
+    Times are in the unit of the scene [time].
+
+    >>> from mpsim import Simulation
+    >>> scene = Scene.random(count=5, packing=0.2, radius=0.5, seed=1)
+    >>> with Simulation(scene) as sim:
+    ...     sim.kick(2, impulse=(1, 0))
+    ...     sim.journal, [change.what for change in sim.journal]
+    (<Journal: 1 changes in 0 frames>, ['kick'])
+    """
+
+    scene: Scene
+    settings: Settings
+    changes: tuple[Change, ...]
+    frame: int
+    digest: str
+
+    def __iter__(self) -> Iterator[Change]:
+        return iter(self.changes)
+
+    def __len__(self) -> int:
+        return len(self.changes)
+
+    def __repr__(self) -> str:
+        return f"<Journal: {len(self.changes)} changes in {self.frame} frames>"
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write a session file, from which `Simulation.replay` makes the same simulation, bit for bit.
+
+        Args:
+            path: ends in .toml; an existing file is replaced. The scene goes to a scene file beside it, named after it:
+                session.scene.toml for session.toml.
+
+        Raises:
+            InputError: if the path does not end in .toml.
+            OutputError: if a file cannot be written.
+        """
+        target = _toml(path)
+        start = target.with_name(f"{target.stem}.scene.toml")
+        self.scene.save(start)
+        from mpsim.scene.scenefile import toml  # noqa: PLC0415 - its validator takes a moment to load
+
+        head = {"format": FORMAT, "frame": self.frame, "digest": self.digest, "scene": start.name}
+        lines = [*toml.pairs(head), "", "[settings]", *toml.pairs(dataclasses.asdict(self.settings)), ""]
+        for each in self.changes:
+            entry = {"frame": each.frame, "time": each.time, "what": each.what, **each.values}
+            lines += ["[[change]]", *toml.pairs(entry), ""]
+        text = "\n".join(lines).encode()
+        if len(text) > MOST_BYTES:
+            raise OutputError(
+                f"a session file must have at most {MOST_BYTES:,} bytes; {str(target)!r} would have {len(text):,}. "
+                "Save a checkpoint instead, which holds the journal too, or begin a new simulation earlier."
+            )
+        try:
+            with atomic.atomic_write(target) as file:
+                file.write(text)
+        except OSError as error:
+            raise OutputError(
+                f"a session must be in a folder that can be written to; got {str(target)!r} ({error.strerror}). "
+                "Choose another place."
+            ) from error
+        return target
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Journal":
+        """Read what `save` wrote. Nothing in the files is executed.
+
+        Args:
+            path: of the session file, with its scene file beside it.
+
+        Raises:
+            InputError: if it is no such file; SceneFileError, one of these, for its scene.
+        """
+        source = _toml(path)
+        try:
+            tables = tomllib.loads(untrusted.text(source, MOST_BYTES))
+            return cls(**_checked(tables, source))
+        except InputError:
+            raise
+        except (OSError, ValueError, LookupError, TypeError, RecursionError) as error:
+            raise InputError(
+                f"a session must be a file that Journal.save has written; {str(source)!r}: {reason_of(error):.200}."
+            ) from None
+
+
+def _toml(path: Any) -> Path:
+    if not isinstance(path, str | os.PathLike) or Path(os.fsdecode(path)).suffix != ".toml":
+        raise InputError(f"path of a session must end in .toml; got {checks.brief(path)}. Give one such as 'run.toml'.")
+    return Path(os.fsdecode(path))
+
+
+def _checked(tables: dict[str, Any], source: Path) -> dict[str, Any]:
+    """What a session file holds, as arguments of Journal."""
+    if (version := tables.get("format")) != FORMAT:
+        raise ValueError(f"its format is {version!r:.30}, and this version of mpsim reads {FORMAT}")
+    if unknown := tables.keys() - {*KEYS}:
+        raise ValueError(f"it has the key {min(unknown)!r:.60}; its keys are {', '.join(KEYS)}")
+    name, frame, digest = tables["scene"], tables["frame"], tables["digest"]
+    if not isinstance(name, str) or Path(name).name != name or not isinstance(digest, str):
+        raise ValueError(f"its scene must be a file beside it, and its digest a text; got {name!r:.60}, {digest!r:.60}")
+    changes = tables.get("change", [])
+    if not isinstance(changes, list) or not all(isinstance(each, dict) for each in changes):
+        raise ValueError(f"its changes must be tables, each below [[change]]; got {changes!r:.60}")
+    entries = [(each.pop("frame"), each.pop("time"), each.pop("what"), each) for each in changes]
+    return {
+        "scene": Scene.load(source.with_name(name)),
+        "settings": Settings(**tables["settings"]),
+        "changes": checked_entries(entries, frame),
+        "frame": frame,
+        "digest": digest,
+    }
+
+
+class Changed(NamedTuple):
+    """What has been changed since the start of a simulation.
+
+    Attributes:
+        changes: all of them, in order.
+        origin: when the parameters in force began to act.
+        piston: where the piston was then, if it has been placed anew [length]; None: where the scene has it.
+    """
+
+    changes: tuple[Change, ...] = ()
+    origin: Origin = Origin()
+    piston: float | None = None
+
+    @property
+    def place(self) -> dict[str, Any]:
+        """What of it a checkpoint has in its header."""
+        return {"origin": list(self.origin), "piston": self.piston}
+
+
+UNCHANGED = Changed()
+
+
+# --- entries in files ----------------------------------------------------------------------------------------------
+
+
+def checked_entries(entries: Iterable[Any], frame: Any) -> tuple[Change, ...]:
+    """Changes from plain values (frame, time, what, values), in order and none after a frame.
+
+    Their values are checked when they are applied.
+
+    Raises:
+        ValueError: saying what is wrong.
+    """
+    found: list[Change] = []
+    for number, (at, time, what, values) in enumerate(entries):
+        before = found[-1].frame if found else 0
+        if type(at) is not int or type(frame) is not int or not before <= at <= frame:
+            raise ValueError(f"frames must be whole numbers that do not fall, up to {frame!r:.30}; got {at!r:.30}")
+        if type(time) not in (int, float) or what not in KINDS or not isinstance(values, dict):
+            raise ValueError(f"change {number} must have a time and be one of {', '.join(KINDS)}; got {what!r:.60}")
+        found.append(Change(at, float(time), what, values))
+    return tuple(found)
+
+
+def packed(changes: Iterable[Change]) -> NDArray[np.uint8]:
+    """Changes as the array of a checkpoint: text, in which numbers lose no bit."""
+    plain = [(*each[:3], {name: _plain(value) for name, value in each.values.items()}) for each in changes]
+    return np.frombuffer(json.dumps(plain).encode(), np.uint8)
+
+
+def changed_in(run: dict[str, Any], array: NDArray[Any]) -> Changed:
+    """What a checkpoint says of changes, in its header and its array.
+
+    Raises:
+        ValueError, LookupError, TypeError: if they are no such.
+    """
+    (frame, time), piston = run["origin"], run["piston"]
+    if type(frame) is not int or not 0 <= frame <= run["frame"] or not math.isfinite(time) or time < 0:
+        raise ValueError(f"the origin must be a frame that is done, and its time; got {run['origin']!r:.60}")
+    return Changed(unpacked(np.asarray(array), run["frame"]), Origin(frame, float(time)), piston)
+
+
+def unpacked(array: NDArray[Any], frame: Any) -> tuple[Change, ...]:
+    """The changes of such an array, none after a frame.
+
+    Raises:
+        ValueError: if it is none.
+    """
+    if array.dtype != np.uint8 or array.ndim != 1:
+        raise ValueError("its journal is no text")
+    found = json.loads(array.tobytes())
+    if not isinstance(found, list):
+        raise ValueError("its journal is no list")
+    return checked_entries(found, frame)
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def parameters_after(
+    scene: Scene, settings: Settings, changes: Iterable[Change], piston: float | None
+) -> tuple[Scene, Settings]:
+    """Scene and settings in force after changes; the number of workers is that of the settings.
+
+    piston: where it was at the last change of parameters [length]; None without one.
+    """
+    for each in changes:
+        if each.what == PARAMETERS and (values := without_workers(each.values)):
+            scene, settings = in_force(scene, settings, values, None)
+        if each.what == REMOVE and not scene.loses_discs:
+            scene = scene.changed(has_gaps=True)
+    if piston is not None and scene.piston is not None:
+        scene = scene.changed(piston=dataclasses.replace(scene.piston, start=piston))
+    return scene, settings
+
+
+def without_workers(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters but for the number of workers, which changes no bit."""
+    return {name: value for name, value in values.items() if name != "workers"}

@@ -1,0 +1,148 @@
+"""Parameters of scene and settings that may change while a simulation runs, and what is in force after a change."""
+
+# pyright: reportUnnecessaryIsInstance=false
+# Arguments are checked when the program runs as well, for callers without a type checker.
+
+import dataclasses
+import inspect
+import numbers
+from collections.abc import Mapping, Sequence
+from decimal import Decimal
+from typing import Any, TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+from mpsim.core.state import Box
+from mpsim.features import FEATURES
+from mpsim.features.emitters import Emitter
+from mpsim.features.piston import PISTON, Piston
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+
+
+class Parameters(TypedDict, total=False):
+    """Arguments of `Simulation.change`."""
+
+    gravity: ArrayLike
+    restitution: float
+    wall_restitution: float
+    piston_speed: float
+    interval: float | Sequence[float]
+    every: int | Sequence[int]
+    dt: float
+    contact: str
+    passes: int
+    substeps: int
+    workers: int | None
+
+
+OF_SETTINGS = ("dt", "contact", "passes", "substeps", "workers")
+
+NAMES = tuple(Parameters.__annotations__)
+
+
+def check_names(given: Mapping[str, Any]) -> None:
+    """Refuse what cannot be changed while a simulation runs.
+
+    Raises:
+        InputError: naming it, with the name that was probably meant.
+    """
+    for name in given:
+        if name in NAMES:
+            continue
+        meant = checks.near(name, NAMES)
+        hint = f"Did you mean {meant!r}?" if meant else f"What can be changed: {', '.join(NAMES)}."
+        fixed = name in inspect.signature(Scene).parameters or name in inspect.signature(Settings).parameters
+        why = "is fixed from the start of a simulation" if fixed else "is no parameter of a simulation"
+        raise InputError(f"change must be given parameters that may change; {name!r} {why}. {hint}")
+    if not given:
+        raise InputError(f"change needs something to change, one of {', '.join(NAMES)}; got none of them. Give one.")
+
+
+def moves_origin(given: Mapping[str, Any]) -> bool:
+    """Whether time, or the place of the piston, is counted anew from such a change."""
+    return "dt" in given or "piston_speed" in given
+
+
+def in_force(scene: Scene, settings: Settings, given: Mapping[str, Any], box: Box | None) -> tuple[Scene, Settings]:
+    """Scene and settings after a change.
+
+    Args:
+        scene, settings: in force before.
+        given: parameters by name, as `Simulation.change` was given them.
+        box: where the walls are now; None: where the scene has them.
+
+    Raises:
+        InputError: naming the parameter, its rule and the value received.
+    """
+    if "gravity" in given and given["gravity"] is None:
+        raise InputError("gravity must be two numbers in a change; got None. Give (0, 0) for a scene without weight.")
+    values = {name: given[name] for name in given if name in ("gravity", "restitution", "wall_restitution")}
+    piston = scene.piston if box is None else PISTON.continued(scene, box)
+    if "piston_speed" in given:
+        piston = _at_speed(piston, given["piston_speed"])
+    if piston is not scene.piston:
+        values["piston"] = piston
+    counts = {name: given[name] for name in ("interval", "every") if name in given}
+    if counts:
+        emitters = scene.emitters
+        for name, value in counts.items():
+            emitters = _emitting(emitters, name, value)
+        values["emitters"] = emitters
+    changed = dataclasses.replace(settings, **{name: given[name] for name in OF_SETTINGS if name in given})
+    scene = scene.changed(**values) if values else scene
+    for feature in FEATURES:
+        feature.check_law(scene, changed.law)
+    return scene, changed
+
+
+def _at_speed(piston: Piston | None, speed: Any) -> Piston:
+    if piston is None:
+        raise InputError(
+            f"piston_speed can be changed only in a scene with a piston, and got {checks.brief(speed)}. Give the scene "
+            "one; a slow one hardly moves."
+        )
+    return dataclasses.replace(piston, speed=speed)
+
+
+def _emitting(emitters: tuple[Emitter, ...], name: str, value: Any) -> tuple[Emitter, ...]:
+    """Emitters with another interval or every: one number for all that have such a one, or one for each emitter."""
+    having = [index for index, each in enumerate(emitters) if getattr(each, name) is not None]
+    if not having:
+        raise InputError(
+            f"{name} can be changed only in a scene with emitters that have it, and got {checks.brief(value)}. Give "
+            f"the scene an Emitter with {name}."
+        )
+    if checks.dimensions(value) <= 0:
+        each_of = {index: value for index in having}
+    else:
+        if len(value) != len(emitters) or len(having) != len(emitters):
+            raise InputError(
+                f"{name} must be one number, or one for each of {len(emitters)} emitters that all have it; got "
+                f"{checks.brief(value)}."
+            )
+        each_of = dict(enumerate(np.asarray(value).tolist()))
+    return tuple(
+        dataclasses.replace(each, **{name: each_of[index]}) if index in each_of else each
+        for index, each in enumerate(emitters)
+    )
+
+
+def plain(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters as a journal holds them: plain numbers, words and lists of these; what is neither, as it is."""
+    return {name: _plain(value) for name, value in given.items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, numbers.Integral):
+        return int(value)
+    return float(value) if isinstance(value, numbers.Real | Decimal) else value

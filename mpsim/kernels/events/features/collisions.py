@@ -1,0 +1,54 @@
+"""The log of collisions, where somebody has asked for it: what each impact leaves there."""
+
+import math
+
+from mpsim.kernels.collision_log import DISC, OBSTACLE, WALL, write
+from mpsim.kernels.compiling import inlined
+from mpsim.kernels.events.features.properties import mass_of, radius_of
+from mpsim.kernels.events.records import FIRST_CAPSULE
+
+FIELDS = {"log": None}
+"""log: of `collision_log`. Its numbers of discs are those of `event.number`."""
+
+
+@inlined
+def between_discs(log, i, j, rx, ry, impulse, store, box, features):
+    """Impact of discs i and j, r = r_i - r_j apart, whose stored states are current."""
+    if log is not None:  # noqa: SIM102 - see optional.py
+        if store.region.counts != 0:
+            disc, distance = store.disc[i], math.sqrt(rx * rx + ry * ry)
+            share = radius_of(i, box, features) / (radius_of(i, box, features) + radius_of(j, box, features))
+            x, y = disc.position[0] - share * rx, disc.position[1] - share * ry
+            time = store.clock.origin + disc.last_update
+            along = impulse / distance
+            write(log, DISC, store.event[i].number, store.event[j].number, time, along * rx, along * ry, x, y)
+
+
+@inlined
+def on_fixed(log, kind, i, met, nx, ny, change, store, box, features):
+    """Impact of disc i on what is no disc, which has changed its velocity by so much along the unit vector n."""
+    if log is not None:  # noqa: SIM102
+        if store.region.counts != 0:
+            disc, radius = store.disc[i], radius_of(i, box, features)
+            impulse = mass_of(i, features) * change
+            x, y = disc.position[0] - radius * nx, disc.position[1] - radius * ny
+            time = store.clock.origin + disc.last_update
+            write(log, kind, store.event[i].number, met, time, impulse * nx, impulse * ny, x, y)
+
+
+@inlined
+def on_wall(log, i, axis, inward, change, store, box, features):
+    """Impact of disc i on a wall at rest."""
+    edge = 2 * axis + (inward < 0.0)
+    nx, ny = (inward if axis == 0 else 0.0), (inward if axis == 1 else 0.0)
+    on_fixed(log, WALL, i, edge, nx, ny, change, store, box, features)
+
+
+@inlined
+def on_surface(log, i, nx, ny, change, moving_wall, store, box, features):
+    """Impact of disc i on a capsule or a wall that moves, as `side` of its event says."""
+    side = store.event[i].side
+    if side >= FIRST_CAPSULE:
+        on_fixed(log, OBSTACLE, i, side - FIRST_CAPSULE, nx, ny, change, store, box, features)
+    elif moving_wall is not None:
+        on_fixed(log, WALL, i, moving_wall.edge, nx, ny, change, store, box, features)

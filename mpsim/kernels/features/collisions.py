@@ -1,0 +1,89 @@
+"""The log of collisions, where somebody has asked for it: what each contact leaves there, in float64.
+
+A contact is dated by the instant that its law goes back to, as `impact` does where it can, else by the end of the step.
+Rows hold the time from then until the end of the step.
+"""
+
+import math
+
+import numpy as np
+
+from mpsim.kernels.collision_log import DISC, OBSTACLE, WALL, write
+from mpsim.kernels.compiling import inlined, linked
+from mpsim.kernels.features.absorption import is_absent
+from mpsim.kernels.features.acceleration import accelerations_of
+from mpsim.kernels.features.boundary import seen_from
+from mpsim.kernels.layout import BOTTOM, IMPACT, LEFT, RIGHT, TOP
+from mpsim.kernels.optional import value_or
+
+FIELDS = {"log": None}
+"""log: of `collision_log`, that of the worker whose call it is."""
+
+
+@inlined
+def touching_point(discs, i, j, shift_x, shift_y, since, parameters):
+    """Where discs i and j touched so long ago, flying straight (x, y): the middle of their overlap, if they did."""
+    x, y = np.float64(discs.x[i]) - discs.vx[i] * since, np.float64(discs.y[i]) - discs.vy[i] * since
+    rx = np.float64(discs.x[j]) - discs.vx[j] * since - seen_from(x, shift_x)
+    ry = np.float64(discs.y[j]) - discs.vy[j] * since - seen_from(y, shift_y)
+    half = np.float64(parameters.diameter) / 2.0
+    distance = math.sqrt(rx * rx + ry * ry)
+    if distance == 0.0:
+        return x, y
+    reach = (distance + value_or(discs.radius, i, half) - value_or(discs.radius, j, half)) / 2.0
+    return x + rx / distance * reach, y + ry / distance * reach
+
+
+@inlined
+def between_discs(log, discs, i, j, touched, impulse, nx, ny):
+    """Contact of discs i and j, with such an impulse along the unit vector n from i to j.
+
+    touched: how long before the end of the step [time], and where (x, y) [length].
+    """
+    if log is not None:
+        since, x, y = touched
+        along = -np.float64(impulse)
+        write(log, DISC, discs.id[i], discs.id[j], since, along * nx, along * ny, x, y)
+
+
+@linked
+def write_walls(log, discs, i, x, y, features, parameters, control):
+    """`on_walls` for a disc that has met a wall."""
+    mass = np.float64(value_or(features.mass, discs.id[i], 1.0))
+    ax, ay = accelerations_of(discs, i, features)
+    for edge, met, change in (
+        (LEFT, x, x.low_change), (RIGHT, x, x.high_change), (BOTTOM, y, y.low_change), (TOP, y, y.high_change),
+    ):  # fmt: skip
+        if change > 0:
+            since = np.float64(met.time if control.contact == IMPACT else met.time - met.time)
+            inward = -mass * change if (edge == RIGHT) | (edge == TOP) else mass * change
+            impulse_x, impulse_y = (inward, 0.0) if edge < BOTTOM else (0.0, inward)
+            px = x.position - since * (x.velocity - 0.5 * ax * since)
+            py = y.position - since * (y.velocity - 0.5 * ay * since)
+            write(log, WALL, discs.id[i], edge, since, impulse_x, impulse_y, px, py)
+
+
+@inlined
+def on_walls(log, discs, i, x, y, features, parameters, control):
+    """Contact of disc i with walls, as its motion along x and y has led it to them, two of `WallContact`.
+
+    The coordinate at right angles to a wall is not that of the wall.
+    """
+    if log is not None:
+        met = (x.low_change != x.high_change) | (y.low_change != y.high_change)
+        if met and not is_absent(features.exits, discs.id[i]):
+            write_walls(log, discs, i, x, y, features, parameters, control)
+
+
+@inlined
+def on_capsule(log, discs, i, k, nx, ny, change, time, features, parameters):
+    """Contact of disc i with capsule k, so long ago, which has changed its velocity by so much along n from there."""
+    if log is not None:  # noqa: SIM102
+        if change > 0:
+            since = min(np.float64(time), np.float64(parameters.dt))
+            ax, ay = accelerations_of(discs, i, features)
+            radius = np.float64(value_or(discs.radius, i, parameters.diameter / 2))
+            x = discs.x[i] - since * (discs.vx[i] - 0.5 * ax * since) - radius * nx
+            y = discs.y[i] - since * (discs.vy[i] - 0.5 * ay * since) - radius * ny
+            impulse = np.float64(value_or(features.mass, discs.id[i], 1.0)) * change
+            write(log, OBSTACLE, discs.id[i], k, since, impulse * nx, impulse * ny, x, y)

@@ -1,0 +1,1 @@
+"""The live view: a page in the browser that shows a simulation as it runs."""

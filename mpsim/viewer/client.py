@@ -1,0 +1,96 @@
+"""One page that is connected: what it has been sent, what it may still be sent, and how often it may speak."""
+
+import asyncio
+from typing import Any
+
+from mpsim.core.errors import InputError
+from mpsim.viewer.session import Shown
+
+MOST_A_SECOND, BURST = 200.0, 400.0
+"""Messages that a page may send: a second on average, and at once. It sends one for each picture, and one a key."""
+
+ORDER = ("scene", "status", "gauges")
+"""Kinds of messages, in the order in which they are sent."""
+
+
+class Client:
+    """What one page is sent: at most one picture that it has not acknowledged; of what waits, the latest.
+
+    Args:
+        connection: with `send`.
+
+    Attributes:
+        visible: whether somebody can see the page.
+    """
+
+    def __init__(self, connection: Any):
+        self.visible: bool = False
+        self._connection = connection
+        self._texts: dict[str, str] = {}
+        self._picture: Shown | None = None
+        self._radii: bytes | None = None
+        self._in_flight: int | None = None
+        self._last = 0
+        self._news = asyncio.Event()
+        self._allowance, self._asked = BURST, 0.0
+
+    def spend(self, now: float) -> None:
+        """Count a message that has come.
+
+        Raises:
+            InputError: if there are too many.
+        """
+        self._allowance = min(self._allowance + (now - self._asked) * MOST_A_SECOND, BURST)
+        self._asked = now
+        if self._allowance < 1:
+            raise InputError(f"at most {MOST_A_SECOND:g} messages a second are read; got more. Send fewer.")
+        self._allowance -= 1
+
+    def tell(self, kind: str, text: str) -> None:
+        """Have a message sent, in place of one of its kind that waits."""
+        self._texts[kind] = text
+        self._news.set()
+
+    def show(self, picture: Shown) -> None:
+        """Have a picture sent when the page is ready for it, in place of one that waits."""
+        self._picture = picture
+        self._news.set()
+
+    def set_visible(self, visible: bool) -> None:
+        """Note whether somebody can see the page; until then it gets no picture."""
+        self.visible = visible
+        self._news.set()
+
+    def acknowledge(self, serial: int) -> None:
+        """Note that the page has drawn a picture.
+
+        Raises:
+            InputError: if it was sent no such picture.
+        """
+        if serial != self._in_flight:
+            raise InputError(f"serial of an ack must be that of the last picture; got {serial}. Send one for each.")
+        self._in_flight = None
+        self._news.set()
+
+    def needs_picture(self) -> bool:
+        """Whether the page waits for a picture and there is none for it."""
+        return self.visible and self._in_flight is None and not self._can_show()
+
+    def _can_show(self) -> bool:
+        return self._picture is not None and self._picture.serial > self._last
+
+    async def send_all(self) -> None:
+        """Send what there is, as it comes, without end."""
+        while True:
+            await self._news.wait()
+            self._news.clear()
+            for kind in ORDER:
+                if (text := self._texts.pop(kind, None)) is not None:
+                    await self._connection.send(text)
+            picture = self._picture
+            if picture is not None and self.visible and self._in_flight is None and self._can_show():
+                self._in_flight = self._last = picture.serial  # before anything is waited for
+                if picture.radii is not self._radii:
+                    self._radii = picture.radii
+                    await self._connection.send(picture.radii)
+                await self._connection.send(picture.packed)

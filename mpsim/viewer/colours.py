@@ -1,0 +1,77 @@
+"""From speeds to colours: one byte a disc, by a scale that follows the scene."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core.state import State
+
+KNEE, FASTEST, ABSORBED = 223, 254, 255
+"""Bytes of the speed that nearly all discs are below, of the fastest disc, and of a disc that has left."""
+
+USUAL = 0.98
+"""Part of the discs that are slower than the speed of KNEE. Above it, the scale is steeper in speed, so that a few
+fast discs neither darken all others nor look alike."""
+
+LEAST_RATIO = 1 + (FASTEST - KNEE) / KNEE
+"""Of both speeds: then the upper part of the scale is nowhere steeper in colour than the lower one."""
+
+MOST_SAMPLED = 20_000
+"""Discs whose speeds are sorted for the scale; of more discs every second, every third ... are taken."""
+
+
+@dataclass(frozen=True)
+class SpeedScale:
+    """A scale in two straight parts: from speed 0 to `usual`, byte KNEE, and on to `fastest`, byte FASTEST.
+
+    Attributes:
+        usual: > 0 [length/time].
+        fastest: >= LEAST_RATIO times that [length/time].
+    """
+
+    usual: float
+    fastest: float
+
+    def colours(self, state: State, out: NDArray[np.uint8]) -> None:
+        """Fill in the colour of each disc.
+
+        >>> speeds, out = np.array([0.0, 1.0, 2.0, 6.0]), np.zeros(4, np.uint8)
+        >>> SpeedScale(2.0, 6.0).colours(State(np.zeros((4, 2)), np.stack([speeds, 0 * speeds], axis=1)), out)
+        >>> out.tolist()
+        [0, 112, 223, 254]
+        """
+        # In float32, which halves the time: a step of colour is 1/254.
+        with np.errstate(over="ignore"):  # infinitely fast is fast
+            velocity = (state.velocity * (1 / self.usual)).astype(np.float32, copy=False)
+            x, y = velocity.T
+            speed = x * x
+            speed += y * y
+            np.sqrt(speed, out=speed)
+            steep = (FASTEST - KNEE) / (self.fastest / self.usual - 1)
+            upper = speed * np.float32(steep)
+            upper += np.float32(KNEE - steep + 0.5)
+            speed *= np.float32(KNEE)
+            speed += np.float32(0.5)
+            np.minimum(speed, upper, out=speed)  # the lower part is the steeper one
+            np.minimum(speed, FASTEST, out=speed)  # who has become faster since the scale was made
+        out[:] = speed
+        if not state.present.all():
+            out[~state.present] = ABSORBED
+
+
+def scale_of(state: State) -> SpeedScale:
+    """The scale for a state; of discs at rest one that calls any speed fast.
+
+    >>> speeds = np.arange(1.0, 101.0)
+    >>> scale = scale_of(State(np.zeros((100, 2)), np.stack([speeds, 0 * speeds], axis=1)))
+    >>> round(scale.usual, 3), round(scale.fastest, 3)
+    (98.02, 111.646)
+    """
+    speeds = np.hypot(*state.velocity[state.present].T).astype(np.float64)
+    fastest = float(speeds.max(initial=0.0))
+    if not fastest > 0:
+        return SpeedScale(1.0, LEAST_RATIO)
+    usual = float(np.quantile(speeds[:: len(speeds) // MOST_SAMPLED + 1], USUAL))
+    usual = max(usual, fastest / 1000)  # where nearly all are at rest
+    return SpeedScale(usual, max(fastest, LEAST_RATIO * usual))

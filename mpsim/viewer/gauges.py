@@ -1,0 +1,146 @@
+"""The numbers beside the picture: those of mpsim.measure for the state that is shown, and what the run takes.
+
+What is not known yet, or means nothing for a scene, is NaN or None, and a page shows a dash.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mpsim import measure
+from mpsim.core.errors import InputError
+from mpsim.core.state import State
+from mpsim.engine.report import Report
+from mpsim.measure.driving import adds_discs, has_losses, removes_discs
+from mpsim.measure.observables import has_periodic_field
+from mpsim.scene.scene import Scene
+
+BINS = 8, 40
+"""Of the histogram of speeds: fewest and most."""
+
+FEWEST = 20
+"""Discs from which a distribution of speeds is compared with Maxwell's."""
+
+
+class Meter:
+    """Frames, their time and collisions since the last reading.
+
+    >>> Meter(0.0).read(count=10, now=1.0)
+    Rates(frames_per_second=nan, collisions_per_second=nan, nanoseconds=nan)
+    """
+
+    def __init__(self, now: float):
+        self.start(now)
+
+    def start(self, now: float) -> None:
+        """Begin anew: the time before does not count, as nothing ran."""
+        self._since, self._frames, self._seconds, self._collisions = now, 0, 0.0, 0
+
+    def note(self, report: Report) -> None:
+        """Note a run."""
+        self._frames += report.frames
+        self._seconds += float(report.frame_seconds.sum())
+        self._collisions += report.collisions
+
+    def read(self, count: int, now: float) -> "Rates":
+        """The rates since the last reading; NaN where nothing has run."""
+        passed, frames, seconds, collisions = now - self._since, self._frames, self._seconds, self._collisions
+        self.start(now)
+        if not frames or passed <= 0:
+            return Rates(math.nan, math.nan, math.nan)
+        return Rates(frames / passed, collisions / passed, seconds * 1e9 / (frames * count) if count else math.nan)
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Rates of a run.
+
+    Attributes:
+        frames_per_second, collisions_per_second: of real time, waiting for the next frame included [1/s].
+        nanoseconds: time of a frame over the number of discs, waiting not included [ns].
+    """
+
+    frames_per_second: float
+    collisions_per_second: float
+    nanoseconds: float
+
+
+class Gauges:
+    """Numbers of the states of one run.
+
+    Args:
+        scene: what runs.
+        start: its state when the view began, from which drifts are counted.
+    """
+
+    def __init__(self, scene: Scene, start: State):
+        self._scene = scene
+        self._before = _energies(start, scene)
+        self.energy_note: str | None = _why_energy_changes(scene)
+
+    def of(self, state: State) -> dict[str, Any]:
+        """The numbers of a state, by name, as `wire.text_of` takes them."""
+        kinetic, potential = _energies(state, self._scene)
+        largest = max(kinetic, self._before[0])  # as in the measure energy_drift; NaN if either is
+        change = kinetic - self._before[0] + potential - self._before[1]
+        return {
+            "discs": int(state.present.sum()),
+            "temperature": _or_nan(measure.temperature, state, self._scene),
+            "energy": kinetic + potential,
+            "energy_drift": change / largest if largest > 0 else math.nan,
+            "energy_note": self.energy_note,
+            "speeds": self._speeds(state),
+        }
+
+    def _speeds(self, state: State) -> dict[str, Any] | None:
+        """Histogram of the speeds, with Maxwell's where it can be expected, or why there is none."""
+        count = int(state.present.sum())
+        try:
+            bins = int(np.clip(2 * math.sqrt(count), *BINS))  # or those of few discs are mostly empty
+            found = measure.speed_distribution(_present(state), bins)
+        except InputError:  # nothing moves
+            return None
+        mass = self._scene.mass
+        note = None
+        if mass is not None and np.ptp(mass):
+            note = "no Maxwell curve: the discs differ in mass"
+        elif count < FEWEST:
+            note = f"no Maxwell curve: fewer than {FEWEST} discs"
+        maxwell = found.maxwell if note is None else None
+        return {"edges": found.edges, "density": found.density, "maxwell": maxwell, "note": note}
+
+
+def _present(state: State) -> State:
+    """The discs that are there."""
+    here = state.present
+    return state if here.all() else State(state.position[here], state.velocity[here])
+
+
+def _energies(state: State, scene: Scene) -> tuple[float, float]:
+    """Kinetic and potential energy; NaN where they are undefined."""
+    return _or_nan(measure.kinetic_energy, state, scene), _or_nan(measure.potential_energy, state, scene)
+
+
+def _or_nan(function: Any, state: State, scene: Scene) -> float:
+    """A measure of a state; NaN where the scene does not allow it, as without discs."""
+    try:
+        return function(state, scene)
+    except InputError:
+        return math.nan
+
+
+def _why_energy_changes(scene: Scene) -> str | None:
+    """Why kinetic and potential energy together are not constant; None if they are."""
+    if scene.moving_wall is not None:
+        return "a wall moves"
+    if has_losses(scene):
+        return "contacts take energy"
+    if adds_discs(scene):
+        return "discs enter"
+    if removes_discs(scene):
+        return "discs leave"
+    if has_periodic_field(scene):
+        return "discs fall through a periodic edge"
+    return None

@@ -1,0 +1,74 @@
+"""How many frames to run now, so that a simulation keeps a given speed and a page is answered soon."""
+
+UNIT = 60.0
+"""Frames a second at speed 1: one for each picture of a usual screen."""
+
+LOOK = 1 / 60
+"""Seconds between two looks at a run."""
+
+TURN = 3 * LOOK
+"""Seconds that frames are run for at a time, if they are all due: so long a deed of a page waits. Beginning and ending
+a run takes 0.3 ms."""
+
+MOST_BEHIND = 0.1
+"""Seconds by which a simulation may be late and still catch up: after a longer stop it goes on from where it is."""
+
+MOST_FRAMES = 10_000
+"""Frames at a time, however short they are."""
+
+
+class Pace:
+    """Frames that are due. Times are those of one clock [s].
+
+    Attributes:
+        speed: in units of UNIT frames a second; None: as fast as it goes.
+
+    >>> pace = Pace(speed=1.0)
+    >>> pace.start(now=10.0)
+    >>> pace.due(now=10.0), pace.due(now=10.001), round(pace.wait(now=10.001), 4)
+    (1, 0, 0.0157)
+    """
+
+    def __init__(self, speed: float | None = 1.0):
+        self.speed: float | None = speed
+        self._next = 0.0
+        self._seconds_per_frame: float | None = None
+
+    def start(self, now: float) -> None:
+        """Begin at this moment, with a frame that is due."""
+        self._next = now
+
+    def due(self, now: float) -> int:
+        """Number of frames to run now, which are then no longer due; as many as fit TURN at most."""
+        if self.speed is None:
+            looks = self.frames_between_looks
+            return max(self._fitting(TURN) // looks, 1) * looks
+        rate = self.speed * UNIT
+        self._next = max(self._next, now - MOST_BEHIND)
+        if now < self._next:
+            return 0
+        frames = min(int((now - self._next) * rate) + 1, self._fitting(TURN))
+        self._next += frames / rate
+        return frames
+
+    def wait(self, now: float) -> float:
+        """Seconds until a frame is due."""
+        return 0.0 if self.speed is None else max(self._next - now, 0.0)
+
+    @property
+    def frames_between_looks(self) -> int:
+        """Number of frames that take LOOK at most, at least one.
+
+        A power of two, so that it is the same from one turn to the next although frames never take quite as long.
+        """
+        return 1 << (self._fitting(LOOK).bit_length() - 1)
+
+    def note(self, frames: int, seconds: float) -> None:
+        """Note how long some frames took."""
+        self._seconds_per_frame = max(seconds / frames, 1e-9)
+
+    def _fitting(self, seconds: float) -> int:
+        """Number of frames that take so long; one where nothing is known yet."""
+        if self._seconds_per_frame is None:
+            return 1
+        return min(max(int(seconds / self._seconds_per_frame), 1), MOST_FRAMES)

@@ -1,0 +1,45 @@
+// What all parts of the page share: its state, numbers as text, colours, and canvases as fine as the screen.
+
+export const NONE = "–";
+export const KNEE = 223, FASTEST = 254, ABSORBED = 255; // bytes of colours, as in mpsim/viewer/colours.py
+
+// Viridis, which is as clear to colour-blind eyes and in grey: nine of its colours, and straight lines between them.
+export const VIRIDIS = [0x440154, 0x472d7b, 0x3b528b, 0x2c728e, 0x21918c, 0x28ae80, 0x5ec962, 0xaddc30, 0xfde725]
+  .map((hex) => [hex >> 16, (hex >> 8) & 255, hex & 255]);
+
+export const $ = (id) => document.getElementById(id);
+export const bound = (value, low, high) => Math.min(Math.max(value, low), high);
+
+/** Colour of a byte, as CSS. */
+export function colourOf(byte) {
+  const at = bound(byte / FASTEST, 0, 1) * (VIRIDIS.length - 1), low = Math.min(Math.floor(at), VIRIDIS.length - 2);
+  const mixed = VIRIDIS[low].map((one, k) => Math.round(one + (VIRIDIS[low + 1][k] - one) * (at - low)));
+  return `rgb(${mixed.join(" ")})`;
+}
+
+/** A number in four digits; a dash for none. */
+export function digits(value) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
+  if (value === 0) return "0";
+  const size = Math.abs(value);
+  if (size >= 1e7 || size < 1e-3) return value.toExponential(2).replace("e+", "e").replace("-", "−").replace("e-", "e−");
+  const places = Math.max(0, 3 - Math.floor(Math.log10(size)));
+  return value.toLocaleString("en", { maximumFractionDigits: places, minimumFractionDigits: Math.min(places, 6) }).replace("-", "−");
+}
+
+export const state = {
+  scene: null, status: { phase: "connecting", speed: 1, note: null }, gauges: null, picture: null, radii: null,
+  history: {}, historyFrame: -1, drawn: 0, socket: null, refused: null, dragging: false, since: performance.now(),
+};
+
+/** Make a canvas as fine as the screen; returns its size in its own pixels, and whether that is new. */
+export function sharpen(canvas) {
+  const ratio = window.devicePixelRatio || 1, box = canvas.getBoundingClientRect();
+  const [width, height] = [Math.max(Math.round(box.width * ratio), 1), Math.max(Math.round(box.height * ratio), 1)];
+  const changed = canvas.width !== width || canvas.height !== height;
+  if (changed) [canvas.width, canvas.height] = [width, height];
+  return { width, height, ratio, changed };
+}
+
+/** Text that fits a canvas: its size in canvas pixels. */
+export const fontSize = (ratio) => parseFloat(getComputedStyle(document.documentElement).fontSize) * 0.82 * ratio;

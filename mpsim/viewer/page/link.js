@@ -1,0 +1,117 @@
+// What the simulation says, and the connection by which it does.
+
+import { $, digits, state } from "./common.js";
+import { RADII, VERSION, decode } from "./decode.js";
+import { GAUGES, KEPT, drawGauges } from "./gauges.js";
+import { requestDraw } from "./stage.js";
+
+const REFUSED = [1003, 1008, 1013]; // closed for a reason that trying again would not change
+export const SPEEDS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, null]; // null: as fast as it goes
+
+export function take(message) {
+  if (message.type === "scene") {
+    if (message.version !== VERSION) return refuse("another version of mpsim runs now: load the page again");
+    state.scene = message;
+    $("name").textContent = document.title = message.name || "mpsim";
+    $("reset").disabled = !message.can_reset;
+    $("reset").title = message.can_reset ? "R" : "This simulation belongs to a program: only that can start it anew.";
+    const periodic = message.periodic.every(Boolean) ? "periodic" : message.periodic.some(Boolean) ? `periodic along ${message.periodic[0] ? "x" : "y"}` : "walls";
+    $("about").textContent = `box ${digits(message.width)} × ${digits(message.height)}, ${periodic}; method ${message.method}, dt ${digits(message.dt)}`;
+    requestDraw();
+  } else if (message.type === "status") {
+    state.status = message;
+    showStatus();
+  } else if (message.type === "gauges") {
+    state.gauges = message;
+    if (message.frame < state.historyFrame) state.history = {};
+    state.historyFrame = message.frame;
+    for (const name of GAUGES) {
+      const values = (state.history[name] ??= []);
+      values.push(message[name]);
+      if (values.length > KEPT) values.shift();
+    }
+    drawGauges();
+  }
+}
+
+export function takeBytes(buffer) {
+  const found = decode(buffer);
+  if (found.kind === RADII) { state.radii = found.radii; return; }
+  state.picture = found;
+  send({ do: "ack", serial: found.serial });
+  requestDraw();
+}
+
+export function showStatus() {
+  const { phase, speed, note } = state.status, open = state.socket?.readyState === WebSocket.OPEN;
+  const ready = open && (phase === "playing" || phase === "paused");
+  $("phase").textContent = open ? { over: "ended" }[phase] ?? phase : state.refused ? "not connected" : "connecting";
+  $("play").textContent = phase === "playing" ? "Pause" : "Play";
+  for (const id of ["play", "step"]) $(id).disabled = !ready;
+  $("speed").disabled = !ready;
+  $("reset").disabled = !open || phase === "starting" || !state.scene?.can_reset;
+  let at = SPEEDS.indexOf(speed);
+  if (at < 0) at = SPEEDS.findIndex((each) => each === null || each >= speed);
+  if (document.activeElement !== $("speed") || !state.dragging) $("speed").value = at;
+  $("speed-text").textContent = speedText(speed);
+  $("speed").setAttribute("aria-valuetext", speedText(speed));
+  const seconds = Math.round((performance.now() - state.since) / 1000);
+  notice(state.refused ?? (!open ? (seconds > 1 ? "No connection to mpsim. Is it still running? Trying again …" : null)
+    : phase === "starting" ? `Getting ready … ${seconds > 1 ? `${seconds} s; the first time, loops are compiled for up to half a minute` : ""}` : note));
+}
+
+export function speedText(speed) {
+  if (speed === null) return "as fast as it goes";
+  return `${speed < 1 ? `1/${Math.round(1 / speed)}` : digits(speed).replace(/\.0+$/, "")}×, ${speed * 60 < 10 ? +(speed * 60).toFixed(2) : Math.round(speed * 60)} frames a second`;
+}
+
+export function notice(text) {
+  $("notice").hidden = !text;
+  $("notice").textContent = text ?? "";
+}
+
+// --- the connection
+
+export function send(message) {
+  if (state.socket?.readyState === WebSocket.OPEN) state.socket.send(JSON.stringify(message));
+}
+
+export let patience = 500;
+export function connect() {
+  const address = new URL("socket", location.href);
+  address.protocol = "ws:";
+  address.search = address.hash = "";
+  const socket = (state.socket = new WebSocket(address));
+  socket.binaryType = "arraybuffer";
+  socket.onopen = () => {
+    patience = 500;
+    state.since = performance.now();
+    tellVisible();
+    showStatus();
+  };
+  socket.onmessage = ({ data }) => {
+    try {
+      if (typeof data === "string") take(JSON.parse(data)); else takeBytes(data);
+    } catch (error) {
+      refuse(String(error.message ?? error));
+    }
+  };
+  socket.onclose = ({ code, reason }) => {
+    if (state.refused) return;
+    if (REFUSED.includes(code)) { refuse(`mpsim has ended the connection: ${reason}. Load the page again.`); return; }
+    state.since = patience === 500 ? performance.now() : state.since;
+    setTimeout(connect, patience);
+    patience = Math.min(2 * patience, 5000);
+    showStatus();
+  };
+}
+
+export function refuse(text) {
+  state.refused = text;
+  state.socket?.close();
+  showStatus();
+}
+
+export const tellVisible = () => send({ do: "visible", value: document.visibilityState === "visible" });
+document.addEventListener("visibilitychange", () => { tellVisible(); requestDraw(); });
+setInterval(() => { if (state.status.phase === "starting" || state.socket?.readyState !== WebSocket.OPEN) showStatus(); }, 1000);

@@ -1,0 +1,91 @@
+// The page of mpsim's live view: what people do. What it shows is in the other files of this folder.
+
+import { $, bound, state } from "./common.js";
+import { drawGauges } from "./gauges.js";
+import { SPEEDS, connect, refuse, send, showStatus } from "./link.js";
+import { camera, forgetLegend, renderer, requestDraw, stage } from "./stage.js";
+
+const USUAL = 6; // of SPEEDS
+
+const act = {
+  play: () => send({ do: state.status.phase === "playing" ? "pause" : "play" }),
+  step: () => send({ do: "step", frames: 1 }),
+  reset: () => send({ do: "reset" }),
+};
+const disabled = (id) => $(id).disabled;
+for (const id of ["play", "step", "reset"]) $(id).addEventListener("click", act[id]);
+
+function setSpeed(index) {
+  const at = bound(index, 0, SPEEDS.length - 1);
+  $("speed").value = at; // at once, so that the next key counts from here
+  send({ do: "speed", value: SPEEDS[at] });
+}
+$("speed").max = SPEEDS.length - 1;
+$("speed").value = USUAL;
+$("speed").addEventListener("input", () => { state.dragging = true; setSpeed(+$("speed").value); });
+$("speed").addEventListener("change", () => { state.dragging = false; });
+
+$("zoom-in").addEventListener("click", () => camera.zoomBy(1.5));
+$("zoom-out").addEventListener("click", () => camera.zoomBy(1 / 1.5));
+$("zoom-all").addEventListener("click", () => camera.all());
+
+document.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  const on = event.target, key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+  const onControl = on.closest?.("button, input, summary");
+  if (onControl && (key === " " || key === "Enter" || key.startsWith("Arrow"))) return; // it has a meaning of its own there
+  const move = 0.1 * Math.min(camera.width, camera.height);
+  const deeds = {
+    " ": () => disabled("play") || act.play(), ".": () => disabled("step") || act.step(), r: () => disabled("reset") || act.reset(),
+    "[": () => disabled("speed") || setSpeed(+$("speed").value - 1), "]": () => disabled("speed") || setSpeed(+$("speed").value + 1),
+    m: () => disabled("speed") || setSpeed(SPEEDS.length - 1),
+    "+": () => camera.zoomBy(1.25), "=": () => camera.zoomBy(1.25), "-": () => camera.zoomBy(0.8), 0: () => camera.all(),
+  };
+  if (on === stage) Object.assign(deeds, {
+    ArrowLeft: () => camera.moveBy(move, 0), ArrowRight: () => camera.moveBy(-move, 0),
+    ArrowUp: () => camera.moveBy(0, move), ArrowDown: () => camera.moveBy(0, -move),
+  });
+  if (!(key in deeds)) return;
+  event.preventDefault();
+  deeds[key]();
+});
+
+// The wheel zooms on the stage only; elsewhere it scrolls the page, as ever.
+const onCanvas = (event) => {
+  const box = stage.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
+  return [(event.clientX - box.left - stage.clientLeft) * ratio, (event.clientY - box.top - stage.clientTop) * ratio];
+};
+stage.addEventListener("wheel", (event) => {
+  event.preventDefault();
+  camera.zoomBy(Math.exp(-bound(event.deltaY * (event.deltaMode ? 30 : 1), -200, 200) / 400), ...onCanvas(event));
+}, { passive: false });
+
+const pointers = new Map();
+stage.addEventListener("pointerdown", (event) => {
+  if (event.target.closest("button")) return;
+  stage.setPointerCapture(event.pointerId);
+  pointers.set(event.pointerId, onCanvas(event));
+  stage.classList.add("dragged");
+});
+stage.addEventListener("pointermove", (event) => {
+  const before = pointers.get(event.pointerId);
+  if (!before) return;
+  const now = onCanvas(event), other = [...pointers].find(([id]) => id !== event.pointerId)?.[1];
+  pointers.set(event.pointerId, now);
+  if (other) { // two fingers
+    const far = (point) => Math.hypot(point[0] - other[0], point[1] - other[1]) || 1;
+    camera.zoomBy(far(now) / far(before), (now[0] + other[0]) / 2, (now[1] + other[1]) / 2);
+    camera.moveBy((now[0] - before[0]) / 2, (now[1] - before[1]) / 2);
+  } else camera.moveBy(now[0] - before[0], now[1] - before[1]);
+});
+for (const name of ["pointerup", "pointercancel"]) stage.addEventListener(name, (event) => {
+  pointers.delete(event.pointerId);
+  if (!pointers.size) stage.classList.remove("dragged");
+});
+
+new ResizeObserver(() => { forgetLegend(); requestDraw(); drawGauges(); }).observe(document.body);
+new ResizeObserver(requestDraw).observe(stage);
+stage.dataset.drawnBy = renderer.constructor.name;
+if (new Uint8Array(new Uint16Array([1]).buffer)[0] !== 1) refuse("this page needs a machine that is little-endian");
+else connect();
+showStatus();

@@ -1,0 +1,154 @@
+// The stage: the camera, the box and what stands in it, and the legend of the colours.
+
+import { $, FASTEST, KNEE, bound, colourOf, digits, fontSize, sharpen, state } from "./common.js";
+import { ByCanvas, ByWebGL } from "./discs.js";
+
+const MOST_ZOOM = 64;
+
+/** Which part of the box is seen: the point in the middle, and canvas pixels per length. */
+export const camera = {
+  x: 0.5, y: 0.5, zoom: 1, whole: 1, width: 1, height: 1, free: false,
+  get scale() { return this.whole * this.zoom; },
+  pixel(x, y) { return [this.width / 2 + (x - this.x) * this.scale, this.height / 2 - (y - this.y) * this.scale]; },
+  /** Fit the canvas; show all, unless somebody has chosen what is shown. */
+  fit(width, height) {
+    [this.width, this.height] = [width, height];
+    const box = state.scene ?? { width: 1, height: 1 };
+    this.whole = 0.96 * Math.min(width / box.width, height / box.height);
+    if (!this.free) [this.x, this.y, this.zoom] = [box.width / 2, box.height / 2, 1];
+  },
+  all() { this.free = false; this.fit(this.width, this.height); requestDraw(); },
+  /** Zoom round a pixel, which stays where it is. */
+  zoomBy(factor, px = this.width / 2, py = this.height / 2) {
+    const before = this.scale;
+    this.zoom = bound(this.zoom * factor, 0.5, MOST_ZOOM);
+    const change = 1 / before - 1 / this.scale;
+    this.moveTo(this.x + (px - this.width / 2) * change, this.y - (py - this.height / 2) * change);
+  },
+  moveBy(px, py) { this.moveTo(this.x - px / this.scale, this.y + py / this.scale); },
+  moveTo(x, y) {
+    const box = state.scene ?? { width: 1, height: 1 };
+    [this.x, this.y, this.free] = [bound(x, 0, box.width), bound(y, 0, box.height), true];
+    requestDraw();
+  },
+};
+
+export const stage = $("stage"), discs = $("discs-canvas"), lines = $("lines");
+export let renderer;
+try {
+  if (new URLSearchParams(location.search).get("canvas") === "2d") throw new Error("asked for");
+  renderer = new ByWebGL(discs);
+} catch {
+  renderer = new ByCanvas(discs);
+}
+
+/** Where discs are drawn again, as images: (0, 0) is where they are. */
+export function images(scene) {
+  const [x, y] = scene?.periodic ?? [false, false];
+  return [[0, 0], ...(x ? [[1, 0]] : []), ...(y ? [[0, 1]] : []), ...(x && y ? [[1, 1]] : [])];
+}
+
+let asked = false;
+export function requestDraw() {
+  if (asked) return;
+  asked = true;
+  requestAnimationFrame(() => { asked = false; draw(); });
+}
+
+export function draw() {
+  const { width, height, ratio } = sharpen(discs);
+  sharpen(lines);
+  camera.fit(width, height);
+  drawGround(ratio);
+  renderer.draw(state.picture, state.radii, camera, images(state.scene));
+  drawLegend();
+  const picture = state.picture;
+  if (picture) {
+    $("time").textContent = digits(picture.time);
+    $("frame").textContent = picture.frame.toLocaleString("en");
+    state.drawn += 1;
+    stage.dataset.frame = picture.frame;
+    stage.dataset.drawn = state.drawn;
+  }
+}
+
+/** The box, what stands in it, and what a moving wall has closed off: below the discs, so that they are seen whole. */
+export function drawGround(ratio) {
+  const c = lines.getContext("2d"), scene = state.scene;
+  c.setTransform(1, 0, 0, 1, 0, 0);
+  c.clearRect(0, 0, lines.width, lines.height);
+  if (!scene) return;
+  const [left, top] = camera.pixel(0, scene.height), [right, bottom] = camera.pixel(scene.width, 0);
+  c.fillStyle = "#fff";
+  c.fillRect(left, top, right - left, bottom - top);
+  const walls = state.picture?.walls;
+  if (scene.wall !== null && walls) {
+    const [x, y] = camera.pixel(walls[0], walls[3]), [x2, y2] = camera.pixel(walls[1], walls[2]);
+    c.fillStyle = "#9aa3ad";
+    if (scene.wall === 0) c.fillRect(left, top, x - left, bottom - top);
+    if (scene.wall === 1) c.fillRect(x2, top, right - x2, bottom - top);
+    if (scene.wall === 2) c.fillRect(left, y2, right - left, bottom - y2);
+    if (scene.wall === 3) c.fillRect(left, top, right - left, y - top);
+  }
+  c.save();
+  c.beginPath();
+  c.rect(left, top, right - left, bottom - top);
+  c.clip();
+  c.strokeStyle = "#3a3f45";
+  c.lineCap = "round";
+  const shifts = (periodic, length) => (periodic ? [0, -length, length] : [0]);
+  for (const [ax, ay, bx, by, radius] of scene.capsules)
+    for (const dx of shifts(scene.periodic[0], scene.width))
+      for (const dy of shifts(scene.periodic[1], scene.height)) {
+        c.lineWidth = Math.max(2 * radius * camera.scale, 1.5 * ratio);
+        c.beginPath();
+        c.moveTo(...camera.pixel(ax + dx, ay + dy));
+        c.lineTo(...camera.pixel(bx + dx, by + dy));
+        c.stroke();
+      }
+  c.restore();
+  c.lineWidth = 2 * ratio;
+  c.strokeStyle = "#16191d";
+  const side = (dotted, ...points) => {
+    c.setLineDash(dotted ? [2 * ratio, 5 * ratio] : []);
+    c.beginPath();
+    points.forEach((point, k) => (k ? c.lineTo(...point) : c.moveTo(...point)));
+    c.stroke();
+  };
+  for (const x of [left, right]) side(scene.periodic[0], [x, top], [x, bottom]);
+  for (const y of [top, bottom]) side(scene.periodic[1], [left, y], [right, y]);
+  c.setLineDash([]);
+}
+
+let legendKey = "";
+/** Draw the legend again, even where its numbers are the same. */
+export const forgetLegend = () => { legendKey = ""; };
+
+function drawLegend() {
+  const canvas = $("legend"), { width, height, ratio, changed } = sharpen(canvas), picture = state.picture;
+  const key = picture ? `${picture.usual} ${picture.fastest}` : "";
+  if (key === legendKey && !changed) return;
+  legendKey = key;
+  const c = canvas.getContext("2d"), size = fontSize(ratio), bar = height - 2.95 * size;
+  c.clearRect(0, 0, width, height);
+  if (!picture) return;
+  for (let x = 0; x < width; x++) {
+    c.fillStyle = colourOf((x / (width - 1)) * FASTEST);
+    c.fillRect(x, 0, 1, bar);
+  }
+  c.font = `${size}px system-ui, "DejaVu Sans", sans-serif`;
+  c.fillStyle = c.strokeStyle = "#16191d";
+  const knee = (KNEE / FASTEST) * width;
+  const ticks = [[0, 0, "left"], [knee / 2, picture.usual / 2, "center"], [knee, picture.usual, "right"], [width, picture.fastest, "right"]];
+  for (const [x, speed, align] of ticks) {
+    c.textAlign = align;
+    c.fillRect(bound(x - ratio / 2, 0, width - ratio), bar, ratio, 0.4 * size);
+    c.fillText(digits(speed), x, bar + 1.3 * size);
+  }
+  c.fillStyle = "#4d5661";
+  c.textAlign = "left";
+  c.fillText("speed [length/time]", 0, bar + 2.5 * size);
+  c.textAlign = "right";
+  c.fillText("98 % below", knee, bar + 2.5 * size);
+  c.fillText("max", width, bar + 2.5 * size);
+}

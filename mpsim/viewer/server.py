@@ -1,0 +1,248 @@
+"""The server of a view: the files of the page by HTTP, and a connection of WebSocket for each page.
+
+It runs in a thread of its own. A page that breaks a rule loses its connection; nothing else notices.
+"""
+
+import asyncio
+import contextlib
+import http
+import logging
+import socket
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from mpsim.core.errors import InputError, ResourceError
+from mpsim.core.optional_packages import imported
+from mpsim.viewer import wire
+from mpsim.viewer.admission import Admission, Refusal
+from mpsim.viewer.client import Client
+from mpsim.viewer.page_files import page_files
+from mpsim.viewer.session import Session, Shown
+
+SOCKET = "socket"
+"""What a page asks for to be connected."""
+
+MOST_PAGES = 8
+"""Pages that are connected at a time."""
+
+OPEN_SECONDS, CLOSE_SECONDS, PING_SECONDS = 10, 1, 20
+"""Time for a request to be sent, for an end to be agreed on, and between two signs of life."""
+
+UNACCEPTABLE, POLICY, LATER = 1003, 1008, 1013
+"""Why a connection is ended, in the numbers of WebSocket (RFC 6455): bytes, a broken rule, too many pages."""
+
+HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+"""Of all answers: nothing is guessed, framed, told to others, or kept."""
+
+
+def websockets() -> Any:
+    """The package.
+
+    Raises:
+        OutputError: if it is not installed.
+    """
+    imported("websockets.asyncio.server", "a live view", "view", "write a film by mpsim.animate or `mpsim animate`")
+    return imported("websockets", "a live view", "view", "write a film by mpsim.animate or `mpsim animate`")
+
+
+def listening(host: str, port: int) -> socket.socket:
+    """A socket that listens.
+
+    Raises:
+        ResourceError: if the port is taken, or the host is none of this machine.
+    """
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        return socket.create_server((host, port), family=family)
+    except OSError as error:
+        raise ResourceError(
+            f"a view needs a host of this machine and a free port; got {host!r} and {port} "
+            f"({error.strerror or error}). Leave them out for 127.0.0.1 and a port that is free."
+        ) from None
+
+
+class Server:
+    """The server of one view; the audience of its session.
+
+    Args:
+        found: socket to listen at.
+        admission: which requests are answered.
+    """
+
+    def __init__(self, found: socket.socket, admission: Admission):
+        self._socket = found
+        self._admission = admission
+        self._session: Session | None = None
+        self._clients: set[Client] = set()
+        self._texts: dict[str, str] = {}
+        self._picture: Shown | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None  # from the start
+        self._end = asyncio.Event()
+        self._thread = threading.Thread(target=self._serve, name="mpsim view: server", daemon=True)
+        self._websockets = websockets()
+
+    def start(self, session: Session) -> None:
+        """Start the thread; pages see this session."""
+        self._session = session
+        self._loop = asyncio.new_event_loop()
+        self._thread.start()
+
+    def close(self) -> None:
+        """End all connections, and the thread."""
+        if self._thread.ident is None:
+            self._socket.close()
+            return
+        self._from_outside(self._end.set)
+        self._thread.join()
+
+    # --- called by the thread of the session
+
+    def show(self, picture: Shown) -> None:
+        """Hand a picture to the pages."""
+        self._from_outside(self._show, picture)
+
+    def tell(self, kind: str, text: str) -> None:
+        """Hand a message to the pages."""
+        self._from_outside(self._tell, kind, text)
+
+    def _from_outside(self, act: Callable[..., None], *arguments: Any) -> None:
+        """Have the server's thread do something; nothing, if it has ended."""
+        if self._loop is None:
+            return
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(act, *arguments)
+
+    # --- the thread
+
+    def _serve(self) -> None:
+        loop = self._loop
+        assert loop is not None  # since the start
+        with asyncio.Runner(loop_factory=lambda: loop) as runner:
+            runner.run(self._until_the_end())
+
+    async def _until_the_end(self) -> None:
+        async with self._websockets.asyncio.server.serve(
+            self._talk,
+            sock=self._socket,
+            process_request=self._answer,
+            compression=None,
+            max_size=wire.MOST_BYTES,
+            max_queue=16,
+            open_timeout=OPEN_SECONDS,
+            close_timeout=CLOSE_SECONDS,
+            ping_interval=PING_SECONDS,
+            ping_timeout=PING_SECONDS,
+            server_header=None,
+            logger=_quiet(),
+        ):
+            await self._end.wait()
+
+    def _show(self, picture: Shown) -> None:
+        self._picture = picture
+        for client in self._clients:
+            client.show(picture)
+
+    def _tell(self, kind: str, text: str) -> None:
+        self._texts[kind] = text
+        for client in self._clients:
+            client.tell(kind, text)
+
+    def _answer(self, connection: Any, request: Any) -> Any:
+        """The answer to a request of HTTP; None lets it become a connection."""
+        try:
+            if getattr(request, "method", "GET") != "GET":  # older versions of websockets refuse others themselves
+                raise Refusal(405, "Only GET is answered here.")
+            name = self._admission.name_of(request.path, request.headers)
+            if name == SOCKET:
+                self._admission.demand_own_page(request.headers)
+                return None
+            if (file := page_files().get(name)) is None:
+                raise Refusal(404, f"There is no {name[:40]!r} here.")
+        except Refusal as refusal:
+            return self._response(refusal.status, str(refusal).encode(), "text/plain; charset=utf-8", "")
+        return self._response(200, file.content, file.kind, request.headers["Host"])
+
+    def _response(self, status: int, body: bytes, kind: str, host: str) -> Any:
+        policy = (
+            f"default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self' ws://{host}; "
+            "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        )
+        headers = {"Content-Type": kind, "Content-Length": str(len(body)), "Connection": "close", **HEADERS}
+        if host:
+            headers["Content-Security-Policy"] = policy
+        every = self._websockets.datastructures.Headers(headers)
+        return self._websockets.http11.Response(status, http.HTTPStatus(status).phrase, every, body)
+
+    async def _talk(self, connection: Any) -> None:
+        """Serve one page until its connection ends."""
+        if len(self._clients) >= MOST_PAGES:
+            await connection.close(LATER, f"at most {MOST_PAGES} pages at a time: close another one")
+            return
+        client = Client(connection)
+        self._clients.add(client)
+        for kind, text in self._texts.items():
+            client.tell(kind, text)
+        if self._picture is not None:
+            client.show(self._picture)
+        sending = asyncio.ensure_future(client.send_all())
+        try:
+            await self._listen(client, connection)
+        finally:
+            sending.cancel()
+            self._clients.discard(client)
+            self._count()
+            with contextlib.suppress(asyncio.CancelledError, self._websockets.exceptions.ConnectionClosed):
+                await sending
+
+    async def _listen(self, client: Client, connection: Any) -> None:
+        """Do what a page asks for; end its connection when it breaks a rule."""
+        try:
+            async for message in connection:
+                client.spend(time.monotonic())
+                if not isinstance(message, str):
+                    await connection.close(UNACCEPTABLE, "a page sends text, no bytes")
+                    return
+                self._do(client, wire.read_deed(message))
+        except InputError as error:
+            await connection.close(POLICY, _short(str(error)))
+        except self._websockets.exceptions.ConnectionClosed:
+            pass  # too long a message, or no sign of life
+
+    def _do(self, client: Client, deed: wire.Deed) -> None:
+        assert self._session is not None  # since the start
+        match deed.name:
+            case "ack":
+                client.acknowledge(deed.values["serial"])
+            case "visible":
+                client.set_visible(deed.values["value"])
+                self._count()
+            case _:
+                self._session.obey(deed)
+        if client.needs_picture():
+            self._session.ask()
+
+    def _count(self) -> None:
+        """Tell the session how many pages are seen."""
+        assert self._session is not None
+        self._session.watched_by(sum(client.visible for client in self._clients))
+
+
+def _short(text: str) -> str:
+    """A reason as short as WebSocket allows: 123 bytes."""
+    return text.encode()[:120].decode(errors="ignore")
+
+
+def _quiet() -> logging.Logger:
+    """A log that says nothing of requests that break rules, however many there are."""
+    logger = logging.getLogger("mpsim.viewer.connections")
+    logger.setLevel(logging.CRITICAL + 1)
+    return logger

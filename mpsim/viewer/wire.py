@@ -1,0 +1,243 @@
+"""What goes between a simulation and the pages that show it: pictures as bytes, everything else as JSON.
+
+All numbers are little-endian. A message of bytes begins with HEADER, of 96 bytes:
+
+```text
+ offset  type        what
+      0  4 bytes     "MPSV"
+      4  uint8       version of this format
+      5  uint8       kind: 1 a picture, 2 radii
+      6  uint16      0
+      8  uint32      serial number of the picture, by which the page acknowledges it; of radii 0
+     12  uint32      N, number of discs; of radii 1 if they are all equal
+     16  uint64      frame of the simulation
+     24  float64     simulated time
+     32  4 float64   walls now: x_low, x_high, y_low, y_high
+     64  2 float64   width and height that positions are fractions of: those of the scene
+     80  2 float64   speed of byte KNEE and of byte FASTEST
+     96  N x 2 uint16, then N x uint8: x and y, 0 to 65535, and the speed as a colour; or N x float32: radii
+```
+
+So a disc takes 5 bytes. Its colour is 0 to FASTEST, ABSORBED for one that has left, which is not drawn.
+
+A page sends one kind of message, text: `{"do": NAME, ...}` with the fields that DEEDS lists under that name, no more
+and no fewer. A deed of another kind is one more line there.
+"""
+
+import struct
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import orjson
+from numpy.typing import NDArray
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+from mpsim.core.state import Box, State
+from mpsim.viewer.colours import SpeedScale
+
+MAGIC, VERSION = b"MPSV", 1
+PICTURE, RADII = 1, 2
+HEADER = struct.Struct("<4sBBHIIQd4d2d2d")
+STEPS = 65535
+"""Positions are fractions of the box in so many steps: 0.03 pixels where the box is 1,920 wide."""
+
+MOST_BYTES = 4096
+"""Length of a message from a page; one that is larger ends its connection."""
+
+SLOWEST, QUICKEST = 0.01, 1000.0
+"""Bounds of the speed that a page may ask for, in units of Pace.UNIT frames a second."""
+
+MOST_STEPS = 10_000
+"""Frames of the deed `step` at most."""
+
+
+@dataclass(frozen=True)
+class Header:
+    """What a picture says besides its discs; see the top of this file.
+
+    Attributes:
+        serial: number of the picture.
+        frame, time: of the simulation.
+        walls: where they are now [length].
+        extent: width and height of the scene [length].
+        scale: from speeds to colours.
+    """
+
+    serial: int
+    frame: int
+    time: float
+    walls: Box
+    extent: tuple[float, float]
+    scale: SpeedScale
+
+
+class Picture(NamedTuple):
+    """A picture that was unpacked.
+
+    Attributes:
+        header: as above.
+        position: shape (N, 2) [length], to the nearest of STEPS.
+        colour: shape (N,), uint8.
+    """
+
+    header: Header
+    position: NDArray[np.float64]
+    colour: NDArray[np.uint8]
+
+
+def pack(header: Header, state: State) -> bytearray:
+    """A picture as bytes.
+
+    >>> state = State(np.array([[1.0, 2.0]]), np.array([[3.0, 4.0]]))
+    >>> header = Header(7, 10, 0.5, (0.0, 4.0, 0.0, 4.0), (4.0, 4.0), SpeedScale(5.0, 10.0))
+    >>> packed = pack(header, state)
+    >>> len(packed), unpack(packed).position.round(3).tolist(), unpack(packed).colour.tolist()
+    (101, [[1.0, 2.0]], [223])
+    """
+    count = len(state.position)
+    packed = bytearray(HEADER.size + 5 * count)
+    start = _header(PICTURE, header.serial, count, header)
+    packed[: HEADER.size] = start
+    places = np.frombuffer(packed, "<u2", 2 * count, HEADER.size).reshape(count, 2)
+    colours = np.frombuffer(packed, np.uint8, count, HEADER.size + 4 * count)
+    precision = state.position.dtype.type
+    fractions = state.position * np.array([STEPS / length for length in header.extent], precision)
+    fractions += precision(0.5)
+    np.clip(fractions, 0, STEPS, out=fractions)
+    places[:] = fractions
+    header.scale.colours(state, out=colours)
+    return packed
+
+
+def _header(kind: int, serial: int, count: int, header: Header) -> bytes:
+    numbers = (*header.walls, *header.extent, header.scale.usual, header.scale.fastest)
+    return HEADER.pack(MAGIC, VERSION, kind, 0, serial, count, header.frame, header.time, *numbers)
+
+
+def pack_radii(radii: NDArray[np.float64], header: Header) -> bytes:
+    """Radii as bytes: all of them, or one where they are equal. They hold for all pictures that follow.
+
+    >>> header = Header(1, 0, 0.0, (0.0, 4.0, 0.0, 4.0), (4.0, 4.0), SpeedScale(5.0, 10.0))
+    >>> unpack_radii(pack_radii(np.full(1000, 0.5), header)).tolist()
+    [0.5]
+    """
+    each = np.asarray(radii[:1] if len(radii) and (radii == radii[0]).all() else radii, "<f4")
+    return _header(RADII, 0, len(each), header) + each.tobytes()
+
+
+def unpack(message: bytes | bytearray | memoryview) -> Picture:
+    """A picture from its bytes.
+
+    Raises:
+        InputError: if it is none of this version, or is too short or too long.
+    """
+    header, count = _unpacked(message, PICTURE, 5)
+    places = np.frombuffer(message, "<u2", 2 * count, HEADER.size).reshape(count, 2)
+    position = places * (np.array(header.extent) / STEPS)
+    return Picture(header, position, np.frombuffer(message, np.uint8, count, HEADER.size + 4 * count))
+
+
+def unpack_radii(message: bytes | bytearray | memoryview) -> NDArray[np.float32]:
+    """Radii from their bytes, shape (N,), or (1,) where all are equal [length].
+
+    Raises:
+        InputError: as `unpack`.
+    """
+    _, count = _unpacked(message, RADII, 4)
+    return np.frombuffer(message, "<f4", count, HEADER.size)
+
+
+def _unpacked(message: bytes | bytearray | memoryview, kind: int, size: int) -> tuple[Header, int]:
+    """The header of a message of a kind with `size` bytes a disc, and its number of discs."""
+    if len(message) < HEADER.size:
+        raise InputError(f"a picture must have at least {HEADER.size} bytes; got {len(message)}. Ask for another.")
+    magic, version, found, zero, serial, count, frame, time, *numbers = HEADER.unpack_from(message)
+    if (magic, version, found, zero) != (MAGIC, VERSION, kind, 0):
+        raise InputError(
+            f"a picture must begin with {MAGIC!r}, version {VERSION}, kind {kind} and 0; got {magic!r}, {version}, "
+            f"{found} and {zero}. Use the mpsim that sent it."
+        )
+    if len(message) != HEADER.size + size * count:
+        raise InputError(
+            f"a picture of {count} discs must have {HEADER.size + size * count} bytes; got {len(message)}. "
+            "Ask for another."
+        )
+    x_low, x_high, y_low, y_high, width, height, usual, fastest = numbers
+    walls = (x_low, x_high, y_low, y_high)
+    return Header(serial, frame, time, walls, (width, height), SpeedScale(usual, fastest)), count
+
+
+# --- what pages say
+
+Field = Callable[[str, Any], Any]
+"""Checks a value; called as field(name, value), it raises InputError."""
+
+
+def _whole(low: int, high: int) -> Field:
+    return lambda name, value: checks.whole(name, value, low, high, "See docs/howto/live-view.md.")
+
+
+def _speed(name: str, value: Any) -> float | None:
+    return None if value is None else checks.between(name, value, SLOWEST, QUICKEST)
+
+
+DEEDS: Mapping[str, Mapping[str, Field]] = {
+    "ack": {"serial": _whole(1, 2**32 - 1)},
+    "visible": {"value": checks.truth},
+    "play": {},
+    "pause": {},
+    "step": {"frames": _whole(1, MOST_STEPS)},
+    "speed": {"value": _speed},
+    "reset": {},
+}
+"""What a page may ask for: the fields of each deed, and what checks them."""
+
+
+@dataclass(frozen=True)
+class Deed:
+    """What a page asks for: a name among DEEDS, and the values of its fields."""
+
+    name: str
+    values: Mapping[str, Any]
+
+
+def read_deed(text: str | bytes) -> Deed:
+    """The deed that a message asks for.
+
+    Raises:
+        InputError: for anything else.
+
+    >>> read_deed('{"do": "speed", "value": 0.5}')
+    Deed(name='speed', values={'value': 0.5})
+    """
+    if len(text) > MOST_BYTES:
+        raise InputError(f"a message must have at most {MOST_BYTES} characters; got {len(text)}. Send less.")
+    try:
+        message = orjson.loads(text)
+    except orjson.JSONDecodeError as error:
+        raise InputError(f"a message must be JSON; got {checks.brief(text)} ({error!s:.60}).") from None
+    if not isinstance(message, dict):
+        raise InputError(f"a message must be an object of JSON; got {checks.brief(message)}.")
+    name = checks.choice("do of a message", message.pop("do", None), DEEDS)
+    fields = DEEDS[name]
+    if set(message) != set(fields):
+        raise InputError(
+            f"a message to {name} must have the fields {sorted(fields)}, besides do; "
+            f"got {checks.brief(sorted(message))}."
+        )
+    return Deed(name, {field: check(field, message[field]) for field, check in fields.items()})
+
+
+# --- what pages are told
+
+
+def text_of(kind: str, values: Mapping[str, Any]) -> str:
+    """A message for pages as JSON: `type` says of what kind; numbers that are not finite become null.
+
+    >>> text_of("gauges", {"temperature": float("nan")})
+    '{"type":"gauges","temperature":null}'
+    """
+    return orjson.dumps({"type": kind, **values}, option=orjson.OPT_SERIALIZE_NUMPY).decode()

@@ -1,0 +1,297 @@
+"""What a live view costs, and pictures of its page: tables under results/view/ and, with --docs, in its how-to page.
+
+python scripts/run_view.py                     two minutes
+python scripts/run_view.py --quick             some seconds
+python scripts/run_view.py --pictures FOLDER   only pictures of the page, which need Playwright and Chromium
+python scripts/run_view.py --docs docs/howto/live-view.md
+
+Times are of the processor, of all threads of the process that simulates; the page is another process. A run with and
+one without a page take turns, and of their ratios the median counts, as the machine may be shared.
+"""
+
+import argparse
+import contextlib
+import io
+import json
+import re
+import shutil
+import statistics
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pages import fill_blocks, made_by
+from rich.console import Console
+from run_bench import machine
+
+import mpsim
+from mpsim.scene import scenefile
+from mpsim.studies import benchmark
+from mpsim.viewer import wire
+from mpsim.viewer.admission import Admission
+from mpsim.viewer.colours import scale_of
+from mpsim.viewer.page_files import page_files
+from mpsim.viewer.server import Server, listening
+from mpsim.viewer.session import Shown
+
+SIZES = (10, 1_000, 10_000, 100_000, 1_000_000)
+COUNT = 10_000
+"""Discs of the run that is watched."""
+
+WIDTHS = {390: 844, 1280: 800, 1920: 1080}
+"""Sizes of the page in pictures: a telephone, a window, a projector."""
+
+GRID = mpsim.Settings(method="grid")
+console = Console()
+
+PAGE = """
+import json, struct, sys
+from websockets.sync.client import connect
+from websockets.exceptions import ConnectionClosed
+address = sys.argv[1]
+origin = address.rsplit("/", 2)[0]
+try:
+    with connect(address.replace("http", "ws", 1) + "socket", origin=origin, compression=None, max_size=None) as socket:
+        socket.send(json.dumps({"do": "visible", "value": True}))
+        for deed in sys.argv[2:]:
+            socket.send(deed)
+        while True:
+            message = socket.recv()
+            if isinstance(message, bytes) and message[5] == 1:
+                socket.send(json.dumps({"do": "ack", "serial": struct.unpack_from("<I", message, 8)[0]}))
+except ConnectionClosed:
+    pass
+"""
+"""A page without a browser: it takes each picture and asks for the next."""
+
+
+@contextlib.contextmanager
+def page_at(address: str, *deeds: dict[str, Any]) -> Iterator[None]:
+    """A page that looks, in a process of its own; it does these deeds first."""
+    process = subprocess.Popen([sys.executable, "-c", PAGE, address, *map(json.dumps, deeds)])
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait()
+
+
+class Album:
+    """In place of a session: each picture is packed as soon as it is asked for."""
+
+    def __init__(self, state: mpsim.State, scene: mpsim.Scene, server: Server):
+        self._state, self._scene, self._server = state, scene, server
+        self._asked = threading.Semaphore(0)
+        self._scale = scale_of(state)
+        self.seconds: list[float] = []
+
+    def ask(self) -> None:
+        """A page wants a picture."""
+        self._asked.release()
+
+    def watched_by(self, pages: int) -> None:
+        """Nothing runs here."""
+
+    def send(self, pictures: int) -> float:
+        """Hand over so many pictures; returns the processor time of each, packing and sending together [s]."""
+        scene, radii, started = self._scene, b"", 0.0
+        for serial in range(1, pictures + 1):
+            self._asked.acquire()
+            if serial == 4:  # the first ones allocate
+                started = time.process_time()
+            before = time.thread_time()
+            header = wire.Header(serial, 0, 0.0, scene.box, (scene.width, scene.height), self._scale)
+            radii = radii or wire.pack_radii(scene.radii, header)
+            packed = wire.pack(header, self._state)
+            self.seconds.append(time.thread_time() - before)
+            self._server.show(Shown(serial, packed, radii))
+        self._asked.acquire()
+        return (time.process_time() - started) / (pictures - 3)
+
+
+def picture_cost(count: int) -> dict[str, float]:
+    """Processor time of a picture of so many discs: of packing it alone, and of all."""
+    scene = benchmark.gas(count)
+    socket = listening("127.0.0.1", 0)
+    admission = Admission("127.0.0.1", socket.getsockname()[1])
+    server = Server(socket, admission)
+    album = Album(mpsim.State(scene.position, scene.velocity), scene, server)
+    server.start(album)  # pyright: ignore[reportArgumentType]
+    try:
+        with page_at(admission.address):
+            whole = album.send(13 if count >= 10**6 else 103)
+    finally:
+        server.close()
+    return {"discs": count, "bytes": 96 + 5 * count, "packing": statistics.median(album.seconds[3:]), "whole": whole}
+
+
+def watched(scene: mpsim.Scene, seconds: float, speed: float | None) -> dict[str, float]:
+    """A run that a page watches: processor time of a frame [s], pictures and frames a second, part of a core."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        view = mpsim.view(scene, GRID, browser=False, wait=False)
+    with view, page_at(view.address, {"do": "speed", "value": speed}):
+        session = view._session  # pyright: ignore[reportPrivateUsage]
+        while (sim := session._sim) is None or sim.frame < 10:  # pyright: ignore[reportPrivateUsage]
+            time.sleep(0.01)
+        time.sleep(0.5)
+        serial, frame = session._serial, sim.frame  # pyright: ignore[reportPrivateUsage]
+        started, cpu = time.perf_counter(), time.process_time()
+        time.sleep(seconds)
+        passed, used = time.perf_counter() - started, time.process_time() - cpu
+        frames = sim.frame - frame
+        pictures = session._serial - serial  # pyright: ignore[reportPrivateUsage]
+        session.watched_by(0)
+        time.sleep(0.2)
+        digest, end = sim.digest(), sim.frame
+    with mpsim.Simulation(scene, GRID) as alone:
+        alone.run(frames=end)
+        if alone.digest() != digest:
+            raise benchmark.WrongAnswerError(f"watching has changed the bits of {scene.count} discs.")
+    return {"frame": used / frames, "pictures": pictures / passed, "frames": frames / passed, "core": used / passed}
+
+
+def alone(scene: mpsim.Scene, seconds: float) -> float:
+    """Processor time of a frame without a view [s]."""
+    with mpsim.Simulation(scene, GRID) as sim:
+        sim.run(frames=200)
+        started, frames = time.process_time(), 0
+        end = time.perf_counter() + seconds
+        while time.perf_counter() < end:
+            frames += sim.run(frames=2000).frames
+        return (time.process_time() - started) / frames
+
+
+def cost_of_watching(turns: int, seconds: float) -> dict[str, float]:
+    """What a page costs a run, in turns with the run alone."""
+    scene, ratios, rates = benchmark.gas(COUNT), [], []
+    for _ in range(turns):
+        before = alone(scene, seconds)
+        found = watched(scene, seconds, None)
+        ratios.append(found["frame"] / ((before + alone(scene, seconds)) / 2))
+        rates.append(found["pictures"])
+    slow = watched(scene, seconds, 1.0)
+    return {
+        "percent": 100 * (statistics.median(ratios) - 1),
+        "lowest": 100 * (min(ratios) - 1),
+        "highest": 100 * (max(ratios) - 1),
+        "pictures": statistics.median(rates),
+        "core": 100 * slow["core"],
+        "slow_pictures": slow["pictures"],
+    }
+
+
+def seconds_to_first_picture() -> float:
+    """From the command until its page has the first picture, in a process of its own [s]."""
+    from websockets.sync.client import connect  # noqa: PLC0415 - only here
+
+    started = time.perf_counter()
+    command = [sys.executable, "-u", "-m", "mpsim", "view", "gas", "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            address = re.search(r"http://\S+/", process.stdout.readline())
+            assert address is not None
+            where, origin = address[0].replace("http", "ws", 1) + "socket", address[0].rsplit("/", 2)[0]
+            with connect(where, origin=origin, compression=None, max_size=None) as socket:  # pyright: ignore[reportArgumentType]
+                socket.send('{"do": "visible", "value": true}')
+                while not (isinstance(message := socket.recv(), bytes) and message[5] == wire.PICTURE):
+                    pass
+                return time.perf_counter() - started
+        finally:
+            process.terminate()
+
+
+def take_pictures(folder: Path) -> list[Path]:
+    """The page of a scene at three sizes, as a browser shows it."""
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415 - only for pictures
+
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    found, file = [], scenefile.load("dense")
+    with contextlib.redirect_stdout(io.StringIO()):
+        view = mpsim.view(file.scene, file.settings, browser=False, wait=False, name=file.name)
+    with view, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        for width, height in WIDTHS.items():
+            page = browser.new_page(viewport={"width": width, "height": height})
+            page.goto(view.address)
+            end = time.monotonic() + 90  # loops may have to be compiled
+            while int(page.get_attribute("#stage", "data-frame") or 0) < 300 * (1 + len(found)):
+                assert time.monotonic() < end, "no pictures came"
+                page.wait_for_timeout(100)
+            path = folder / f"view-{width}.png"
+            page.screenshot(path=path, full_page=width < 800)
+            found.append(path)
+            page.close()
+        browser.close()
+    return found
+
+
+def table(pictures: list[dict[str, float]], marks: list[tuple[str, str, str]]) -> str:
+    lines = ["| mark | asked | found |", "|---|---|---|"]
+    lines += [f"| {name} | {asked} | {found} |" for name, asked, found in marks]
+    lines += ["", "| discs | bytes of a picture | packing, ms | packing and sending, ms |", "|---|---|---|---|"]
+    lines += [
+        f"| {each['discs']:,} | {each['bytes']:,} | {1e3 * each['packing']:.3f} | {1e3 * each['whole']:.3f} |"
+        for each in pictures
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def marks_of(pictures: list[dict[str, float]], cost: dict[str, float], first: float) -> list[tuple[str, str, str]]:
+    """Each mark: its name, what is asked, and what was found."""
+    size = sum(len(file.content) for file in page_files().values()) / 1000
+    found = {each["discs"]: each["whole"] for each in pictures}
+    marks = [
+        (
+            f"a page that watches {COUNT:,} discs at full speed, of the run's processor time",
+            "≤ 3 %",
+            f"{cost['percent']:.1f} % (turns: {cost['lowest']:.1f} to {cost['highest']:.1f}), at "
+            f"{cost['pictures']:.0f} pictures a second; the same digest",
+        ),
+        (
+            f"{COUNT:,} discs at 60 frames a second, each shown: part of a core, the run included",
+            "-",
+            f"{cost['core']:.1f} %, at {cost['slow_pictures']:.0f} pictures a second",
+        ),
+        ("from the command to the first picture, compiled", "≤ 1 s", f"{first:.2f} s"),
+        ("the page, all files", "≤ 150 kB", f"{size:.1f} kB"),
+    ]
+    if 100_000 in found:
+        marks.insert(1, ("a picture of 100,000 discs, packed and sent", "≤ 1.5 ms", f"{1e3 * found[100_000]:.2f} ms"))
+    return marks
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--pictures", type=Path, metavar="FOLDER")
+    parser.add_argument("--out", type=Path, default=Path("results/view"))
+    parser.add_argument("--docs", type=Path)
+    options = parser.parse_args()
+    if options.pictures is not None:
+        for path in take_pictures(options.pictures):
+            console.print(f"written: {path}", highlight=False)
+        return 0
+    options.out.mkdir(parents=True, exist_ok=True)
+    try:
+        pictures = [picture_cost(count) for count in (SIZES[:3] if options.quick else SIZES)]
+        cost = cost_of_watching(1 if options.quick else 7, 1.0 if options.quick else 3.0)
+        first = min(seconds_to_first_picture() for _ in range(1 if options.quick else 3))
+    except mpsim.MpsimError as error:
+        console.print(f"run_view: {error}", style="red", highlight=False, soft_wrap=True)
+        return 1
+    text = table(pictures, marks_of(pictures, cost, first))
+    (options.out / "view.md").write_text(text)
+    (options.out / "view.json").write_text(json.dumps({"pictures": pictures, "cost": cost, "first": first}, indent=1))
+    console.print(text, highlight=False, markup=False, soft_wrap=True)
+    if options.docs is not None:
+        fill_blocks(options.docs, "run_view", {"table": f"{text}\n{made_by(machine())}"})
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
