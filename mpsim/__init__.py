@@ -49,6 +49,7 @@ from mpsim.core.version import __version__ as __version__
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.features import Emitter, FixedDisc, Piston, Polyline
+from mpsim.measure.time_correlations import Correlations
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.sweep import sweep
@@ -108,6 +109,7 @@ __all__ = [
     "CheckpointError",
     "CheckpointWarning",
     "ClosedError",
+    "Correlations",
     "DivergedError",
     "Emitter",
     "EmitterWarning",

@@ -9,6 +9,7 @@ from typing import Any
 from mpsim.core.errors import level_of_caller
 from mpsim.measure import reference, reference_motion
 from mpsim.measure.correlation import PairCorrelation, pair_correlation
+from mpsim.measure.motion import TimeCorrelation
 from mpsim.measure.observables import (
     Overlap,
     SpeedDistribution,
@@ -33,13 +34,16 @@ from mpsim.measure.statistics import (
     independent_average,
     ratio_average,
 )
+from mpsim.measure.time_correlations import Correlations
 
 __all__ = [
+    "Correlations",
     "Measure",
     "Overlap",
     "PairCorrelation",
     "Predictability",
     "SpeedDistribution",
+    "TimeCorrelation",
     "TrajectoryDeviation",
     "block_average",
     "block_errors",
