@@ -125,6 +125,7 @@ def _contents(arrays: Mapping[str, NDArray[Any]]) -> Contents:
     _demand(0 < reals["dt"] < np.inf and 0 < reals["interval"] < np.inf, "its intervals are wrong")
     waves, discs, received = arrays["wave_numbers"], arrays["discs"], arrays["received"]
     _demand(waves.dtype == np.float64 and waves.ndim == 1 and len(waves) <= MOST_WAVE_NUMBERS, "its waves are wrong")
+    _demand(((waves > 0) & (waves < np.inf)).all(), "its waves are wrong")
     _demand(discs.dtype == np.int64 and discs.ndim == 1 and len(np.unique(discs)) == len(discs) > 0, "it has no discs")
     _demand(discs.min() >= 0 and discs.max() < numbers["count"], "its discs are not there")
     _demand(received.dtype == np.int64 and received.ndim == 1 and len(received) <= levels, "its levels are wrong")

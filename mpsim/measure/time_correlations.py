@@ -399,8 +399,12 @@ def _wave_numbers(values: ArrayLike) -> Floats:
 
 def _numbers(values: ArrayLike | Iterable[int]) -> NDArray[np.int64]:
     """Numbers of discs, each once, in the order given."""
-    found = np.asarray(values)
-    if found.ndim != 1 or found.dtype.kind not in "iu" or (found < 0).any() or len(np.unique(found)) != len(found):
+    try:
+        found = np.asarray(values)
+    except ValueError:  # rows of several lengths
+        found = np.zeros(0)
+    whole = found.ndim == 1 and found.dtype.kind in "iu"
+    if not whole or ((found < 0) | (found >= 2**62)).any() or len(np.unique(found)) != len(found):
         raise InputError(
             f"discs must be numbers of discs, shape (D,), whole, >= 0, each once; got {checks.brief(values)}. "
             "Use discs=range(100), for instance."
