@@ -9,6 +9,7 @@ from typing import Any
 from mpsim.core.errors import level_of_caller
 from mpsim.measure import reference, reference_motion
 from mpsim.measure.correlation import PairCorrelation, pair_correlation
+from mpsim.measure.equilibration import Equilibration, equilibration
 from mpsim.measure.motion import TimeCorrelation
 from mpsim.measure.observables import (
     Overlap,
@@ -26,6 +27,7 @@ from mpsim.measure.observables import (
     trajectory_error,
 )
 from mpsim.measure.predictability import Predictability, comparable_until, predictability, require_predictable
+from mpsim.measure.series import Series
 from mpsim.measure.statistics import (
     Measure,
     block_average,
@@ -38,16 +40,19 @@ from mpsim.measure.time_correlations import Correlations
 
 __all__ = [
     "Correlations",
+    "Equilibration",
     "Measure",
     "Overlap",
     "PairCorrelation",
     "Predictability",
+    "Series",
     "SpeedDistribution",
     "TimeCorrelation",
     "TrajectoryDeviation",
     "block_average",
     "block_errors",
     "comparable_until",
+    "equilibration",
     "fit_order",
     "independent_average",
     "kinetic_energy",

@@ -5,17 +5,14 @@
 
 import math
 import os
-import weakref
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError, NotRecordedError
-from mpsim.core.state import State
 from mpsim.measure import correlation_file
 from mpsim.measure.driving import adds_discs, conserves_energy, removes_discs
 from mpsim.measure.motion import (
@@ -29,9 +26,8 @@ from mpsim.measure.motion import (
     correlator,
 )
 from mpsim.measure.multiple_tau import MOST_PARTS, lags_of, levels_for
+from mpsim.measure.observed import Observed, OneSimulation
 from mpsim.measure.statistics import Measure
-from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings
 
 Floats = NDArray[np.float64]
 
@@ -43,40 +39,6 @@ MOST_BYTES = 2**30
 
 MOST_LOOKS = 10**12
 """Looks in the longest lag at most."""
-
-
-class Observed(Protocol):
-    """What is read of a simulation."""
-
-    @property
-    def frame(self) -> int:
-        """Frames done."""
-        ...
-
-    @property
-    def time(self) -> float:
-        """Simulated time [time]."""
-        ...
-
-    @property
-    def count(self) -> int:
-        """Number of discs."""
-        ...
-
-    @property
-    def state(self) -> State:
-        """All discs."""
-        ...
-
-    @property
-    def scene(self) -> Scene:
-        """What is simulated."""
-        ...
-
-    @property
-    def settings(self) -> Settings:
-        """How."""
-        ...
 
 
 class Correlations:
@@ -145,7 +107,7 @@ class Correlations:
         self.path: Path | None = None if path is None else correlation_file.new_place(path)
         self._motion: Motion | None = None
         self._bound: tuple[float, int] | None = None  # dt and number of discs at the first look
-        self._owner: weakref.ref[Observed] | None = None
+        self._owner = OneSimulation("Correlations")
         self._frame: int = -1  # of the last look that counted
         self._continuing = False  # whether looks up to that one are those of a run that is done again
 
@@ -191,14 +153,7 @@ class Correlations:
 
     def _bind_or_check(self, sim: Observed) -> None:
         """Bind to a simulation the first time; afterwards make sure that it is the same, and has not changed."""
-        owner = None if self._owner is None else self._owner()
-        if self._owner is None:
-            self._owner, owner = weakref.ref(sim), sim
-        if owner is not sim:
-            raise InputError(
-                f"Correlations belong to one simulation, {owner or 'which is gone by now'}; got another, {sim}. Make "
-                "one for each, and average over them by measure.independent_average."
-            )
+        self._owner.bind_or_check(sim)
         now = sim.settings.dt, sim.count
         self._bound = self._bound or now
         if self._bound != now:

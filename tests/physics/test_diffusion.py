@@ -44,7 +44,11 @@ def shoal():
 
 @pytest.mark.parametrize(
     ("scene", "settings"),
-    [(lanes, {"method": "event", "dt": 7.0}), (shoal, {"method": "event", "dt": 7.0}), (shoal, {"method": "grid", "dt": 0.05})],
+    [
+        (lanes, {"method": "event", "dt": 7.0}),
+        (shoal, {"method": "event", "dt": 7.0}),
+        (shoal, {"method": "grid", "dt": 0.05}),
+    ],
     ids=["lanes", "shoal", "shoal by steps"],
 )
 def test_without_collisions_displacements_are_ballistic_across_any_number_of_periods(scene, settings, figures):
@@ -164,4 +168,6 @@ def test_errors_of_one_run_tell_how_much_runs_differ(figures):
         mean = np.mean([each.value for each in known])
         found = np.array([each.deviation(mean) for each in known])
         assert 0.75 < found.std() < 1.3, f"{name}: {found.std()}"
-        figures.note("errors", "exact", f"{name}: scatter of 60 runs over the stated error", 1, f"{found.std():.2f}", "")
+        figures.note(
+            "errors", "exact", f"{name}: scatter of 60 runs over the stated error", 1, f"{found.std():.2f}", ""
+        )
