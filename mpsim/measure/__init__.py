@@ -26,6 +26,15 @@ from mpsim.measure.observables import (
     temperature,
     trajectory_error,
 )
+from mpsim.measure.order import (
+    HexaticCorrelation,
+    HexaticOrder,
+    StructureFactor,
+    hexatic_correlation,
+    hexatic_order,
+    structure_factor,
+    to_freud,
+)
 from mpsim.measure.predictability import Predictability, comparable_until, predictability, require_predictable
 from mpsim.measure.series import Series
 from mpsim.measure.statistics import (
@@ -41,12 +50,15 @@ from mpsim.measure.time_correlations import Correlations
 __all__ = [
     "Correlations",
     "Equilibration",
+    "HexaticCorrelation",
+    "HexaticOrder",
     "Measure",
     "Overlap",
     "PairCorrelation",
     "Predictability",
     "Series",
     "SpeedDistribution",
+    "StructureFactor",
     "TimeCorrelation",
     "TrajectoryDeviation",
     "block_average",
@@ -54,6 +66,8 @@ __all__ = [
     "comparable_until",
     "equilibration",
     "fit_order",
+    "hexatic_correlation",
+    "hexatic_order",
     "independent_average",
     "kinetic_energy",
     "mean_squared_displacement",
@@ -69,7 +83,9 @@ __all__ = [
     "rotational_energy",
     "speed_distribution",
     "speed_kurtosis",
+    "structure_factor",
     "temperature",
+    "to_freud",
     "trajectory_error",
 ]
 
