@@ -19,7 +19,7 @@ class Series:
     It is in memory only, 16 bytes a look; the table of `mpsim run --out` is a file. A frame is noted once.
 
     Args:
-        function: called as function(state, scene), gives a number, such as `measure.temperature`.
+        function: called as function(state, scene), gives a number [any], such as `measure.temperature`.
         every: frames between two looks, >= 1.
 
     Raises:
