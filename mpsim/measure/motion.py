@@ -98,7 +98,9 @@ class Motion:
     @property
     def lags(self) -> Floats:
         """Lags that have time origins, shape (L,) [time]: the first ones of the correlator."""
-        return self.correlator.lags[: np.count_nonzero(self.correlator.blocks.origins())] * self.interval
+        return np.multiply(
+            self.correlator.lags[: np.count_nonzero(self.correlator.blocks.origins())], self.interval, dtype=np.float64
+        )
 
     def measure(self, quantity: int, lag: int) -> Measure:
         """One quantity at one lag, given by its index."""
@@ -118,7 +120,7 @@ class Motion:
     def function(self, quantity: int) -> TimeCorrelation:
         """One quantity at all lags."""
         lags = self.lags
-        averaged = (self.correlator.width[: len(lags)] - 1) * self.interval
+        averaged = np.multiply(self.correlator.width[: len(lags)] - 1, self.interval, dtype=np.float64)
         width = averaged if quantity == VELOCITIES else np.zeros(len(lags))
         return TimeCorrelation(lags, width, tuple(self.measure(quantity, lag) for lag in range(len(lags))))
 
