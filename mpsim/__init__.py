@@ -50,6 +50,7 @@ from mpsim.engine.collision_observers import Collisions, Sensor
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.features import Emitter, FixedDisc, Piston, Polyline
+from mpsim.measure.time_correlations import Correlations
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.sweep import sweep
@@ -110,6 +111,7 @@ __all__ = [
     "CheckpointWarning",
     "ClosedError",
     "Collisions",
+    "Correlations",
     "DivergedError",
     "Emitter",
     "EmitterWarning",

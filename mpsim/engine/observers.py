@@ -26,6 +26,9 @@ Observed = TypeVar("Observed", bound=HasFrame)
 class Observer(Protocol[Seen_contra]):
     """What looks at a simulation along a run; what it is to change it changes by set, kick, remove, add and change.
 
+    One that has a method `keep()` is asked by it to write what it has gathered, before each checkpoint of the run: what
+    it has in its file then is never behind the checkpoint. Of several ranks the first one is asked.
+
     Attributes:
         every: frames between two looks, >= 1, counted from frame 0, so that a run in parts shows the same frames.
     """
@@ -85,6 +88,12 @@ class Observers(Generic[Observed]):
     def frames_ahead(self, frame: int) -> int:
         """Number of frames until the next look; very large without observers."""
         return min((each.every - frame % each.every for each in self._observers), default=2**62)
+
+    def keep(self) -> None:
+        """Let those observers that can write what they have gathered."""
+        for each in self._observers:
+            if callable(keep := getattr(each, "keep", None)):
+                keep()
 
     def look(self, sim: Observed, collisions: int) -> None:
         """Let those observers look whose frame this is."""

@@ -262,8 +262,13 @@ class Simulation(Changing):
             record = coordinator.begin_record(names, frames, observers.want_collisions)
         solver = coordinator.open_solver()
         place = None if checkpoint is None else solver.once(lambda: checkpoint_file.checked_place(checkpoint))
+
+        def save(path: Path) -> None:
+            coordinator.open_solver().once(observers.keep)
+            self.save(path)
+
         with (
-            Checkpointer(self.save, place, checkpoint_every, checkpoint_seconds, solver.any_of) as checkpoints,
+            Checkpointer(save, place, checkpoint_every, checkpoint_seconds, solver.any_of) as checkpoints,
             Interruption(solver) as interruption,
         ):
             between = BetweenSlices(self, observers, checkpoints, progress, interruption)

@@ -9,6 +9,8 @@ from typing import Any
 from mpsim.core.errors import level_of_caller
 from mpsim.measure import reference, reference_motion
 from mpsim.measure.correlation import PairCorrelation, pair_correlation
+from mpsim.measure.equilibration import Equilibration, equilibration
+from mpsim.measure.motion import TimeCorrelation
 from mpsim.measure.observables import (
     Overlap,
     SpeedDistribution,
@@ -24,7 +26,17 @@ from mpsim.measure.observables import (
     temperature,
     trajectory_error,
 )
+from mpsim.measure.order import (
+    HexaticCorrelation,
+    HexaticOrder,
+    StructureFactor,
+    hexatic_correlation,
+    hexatic_order,
+    structure_factor,
+    to_freud,
+)
 from mpsim.measure.predictability import Predictability, comparable_until, predictability, require_predictable
+from mpsim.measure.series import Series
 from mpsim.measure.statistics import (
     Measure,
     block_average,
@@ -33,18 +45,29 @@ from mpsim.measure.statistics import (
     independent_average,
     ratio_average,
 )
+from mpsim.measure.time_correlations import Correlations
 
 __all__ = [
+    "Correlations",
+    "Equilibration",
+    "HexaticCorrelation",
+    "HexaticOrder",
     "Measure",
     "Overlap",
     "PairCorrelation",
     "Predictability",
+    "Series",
     "SpeedDistribution",
+    "StructureFactor",
+    "TimeCorrelation",
     "TrajectoryDeviation",
     "block_average",
     "block_errors",
     "comparable_until",
+    "equilibration",
     "fit_order",
+    "hexatic_correlation",
+    "hexatic_order",
     "independent_average",
     "kinetic_energy",
     "mean_squared_displacement",
@@ -60,7 +83,9 @@ __all__ = [
     "rotational_energy",
     "speed_distribution",
     "speed_kurtosis",
+    "structure_factor",
     "temperature",
+    "to_freud",
     "trajectory_error",
 ]
 

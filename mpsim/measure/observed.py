@@ -1,0 +1,70 @@
+"""What observers that measure read of a simulation, and that each of them belongs to one."""
+
+import weakref
+from typing import Protocol
+
+from mpsim.core.errors import InputError
+from mpsim.core.state import State
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+
+
+class Observed(Protocol):
+    """What is read of a simulation."""
+
+    @property
+    def frame(self) -> int:
+        """Frames done."""
+        ...
+
+    @property
+    def time(self) -> float:
+        """Simulated time [time]."""
+        ...
+
+    @property
+    def count(self) -> int:
+        """Number of discs."""
+        ...
+
+    @property
+    def state(self) -> State:
+        """All discs."""
+        ...
+
+    @property
+    def scene(self) -> Scene:
+        """What is simulated."""
+        ...
+
+    @property
+    def settings(self) -> Settings:
+        """How."""
+        ...
+
+
+class OneSimulation:
+    """Binds an observer to the first simulation that it sees.
+
+    Args:
+        name: of the observer, for the error.
+    """
+
+    def __init__(self, name: str):
+        self._name = name
+        self._owner: weakref.ref[Observed] | None = None
+
+    def bind_or_check(self, sim: Observed) -> None:
+        """Bind to this simulation the first time; from then on make sure that it is the same.
+
+        Raises:
+            InputError: if it is another.
+        """
+        if self._owner is None:
+            self._owner = weakref.ref(sim)
+        owner = self._owner()
+        if owner is not sim:
+            raise InputError(
+                f"{self._name} must observe one simulation, {owner or 'which is gone by now'}; got another, {sim}. "
+                "Make one for each; measure.independent_average takes means over them."
+            )

@@ -1,0 +1,272 @@
+"""Order in space: the structure factor, bond-orientational order and its correlation function, and states for freud."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError, NotMeasurableError
+from mpsim.core.state import State
+from mpsim.measure.moments import checked_positions
+from mpsim.measure.pairs import close_pairs, lengths_of, to_nearest_image
+from mpsim.scene.scene import Scene
+
+Floats = NDArray[np.float64]
+
+NEIGHBOURS = 6
+"""Nearest neighbours of a disc in bond-orientational order, as many as in a triangular lattice."""
+
+MOST_VECTORS = 2_000_000
+"""Wave vectors of a structure factor at most."""
+
+
+@dataclass(frozen=True)
+class StructureFactor:
+    """Static structure factor, averaged over shells of wave vectors.
+
+    Attributes:
+        k: shape (bins,), mean wave number of each shell, NaN of one without vectors [1/length].
+        s: shape (bins,), S(k), NaN likewise [1].
+        error: shape (bins,), standard error S / sqrt(vectors x states), as in a fluid |rho_k|^2 is distributed
+            exponentially, and independent from vector to vector, if the states are independent [1].
+        vectors: shape (bins,), number of wave vectors, of k and -k one.
+    """
+
+    k: Floats
+    s: Floats
+    error: Floats
+    vectors: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class HexaticOrder:
+    """Bond-orientational order of the discs that are present.
+
+    Attributes:
+        disc: shape (K,), their numbers.
+        psi: shape (K,), complex: psi_6, of modulus 1 in a triangular lattice, where its argument is six times the angle
+            of the bonds [1].
+        local: mean of |psi_6| [1].
+        whole: |mean of psi_6|: 1 in a crystal, of order 1/sqrt(K) in a fluid [1].
+    """
+
+    disc: NDArray[np.int64]
+    psi: NDArray[np.complex128]
+    local: float
+    whole: float
+
+
+@dataclass(frozen=True)
+class HexaticCorrelation:
+    """Correlation of bond-orientational order.
+
+    Attributes:
+        r: shape (bins,), middle of each shell [length].
+        g: shape (bins,), g_6(r), the real part of the mean of psi_6(i)* psi_6(j) over pairs at that distance, NaN
+            without pairs [1].
+        pairs: shape (bins,), number of pairs, over all states.
+    """
+
+    r: Floats
+    g: Floats
+    pairs: NDArray[np.int64]
+
+
+def structure_factor(states: State | Sequence[State], scene: Scene, k_max: float, bins: int = 50) -> StructureFactor:
+    """Static structure factor S(k) = |sum over discs of exp(i k.r)|^2 / K in a periodic box, in shells from 0 to k_max.
+
+    Wave vectors are those of the box, k = 2 pi (n_x/width, n_y/height), all of them but 0.
+
+    Args:
+        states: of discs in the scene's box, absorbed ones left out; independent ones lower the noise.
+        scene: gives the box, periodic in both axes.
+        k_max: > 0 [1/length]. The first peak of a dense fluid is near 2 pi / diameter.
+        bins: number of shells of equal width, >= 1.
+
+    Raises:
+        InputError: naming the argument and its rule; if the box has walls; for more than 2,000,000 wave vectors.
+
+    Source: Hansen & McDonald, Theory of Simple Liquids (2013), eq. 4.1.3.
+
+    >>> corner = np.array([[0.5, 0.5], [1.5, 0.5], [0.5, 1.5], [1.5, 1.5]])
+    >>> scene = Scene(width=2, height=2, position=corner, velocity=0 * corner, radius=0.4, boundary="periodic")
+    >>> found = structure_factor(State(scene.position, scene.velocity), scene, k_max=6.4, bins=2)
+    >>> found.s.round(9).tolist(), found.vectors.tolist()  # in the second shell the Bragg peaks (2, 0) and (0, 2)
+    ([0.0, 2.0], [2, 4])
+    """
+    states = [states] if isinstance(states, State) else list(states)
+    k_max = checks.positive("k_max", k_max, "[1/length]")
+    bins = checks.whole("bins", bins, 1, 1_000_000, "Some 50 shells are usual.")
+    if not all(scene.periodic):
+        raise InputError(
+            "structure_factor needs a box that is periodic in both axes, whose wave vectors it takes; this one has "
+            "walls. Use Scene(..., boundary='periodic'), or pair_correlation."
+        )
+    steps = 2 * math.pi / np.array([scene.width, scene.height])
+    reach = k_max / steps
+    if not math.pi * reach.prod() / 2 <= MOST_VECTORS:
+        raise InputError(
+            f"k_max must be so small that at most {MOST_VECTORS:,} wave vectors are in it; got {k_max!r}, with "
+            f"{math.pi * reach.prod() / 2:.3g}. Give a smaller one."
+        )
+    edges = np.linspace(0, k_max, bins + 1)
+    sums, lengths, vectors = np.zeros(bins), np.zeros(bins), np.zeros(bins, np.int64)
+    for state in states:
+        places = _present(state, "structure_factor", 1)
+        up = np.arange(-int(reach[1]), int(reach[1]) + 1)
+        along_y = np.exp(1j * steps[1] * up[:, None] * places[:, 1])
+        for n in range(int(reach[0]) + 1):
+            rows = up > 0 if n == 0 else np.ones(len(up), np.bool_)  # of k and -k one
+            density = (along_y[rows] * np.exp(1j * steps[0] * n * places[:, 0])).sum(axis=1)
+            k = np.hypot(steps[0] * n, steps[1] * up[rows])
+            shell = np.minimum(np.searchsorted(edges, k, side="left") - 1, bins - 1)
+            inside = k <= k_max
+            for total, values in ((sums, np.abs(density) ** 2 / len(places)), (lengths, k), (vectors, np.ones(len(k)))):
+                np.add.at(total, shell[inside], values[inside].astype(total.dtype))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        s = sums / vectors
+        return StructureFactor(lengths / vectors, s, s / np.sqrt(vectors), vectors // max(len(states), 1))
+
+
+def hexatic_order(state: State, scene: Scene) -> HexaticOrder:
+    """Bond-orientational order psi_6(i) = mean over the six nearest neighbours j of exp(6 i angle of r_j - r_i).
+
+    Along a periodic axis nearest images count. Discs at a wall have neighbours on one side only.
+
+    Args:
+        state: with at least seven discs that are present.
+        scene: that of the state.
+
+    Raises:
+        InputError: for fewer discs, a state that is not finite, or so small a periodic box that the six neighbours are
+            not within half of it.
+
+    Source: Halperin & Nelson, Phys. Rev. Lett. 41, 121 (1978); with six nearest neighbours, as in freud's Hexatic.
+
+    >>> column, row = np.divmod(np.arange(48), 8)
+    >>> place = np.stack([column + 0.5 * (row % 2), row * math.sqrt(0.75)], axis=1)
+    >>> scene = Scene(width=6, height=8 * math.sqrt(0.75), position=place, velocity=0 * place, radius=0.45,
+    ...               boundary="periodic")
+    >>> found = hexatic_order(State(scene.position, scene.velocity), scene)
+    >>> round(found.local, 9), round(found.whole, 9)
+    (1.0, 1.0)
+    """
+    places = _present(state, "hexatic_order", NEIGHBOURS + 1)
+    i, j = _nearest(places, scene)
+    x, y = to_nearest_image(places[j] - places[i], lengths_of(scene)).T
+    bonds = np.exp(6j * np.arctan2(y, x))
+    psi = bonds.reshape(len(places), NEIGHBOURS).sum(axis=1) / NEIGHBOURS
+    return HexaticOrder(np.flatnonzero(state.present), psi, float(np.abs(psi).mean()), float(np.abs(psi.mean())))
+
+
+def hexatic_correlation(states: State | Sequence[State], scene: Scene, bins: int, r_max: float) -> HexaticCorrelation:
+    """Correlation function of bond-orientational order, g_6(r) = Re <psi_6(0)* psi_6(r)>.
+
+    It stays above 0 in a crystal, falls as a power of r in the hexatic phase, and exponentially in a fluid.
+
+    Args:
+        states: of one scene; independent ones lower the noise.
+        scene: that of the states.
+        bins: number of shells of equal width from 0 to r_max, >= 1.
+        r_max: [length], > 0, at most half of a periodic axis.
+
+    Raises:
+        InputError: naming the argument and its rule; as `hexatic_order`.
+
+    Source: Bernard & Krauth, Phys. Rev. Lett. 107, 155704 (2011).
+
+    >>> scene = Scene.random(count=500, packing=0.3, radius=0.5, seed=1, boundary="periodic")
+    >>> found = hexatic_correlation(State(scene.position, scene.velocity), scene, bins=8, r_max=8.0)
+    >>> bool(found.g[1] > 5 * abs(found.g[-1]))
+    True
+    """
+    states = [states] if isinstance(states, State) else list(states)
+    bins = checks.whole("bins", bins, 1, 1_000_000, "Some 50 shells are usual.")
+    r_max = checks.positive("r_max", r_max, "[length]")
+    if r_max > (most := _half(scene)):
+        raise InputError(
+            f"r_max must be at most half of a periodic axis, {most:g}, as nearest images count; got {r_max!r}. Give a "
+            "smaller one."
+        )
+    edges = np.linspace(0, r_max, bins + 1)
+    sums, pairs = np.zeros(bins), np.zeros(bins, np.int64)
+    for state in states:
+        psi, places = hexatic_order(state, scene).psi, _present(state, "hexatic_correlation", NEIGHBOURS + 1)
+        for i, j, distance in close_pairs(places, r_max, lengths_of(scene)):
+            sums += np.histogram(distance, edges, weights=(psi[i].conj() * psi[j]).real)[0]
+            pairs += np.histogram(distance, edges)[0]
+    with np.errstate(invalid="ignore"):
+        return HexaticCorrelation((edges[:-1] + edges[1:]) / 2, sums / pairs, pairs)
+
+
+def to_freud(state: State, scene: Scene) -> tuple[Any, NDArray[np.float32]]:
+    """The discs that are present as freud takes them: a box of two dimensions, and points, shape (K, 3) [length].
+
+    Voronoi cells, clusters and all else of freud follow from these: `freud.locality.Voronoi().compute(to_freud(...))`.
+    Points are relative to the middle of the box, in float32, which is what freud computes in. A box that has moved, as
+    by a piston, is that of the state.
+
+    Args:
+        state: at any moment.
+        scene: that of the state; it says which axes are periodic.
+
+    Raises:
+        InputError: if the state is not finite.
+        NotMeasurableError: if the package freud-analysis is not there.
+
+    >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1, boundary="periodic")
+    >>> box, points = to_freud(State(scene.position, scene.velocity), scene)
+    >>> points.shape, box.is2D
+    ((50, 3), True)
+    """
+    try:
+        import freud  # noqa: PLC0415
+    except ImportError as error:
+        raise NotMeasurableError(
+            f"to_freud needs the package freud-analysis, which cannot be imported ({error}). Install it by pip install "
+            "freud-analysis."
+        ) from None
+    x_low, x_high, y_low, y_high = scene.box if state.box is None else state.box
+    box = freud.box.Box(Lx=x_high - x_low, Ly=y_high - y_low, is2D=True)
+    box.periodic = (*scene.periodic, False)
+    points = np.zeros((int(state.present.sum()), 3), np.float32)
+    points[:, :2] = _present(state, "to_freud", 0) - np.array([x_low + x_high, y_low + y_high]) / 2
+    return box, points
+
+
+def _present(state: State, name: str, fewest: int) -> Floats:
+    """Positions of the discs that are present, shape (K, 2)."""
+    places = checked_positions(state.position)[state.present]
+    if len(places) < fewest:
+        raise InputError(f"{name} needs at least {fewest} discs; got {len(places)}. Use a larger scene.")
+    return places
+
+
+def _half(scene: Scene) -> float:
+    """Half of the shorter periodic axis [length]; infinite without one."""
+    return min((length / 2 for length in lengths_of(scene) if length is not None), default=math.inf)
+
+
+def _nearest(places: Floats, scene: Scene) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Each disc NEIGHBOURS times, in order, and its nearest neighbours, of equally near ones those of lower number."""
+    count, half = len(places), _half(scene)
+    reach = min(math.sqrt(3 * NEIGHBOURS * scene.width * scene.height / (math.pi * count)), half)
+    while True:
+        found = list(close_pairs(places, reach, lengths_of(scene)))
+        one, other, distance = (np.concatenate([each[part] for each in found] or [np.zeros(0)]) for part in range(3))
+        i, j, r = np.append(one, other).astype(int), np.append(other, one).astype(int), np.tile(distance, 2)
+        if (np.bincount(i, minlength=count) >= NEIGHBOURS).all():
+            order = np.lexsort((j, r, i))
+            first = np.searchsorted(i[order], np.arange(count))
+            chosen = order[(first[:, None] + np.arange(NEIGHBOURS)).ravel()]
+            return i[chosen], j[chosen]
+        if reach >= min(half, scene.width + scene.height):
+            raise InputError(
+                f"hexatic_order needs {NEIGHBOURS} neighbours of each disc within half of each periodic axis, {half:g}"
+                f"; got a disc with {int(np.bincount(i, minlength=count).min())}. Use a larger box."
+            )
+        reach = min(1.5 * reach, half, scene.width + scene.height)

@@ -1,0 +1,87 @@
+"""A function of the state as a series along a run."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+from mpsim.core.state import State
+from mpsim.measure.equilibration import Equilibration, equilibration
+from mpsim.measure.observed import Observed, OneSimulation
+from mpsim.scene.scene import Scene
+
+
+class Series:
+    """An observer for `Simulation.run(observe=...)` that notes a number of the state every so many frames.
+
+    It is in memory only, 16 bytes a look; the table of `mpsim run --out` is a file. A frame is noted once.
+
+    Args:
+        function: called as function(state, scene), gives a number [any], such as `measure.temperature`.
+        every: frames between two looks, >= 1.
+
+    Raises:
+        InputError: naming the argument, its rule and the value received; in the run, if the function gives no number,
+            or the simulation is another one.
+
+    >>> import mpsim
+    >>> scene = mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+    >>> kurtosis = mpsim.measure.Series(lambda state, scene: mpsim.measure.speed_kurtosis(state), every=10)
+    >>> with mpsim.Simulation(scene, mpsim.Settings(dt=0.02, method="grid")) as sim:
+    ...     report = sim.run(frames=1000, observe=kurtosis)
+    >>> len(kurtosis.value), kurtosis.time[-1].round(9)
+    (101, np.float64(20.0))
+    """
+
+    def __init__(self, function: Callable[[State, Scene], float], every: int = 1):
+        if not callable(function):
+            raise InputError(
+                f"function of a Series must be called as function(state, scene); got {checks.brief(function)}. Use "
+                "mpsim.measure.temperature, for instance."
+            )
+        self.every: int = checks.whole("every", every, 1, 10**12, "1 looks at every frame.")
+        self._function = function
+        self._owner = OneSimulation("a Series")
+        self._frame = -1
+        self._rows: list[tuple[float, float]] = []
+
+    def look(self, sim: Observed, collisions: int) -> None:
+        """Note the number of the present frame, unless it has been noted.
+
+        Args:
+            sim: the simulation, always the same.
+            collisions: not used.
+        """
+        del collisions
+        self._owner.bind_or_check(sim)
+        if sim.frame <= self._frame:
+            return
+        value = checks.number("what function of a Series gives", self._function(sim.state, sim.scene), "a number")
+        self._rows.append((sim.time, value))
+        self._frame = sim.frame
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Times of the looks, shape (n,) [time]."""
+        return np.array([time for time, _ in self._rows])
+
+    @property
+    def value(self) -> NDArray[np.float64]:
+        """What the function gave, shape (n,) [of the function]."""
+        return np.array([value for _, value in self._rows])
+
+    def equilibration(self, *, batch: int = 5) -> Equilibration:
+        """Where the series has come to its stationary state, `measure.equilibration` of its values.
+
+        Args:
+            batch: samples averaged first.
+
+        Raises:
+            InputError: if there are too few values, or one is not finite.
+        """
+        return equilibration(self.value, batch=batch)
+
+    def __repr__(self) -> str:
+        return f"<Series: {len(self._rows)} values>"

@@ -1,0 +1,367 @@
+"""Correlations in time along a run: displacements, velocities and scattering, averaged over discs and time origins."""
+
+# pyright: reportUnnecessaryIsInstance=false
+# Arguments are checked when the program runs as well, for callers without a type checker.
+
+import math
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError, NotRecordedError
+from mpsim.measure import correlation_file
+from mpsim.measure.driving import adds_discs, conserves_energy, removes_discs
+from mpsim.measure.motion import (
+    MOST_WAVE_NUMBERS,
+    SQUARES,
+    VELOCITIES,
+    WAVES,
+    Motion,
+    Route,
+    TimeCorrelation,
+    correlator,
+)
+from mpsim.measure.multiple_tau import MOST_PARTS, lags_of, levels_for
+from mpsim.measure.observed import Observed, OneSimulation
+from mpsim.measure.statistics import Measure
+
+Floats = NDArray[np.float64]
+
+LEVELS = 20
+"""Levels of the correlator without `longest`: with 16 points the longest lag is 7.8 million samples."""
+
+MOST_BYTES = 2**30
+"""Memory for recent positions and velocities at most: 20 levels of 16 points for 100,000 discs."""
+
+MOST_LOOKS = 10**12
+"""Looks in the longest lag at most."""
+
+
+class Correlations:
+    """An observer for `Simulation.run(observe=...)` that averages correlations in time over discs and time origins.
+
+    Displacements are those of the motion itself: positions come with the number of periods that each disc has crossed
+    (`State.unwrapped`), which the solver counts at every crossing. So a disc may cross a periodic box any number of
+    times between two looks. A drift common to all discs is part of them; `Scene.random` starts without one.
+
+    Lags are 0, 1, ..., points - 1 looks, then points/2 of them in each doubling, by the multiple-tau scheme. Positions
+    are taken at the lag itself, from every look, every second one, every fourth one, and so on. Velocities are averaged
+    over 2, 4, ... looks as lags grow, which uses all of them; the value is then an average over lags within
+    `TimeCorrelation.width`, at most 2/points of the lag.
+
+    Errors are those of the average over this run, at its energy. They follow from up to 256 parts of the run by
+    `block_average`: correlations in time and between discs are included. Where a run is too short for a lag, `settled`
+    is False. Looks must come at equal intervals: after a pause, or a change of discs between two runs, averages
+    continue, but no lag reaches across it.
+
+    Args:
+        every: frames between two looks, >= 1. A tenth of the mean free time resolves the decay of velocities.
+        start: simulated time before which nothing is gathered, >= 0 [time]: the time to equilibrate.
+        discs: numbers of the discs that are followed, shape (D,), each once; None: all.
+        wave_numbers: shape (K,), > 0, for `scattering` [1/length].
+        longest: lag up to which correlations are gathered, > 0 [time]; None: 7.8 million looks.
+        points: samples kept at each level, even, from 4 to 256.
+        path: of a file, ending in .npz, that is written with each checkpoint of the run, for `load`; None: no file.
+
+    Raises:
+        InputError: naming the argument, its rule and the value received; in the run, if the discs followed would need
+            more than 1 GiB, are not there, or do not stay; if dt has changed, or the simulation is another one.
+
+    Source: Ramirez et al., J. Chem. Phys. 133, 154103 (2010); Frenkel & Smit, Understanding Molecular Simulation
+    (2002), sect. 4.4.
+
+    >>> import mpsim
+    >>> scene = mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1, boundary="periodic")
+    >>> correlations = mpsim.Correlations(every=2, wave_numbers=[1.0])
+    >>> with mpsim.Simulation(scene, mpsim.Settings(dt=0.05, method="grid")) as sim:
+    ...     report = sim.run(until=200, observe=correlations)
+    >>> correlations.msd.lag[:4].round(9).tolist(), round(correlations.velocity[0].value, 9)
+    ([0.0, 0.1, 0.2, 0.3], 2.0)
+    >>> bool(abs(correlations.diffusion().value - correlations.diffusion(route="velocity").value) < 0.1)
+    True
+    """
+
+    def __init__(
+        self,
+        every: int = 1,
+        *,
+        start: float = 0.0,
+        discs: ArrayLike | None = None,
+        wave_numbers: ArrayLike = (),
+        longest: float | None = None,
+        points: int = 16,
+        path: str | os.PathLike[str] | None = None,
+    ):
+        self.every: int = checks.whole("every", every, 1, 10**12, "1 looks at every frame.")
+        self.start: float = checks.non_negative("start", start, "[time]")
+        self.wave_numbers: Floats = _wave_numbers(wave_numbers)
+        self._discs = None if discs is None else _numbers(discs)
+        self._longest = None if longest is None else checks.positive("longest", longest, "[time]")
+        self._points = checks.whole("points", points, 4, 256, "16 is usual.")
+        if points % 2:
+            raise InputError(f"points must be even, as half of them are kept for each doubling; got {points}. Use 16.")
+        self.path: Path | None = None if path is None else correlation_file.new_place(path)
+        self._motion: Motion | None = None
+        self._bound: tuple[float, int] | None = None  # dt and number of discs at the first look
+        self._owner = OneSimulation("Correlations")
+        self._frame: int = -1  # of the last look that counted
+        self._continuing = False  # whether looks up to that one are those of a run that is done again
+
+    def look(self, sim: Observed, collisions: int) -> None:
+        """Take the present frame as a sample, unless it has been.
+
+        Args:
+            sim: the simulation, always the same.
+            collisions: not used.
+        """
+        del collisions
+        self._bind_or_check(sim)
+        if sim.frame < self._frame or sim.time < self.start - 1e-6 * sim.settings.dt:
+            return
+        motion = self._motion or self._begin(sim)
+        sample = self._sample(sim, motion)
+        if sim.frame == self._frame:
+            if checks.equal(sample, motion.latest):
+                self._continuing = False
+                return
+            if self._continuing:
+                raise InputError(
+                    f"a simulation that continues must be that of its Correlations; at frame {sim.frame} they hold "
+                    "other positions or velocities. Use the file that was written with its checkpoint."
+                )
+            motion.correlator.restart()  # discs were changed between two runs
+        elif sim.frame != self._frame + self.every:
+            motion.correlator.restart()
+        motion.correlator.add(sample)
+        motion.latest, self._frame, self._continuing = sample, sim.frame, False
+
+    @staticmethod
+    def _sample(sim: Observed, motion: Motion) -> Floats:
+        """Positions and velocities of the discs that are followed, shape (2, D, 2)."""
+        state = sim.state
+        if not (here := state.present[motion.discs]).all():
+            gone = int(motion.discs[int((~here).argmax())])
+            raise InputError(
+                f"discs of Correlations must stay in the box; disc {gone} has left it by frame {sim.frame}. Follow "
+                "discs that stay, by discs=..."
+            )
+        return np.stack([state.unwrapped[motion.discs], np.asarray(state.velocity[motion.discs], np.float64)])
+
+    def _bind_or_check(self, sim: Observed) -> None:
+        """Bind to a simulation the first time; afterwards make sure that it is the same, and has not changed."""
+        self._owner.bind_or_check(sim)
+        now = sim.settings.dt, sim.count
+        self._bound = self._bound or now
+        if self._bound != now:
+            raise InputError(
+                f"Correlations need the same dt and number of discs all along, {self._bound}; got {now} at frame "
+                f"{sim.frame}. Make others for what follows."
+            )
+
+    def _begin(self, sim: Observed) -> Motion:
+        """What there is at the first look."""
+        if self._discs is None and (adds_discs(sim.scene) or removes_discs(sim.scene)):
+            raise InputError(
+                "discs of Correlations must be given for a scene in which discs enter or leave; got None. Give the "
+                "numbers of those that stay."
+            )
+        discs = np.arange(sim.count) if self._discs is None else self._discs
+        if not len(discs) or discs.max() >= sim.count:
+            raise InputError(
+                f"discs of Correlations must be at least one, below {sim.count}, the number of discs; got "
+                f"{checks.brief(discs.tolist())}. Give numbers of discs that are there."
+            )
+        interval = self.every * sim.settings.dt
+        levels = self._levels(interval)
+        sums = MOST_PARTS * len(lags_of(self._points, levels)) * (3 + len(self.wave_numbers)) * 8
+        needed = levels * self._points * len(discs) * 4 * 8 + sums
+        if needed > MOST_BYTES:
+            raise InputError(
+                f"Correlations may keep {MOST_BYTES:,} bytes at most; {len(discs):,} discs at lags up to "
+                f"{2 ** (levels - 1) * (self._points - 1) * interval:g} need {needed:,}. Follow fewer by discs=..., or "
+                "give longest=..."
+            )
+        constant = len(discs) == sim.count and sim.scene.mass is None and conserves_energy(sim.scene)
+        found = correlator(self.wave_numbers, self._points, levels)
+        self._motion = Motion(found, discs, np.zeros((2, len(discs), 2)), interval, constant)
+        return self._motion
+
+    def _levels(self, interval: float) -> int:
+        """Levels of the correlator whose looks have this interval."""
+        if self._longest is None:
+            return LEVELS
+        if (looks := self._longest / interval) > MOST_LOOKS:
+            raise InputError(
+                f"longest must be at most {MOST_LOOKS:g} looks, which come every {interval:g}; got {self._longest:g}. "
+                "Give a shorter lag, or look less often."
+            )
+        return levels_for(math.ceil(looks), self._points)
+
+    @property
+    def msd(self) -> TimeCorrelation:
+        """Mean squared displacement, <|r(t) - r(0)|^2> [length^2]: <v^2> t^2 at first, 4 D t in the end.
+
+        Raises:
+            NotRecordedError: before the first look.
+        """
+        return self._gathered().function(SQUARES)
+
+    @property
+    def velocity(self) -> TimeCorrelation:
+        """Velocity autocorrelation, <v(t).v(0)> [length^2/time^2]; 2 kT/m at lag 0 in equilibrium.
+
+        Raises:
+            NotRecordedError: before the first look.
+        """
+        return self._gathered().function(VELOCITIES)
+
+    def scattering(self, wave_number: float) -> TimeCorrelation:
+        """Self intermediate scattering function, <cos(k (x(t) - x(0)))> averaged over x and y [1]; exp(-k^2 D t) late.
+
+        Args:
+            wave_number: k, one of those given at the start [1/length].
+
+        Raises:
+            InputError: if it is not one of these.
+            NotRecordedError: before the first look.
+        """
+        k = checks.positive("wave_number", wave_number, "[1/length]")
+        at = np.flatnonzero(np.isclose(self.wave_numbers, k, rtol=1e-12, atol=0.0))
+        if not len(at):
+            raise InputError(
+                f"wave_number must be one of those that were gathered, {self.wave_numbers.tolist()}; got {k!r}. Give "
+                f"Correlations(wave_numbers=[{k!r}])."
+            )
+        return self._gathered().function(WAVES + int(at[0]))
+
+    def diffusion(
+        self, start: float | None = None, end: float | None = None, *, route: Route = "displacement"
+    ) -> Measure:
+        """Diffusion constant D from lags between start and end [length^2/time].
+
+        By displacements it is (MSD(end) - MSD(start)) / (4 (end - start)). By velocities it is half the integral of
+        their autocorrelation from 0 to t, averaged over t from start to end: the same number in a stationary state,
+        from other samples, with an error of the trapezoidal rule of order (interval of looks / mean free time)^2 / 12.
+
+        In two dimensions D(t) grows like log t in an infinite fluid, if slowly (Alder & Wainwright 1970); in a periodic
+        box it ends at a value that depends on the number of discs. Say at which lags, and for how many discs.
+
+        Args:
+            start, end: lags [time]; the gathered ones that are nearest are taken. None: end is a fortieth of the time
+                gathered, start half of end.
+            route: "displacement" or "velocity".
+
+        Returns:
+            D with its error. Not settled if the run is too short, or the velocity autocorrelation at `start` is still
+            above its error and DECAYED of its value at lag 0: motion has not become diffusive by then.
+
+        Raises:
+            InputError: for lags that are not there, or start >= end.
+            NotRecordedError: if there were too few looks.
+
+        Source: Einstein (1905); Green (1954), Kubo (1957).
+        """
+        checks.choice("route", route, ("displacement", "velocity"))
+        return self._gathered().diffusion(start, end, route)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write all that was gathered to a file, for `load`; a file that is there is replaced as a whole.
+
+        Args:
+            path: ends in .npz.
+
+        Raises:
+            InputError: for another ending.
+            NotRecordedError: before the first look.
+            OutputError: if it cannot be written.
+        """
+        motion = self._gathered()
+        assert self._bound is not None  # since the first look
+        numbers = {"every": self.every, "points": self._points, "frame": self._frame, "count": self._bound[1]}
+        reals = {"start": self.start, "dt": self._bound[0]}
+        return correlation_file.write(path, motion, numbers, reals, self.wave_numbers)
+
+    def keep(self) -> None:
+        """Write the file at `path`, if there is one: a run does so before it writes a checkpoint."""
+        if self.path is not None and self._motion is not None:
+            self.save(self.path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Correlations":
+        """What `save` wrote or a checkpointed run has kept, to be read, or to observe the resumed simulation.
+
+        That may begin at an earlier frame: looks that are in the file are not taken again. Averages then have the bits
+        of a run that never stopped. The file is written with each further checkpoint.
+
+        Args:
+            path: of the file.
+
+        Raises:
+            InputError: if it is no such file.
+
+        >>> import tempfile, mpsim
+        >>> scene = mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     first = mpsim.Correlations(path=f"{folder}/run.npz")
+        ...     with mpsim.Simulation(scene) as sim:
+        ...         report = sim.run(frames=50, observe=first, checkpoint=f"{folder}/run.mpsim")
+        ...     again = mpsim.Correlations.load(f"{folder}/run.npz")
+        ...     with mpsim.Simulation.resume(f"{folder}/run.mpsim") as sim:
+        ...         report = sim.run(frames=50, observe=again)
+        >>> again.msd[0].samples
+        101
+        """
+        motion, numbers, reals, wave_numbers = correlation_file.read(path)
+        again = cls(
+            numbers["every"],
+            start=reals["start"],
+            discs=motion.discs,
+            wave_numbers=wave_numbers,
+            points=numbers["points"],
+        )
+        again.path, again._motion, again._bound = Path(path), motion, (reals["dt"], numbers["count"])
+        again._frame, again._continuing = numbers["frame"], True
+        return again
+
+    def __repr__(self) -> str:
+        if self._motion is None:
+            return "<Correlations: nothing gathered yet>"
+        looks, discs = self._motion.correlator.blocks.samples, len(self._motion.discs)
+        return f"<Correlations: {looks} looks at {discs} discs, lags up to {self._motion.lags[-1]:g}>"
+
+    def _gathered(self) -> Motion:
+        if self._motion is None:
+            raise NotRecordedError(
+                "Correlations have gathered nothing yet. Give them to sim.run(..., observe=correlations), and let the "
+                f"run pass start = {self.start:g}."
+            )
+        return self._motion
+
+
+def _wave_numbers(values: ArrayLike) -> Floats:
+    found = checks.finite_array("wave_numbers", values, (None,), "(K,)")
+    if len(found) > MOST_WAVE_NUMBERS or (found <= 0).any():
+        raise InputError(
+            f"wave_numbers must be at most {MOST_WAVE_NUMBERS} numbers > 0 [1/length]; got "
+            f"{checks.brief(found.tolist())}. Leave out the others."
+        )
+    return found
+
+
+def _numbers(values: ArrayLike | Iterable[int]) -> NDArray[np.int64]:
+    """Numbers of discs, each once, in the order given."""
+    try:
+        found = np.asarray(values)
+    except ValueError:  # rows of several lengths
+        found = np.zeros(0)
+    whole = found.ndim == 1 and found.dtype.kind in "iu"
+    if not whole or ((found < 0) | (found >= 2**62)).any() or len(np.unique(found)) != len(found):
+        raise InputError(
+            f"discs must be numbers of discs, shape (D,), whole, >= 0, each once; got {checks.brief(values)}. "
+            "Use discs=range(100), for instance."
+        )
+    return found.astype(np.int64)

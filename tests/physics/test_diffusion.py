@@ -1,0 +1,173 @@
+"""Correlations in time of whole simulations against closed forms, each with something wrong that must fail."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from support.scenes import gas, simulate
+
+import mpsim
+from mpsim.measure import mean_squared_displacement, reference
+from mpsim.measure.pairs import lengths_of, to_nearest_image
+
+PACKING = 0.02
+RATE = reference.enskog_rate(PACKING)
+"""Collisions per disc and time of the dilute gas."""
+
+
+def lanes():
+    """Discs that move along lanes of a periodic box, each at its own speed, and never meet."""
+    rows = np.arange(8)
+    return mpsim.Scene(
+        width=10,
+        height=8,
+        position=np.stack([1.0 + rows, 0.5 + rows], axis=1),
+        velocity=np.stack([np.array([3.7, -3.1, 2.3, -1.7, 1.3, -0.9, 0.5, 0.1]), np.zeros(8)], axis=1),
+        radius=0.3,
+        boundary="periodic",
+    )
+
+
+def shoal():
+    """Discs that all move alike, across both borders of a periodic box."""
+    start = gas(12, 0.2, boundary="periodic")
+    return mpsim.Scene(
+        width=start.width,
+        height=start.height,
+        position=start.position,
+        velocity=np.tile([3.3, -2.1], (12, 1)),
+        radius=0.5,
+        boundary="periodic",
+    )
+
+
+@pytest.mark.parametrize(
+    ("scene", "settings"),
+    [
+        (lanes, {"method": "event", "dt": 7.0}),
+        (shoal, {"method": "event", "dt": 7.0}),
+        (shoal, {"method": "grid", "dt": 0.05}),
+    ],
+    ids=["lanes", "shoal", "shoal by steps"],
+)
+def test_without_collisions_displacements_are_ballistic_across_any_number_of_periods(scene, settings, figures):
+    """The mean square is <v^2> t^2 at every lag, although discs cross the box up to three times between two looks."""
+    start, every = scene(), 1 if settings["dt"] == 7.0 else 140
+    correlations = mpsim.Correlations(every=every, wave_numbers=[0.3])
+    with simulate(start, **settings) as sim:
+        sim.run(frames=60 * every, observe=correlations)
+    speeds = (start.velocity**2).sum(axis=1).mean()
+    found = correlations.msd
+    assert found.lag[-1] == 7.0 * 56
+    assert found.value == pytest.approx(speeds * found.lag**2, rel=1e-9)
+    waves = np.cos(0.3 * start.velocity[None] * found.lag[:, None, None]).mean(axis=(1, 2))
+    assert correlations.scattering(0.3).value == pytest.approx(waves, abs=1e-8)
+    assert correlations.velocity.value == pytest.approx(np.full(len(found), speeds), rel=1e-12)
+    worst = float(np.abs(found.value[1:] / (speeds * found.lag[1:] ** 2) - 1).max())
+    figures.note("ballistic", settings.get("method", "stepped"), f"{scene.__name__}: MSD/(<v^2> t^2) - 1", 0, worst, "")
+
+
+def test_nearest_images_would_lose_the_crossings():
+    """Negative control: positions in the box tell displacements only up to half a period."""
+    with simulate(lanes(), method="event", dt=7.0) as sim:
+        before = sim.state
+        sim.run(frames=1)
+        after = sim.state
+    speeds = (before.velocity**2).sum(axis=1).mean()
+    wrapped = to_nearest_image(after.position - before.position, lengths_of(lanes()))
+    assert mean_squared_displacement(before, after) == pytest.approx(speeds * 49)
+    assert (wrapped**2).sum(axis=1).mean() < 0.1 * speeds * 49
+
+
+@cache
+def dilute():
+    """Correlations of a dilute gas of 128 discs over 400 mean free times."""
+    found = mpsim.Correlations(start=10 / RATE, wave_numbers=[0.02, 0.2])
+    with simulate(gas(128, PACKING, seed=5, boundary="periodic"), method="event", dt=0.1 / RATE) as sim:
+        sim.run(until=410 / RATE, observe=found)
+    return found
+
+
+def test_velocities_of_a_dilute_gas_decay_as_enskog_says(figures):
+    """<v(t).v(0)> = 2 kT (1 - 1/N) exp(-rate t) at short times, as a collision takes (v12.n)^2/2 = 2 kT on average."""
+    found = dilute()
+    count, velocity = 128, found.velocity
+    rate = RATE / reference.shell_factor(2 * (count - 1))
+    assert velocity[0].value == pytest.approx(2.0, rel=1e-12)
+    assert velocity[0].error < 1e-12
+    for index in (1, 2, 3, 5):
+        expected = 2 * math.exp(-rate * velocity.lag[index])
+        measured = velocity[index]
+        assert measured.settled
+        assert measured.error < 0.008
+        assert abs(measured.deviation(expected)) < 3, f"{measured}, expected {expected} at {velocity.lag[index]}"
+        figures.note("Enskog", "exact", f"<v(t).v(0)> at rate t = {index / 10}", f"{expected:.4f}", measured, "")
+    wrong = 2 * math.exp(-1.1 * rate * velocity.lag[2])
+    assert abs(velocity[2].deviation(wrong)) > 5, f"a rate wrong by ten per cent, {wrong}, must fail; got {velocity[2]}"
+
+
+def test_both_routes_give_the_same_diffusion_constant_and_that_of_enskog(figures):
+    found = dilute()
+    by_displacement, by_velocity = found.diffusion(), found.diffusion(route="velocity")
+    assert by_displacement.settled
+    assert by_velocity.settled
+    difference = by_displacement.value - by_velocity.value
+    assert abs(difference) < 2 * max(by_displacement.error, by_velocity.error)
+    expected = reference.enskog_diffusion(PACKING)
+    for each in (by_displacement, by_velocity):
+        assert each.error < 0.04 * expected
+        assert abs(each.value / expected - 1) < 0.03 + 3 * each.error / expected  # first order, some per cent low
+        assert abs(each.deviation(1.5 * expected)) > 6
+    figures.note("diffusion", "exact", "D by displacements", f"{expected:.3f}", by_displacement, "Enskog, first order")
+    figures.note("diffusion", "exact", "D by velocities", f"{expected:.3f}", by_velocity, "the same run")
+
+
+def test_the_routes_agree_at_any_lags_as_they_are_one_identity():
+    """Half the integral of the autocorrelation, averaged over the lags, is the slope of the mean square."""
+    found = dilute()
+    for start, end in ((0.0, 0.5), (0.5, 1.5), (1.0, 3.0), (2.4, 5.6)):
+        slope, integral = (found.diffusion(start / RATE, end / RATE, route=r) for r in ("displacement", "velocity"))
+        assert slope.value == pytest.approx(integral.value, rel=0.012)
+        if end <= 3:
+            assert not slope.settled, "motion is not diffusive yet"
+
+
+def test_before_velocities_have_decayed_no_diffusion_constant_is_called_settled():
+    found = dilute()
+    early, late = found.diffusion(0.0, 0.5 / RATE), found.diffusion()
+    assert early.value < 0.3 * late.value
+    assert not early.settled
+    assert late.settled
+
+
+def test_scattering_is_gaussian_at_long_waves(figures):
+    """exp(-k^2 MSD / 4) to order k^4; at short waves the discs' straight flights show."""
+    found = dilute()
+    long, short, squares = found.scattering(0.02), found.scattering(0.2), found.msd.value
+    reached = squares < 2000
+    assert reached.sum() > 25
+    assert long.value[reached] == pytest.approx(np.exp(-(0.02**2) * squares[reached] / 4), abs=2e-3)
+    assert long.value[reached].min() < 0.9
+    assert np.abs(short.value[reached] - np.exp(-(0.2**2) * squares[reached] / 4)).max() > 1e-3
+    assert np.abs(short.value[-5:]).max() < 0.05
+
+
+@pytest.mark.long
+def test_errors_of_one_run_tell_how_much_runs_differ(figures):
+    """60 independent gases: their scatter about the common mean is that of the stated errors."""
+    chosen = []
+    for seed in range(60):
+        found = mpsim.Correlations(start=10 / RATE)
+        with simulate(gas(32, PACKING, seed=100 + seed, boundary="periodic"), method="event", dt=0.2 / RATE) as sim:
+            sim.run(until=400 / RATE, observe=found)
+        chosen.append([found.velocity[3], found.msd[10], found.diffusion()])
+    for name, column in zip(("velocity", "msd", "diffusion"), zip(*chosen, strict=True), strict=True):
+        known = [each for each in column if each.settled]
+        assert len(known) > 45  # in a few runs velocities by chance seem correlated still
+        mean = np.mean([each.value for each in known])
+        found = np.array([each.deviation(mean) for each in known])
+        assert 0.75 < found.std() < 1.3, f"{name}: {found.std()}"
+        figures.note(
+            "errors", "exact", f"{name}: scatter of 60 runs over the stated error", 1, f"{found.std():.2f}", ""
+        )
