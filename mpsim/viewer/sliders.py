@@ -69,9 +69,7 @@ class Sliders:
             yield _slider("workers", settings.workers or self._cores, 1, self._cores, whole=True)
 
 
-def _slider(
-    name: str, value: float, low: float, high: float, log: bool = False, whole: bool = False
-) -> dict[str, Any]:
+def _slider(name: str, value: float, low: float, high: float, log: bool = False, whole: bool = False) -> dict[str, Any]:
     ends = {"low": min(low, value), "high": max(high, value)}
     return {"name": name, "value": value, **ends, "log": log, "whole": whole}
 

@@ -70,9 +70,7 @@ class Undo:
         if not self._points:
             raise InputError("undo needs a change before; got none that is remembered. Reset goes back to the start.")
         settings = sim.settings
-        again = Simulation.resume(
-            self._points[-1].path, workers=settings.workers, start_method=settings.start_method
-        )
+        again = Simulation.resume(self._points[-1].path, workers=settings.workers, start_method=settings.start_method)
         self.forget_last()
         sim.close()
         return again

@@ -13,9 +13,12 @@ const NAMES = {
 
 /** Sends values of one parameter; those of one drag are taken back together. */
 function sender(name) {
-  let going = false;
-  const post = paced((value) => { send({ do: "change", name, value, same: going }); going = true; });
-  return { post, end: () => { setTimeout(() => { going = false; }, 60); } };
+  let next = true, fresh = false; // whether the next value begins anew, and whether the one to be sent does
+  const out = paced((value) => { send({ do: "change", name, value, same: !fresh }); fresh = false; });
+  return {
+    post: (value) => { fresh ||= next; next = false; out(value); },
+    end: () => { next = true; },
+  };
 }
 
 // --- sliders

@@ -55,7 +55,9 @@ def test_a_session_runs_again_to_the_same_bits(words, tmp_path):
 def run_as_program(text, folder):
     file = folder / "program.py"
     file.write_text(text)
-    return subprocess.run([sys.executable, "-W", "ignore", file], capture_output=True, text=True, cwd=folder, timeout=300)
+    return subprocess.run(
+        [sys.executable, "-W", "ignore", file], capture_output=True, text=True, cwd=folder, timeout=300
+    )
 
 
 @pytest.mark.parametrize("words", SCENES)
