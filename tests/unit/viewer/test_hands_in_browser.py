@@ -377,7 +377,8 @@ def test_a_session_and_a_program_of_the_page_have_the_bits_of_the_run(table, tmp
     assert digest in text
     file = tmp_path / "program.py"
     file.write_text(text)
-    outcome = subprocess.run([sys.executable, file], capture_output=True, text=True, cwd=tmp_path, timeout=300)
+    command = [sys.executable, file]
+    outcome = subprocess.run(command, check=False, capture_output=True, text=True, cwd=tmp_path, timeout=300)
     assert (outcome.returncode, outcome.stderr) == (0, "")
     assert f"frame {frame}" in outcome.stdout
     assert t.complaints == []

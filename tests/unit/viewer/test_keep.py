@@ -83,7 +83,7 @@ def test_the_program_of_a_named_scene_names_it(tmp_path):
 
 def test_a_program_of_very_many_numbers_is_refused():
     with simulate(gas(2001, 0.3), method="grid") as sim:
-        with pytest.raises(mpsim.InputError, match="at most 2000 discs; this scene has 2,001 .*Download the session"):
+        with pytest.raises(mpsim.InputError, match=r"at most 2000 discs; this scene has 2,001 .*Download the session"):
             keep.program(sim, "")
         assert keep.session(sim, "").content
 
