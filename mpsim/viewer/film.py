@@ -21,7 +21,7 @@ MOST_BYTES = 2**26
 """Bytes of the pictures that are kept at most."""
 
 MOST_DISCS = 150_000
-"""Discs in all pictures of a film together at most, some seconds of drawing; of many discs the film has fewer pictures."""
+"""Discs in all pictures of a film together at most, some seconds of drawing; with more, it has fewer pictures."""
 
 PIXELS, FINER = 480, 2
 """Longer side of the box, and how many times finer it is drawn than shown, so that edges are smooth."""

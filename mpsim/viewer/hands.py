@@ -179,7 +179,7 @@ class Hands:
 
     # --- deeds
 
-    def _hold(self, sim: Simulation, now: float, id: int, x: float, y: float) -> None:  # noqa: A002 - a field's name
+    def _hold(self, sim: Simulation, now: float, id: int, x: float, y: float) -> None:
         held = _Held(id, (x, y), now + HOLD_SECONDS)
         if self._held is not None and self._held.disc == id:
             _put(sim, held)
@@ -213,7 +213,7 @@ class Hands:
         sim.add((x, y), (0.0, 0.0), **own)
         self._added += 1
 
-    def _remove(self, sim: Simulation, id: int) -> None:  # noqa: A002 - a field's name
+    def _remove(self, sim: Simulation, id: int) -> None:
         if self._held is not None and self._held.disc == id:
             self._held = None
         sim.remove([id])

@@ -1,4 +1,4 @@
-"""What is done by hand: each deed is what the simulation is asked for, refused ones change nothing, all are taken back."""
+"""What is done by hand: each deed is what was asked for, refused ones change nothing, all are taken back."""
 
 import os
 import tempfile

@@ -1,4 +1,4 @@
-"""Hands and keep in a real browser: pointer and keys do what they say, and what is downloaded has the bits of the run."""
+"""Hands and keep in a real browser: pointer and keys do what they say, and what is kept has the bits of the run."""
 
 import contextlib
 import io
@@ -156,7 +156,7 @@ def test_a_disc_is_thrown_with_the_velocity_of_the_pointer(table):
         time.sleep(0.02)
     mouse.up()
     seconds = (time.perf_counter() - started) / 8
-    until(lambda: t.sim.state.velocity[0].any())
+    until(lambda: bool(t.sim.state.velocity[0].any()))
     vx, vy = t.sim.state.velocity[0]
     expected = 0.2 / seconds / (60 * 0.01)
     assert vx == pytest.approx(expected, rel=0.7), "length a time of the simulation: 60 frames of 0.01 a second"
@@ -232,7 +232,7 @@ def test_discs_are_added_by_click_and_brush_and_removed(table):
     assert t.sim.state.present.sum() == t.sim.count - 1
     count = t.sim.count
     t.page.click("#undo")
-    until(lambda: t.sim.state.present.all())
+    until(lambda: bool(t.sim.state.present.all()))
     t.page.click("#undo")
     until(lambda: t.sim.count == 5)
     assert count > 5, "a stroke of the brush is taken back as one"
@@ -332,7 +332,7 @@ def test_keys_do_what_the_pointer_does(table):
     t.keys("x", "Enter")
     until(lambda: not t.sim.state.present[4])
     t.keys("z")
-    until(lambda: t.sim.state.present.all())
+    until(lambda: bool(t.sim.state.present.all()))
     t.keys("Control+z")
     until(lambda: t.sim.count == 4)
     t.keys("Escape")

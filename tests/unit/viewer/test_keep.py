@@ -55,9 +55,8 @@ def test_a_session_runs_again_to_the_same_bits(words, tmp_path):
 def run_as_program(text, folder):
     file = folder / "program.py"
     file.write_text(text)
-    return subprocess.run(
-        [sys.executable, "-W", "ignore", file], capture_output=True, text=True, cwd=folder, timeout=300
-    )
+    command = [sys.executable, "-W", "ignore", file]
+    return subprocess.run(command, check=False, capture_output=True, text=True, cwd=folder, timeout=300)
 
 
 @pytest.mark.parametrize("words", SCENES)
