@@ -84,7 +84,7 @@ def gif(pictures: Sequence[Shown], scene: Scene) -> bytes:
 def _drawn(shown: Shown, scene: Scene) -> Image.Image:
     """One picture: the box from edge to edge."""
     header, position, colour = wire.unpack(shown.packed)
-    radii = np.broadcast_to(wire.unpack_radii(shown.radii), len(colour))
+    radii = np.broadcast_to(wire.unpack_radii(shown.radii).astype(np.float64), len(colour))
     scale = FINER * PIXELS / max(scene.width, scene.height)
     size = max(round(scene.width * scale), FINER), max(round(scene.height * scale), FINER)
     image = Image.new("RGB", size, CLOSED)
@@ -97,7 +97,7 @@ def _drawn(shown: Shown, scene: Scene) -> Image.Image:
             draw.ellipse((x - radius, size[1] - y - radius, x + radius, size[1] - y + radius), SOLID)
     here = colour != ABSORBED
     centres = np.column_stack([position[here, 0] * scale, size[1] - position[here, 1] * scale])
-    _draw_discs(draw, centres, radii[here] * scale, _colours(colour[here]))
+    _draw_discs(draw, centres, np.asarray(radii[here] * scale, np.float64), _colours(colour[here]))
     return image.resize((size[0] // FINER, size[1] // FINER), Image.Resampling.BOX)
 
 
