@@ -20,8 +20,8 @@ class PageFile:
 def page_files() -> dict[str, PageFile]:
     """All files of the page, by the name that a browser asks for; the page itself has the empty name.
 
-    >>> sorted(page_files())
-    ['', 'common.js', 'decode.js', 'discs.js', 'gauges.js', 'link.js', 'page.css', 'page.js', 'stage.js']
+    >>> " ".join(sorted(page_files()))
+    ' common.js decode.js discs.js gauges.js hands.js keep.js link.js page.css page.js sliders.js stage.js'
     """
     found = {}
     for file in resources.files("mpsim.viewer").joinpath("page").iterdir():

@@ -13,9 +13,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from mpsim.core.errors import InputError, ResourceError
+from mpsim.core.errors import InputError, MpsimError, ResourceError
 from mpsim.core.optional_packages import imported
-from mpsim.viewer import wire
+from mpsim.viewer import film, keep, wire
 from mpsim.viewer.admission import Admission, Refusal
 from mpsim.viewer.client import Client
 from mpsim.viewer.page_files import page_files
@@ -23,6 +23,12 @@ from mpsim.viewer.session import Session, Shown
 
 SOCKET = "socket"
 """What a page asks for to be connected."""
+
+KEEP, FILM = "keep/", "film.gif"
+"""What files to download are asked for under, and the film among them."""
+
+MOST_KEEPING, KEEP_SECONDS = 2, 8.0
+"""Files to download that are made at a time, and the longest that one is waited for: less than OPEN_SECONDS."""
 
 MOST_PAGES = 8
 """Pages that are connected at a time."""
@@ -85,6 +91,8 @@ class Server:
         self._clients: set[Client] = set()
         self._texts: dict[str, str] = {}
         self._picture: Shown | None = None
+        self._film = film.Film()
+        self._keeping = 0
         self._loop: asyncio.AbstractEventLoop | None = None  # from the start
         self._end = asyncio.Event()
         self._thread = threading.Thread(target=self._serve, name="mpsim view: server", daemon=True)
@@ -148,6 +156,7 @@ class Server:
 
     def _show(self, picture: Shown) -> None:
         self._picture = picture
+        self._film.add(picture, time.monotonic())
         for client in self._clients:
             client.show(picture)
 
@@ -156,7 +165,7 @@ class Server:
         for client in self._clients:
             client.tell(kind, text)
 
-    def _answer(self, connection: Any, request: Any) -> Any:
+    async def _answer(self, connection: Any, request: Any) -> Any:
         """The answer to a request of HTTP; None lets it become a connection."""
         try:
             if getattr(request, "method", "GET") != "GET":  # older versions of websockets refuse others themselves
@@ -165,11 +174,41 @@ class Server:
             if name == SOCKET:
                 self._admission.demand_own_page(request.headers)
                 return None
+            if name.startswith(KEEP):
+                kept = await self._kept(name.removeprefix(KEEP))
+                return self._response(200, kept.content, kept.kind, "")
             if (file := page_files().get(name)) is None:
                 raise Refusal(404, f"There is no {name[:40]!r} here.")
         except Refusal as refusal:
             return self._response(refusal.status, str(refusal).encode(), "text/plain; charset=utf-8", "")
         return self._response(200, file.content, file.kind, request.headers["Host"])
+
+    async def _kept(self, name: str) -> keep.Kept:
+        """A file to download.
+
+        Raises:
+            Refusal: if there is none of this name, or it cannot be made now.
+        """
+        if name != FILM and name not in keep.KEEPING:
+            raise Refusal(404, f"There is no {name[:40]!r} to keep.")
+        if self._keeping >= MOST_KEEPING:
+            raise Refusal(503, f"At most {MOST_KEEPING} files are made at a time. Try again.")
+        self._keeping += 1
+        try:
+            return await asyncio.wait_for(self._made(name), KEEP_SECONDS)
+        except TimeoutError:
+            raise Refusal(503, "The simulation is busy. Try again.") from None
+        except MpsimError as error:
+            raise Refusal(409, str(error)) from None
+        finally:
+            self._keeping -= 1
+
+    async def _made(self, name: str) -> keep.Kept:
+        assert self._session is not None  # since the start
+        if name != FILM:
+            return await asyncio.wrap_future(self._session.keep(name))
+        pictures = self._film.pictures()
+        return keep.Kept(await asyncio.to_thread(film.gif, pictures, self._session.scene), "image/gif")
 
     def _response(self, status: int, body: bytes, kind: str, host: str) -> Any:
         policy = (

@@ -9,6 +9,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -21,9 +22,10 @@ from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-from mpsim.viewer import wire
+from mpsim.viewer import keep, wire
 from mpsim.viewer.colours import SpeedScale, scale_of
 from mpsim.viewer.gauges import Gauges, Meter
+from mpsim.viewer.hands import Hands
 from mpsim.viewer.pace import LOOK, Pace
 
 PICTURE_SECONDS = 0.8 * LOOK
@@ -41,7 +43,7 @@ LONGEST_WAIT = 0.5
 MOST_WAITING = 1000
 """Deeds that wait for their turn at most."""
 
-REPLACING = ("play", "pause", "speed", "reset")
+REPLACING = ("play", "pause", "speed", "reset", "hold")
 """Deeds of which the last one counts, if several follow each other while frames are run."""
 
 CLOSING_SECONDS = 10.0
@@ -129,8 +131,14 @@ class Session:
         self._gauged: tuple[int, int, int] | None = None  # ... and that the gauges are of
         self._next_picture = self._next_gauges = 0.0
         self._radii: tuple[NDArray[np.float64], bytes] | None = None
+        self._hands = Hands(self._owned)
 
     # --- called by other threads
+
+    @property
+    def scene(self) -> Scene:
+        """What is shown, as it was at the start."""
+        return self._scene
 
     def start(self) -> None:
         """Start the thread."""
@@ -149,6 +157,16 @@ class Session:
                 raise InputError(f"at most {MOST_WAITING} deeds may wait; got one more, {deed.name}. Wait.")
             self._deeds.append(deed)
             self._wake.notify()
+
+    def keep(self, what: str) -> "Future[keep.Kept]":
+        """Have a file made of the simulation, soon; what: its name among `keep.KEEPING`.
+
+        Raises:
+            InputError: as `obey`.
+        """
+        answer: Future[keep.Kept] = Future()
+        self.obey(wire.Deed("keep", {"what": what, "answer": answer}))
+        return answer
 
     def ask(self) -> None:
         """Ask for the next picture: the first one that is not the last one."""
@@ -192,6 +210,8 @@ class Session:
         finally:
             with contextlib.suppress(Exception):  # the first error counts
                 self._drop()
+            with contextlib.suppress(OSError):
+                self._hands.close()
             self._ended.set()
 
     def _drop(self) -> None:
@@ -211,7 +231,9 @@ class Session:
         self._run += 1
         self._radii = self._shown = self._gauged = None
         self._over = False
+        self._hands.begin(self._sim)
         self._resume()
+        self._hands.tell(self._sim, self._audience.tell)
 
     def _resume(self) -> None:
         """Begin to run from now on: the time before does not count."""
@@ -276,14 +298,35 @@ class Session:
                     )
                 self._steps = 0
                 self._begin()
+            case "keep":
+                keep.answer(None if self._over else self._sim, self._name, **deed.values)
+            case "hold" | "release" | "add" | "remove" | "change" | "undo":
+                self._by_hand(deed)
             case name:
                 raise InputError(f"a simulation cannot {name}. Send it to the server.")
+
+    def _by_hand(self, deed: wire.Deed) -> None:
+        """Do what people do to the discs; a refusal is told beside, and stops nothing."""
+        if self._over:
+            raise InputError(f"{deed.name} needs a simulation; this one has ended. Reset it.")
+        if deed.name == "undo":
+            self._radii = None
+        self._sim = self._hands.do(self._simulation, deed, time.perf_counter())
+        self._changed()
+
+    def _changed(self) -> None:
+        """Note that the simulation is another than it was at this frame: energies count from now on."""
+        self._run += 1
+        self._gauges = None
+        self._hands.tell(self._simulation, self._audience.tell)
 
     def _advance(self) -> None:
         """Run the frames that are due."""
         frames = self._pace.due(time.perf_counter()) if self._playing else min(self._steps, 1)
         if not frames:
             return
+        if self._hands.hold_still(self._simulation, time.perf_counter()):
+            self._changed()
         report = self._simulation.run(frames=frames, observe=_Glance(self._pace.frames_between_looks, self._look))
         self._pace.note(frames, float(report.frame_seconds.sum()))
         self._meter.note(report)
@@ -376,6 +419,7 @@ class Session:
             "method": self._settings.method,
             "dt": self._settings.dt,
             "can_reset": self._owned,
+            "command": keep.command(scene, self._settings, self._name) if self._owned else None,
         }
         self._audience.tell("scene", wire.text_of("scene", fixed))
         self._audience.tell("status", self._status(phase))
@@ -388,7 +432,8 @@ class Session:
         return wire.text_of("status", {"phase": phase, "speed": self._pace.speed, "note": self._note})
 
     def _tell_gauges(self, state: State, frame: int, moment: float) -> None:
-        assert self._gauges is not None
+        if self._gauges is None:  # something has been changed
+            self._gauges = Gauges(self._simulation.scene, state)
         self._scale = scale_of(state)
         numbers = self._gauges.of(state)
         rates = self._meter.read(numbers["discs"], time.perf_counter())

@@ -36,6 +36,8 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.core.state import Box, State
+from mpsim.engine import parameters
+from mpsim.kernels import layout
 from mpsim.viewer.colours import SpeedScale
 
 MAGIC, VERSION = b"MPSV", 1
@@ -52,6 +54,9 @@ SLOWEST, QUICKEST = 0.01, 1000.0
 
 MOST_STEPS = 10_000
 """Frames of the deed `step` at most."""
+
+MOST_NUMBER, MOST_WHOLE = 1e100, 10**9
+"""Size of a number that a page may send for a place, a velocity or a parameter, and of one that must be whole."""
 
 
 @dataclass(frozen=True)
@@ -184,6 +189,27 @@ def _speed(name: str, value: Any) -> float | None:
     return None if value is None else checks.between(name, value, SLOWEST, QUICKEST)
 
 
+def _number(name: str, value: Any) -> float:
+    return checks.between(name, value, -MOST_NUMBER, MOST_NUMBER)
+
+
+def _parameter(name: str, value: Any) -> str:
+    return checks.choice(name, value, parameters.NAMES)
+
+
+def _parameter_value(name: str, value: Any) -> Any:
+    """A number, a pair of them, or a word: which of them, the simulation knows."""
+    if isinstance(value, list) and len(value) == 2:
+        return [_number(name, each) for each in value]
+    if isinstance(value, str):
+        return checks.choice(name, value, layout.CONTACTS)
+    if isinstance(value, int) and not isinstance(value, bool):
+        return checks.whole(name, value, -MOST_WHOLE, MOST_WHOLE, "Send a smaller one.")
+    return _number(name, value)
+
+
+_DISC = _whole(0, 2**31 - 1)
+
 DEEDS: Mapping[str, Mapping[str, Field]] = {
     "ack": {"serial": _whole(1, 2**32 - 1)},
     "visible": {"value": checks.truth},
@@ -192,6 +218,13 @@ DEEDS: Mapping[str, Mapping[str, Field]] = {
     "step": {"frames": _whole(1, MOST_STEPS)},
     "speed": {"value": _speed},
     "reset": {},
+    # by hand, see hands.py; same: it goes on with the deed before, and is taken back together with it
+    "hold": {"id": _DISC, "x": _number, "y": _number},
+    "release": {"vx": _number, "vy": _number},
+    "add": {"x": _number, "y": _number, "same": checks.truth},
+    "remove": {"id": _DISC, "same": checks.truth},
+    "change": {"name": _parameter, "value": _parameter_value, "same": checks.truth},
+    "undo": {},
 }
 """What a page may ask for: the fields of each deed, and what checks them."""
 

@@ -8,6 +8,9 @@ import { requestDraw } from "./stage.js";
 const REFUSED = [1003, 1008, 1013]; // closed for a reason that trying again would not change
 export const SPEEDS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, null]; // null: as fast as it goes
 
+/** What else is done with a message of a kind, and when the connection is there: other parts of the page add to these. */
+export const takers = { scene: [], hands: [] }, opened = [];
+
 export function take(message) {
   if (message.type === "scene") {
     if (message.version !== VERSION) return refuse("another version of mpsim runs now: load the page again");
@@ -32,6 +35,7 @@ export function take(message) {
     }
     drawGauges();
   }
+  for (const each of takers[message.type] ?? []) each(message);
 }
 
 export function takeBytes(buffer) {
@@ -86,6 +90,7 @@ export function connect() {
   socket.onopen = () => {
     patience = 500;
     state.since = performance.now();
+    for (const each of opened) each();
     tellVisible();
     showStatus();
   };

@@ -2,6 +2,9 @@
 
 import { $, bound, state } from "./common.js";
 import { drawGauges } from "./gauges.js";
+import "./hands.js";
+import "./keep.js";
+import "./sliders.js";
 import { SPEEDS, connect, refuse, send, showStatus } from "./link.js";
 import { camera, forgetLegend, renderer, requestDraw, stage } from "./stage.js";
 

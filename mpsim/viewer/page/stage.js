@@ -48,6 +48,8 @@ export function images(scene) {
   return [[0, 0], ...(x ? [[1, 0]] : []), ...(y ? [[0, 1]] : []), ...(x && y ? [[1, 1]] : [])];
 }
 
+export const afterDrawing = []; // other parts of the page draw over the discs
+
 let asked = false;
 export function requestDraw() {
   if (asked) return;
@@ -62,6 +64,7 @@ export function draw() {
   drawGround(ratio);
   renderer.draw(state.picture, state.radii, camera, images(state.scene));
   drawLegend();
+  for (const each of afterDrawing) each();
   const picture = state.picture;
   if (picture) {
     $("time").textContent = digits(picture.time);

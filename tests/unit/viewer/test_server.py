@@ -328,10 +328,61 @@ def test_a_port_that_is_taken_and_a_host_of_others_are_named():
 
 def test_the_schema_has_no_deed_that_the_server_forgets(view):
     """Each deed of the wire is done by server or session."""
-    values = {"ack": None, "visible": {"value": True}, "step": {"frames": 1}, "speed": {"value": 2.0}}
+    values = {"ack": None, "visible": {"value": True}, "step": {"frames": 1}, "speed": {"value": 2.0},
+              "hold": {"id": 1, "x": 7.0, "y": 7.0}, "release": {"vx": 0, "vy": 0},
+              "add": {"x": 1, "y": 1, "same": False}, "remove": {"id": 2, "same": False},
+              "change": {"name": "passes", "value": 2, "same": False}}  # fmt: skip
     with Visitor(view.address) as visitor:
         for name in wire.DEEDS:
             if name != "ack":
                 visitor.socket.send(json.dumps({"do": name, **(values.get(name) or {})}))
         visitor.hear_until(lambda v: v.frame >= 0 and v.last["status"]["speed"] == 2.0)
         assert visitor.last["status"]["note"] is None
+
+
+# --- what is done by hand, and kept
+
+
+def test_what_is_refused_by_hand_reaches_the_page_and_ends_nothing(view):
+    with Visitor(view.address) as visitor:
+        visitor.say("visible", value=True)
+        visitor.hear_until(lambda v: v.frame > 3 and "hands" in v.last)
+        visitor.say("hold", id=10**6, x=1.0, y=1.0)
+        visitor.hear_until(lambda v: "id must be the number of a disc" in (v.last["hands"]["note"] or ""))
+        visitor.say("change", name="dt", value=-1.0, same=False)
+        visitor.hear_until(lambda v: "dt must be a finite number > 0" in (v.last["hands"]["note"] or ""))
+        frame = visitor.frame
+        visitor.hear_until(lambda v: v.frame > frame + 5)
+        assert visitor.phase == "playing"
+    still_works(view)
+
+
+def test_a_deed_that_the_schema_refuses_ends_its_connection_alone(view):
+    with Visitor(view.address) as visitor:
+        visitor.say("hold", id=1, x="nowhere", y=0.0)
+        with pytest.raises(ConnectionClosed) as closed:
+            visitor.hear_until(lambda v: False)
+        assert closed.value.rcvd.code == 1008
+    still_works(view)
+
+
+def test_files_to_keep_need_the_token_and_a_name_that_there_is(view):
+    with Visitor(view.address) as visitor:
+        visitor.say("visible", value=True)
+        visitor.hear_until(lambda v: v.frame > 3)
+    for name, begin in (("session.zip", b"PK"), ("scene.zip", b"PK"), ("program.py", b'"""'), ("film.gif", b"GIF8")):
+        answer = fetch(view.address, path=f"keep/{name}")
+        assert (answer.status, answer.body[: len(begin)]) == (200, begin)
+    for name in ("", "../session.zip", "session.toml", "/etc/passwd", "scene.zip/..", "x" * 3000):
+        assert fetch(view.address, path=f"keep/{name}").status == 404
+    where = urlsplit(view.address)
+    assert fetch(f"http://{where.netloc}/", path="keep/session.zip").status == 404
+    assert fetch(view.address, path="keep/session.zip", Host="evil.example").status == 421
+    still_works(view)
+
+
+def test_files_to_keep_are_made_few_at_a_time(view, monkeypatch):
+    monkeypatch.setattr(server_module, "MOST_KEEPING", 0)
+    answer = fetch(view.address, path="keep/session.zip")
+    assert (answer.status, answer.body[:7]) == (503, b"At most")
+    still_works(view)

@@ -94,6 +94,12 @@ def test_any_other_bytes_are_refused_too(noise):
 DEEDS = [
     ("ack", {"serial": 7}), ("visible", {"value": False}), ("play", {}), ("pause", {}), ("step", {"frames": 3}),
     ("speed", {"value": 0.01}), ("speed", {"value": None}), ("reset", {}),
+    ("hold", {"id": 3, "x": 0.5, "y": -1.0}), ("release", {"vx": 0.0, "vy": 1e3}),
+    ("add", {"x": 1.0, "y": 2.0, "same": True}), ("remove", {"id": 0, "same": False}), ("undo", {}),
+    ("change", {"name": "dt", "value": 0.25, "same": False}),
+    ("change", {"name": "gravity", "value": [0.0, -1.0], "same": True}),
+    ("change", {"name": "contact", "value": "push", "same": False}),
+    ("change", {"name": "passes", "value": 2, "same": False}),
 ]  # fmt: skip
 
 
@@ -116,6 +122,22 @@ HOSTILE = [
     '{"do": "speed", "value": "1"}', '{"do": "speed", "value": 0}', '{"do": "ack", "serial": -1}',
     '{"do": "ack", "serial": 1.0}',
     '{"do": "visible", "value": 1}', '{"do": "visible", "value": null}', "[" * 3000, '{"do":' * 600, " " * 5000,
+    '{"do": "hold", "id": 1, "x": 0}', '{"do": "hold", "id": -1, "x": 0, "y": 0}',
+    '{"do": "hold", "id": 1.5, "x": 0, "y": 0}', '{"do": "hold", "id": 4294967296, "x": 0, "y": 0}',
+    '{"do": "hold", "id": 1, "x": "0", "y": 0}', '{"do": "hold", "id": 1, "x": 1e300, "y": 0}',
+    '{"do": "hold", "id": 1, "x": null, "y": 0}', '{"do": "release", "vx": [1], "vy": 0}',
+    '{"do": "add", "x": 0, "y": 0, "same": 1}', '{"do": "add", "x": 0, "y": 0, "same": true, "radius": 1e9}',
+    '{"do": "remove", "id": [0, 1], "same": false}', '{"do": "undo", "times": 9}',
+    '{"do": "change", "name": "precision", "value": "float32", "same": false}',
+    '{"do": "change", "name": "__class__", "value": 1, "same": false}',
+    '{"do": "change", "name": ["dt"], "value": 1, "same": false}',
+    '{"do": "change", "name": "dt", "value": "import os", "same": false}',
+    '{"do": "change", "name": "dt", "value": {"dt": 1}, "same": false}',
+    '{"do": "change", "name": "dt", "value": true, "same": false}',
+    '{"do": "change", "name": "passes", "value": 99999999999, "same": false}',
+    '{"do": "change", "name": "gravity", "value": [1, 2, 3], "same": false}',
+    '{"do": "change", "name": "gravity", "value": [1, "2"], "same": false}',
+    '{"do": "keep", "what": "session.zip"}',
     '{"do": "play"}{"do": "play"}', '\x00', '{"do": "\\ud800"}', '{"do": "../../etc/passwd"}',
 ]  # fmt: skip
 """Messages that no page sends."""

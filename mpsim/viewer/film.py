@@ -1,0 +1,119 @@
+"""A film of what pages were shown last: a GIF, drawn from the pictures that were sent."""
+
+import io
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from mpsim.core.errors import InputError
+from mpsim.scene.scene import Scene
+from mpsim.viewer import wire
+from mpsim.viewer.colours import ABSORBED, FASTEST
+from mpsim.viewer.session import Shown
+
+SECONDS, PICTURES_A_SECOND = 6, 20
+"""Length of a film at most, and its pictures."""
+
+MOST_BYTES = 2**26
+"""Bytes of the pictures that are kept at most."""
+
+MOST_DISCS = 150_000
+"""Discs in all pictures of a film together at most, some seconds of drawing; with more, it has fewer pictures."""
+
+PIXELS, FINER = 480, 2
+"""Longer side of the box, and how many times finer it is drawn than shown, so that edges are smooth."""
+
+SMALL = 1.5
+"""Radius in drawn pixels below which discs are squares of four of them."""
+
+VIRIDIS = np.array(
+    [[0x44, 0x01, 0x54], [0x47, 0x2D, 0x7B], [0x3B, 0x52, 0x8B], [0x2C, 0x72, 0x8E], [0x21, 0x91, 0x8C],
+     [0x28, 0xAE, 0x80], [0x5E, 0xC9, 0x62], [0xAD, 0xDC, 0x30], [0xFD, 0xE7, 0x25]], float
+)  # fmt: skip
+"""Nine of its colours, as on the page, with straight lines between them."""
+
+GROUND, CLOSED, SOLID = (255, 255, 255), (154, 163, 173), (58, 63, 69)
+
+
+class Film:
+    """The pictures of the last seconds in which there were any."""
+
+    def __init__(self) -> None:
+        self._kept: deque[Shown] = deque()
+        self._bytes = 0
+        self._next = 0.0
+
+    def add(self, picture: Shown, now: float) -> None:
+        """Keep a picture, if it is time for one; now: of a clock [s]."""
+        if now < self._next:
+            return
+        self._next = max(self._next + 1 / PICTURES_A_SECOND, now + 0.5 / PICTURES_A_SECOND)
+        self._kept.append(picture)
+        self._bytes += len(picture.packed)
+        while len(self._kept) > SECONDS * PICTURES_A_SECOND or (self._bytes > MOST_BYTES and len(self._kept) > 1):
+            self._bytes -= len(self._kept.popleft().packed)
+
+    def pictures(self) -> list[Shown]:
+        """Those that are kept, the oldest first."""
+        return list(self._kept)
+
+
+def gif(pictures: Sequence[Shown], scene: Scene) -> bytes:
+    """Pictures as a GIF that repeats itself.
+
+    Raises:
+        InputError: if there are none.
+    """
+    if not pictures:
+        raise InputError("a film needs pictures; got none yet. Let the page show the simulation before.")
+    each = max(len(pictures[-1].packed) // 5, 1)
+    step = -(-len(pictures) * each // MOST_DISCS)
+    frames = [_drawn(shown, scene) for shown in pictures[::step]]
+    palette = frames[-1].quantize(128)
+    indexed = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    file = io.BytesIO()
+    indexed[0].save(
+        file, "GIF", save_all=True, append_images=indexed[1:], loop=0, duration=step * 1000 // PICTURES_A_SECOND
+    )
+    return file.getvalue()
+
+
+def _drawn(shown: Shown, scene: Scene) -> Image.Image:
+    """One picture: the box from edge to edge."""
+    header, position, colour = wire.unpack(shown.packed)
+    radii = np.broadcast_to(wire.unpack_radii(shown.radii).astype(np.float64), len(colour))
+    scale = FINER * PIXELS / max(scene.width, scene.height)
+    size = max(round(scene.width * scale), FINER), max(round(scene.height * scale), FINER)
+    image = Image.new("RGB", size, CLOSED)
+    draw = ImageDraw.Draw(image)
+    x_low, x_high, y_low, y_high = (value * scale for value in header.walls)
+    draw.rectangle((x_low, size[1] - y_high, x_high, size[1] - y_low), GROUND)
+    for ax, ay, bx, by, radius in (scene.capsules * scale).tolist():
+        draw.line((ax, size[1] - ay, bx, size[1] - by), SOLID, max(round(2 * radius), FINER))
+        for x, y in ((ax, ay), (bx, by)):
+            draw.ellipse((x - radius, size[1] - y - radius, x + radius, size[1] - y + radius), SOLID)
+    here = colour != ABSORBED
+    centres = np.column_stack([position[here, 0] * scale, size[1] - position[here, 1] * scale])
+    _draw_discs(draw, centres, np.asarray(radii[here] * scale, np.float64), _colours(colour[here]))
+    return image.resize((size[0] // FINER, size[1] // FINER), Image.Resampling.BOX)
+
+
+def _draw_discs(
+    draw: ImageDraw.ImageDraw, centres: NDArray[np.float64], radii: NDArray[np.float64], colours: NDArray[np.uint8]
+) -> None:
+    tinted = map(tuple, colours.tolist())
+    for (x, y), radius, colour in zip(centres.tolist(), radii.tolist(), tinted, strict=True):
+        if radius < SMALL:
+            draw.rectangle((x - 1, y - 1, x, y), colour)
+        else:
+            draw.ellipse((x - radius, y - radius, x + radius, y + radius), colour)
+
+
+def _colours(bytes_: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Colours as the page has them, shape (N, 3)."""
+    at = np.minimum(bytes_ / FASTEST, 1.0) * (len(VIRIDIS) - 1)
+    steps = np.arange(len(VIRIDIS))
+    return np.column_stack([np.interp(at, steps, channel) for channel in VIRIDIS.T]).round().astype(np.uint8)

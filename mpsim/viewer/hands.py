@@ -1,0 +1,260 @@
+"""What people do to a simulation on the page: discs are dragged, thrown, added and removed, parameters changed.
+
+All of it goes through the doors of the simulation (`set`, `add`, `remove`, `change`), so that the journal has it. What
+these refuse becomes a note for the page; the simulation is then as it was.
+"""
+
+import contextlib
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core.errors import BusyError, InputError, OutputError
+from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.features.masses import has_masses
+from mpsim.features.radii import has_radii
+from mpsim.measure.pairs import lengths_of, to_nearest_image
+from mpsim.viewer.sliders import Sliders
+from mpsim.viewer.undo import Undo
+from mpsim.viewer.wire import Deed, text_of
+
+HOLD_SECONDS = 3.0
+"""A disc is let go when its page has said nothing for so long; it repeats itself every second."""
+
+MOST_ADDED = 10_000
+"""Discs that pages may add to one simulation."""
+
+REFUSALS = (InputError, BusyError, OutputError)
+"""Errors that leave the simulation as it was: for the page, a note."""
+
+
+@dataclass
+class _Held:
+    """A disc that is held: its number, where it is to be [length], and until when without another word [s]."""
+
+    disc: int
+    place: tuple[float, float]
+    until: float
+
+
+class Hands:
+    """Deeds of pages on one simulation after the other.
+
+    Args:
+        owned: whether the simulations are the view's own. Others are changed, but not replaced: nothing is undone.
+
+    Attributes:
+        note: why the last deed was refused, or what was different from what was asked for; None: nothing.
+
+    >>> from mpsim import Scene
+    >>> hands, sim = Hands(owned=True), Simulation(Scene.random(count=5, packing=0.2, radius=0.5, seed=1))
+    >>> hands.begin(sim)
+    >>> sim = hands.do(sim, Deed("remove", {"id": 3, "same": False}), now=0.0)
+    >>> sim.state.present.tolist(), hands.told(sim)["undo"]
+    ([True, True, True, False, True], 1)
+    >>> sim = hands.do(sim, Deed("undo", {}), now=0.0)
+    >>> bool(sim.state.present.all())
+    True
+    >>> sim.close(); hands.close()
+    """
+
+    def __init__(self, owned: bool):
+        self.note: str | None = None
+        self._notes = 0
+        self._owned = owned
+        self._undo = Undo()
+        self._held: _Held | None = None
+        self._last: tuple[Any, ...] = ()  # the deed that "same" goes on with
+        self._added = 0
+        self._sliders: Sliders | None = None
+        self._told = ""
+        self._acts: Mapping[str, Callable[..., None]] = {
+            "release": self._release,
+            "add": self._add,
+            "remove": self._remove,
+            "change": self._change,
+        }
+
+    def begin(self, sim: Simulation) -> None:
+        """Begin with another simulation."""
+        self._held, self._last, self._added, self.note = None, (), 0, None
+        self._undo.clear()
+        self._sliders = Sliders(sim)
+
+    def close(self) -> None:
+        """Remove the checkpoints."""
+        self._undo.close()
+
+    def told(self, sim: Simulation) -> dict[str, Any]:
+        """What pages are told, as `wire.text_of` takes it."""
+        assert self._sliders is not None  # since the beginning
+        return {
+            "held": None if self._held is None else self._held.disc,
+            "undo": len(self._undo) if self._owned else None,
+            "note": self.note,
+            "notes": self._notes,
+            "dt": sim.settings.dt,
+            "parameters": self._sliders.of(sim),
+        }
+
+    def tell(self, sim: Simulation, tell: Callable[[str, str], None]) -> None:
+        """Tell the pages, if there is something new; tell: takes the kind of a message and its text."""
+        text = text_of("hands", self.told(sim))
+        if text != self._told:
+            self._told = text
+            tell("hands", text)
+
+    def do(self, sim: Simulation, deed: Deed, now: float) -> Simulation:
+        """Do a deed; returns the simulation as it is then: after "undo" it is another one.
+
+        now: time of a clock [s].
+        """
+        self.note = None
+        try:
+            if deed.name == "undo":
+                return self._back(sim)
+            if deed.name == "hold":
+                self._hold(sim, now, **deed.values)
+            else:
+                self._with_mark(sim, deed)
+        except REFUSALS as error:
+            self._say(str(error))
+        return sim
+
+    def hold_still(self, sim: Simulation, now: float) -> bool:
+        """Put a held disc where it is held, before frames are run; returns whether something is different then."""
+        held = self._held
+        if held is None:
+            return False
+        try:
+            if now <= held.until:
+                return _put(sim, held)
+        except REFUSALS as error:  # it has left, or there is no room any more
+            self._say(str(error))
+        self._held = None
+        return True
+
+    def _say(self, note: str) -> None:
+        self.note = note
+        self._notes += 1
+
+    # --- marks, and back to them
+
+    def _with_mark(self, sim: Simulation, deed: Deed) -> None:
+        """Do a deed that can be taken back, together with the one before if it goes on with that."""
+        values = dict(deed.values)
+        key = (deed.name, values.get("name"))
+        goes_on = deed.name == "release" or (values.pop("same", False) and key == self._last)
+        with self._marked(sim, not goes_on):
+            self._acts[deed.name](sim, **values)
+        self._last = key
+
+    @contextlib.contextmanager
+    def _marked(self, sim: Simulation, wanted: bool = True) -> Iterator[None]:
+        """Remember this moment, unless what follows is refused."""
+        wanted = wanted and self._owned
+        if wanted:
+            self._undo.mark(sim)
+        try:
+            yield
+        except REFUSALS:
+            if wanted:
+                self._undo.forget_last()
+                self._last = ()
+            raise
+
+    def _back(self, sim: Simulation) -> Simulation:
+        if not self._owned:
+            raise InputError(
+                "undo needs a simulation of the view's own; this one belongs to a program. Open the view with its "
+                "scene, or use sim.journal."
+            )
+        self._held, self._last = None, ()
+        return self._undo.back(sim)
+
+    # --- deeds
+
+    def _hold(self, sim: Simulation, now: float, id: int, x: float, y: float) -> None:
+        held = _Held(id, (x, y), now + HOLD_SECONDS)
+        if self._held is not None and self._held.disc == id:
+            _put(sim, held)
+        else:
+            with self._marked(sim):
+                _put(sim, held)
+            self._last = ("hold",)
+        self._held = held
+
+    def _release(self, sim: Simulation, vx: float, vy: float) -> None:
+        held, self._held = self._held, None
+        if held is None:
+            return
+        limit, speed = _fastest(sim, held.disc), math.hypot(vx, vy)
+        if speed > limit:
+            vx, vy = vx * limit / speed, vy * limit / speed
+        if speed:
+            sim.set([held.disc], velocity=(vx, vy))
+        if speed > limit:
+            self._say(f"thrown at speed {limit:.3g}, one radius a step: a faster disc may pass through others")
+
+    def _add(self, sim: Simulation, x: float, y: float) -> None:
+        if self._added >= MOST_ADDED:
+            raise InputError(f"pages may add at most {MOST_ADDED} discs; got one more. Reset, or begin with more.")
+        scene, own = sim.scene, dict[str, float]()
+        if has_radii(scene):
+            own["radius"] = _typical(sim.radii, sim.absorbed)
+        if has_masses(scene):
+            own["mass"] = _typical(sim.masses, sim.absorbed)
+        _demand_room(sim, np.array([x, y]), own.get("radius", scene.largest_radius))
+        sim.add((x, y), (0.0, 0.0), **own)
+        self._added += 1
+
+    def _remove(self, sim: Simulation, id: int) -> None:
+        if self._held is not None and self._held.disc == id:
+            self._held = None
+        sim.remove([id])
+
+    def _change(self, sim: Simulation, name: str, value: Any) -> None:
+        sim.change(**{name: value})  # type: ignore[misc]  # one of Parameters, checked by wire
+
+
+def _put(sim: Simulation, held: _Held) -> bool:
+    """Put a disc where it is held, at rest; returns whether it was not."""
+    if held.disc >= sim.count:
+        raise InputError(f"id must be the number of a disc, from 0 to {sim.count - 1}; got {held.disc}. Take another.")
+    disc = sim.state_between(held.disc, held.disc + 1)
+    place = np.array(held.place, disc.position.dtype)
+    if disc.present[0] and (disc.position[0] == place).all() and not disc.velocity.any():
+        return False
+    sim.set([held.disc], position=held.place, velocity=(0.0, 0.0))
+    return True
+
+
+def _fastest(sim: Simulation, disc: int) -> float:
+    """Largest speed of a throw: one radius in a step, and any where there are no steps [length/time]."""
+    if not capabilities_of(sim.settings).has_steps:
+        return math.inf
+    return float(sim.radii[disc]) * sim.substeps / sim.settings.dt
+
+
+def _typical(values: NDArray[np.float64], absorbed: NDArray[np.bool_]) -> float:
+    """One that a disc has: of those that are there the middle one by size, or of all where none is there."""
+    there = values[~absorbed] if not absorbed.all() else values
+    return float(np.sort(there)[len(there) // 2]) if len(there) else 1.0
+
+
+def _demand_room(sim: Simulation, place: NDArray[np.float64], radius: float) -> None:
+    """Refuse a place on which a disc stands; walls and obstacles are those of `Simulation.add`."""
+    state = sim.state
+    apart = to_nearest_image(state.position.astype(np.float64) - place, lengths_of(sim.scene))
+    gap = np.hypot(*apart.T) - sim.radii - radius
+    gap[~state.present] = np.inf
+    if len(gap) and gap.min() < 0:
+        raise InputError(
+            f"a new disc needs a free place; got ({place[0]:.4g}, {place[1]:.4g}), where disc {gap.argmin()} is. "
+            "Choose another."
+        )

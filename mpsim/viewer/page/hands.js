@@ -1,0 +1,297 @@
+// Hands: discs are dragged, thrown, added and removed, by pointer or by keys. What is refused is said on the stage.
+
+import { $, ABSORBED, bound, state } from "./common.js";
+import { send, takers } from "./link.js";
+import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
+
+const TOOLS = { h: "hand", a: "add", b: "brush", x: "remove" };
+const NEAR = 12; // pixels of the screen beside a disc that still mean it
+const EVERY = 33; // ms between two messages of a gesture: two hundred a second are read
+const TRAIL = 90; // ms of the pointer's way that make the velocity of a throw
+const NOTE_SECONDS = 4;
+
+let tool = "hand", gesture = null, cross = null, notes = 0;
+
+const ready = () => state.scene && state.picture && ["playing", "paused"].includes(state.status.phase);
+
+/** Calls of a function at most every so many ms; the last one counts. */
+export function paced(act) {
+  let waiting = null, timer = null;
+  const run = () => {
+    timer = null;
+    if (!waiting) return;
+    const given = waiting;
+    waiting = null;
+    act(...given);
+    timer = setTimeout(run, EVERY);
+  };
+  const call = (...given) => { waiting = given; if (timer === null) run(); };
+  call.forget = () => { waiting = null; };
+  return call;
+}
+
+// --- places
+
+const toBox = ([px, py]) => [camera.x + (px - camera.width / 2) / camera.scale, camera.y - (py - camera.height / 2) / camera.scale];
+const onCanvas = (event) => {
+  const box = stage.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
+  return [(event.clientX - box.left - stage.clientLeft) * ratio, (event.clientY - box.top - stage.clientTop) * ratio];
+};
+const radiusOf = (disc) => (state.radii.length > 1 ? state.radii[disc] : state.radii[0] ?? 0);
+const placeOf = (disc) => state.picture.extent.map((length, axis) => (state.picture.places[2 * disc + axis] / 65535) * length);
+const typicalRadius = () => (state.radii?.length > 1 ? [...state.radii].sort((a, b) => a - b)[state.radii.length >> 1] : state.radii?.[0] ?? 0);
+
+/** A vector to the nearest image. */
+const nearest = (vector) => vector.map((each, axis) => {
+  const length = state.picture.extent[axis];
+  return state.scene.periodic[axis] ? each - length * Math.round(each / length) : each;
+});
+
+/** The disc at a place, or else the nearest one within a distance; null: there is none. */
+function discAt(place, reach) {
+  const picture = state.picture;
+  let found = null, least = Infinity;
+  for (let k = 0; k < picture.count; k++) {
+    if (picture.colours[k] === ABSORBED) continue;
+    const [x, y] = placeOf(k), gap = Math.hypot(...nearest([x - place[0], y - place[1]])) - radiusOf(k);
+    if (gap < least) [found, least] = [k, gap];
+  }
+  return least <= reach ? found : null;
+}
+
+/** A place for the centre of a disc: in the box, a radius from its walls. */
+function inside(place, radius) {
+  const [left, right, low, high] = state.picture.walls, room = radius * (1 + 1e-6);
+  return [[place[0], left, right], [place[1], low, high]].map(([each, from, to], axis) => {
+    const length = state.picture.extent[axis];
+    if (!state.scene.periodic[axis]) return bound(each, from + room, to - room);
+    const wrapped = ((each % length) + length) % length;
+    return wrapped < length ? wrapped : 0;
+  });
+}
+
+// --- what the tools do: at a place, as a pointer or the cross begins, goes on and ends
+
+const sendHold = paced((disc, place) => send({ do: "hold", id: disc, x: place[0], y: place[1] }));
+const brush = paced((place) => {
+  if (gesture?.tool !== "brush") return;
+  const radius = typicalRadius();
+  if (gesture.last && Math.hypot(...nearest([place[0] - gesture.last[0], place[1] - gesture.last[1]])) < 2.05 * radius) return;
+  if (discAt(place, radius) !== null) return; // no room: the brush goes on
+  addAt(place);
+});
+const erase = paced((place) => { if (gesture?.tool === "remove") removeAt(place); });
+
+function removeAt(place) {
+  const disc = discAt(place, 0);
+  if (disc === null || gesture?.gone.has(disc)) return;
+  send({ do: "remove", id: disc, same: gesture?.sent ?? false });
+  if (!gesture) return;
+  gesture.gone.add(disc);
+  gesture.sent = true;
+}
+
+function addAt(place) {
+  const [x, y] = inside(place, typicalRadius());
+  send({ do: "add", x, y, same: gesture?.sent ?? false });
+  if (gesture) [gesture.last, gesture.sent] = [place, true];
+}
+
+/** Begin at a place; returns whether the tool has something to do there. */
+function begin(place, reach) {
+  if (tool === "hand") {
+    const disc = discAt(place, reach);
+    if (disc === null) return false;
+    const centre = placeOf(disc), off = nearest([centre[0] - place[0], centre[1] - place[1]]);
+    gesture = { tool, disc, off, place, trail: [[performance.now(), ...place]] };
+    hold();
+    gesture.again = setInterval(hold, 1000); // or the simulation lets it go, as when the page is closed
+  } else {
+    gesture = { tool, sent: false, gone: new Set() };
+    if (tool === "remove") removeAt(place); else addAt(place);
+  }
+  requestDraw();
+  return true;
+}
+
+function hold() {
+  if (!gesture || gesture.tool !== "hand") return;
+  const [x, y] = gesture.place, [dx, dy] = gesture.off;
+  sendHold(gesture.disc, inside([x + dx, y + dy], radiusOf(gesture.disc)));
+}
+
+function go(place) {
+  if (!gesture) return;
+  if (gesture.tool === "brush") brush(place);
+  else if (gesture.tool === "remove") erase(place);
+  else if (gesture.tool === "hand") {
+    const now = performance.now();
+    gesture.place = place;
+    gesture.trail.push([now, ...place]);
+    while (gesture.trail.length > 1 && gesture.trail[1][0] < now - TRAIL) gesture.trail.shift();
+    hold();
+    requestDraw();
+  }
+}
+
+/** End a gesture; a disc that is held leaves with a velocity [length/time], else with that of the pointer. */
+function end(velocity) {
+  if (!gesture) return;
+  if (gesture.tool === "hand") {
+    clearInterval(gesture.again);
+    sendHold.forget();
+    const [x, y] = gesture.place, [dx, dy] = gesture.off, at = inside([x + dx, y + dy], radiusOf(gesture.disc));
+    send({ do: "hold", id: gesture.disc, x: at[0], y: at[1] });
+    const [vx, vy] = velocity ?? pointerVelocity();
+    send({ do: "release", vx, vy });
+  }
+  gesture = null;
+  requestDraw();
+}
+
+/** Velocity of the pointer: of its last way, in the time that the simulation takes for it. */
+function pointerVelocity() {
+  const now = performance.now(), trail = gesture.trail.filter(([time]) => time >= now - 2 * TRAIL);
+  if (trail.length < 2 || now - trail.at(-1)[0] > TRAIL) return [0, 0];
+  const [first, last] = [trail[0], trail.at(-1)], seconds = Math.max(last[0] - first[0], 8) / 1000;
+  const rate = seconds * 60 * (state.status.speed ?? 1) * (state.hands?.dt ?? state.scene.dt);
+  return [(last[1] - first[1]) / rate, (last[2] - first[2]) / rate];
+}
+
+// --- pointers, before the page moves its view by them
+
+let pointer = null;
+const down = new Set();
+stage.addEventListener("pointerdown", (event) => {
+  down.add(event.pointerId);
+  if (event.target.closest("button") || event.button !== 0 || down.size > 1 || !ready()) return;
+  if (!begin(toBox(onCanvas(event)), (NEAR * (window.devicePixelRatio || 1)) / camera.scale)) return;
+  pointer = event.pointerId;
+  cross = null;
+  stage.setPointerCapture(pointer);
+  stage.focus({ preventScroll: true });
+  event.stopImmediatePropagation();
+  event.preventDefault();
+}, true);
+stage.addEventListener("pointermove", (event) => {
+  if (event.pointerId !== pointer) return;
+  event.stopImmediatePropagation();
+  go(toBox(onCanvas(event)));
+}, true);
+for (const name of ["pointerup", "pointercancel"]) stage.addEventListener(name, (event) => {
+  down.delete(event.pointerId);
+  if (event.pointerId !== pointer) return;
+  pointer = null;
+  event.stopImmediatePropagation();
+  end(name === "pointercancel" ? [0, 0] : null);
+}, true);
+
+// --- keys
+
+const pressed = (name) => { for (const each of Object.values(TOOLS)) $(`tool-${each}`).setAttribute("aria-pressed", each === name); };
+export function choose(name) {
+  end([0, 0]);
+  stage.dataset.tool = tool = name;
+  pressed(name);
+}
+for (const name of Object.values(TOOLS)) $(`tool-${name}`).addEventListener("click", () => choose(name));
+const undo = () => { if (!$("undo").disabled) { end([0, 0]); send({ do: "undo" }); } };
+$("undo").addEventListener("click", undo);
+choose("hand");
+
+const isText = (element) => element.closest?.("textarea, select, input:not([type=range])");
+document.addEventListener("keydown", (event) => {
+  if (event.altKey || isText(event.target)) return;
+  const key = event.key.toLowerCase();
+  if (key === "z" && !event.shiftKey) undo();
+  else if (event.ctrlKey || event.metaKey) return;
+  else if (key === "k" && ready()) pointByKeys();
+  else if (TOOLS[key]) choose(TOOLS[key]);
+  else return;
+  event.preventDefault();
+});
+
+function pointByKeys() {
+  if (cross) { end([0, 0]); cross = null; } else cross = [camera.x, camera.y];
+  stage.focus();
+  requestDraw();
+}
+
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+stage.addEventListener("keydown", (event) => {
+  if (!cross || event.ctrlKey || event.metaKey || event.altKey || event.target !== stage) return;
+  const arrow = ARROWS[event.key];
+  if (arrow && event.shiftKey && gesture?.tool === "hand") throwBy(arrow);
+  else if (arrow) {
+    const step = 0.02 * Math.min(camera.width, camera.height) / camera.scale;
+    cross = cross.map((each, axis) => bound(each + step * arrow[axis], 0, state.picture.extent[axis]));
+    go(cross);
+  } else if (event.key === "Enter" && ready()) press();
+  else if (event.key === "Escape") pointByKeys();
+  else return;
+  requestDraw();
+  event.preventDefault();
+  event.stopPropagation();
+});
+
+function press() {
+  if (gesture) { end([0, 0]); return; }
+  if (tool === "add") addAt(cross);
+  else if (tool === "remove") removeAt(cross);
+  else begin(cross, Infinity);
+  if (gesture?.tool === "hand") { // the cross goes to the disc, and both move together
+    cross = gesture.place = placeOf(gesture.disc);
+    gesture.off = [0, 0];
+    say(`disc ${gesture.disc} is held`);
+  }
+}
+
+/** Throw a held disc: as fast as the fastest of nearly all discs. */
+function throwBy(arrow) {
+  const speed = state.picture.usual || 1;
+  end(arrow.map((each) => each * speed));
+}
+
+// --- what is said and drawn
+
+let silence = null;
+export function say(text) {
+  $("hand-note").textContent = text;
+  $("hand-note").hidden = !text;
+  clearTimeout(silence);
+  silence = setTimeout(() => { $("hand-note").hidden = true; }, NOTE_SECONDS * 1000);
+}
+
+let first = true;
+takers.hands.push((message) => {
+  state.hands = message;
+  $("undo").disabled = !message.undo;
+  $("undo").title = message.undo === null ? "This simulation belongs to a program: only that can start it anew."
+    : "Z: back to the moment before the last change";
+  if (message.note && message.notes !== notes && !first) say(message.note);
+  [notes, first] = [message.notes, false];
+});
+
+afterDrawing.push(() => {
+  const canvas = $("hand-canvas"), box = $("discs-canvas");
+  if (canvas.width !== box.width || canvas.height !== box.height) [canvas.width, canvas.height] = [box.width, box.height];
+  const c = canvas.getContext("2d"), ratio = window.devicePixelRatio || 1;
+  c.clearRect(0, 0, canvas.width, canvas.height);
+  if (gesture?.tool === "hand" && state.picture && gesture.disc < state.picture.count) {
+    const [x, y] = camera.pixel(...placeOf(gesture.disc));
+    for (const [width, colour] of [[5, "#fff"], [2.5, "#d55e00"]]) {
+      [c.lineWidth, c.strokeStyle] = [width * ratio, colour];
+      c.beginPath();
+      c.arc(x, y, radiusOf(gesture.disc) * camera.scale + 3 * ratio, 0, 7);
+      c.stroke();
+    }
+  }
+  if (!cross) return;
+  const [x, y] = camera.pixel(...cross), arm = 14 * ratio;
+  for (const [width, colour] of [[5, "#fff"], [2, "#d55e00"]]) {
+    [c.lineWidth, c.strokeStyle] = [width * ratio, colour];
+    c.beginPath();
+    for (const [dx, dy] of [[arm, 0], [0, arm]]) { c.moveTo(x - dx, y - dy); c.lineTo(x + dx, y + dy); }
+    c.stroke();
+  }
+});

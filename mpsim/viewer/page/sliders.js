@@ -1,0 +1,156 @@
+// What can be changed while it runs: gravity by an arrow on a dial, the other parameters by sliders.
+
+import { $, bound, digits, sharpen, state } from "./common.js";
+import { paced } from "./hands.js";
+import { send, takers } from "./link.js";
+
+const STEPS = 1000; // of a slider
+const NAMES = {
+  restitution: "Restitution", wall_restitution: "Restitution of walls", piston_speed: "Speed of the piston",
+  interval: "Time between two discs", every: "Frames between two discs", dt: "Time of a frame, dt", contact: "Contact",
+  passes: "Passes", substeps: "Sub-steps", workers: "Workers",
+};
+
+/** Sends values of one parameter; those of one drag are taken back together. */
+function sender(name) {
+  let next = true, fresh = false; // whether the next value begins anew, and whether the one to be sent does
+  const out = paced((value) => { send({ do: "change", name, value, same: !fresh }); fresh = false; });
+  return {
+    post: (value) => { fresh ||= next; next = false; out(value); },
+    end: () => { next = true; },
+  };
+}
+
+// --- sliders
+
+const shown = new Map();
+const textOf = (each, value) => (each.whole ? String(value) : digits(value));
+
+/** From a value to a place on its slider, and back; of negative numbers by their sizes. */
+function scaleOf({ low, high, log, whole }) {
+  const sign = low < 0 && log ? -1 : 1, ends = sign < 0 ? [-high, -low] : [low, high];
+  const there = log ? Math.log : (each) => each, back = log ? Math.exp : (each) => each;
+  const [from, to] = ends.map(there);
+  return {
+    at: (value) => (to > from ? Math.round(((there(sign * value) - from) / (to - from)) * STEPS) : 0),
+    value: (at) => {
+      const found = sign * bound(back(from + ((to - from) * at) / STEPS), ...ends);
+      return whole ? Math.round(found) : +found.toPrecision(3);
+    },
+  };
+}
+
+function made(each) {
+  const label = document.createElement("label"), output = document.createElement("output");
+  const control = document.createElement(each.choices ? "select" : "input"), { post, end } = sender(each.name);
+  control.id = `change-${each.name}`;
+  label.append(NAMES[each.name] ?? each.name, output, control);
+  const row = { label, output, control, each, held: false };
+  if (each.choices) {
+    for (const word of each.choices) control.append(new Option(word, word));
+    control.addEventListener("change", () => { post(control.value); end(); });
+  } else {
+    Object.assign(control, { type: "range", min: 0, max: STEPS, step: each.whole ? STEPS / bound(each.high - each.low, 1, 50) : STEPS / 200 });
+    control.addEventListener("input", () => {
+      row.held = true;
+      const value = scaleOf(row.each).value(+control.value);
+      output.textContent = textOf(row.each, value);
+      post(value);
+    });
+    control.addEventListener("change", () => { row.held = false; end(); });
+  }
+  return row;
+}
+
+function update(row, each) {
+  row.each = each;
+  if (each.choices) { row.control.value = each.value; return; }
+  if (row.held) return;
+  row.control.value = scaleOf(each).at(each.value);
+  row.output.textContent = textOf(each, each.value);
+  row.control.dataset.value = each.value;
+  row.control.setAttribute("aria-valuetext", textOf(each, each.value));
+}
+
+takers.hands.push(({ parameters }) => {
+  const sliders = parameters.filter((each) => each.name !== "gravity");
+  for (const [name, row] of shown) if (!sliders.some((each) => each.name === name)) { row.label.remove(); shown.delete(name); }
+  for (const each of sliders) {
+    if (!shown.has(each.name)) {
+      shown.set(each.name, made(each));
+      $("sliders").append(shown.get(each.name).label);
+    }
+    update(shown.get(each.name), each);
+  }
+  gravity = parameters.find((each) => each.name === "gravity");
+  if (!dragged) drawDial();
+});
+
+// --- gravity
+
+const dial = $("dial"), pull = sender("gravity");
+let gravity = null, dragged = null;
+
+function drawDial(value = gravity?.value) {
+  const { width, height, ratio } = sharpen(dial), c = dial.getContext("2d"), middle = width / 2, round = middle - 2 * ratio;
+  c.clearRect(0, 0, width, height);
+  if (!value) return;
+  c.fillStyle = "#fff";
+  c.strokeStyle = "#7d8895";
+  c.lineWidth = ratio;
+  c.beginPath();
+  c.arc(middle, height / 2, round, 0, 7);
+  c.fill();
+  c.stroke();
+  const [x, y] = value.map((each) => (each / gravity.high) * round), length = Math.hypot(x, y);
+  c.fillStyle = c.strokeStyle = "#b34700";
+  c.beginPath();
+  c.arc(middle, height / 2, 3 * ratio, 0, 7);
+  c.fill();
+  $("gravity-text").textContent = Math.hypot(...value) ? `${digits(value[0])}, ${digits(value[1])}` : "none";
+  dial.dataset.value = JSON.stringify(gravity.value);
+  if (length < ratio) return;
+  const tip = [middle + x, height / 2 - y], head = Math.min(9 * ratio, length);
+  c.lineWidth = 3 * ratio;
+  c.beginPath();
+  c.moveTo(middle, height / 2);
+  c.lineTo(...tip);
+  c.stroke();
+  c.beginPath();
+  c.moveTo(...tip);
+  for (const turn of [2.6, -2.6]) {
+    const angle = Math.atan2(y, x) + turn;
+    c.lineTo(tip[0] + head * Math.cos(angle), tip[1] - head * Math.sin(angle));
+  }
+  c.fill();
+}
+
+/** Gravity by the tip of the arrow: none near the middle, and no longer than the dial. */
+function pullBy(event) {
+  const box = dial.getBoundingClientRect(), round = box.width / 2;
+  const vector = [(event.clientX - box.left - round) / round, -(event.clientY - box.top - box.height / 2) / round];
+  const length = Math.hypot(...vector), kept = length < 0.08 ? 0 : gravity.high / Math.max(length, 1);
+  dragged = vector.map((each) => +(each * kept).toPrecision(3));
+  drawDial(dragged);
+  pull.post(dragged);
+}
+
+dial.addEventListener("pointerdown", (event) => {
+  if (!gravity || event.button !== 0) return;
+  dial.setPointerCapture(event.pointerId);
+  pullBy(event);
+});
+dial.addEventListener("pointermove", (event) => { if (dragged && dial.hasPointerCapture(event.pointerId)) pullBy(event); });
+for (const name of ["pointerup", "pointercancel"]) dial.addEventListener(name, () => { dragged = null; pull.end(); });
+
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+dial.addEventListener("keydown", (event) => {
+  const arrow = ARROWS[event.key], none = ["Delete", "Backspace"].includes(event.key);
+  if (!gravity || event.ctrlKey || event.metaKey || event.altKey || (!arrow && !none)) return;
+  const step = gravity.high / 10;
+  const value = none ? [0, 0] : gravity.value.map((each, axis) => +(Math.round(each / step + arrow[axis]) * step).toPrecision(6));
+  if (Math.hypot(...value) <= gravity.high * 1.0001) { pull.post(value); pull.end(); }
+  event.preventDefault();
+  event.stopPropagation();
+});
+$("parameters").addEventListener("toggle", () => drawDial());

@@ -1,0 +1,102 @@
+"""The parameters of a simulation that a page offers to change, with their values and the ranges of their sliders."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from mpsim.core.cores import usable_cores
+from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.kernels import layout
+
+MOST_PASSES, MOST_SUBSTEPS = 4, 16
+"""Ends of their sliders; what the simulation has is inside in any case."""
+
+DECADE = 10.0
+"""Sliders of times and rates go from a tenth to ten times what the simulation began with."""
+
+
+class Sliders:
+    """The sliders of one simulation. Their ranges follow from its start, so that they stay while values change.
+
+    >>> from mpsim import Scene, Settings
+    >>> scene = Scene.random(count=5, packing=0.2, radius=0.5, seed=1, gravity=(0, -3))
+    >>> with Simulation(scene, Settings(method="event")) as sim:
+    ...     found = Sliders(sim).of(sim)
+    >>> [(each["name"], each["value"]) for each in found][:3]
+    [('gravity', [0.0, -3.0]), ('restitution', 1.0), ('wall_restitution', 1.0)]
+    """
+
+    def __init__(self, sim: Simulation):
+        scene, self._dt = sim.scene, sim.settings.dt
+        self._gravity = _rounded_up(_usual_gravity(sim))
+        self._piston = None if scene.piston is None else scene.piston.speed
+        self._cores = usable_cores()
+        self._interval, self._every = _rate(sim, "interval"), _rate(sim, "every")
+
+    def of(self, sim: Simulation) -> list[dict[str, Any]]:
+        """Name, value and range of each, as pages are told: `low` and `high`, or `choices`.
+
+        log: whether steps of the slider are ratios. whole: whether only whole numbers can be chosen. Of gravity the
+        value is (x, y), and `high` the length of the longest arrow.
+        """
+        return [*self._of_scene(sim), *self._of_settings(sim)]
+
+    def _of_scene(self, sim: Simulation) -> Iterator[dict[str, Any]]:
+        scene = sim.scene
+        gravity = [0.0, 0.0] if scene.gravity is None else scene.gravity.tolist()
+        yield {"name": "gravity", "value": gravity, "high": self._gravity}
+        if sim.settings.law == "elastic":
+            yield _slider("restitution", scene.restitution, 0.0, 1.0)
+            yield _slider("wall_restitution", scene.wall_restitution, 0.0, 1.0)
+        if scene.piston is not None and self._piston is not None:
+            ends = sorted((self._piston / DECADE, self._piston * DECADE))
+            yield _slider("piston_speed", scene.piston.speed, *ends, log=True)
+        if (interval := _rate(sim, "interval")) is not None and self._interval is not None:
+            yield _slider("interval", interval, self._interval / DECADE, self._interval * DECADE, log=True)
+        if (every := _rate(sim, "every")) is not None and self._every is not None:
+            yield _slider("every", every, 1, int(self._every * DECADE), log=True, whole=True)
+
+    def _of_settings(self, sim: Simulation) -> Iterator[dict[str, Any]]:
+        settings = sim.settings
+        yield _slider("dt", settings.dt, self._dt / DECADE, self._dt * DECADE, log=True)
+        if capabilities_of(settings).has_steps:
+            yield {"name": "contact", "value": settings.contact, "choices": list(layout.CONTACTS)}
+            yield _slider("passes", settings.passes, 1, MOST_PASSES, whole=True)
+            yield _slider("substeps", settings.substeps, 1, MOST_SUBSTEPS, whole=True)
+        if settings.method == "parallel":
+            yield _slider("workers", settings.workers or self._cores, 1, self._cores, whole=True)
+
+
+def _slider(name: str, value: float, low: float, high: float, log: bool = False, whole: bool = False) -> dict[str, Any]:
+    ends = {"low": min(low, value), "high": max(high, value)}
+    return {"name": name, "value": value, **ends, "log": log, "whole": whole}
+
+
+def _rate(sim: Simulation, name: str) -> Any:
+    """The interval, or every, of the first emitter that has one; None: there is none."""
+    return next((value for each in sim.scene.emitters if (value := getattr(each, name)) is not None), None)
+
+
+def _usual_gravity(sim: Simulation) -> float:
+    """Length of the longest arrow: twice the gravity of the scene; without one, what holds discs of a usual speed down.
+
+    That is v^2 over half the height of the box [length/time^2].
+    """
+    scene = sim.scene
+    if scene.gravity is not None and (length := float(np.hypot(*scene.gravity))) > 0:
+        return 2 * length
+    velocity = sim.state.velocity[~sim.absorbed]
+    square = float(np.mean(np.sum(velocity.astype(np.float64) ** 2, axis=1))) if len(velocity) else 0.0
+    return 2 * square / scene.height or 10 * scene.height
+
+
+def _rounded_up(value: float) -> float:
+    """1, 2 or 5 times a power of ten, at least the value.
+
+    >>> [_rounded_up(value) for value in (0.3, 1.0, 30.0)]
+    [0.5, 1.0, 50.0]
+    """
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(next(step * power for step in (1, 2, 5, 10) if step * power >= value * (1 - 1e-12)))

@@ -1,0 +1,80 @@
+"""The film of the last seconds: its pictures are those that were shown."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image, ImageSequence
+
+import mpsim
+from mpsim.viewer import film, wire
+from mpsim.viewer.colours import SpeedScale
+from mpsim.viewer.session import Shown
+
+SCENE = mpsim.Scene(
+    width=20, height=10, position=[[2, 5], [18, 5]], velocity=[[1, 0], [0, 0]], radius=1.0,
+    obstacles=mpsim.FixedDisc((10, 8), 1.0), piston=mpsim.Piston("right", -0.5, 12.0),
+)  # fmt: skip
+
+
+def shown(serial, x, present=(True, True)):
+    """The scene with its first disc at some x, and its right wall at 19."""
+    header = wire.Header(serial, serial, 0.0, (0.0, 19.0, 0.0, 10.0), (20.0, 10.0), SpeedScale(2.0, 4.0))
+    state = mpsim.State(np.array([[x, 5.0], [15, 5]]), np.array([[4.0, 0], [0, 0]]), present=np.array(present))
+    return Shown(serial, wire.pack(header, state), wire.pack_radii(np.array([1.0, 1.0]), header))
+
+
+def frames_of(content):
+    return [np.asarray(each.convert("RGB"), int) for each in ImageSequence.Iterator(Image.open(io.BytesIO(content)))]
+
+
+def near(pixel, colour):
+    return np.abs(pixel - colour).max() < 24
+
+
+def test_discs_walls_and_obstacles_are_where_they_were():
+    places = [3.0, 6.0, 9.0]
+    frames = frames_of(film.gif([shown(k, x) for k, x in enumerate(places)], SCENE))
+    assert len(frames) == 3
+    assert frames[0].shape == (240, 480, 3)
+    for x, frame in zip(places, frames, strict=True):
+        for other in places:
+            fast = near(frame[120, int(other * 24)], film.VIRIDIS[-1])
+            assert fast == (other == x), "the fast disc, in the colour of the fastest"
+        assert near(frame[120, int((x + 0.9) * 24)], film.VIRIDIS[-1]), "at true radius"
+        assert near(frame[120, int((x + 1.1) * 24)], film.GROUND), "and no larger"
+        assert near(frame[120, 15 * 24], film.VIRIDIS[0]), "one at rest"
+        assert near(frame[2 * 24, 10 * 24], film.SOLID)
+        assert near(frame[120, int(19.5 * 24)], film.CLOSED)
+        assert near(frame[20, 20], film.GROUND)
+
+
+def test_a_disc_that_has_left_is_not_drawn():
+    (frame,) = frames_of(film.gif([shown(1, 4.0, present=(False, True))], SCENE))
+    assert near(frame[120, 4 * 24], film.GROUND)
+
+
+def test_the_last_seconds_are_kept_at_so_many_pictures_a_second():
+    kept = film.Film()
+    for k in range(60 * 10):
+        kept.add(shown(k, 3.0), now=k / 60)
+    serials = [each.serial for each in kept.pictures()]
+    assert len(serials) == film.SECONDS * film.PICTURES_A_SECOND
+    assert serials[-1] >= 597
+    assert set(np.diff(serials)) <= {2, 3, 4}
+    assert np.diff(serials).mean() == pytest.approx(3, abs=0.05)
+
+
+def test_large_pictures_are_fewer(monkeypatch):
+    monkeypatch.setattr(film, "MOST_BYTES", 5 * len(shown(1, 3.0).packed))
+    kept = film.Film()
+    for k in range(20):
+        kept.add(shown(k, 3.0), now=float(k))
+    assert [each.serial for each in kept.pictures()] == [15, 16, 17, 18, 19]
+    monkeypatch.setattr(film, "MOST_DISCS", 50)
+    assert len(frames_of(film.gif([shown(k, 2.0 + k) for k in range(10)], SCENE))) < 10
+
+
+def test_without_pictures_there_is_no_film():
+    with pytest.raises(mpsim.InputError, match="a film needs pictures"):
+        film.gif([], SCENE)

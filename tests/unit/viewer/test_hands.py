@@ -1,0 +1,287 @@
+"""What is done by hand: each deed is what was asked for, refused ones change nothing, all are taken back."""
+
+import os
+import tempfile
+
+import numpy as np
+import pytest
+from support.scenes import gas, simulate, zoo
+
+import mpsim
+from mpsim.viewer import hands as hands_module
+from mpsim.viewer.hands import HOLD_SECONDS, Hands
+from mpsim.viewer.wire import Deed
+
+SCENE = gas(50, 0.2)
+CONTACTS = {"grid": {"method": "grid"}, "event": {"method": "event"}, "naive": {"method": "naive"}}
+
+
+class Table:
+    """A simulation under somebody's hands."""
+
+    def __init__(self, scene, owned=True, **settings):
+        self.sim = simulate(scene, **settings)
+        self.hands = Hands(owned)
+        self.hands.begin(self.sim)
+
+    def do(self, name, /, now=0.0, **values):
+        self.sim = self.hands.do(self.sim, Deed(name, values), now)
+        return self.hands.note
+
+    @property
+    def told(self):
+        return self.hands.told(self.sim)
+
+    def values(self):
+        return {each["name"]: each["value"] for each in self.told["parameters"]}
+
+    def close(self):
+        self.sim.close()
+        self.hands.close()
+
+
+@pytest.fixture
+def table():
+    made = []
+
+    def begin(scene=SCENE, owned=True, **settings):
+        made.append(Table(scene, owned, **{"method": "grid", **settings}))
+        return made[-1]
+
+    yield begin
+    for each in made:
+        each.close()
+
+
+def free_place(sim, radius=0.5):
+    """A place for a disc, clear of all others."""
+    scene, state = sim.scene, sim.state
+    rng = np.random.default_rng(1)
+    while True:
+        place = radius + rng.random(2) * (np.array([scene.width, scene.height]) - 2 * radius)
+        if np.hypot(*(state.position - place).T).min() > 2 * radius + 0.05:
+            return place
+
+
+@pytest.mark.parametrize("method", CONTACTS)
+def test_a_disc_is_held_where_the_pointer_is_and_thrown(table, method):
+    t = table(**CONTACTS[method])
+    t.sim.run(frames=5)
+    x, y = free_place(t.sim)
+    assert t.do("hold", id=7, x=x, y=y) is None
+    assert t.sim.state.position[7].tolist() == [x, y]
+    assert t.sim.state.velocity[7].tolist() == [0, 0]
+    assert t.told["held"] == 7
+    x, y = free_place(t.sim)
+    t.do("hold", id=7, x=x, y=y)
+    assert t.do("release", vx=1.0, vy=-2.0) is None
+    assert t.sim.state.velocity[7].tolist() == [1.0, -2.0]
+    assert t.told["held"] is None
+    with mpsim.Simulation.replay(t.sim.journal) as again:
+        assert again.digest() == t.sim.digest()
+
+
+def test_a_held_disc_stays_while_others_strike_it(table):
+    scene = mpsim.Scene(width=9, height=4, position=[[2, 2], [7, 2]], velocity=[[3, 0], [0, 0]], radius=0.5)
+    t = table(scene)
+    t.do("hold", id=1, x=5.0, y=2.0)
+    for _ in range(100):
+        t.hands.hold_still(t.sim, now=1.0)
+        t.sim.run(frames=1)
+    t.hands.hold_still(t.sim, now=1.0)
+    assert t.sim.state.position[1].tolist() == [5.0, 2.0]
+    assert t.sim.state.velocity[0, 0] <= 0, "the other one has struck it"
+    with mpsim.Simulation(scene, mpsim.Settings(method="grid")) as alone:
+        alone.set([1], position=(5.0, 2.0), velocity=(0, 0))
+        alone.run(frames=100)
+        assert alone.state.position[1, 0] > 5.1, "negative control: it moves when nobody holds it"
+
+
+def test_a_disc_is_let_go_when_its_page_falls_silent(table):
+    t = table()
+    x, y = free_place(t.sim)
+    t.do("hold", now=10.0, id=3, x=x, y=y)
+    t.sim.run(frames=1)
+    t.hands.hold_still(t.sim, now=10.0 + HOLD_SECONDS)
+    assert t.told["held"] == 3
+    assert t.hands.hold_still(t.sim, now=10.1 + HOLD_SECONDS)
+    assert t.told["held"] is None
+
+
+def test_a_throw_is_at_most_one_radius_a_step_where_there_are_steps(table):
+    t = table(dt=0.1)
+    x, y = free_place(t.sim)
+    t.do("hold", id=3, x=x, y=y)
+    note = t.do("release", vx=300.0, vy=400.0)
+    assert t.sim.state.velocity[3] == pytest.approx([3.0, 4.0])
+    assert "thrown at speed 5, one radius a step" in note
+    exact = table(method="event")
+    exact.do("hold", id=3, x=x, y=y)
+    assert exact.do("release", vx=300.0, vy=400.0) is None
+    assert exact.sim.state.velocity[3].tolist() == [300.0, 400.0]
+
+
+@pytest.mark.parametrize("name", ["radii masses", "", "rough radii"])
+def test_a_disc_is_added_at_rest_with_what_discs_of_the_scene_have(table, name):
+    t = table(zoo(name, count=5, side=20.0))
+    x, y = free_place(t.sim)
+    assert t.do("add", x=x, y=y, same=False) is None
+    assert t.sim.count == 6
+    assert t.sim.state.position[5].tolist() == [x, y]
+    assert t.sim.state.velocity[5].tolist() == [0, 0]
+    assert t.sim.radii[5] in t.sim.radii[:5]
+    assert t.sim.masses[5] in t.sim.masses[:5]
+
+
+def test_no_disc_is_added_on_another_one_nor_through_a_periodic_edge(table):
+    scene = mpsim.Scene(width=8, height=8, position=[[0.1, 4]], velocity=[[0, 0]], radius=0.5, boundary="periodic")
+    t = table(scene)
+    for x in (0.1, 0.6, 7.9):
+        assert f"a new disc needs a free place; got ({x}, 4), where disc 0 is" in t.do("add", x=x, y=4.0, same=False)
+    assert t.sim.count == 1
+    assert t.do("add", x=1.2, y=4.0, same=False) is None
+
+
+def test_pages_can_add_so_many_discs_and_no_more(table, monkeypatch):
+    monkeypatch.setattr(hands_module, "MOST_ADDED", 2)
+    t = table(gas(3, 0.01))
+    for _ in range(2):
+        x, y = free_place(t.sim)
+        assert t.do("add", x=x, y=y, same=True) is None
+    assert "pages may add at most 2 discs" in t.do("add", x=x, y=y, same=True)
+    assert t.sim.count == 5
+
+
+REFUSED = [
+    ("hold", {"id": 99, "x": 1.0, "y": 1.0}, "id must be the number of a disc, from 0 to 49; got 99"),
+    ("hold", {"id": 3, "x": -4.0, "y": 1.0}, "one radius from the walls"),
+    ("hold", {"id": 3, "x": 1e99, "y": 1.0}, "one radius from the walls"),
+    ("add", {"x": 1e99, "y": 1.0, "same": False}, "one radius from the walls"),
+    ("remove", {"id": 50, "same": False}, "got 50. There are 50 discs"),
+    ("change", {"name": "dt", "value": -1.0, "same": False}, "dt must be a finite number > 0"),
+    ("change", {"name": "dt", "value": [1.0, 2.0], "same": False}, "dt must be"),
+    ("change", {"name": "gravity", "value": 3.0, "same": False}, "gravity must"),
+    ("change", {"name": "restitution", "value": 7.0, "same": False}, "restitution must be a number from 0 to 1"),
+    ("change", {"name": "piston_speed", "value": 1.0, "same": False}, "only in a scene with a piston"),
+    ("change", {"name": "interval", "value": 1.0, "same": False}, "only in a scene with emitters"),
+    ("change", {"name": "passes", "value": 2.5, "same": False}, "passes must be a whole number"),
+    ("change", {"name": "contact", "value": 1.0, "same": False}, "contact must be one of"),
+    ("undo", {}, "undo needs a change before"),
+]
+
+
+@pytest.mark.parametrize(("name", "values", "text"), REFUSED)
+def test_what_is_refused_is_a_note_and_changes_nothing(table, name, values, text):
+    t = table()
+    before = t.sim.digest()
+    assert text in t.do(name, **values)
+    assert (t.sim.digest(), len(t.sim.journal), t.told["undo"], t.told["held"]) == (before, 0, 0, None)
+    t.do("change", name="passes", value=2, same=False)
+    assert t.told["note"] is None, "the next deed takes the note away"
+
+
+def test_a_place_on_another_disc_is_refused_by_the_exact_solver(table):
+    t = table(method="event")
+    x, y = t.sim.state.position[4]
+    assert "discs that do not overlap" in t.do("hold", id=3, x=float(x), y=float(y))
+    assert t.told["held"] is None
+    assert len(t.sim.journal) == 0
+
+
+DEEDS = {
+    "hold and throw": lambda t: (
+        t.do("hold", id=7, x=free_place(t.sim)[0], y=free_place(t.sim)[1]), t.sim.run(frames=4),
+        t.hands.hold_still(t.sim, 0.0), t.do("release", vx=1.0, vy=0.5),
+    ),
+    "add two": lambda t: [
+        t.do("add", x=free_place(t.sim)[0], y=free_place(t.sim)[1], same=same) for same in (False, True)
+    ],
+    "remove": lambda t: t.do("remove", id=5, same=False),
+    "gravity dragged": lambda t: [
+        (t.do("change", name="gravity", value=[0.0, -pull], same=pull > 1), t.sim.run(frames=3)) for pull in (1.0, 2.0)
+    ],
+    "dt": lambda t: t.do("change", name="dt", value=0.005, same=False),
+    "losses": lambda t: t.do("change", name="restitution", value=0.5, same=False),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("method", ["grid", "event", "parallel"])
+@pytest.mark.parametrize("deed", DEEDS)
+def test_after_undo_the_run_is_that_in_which_the_change_never_was(table, deed, method):
+    settings = {"method": method} | ({"workers": 2} if method == "parallel" else {})
+    with simulate(SCENE, **settings) as never:
+        never.run(frames=20)
+        never.kick(1, (0.5, 0.0))
+        never.run(frames=10)
+        at_once = never.digest()
+        never.run(frames=15)
+        later = never.digest()
+    t = table(**settings)
+    t.sim.run(frames=20)
+    t.sim.kick(1, (0.5, 0.0))
+    t.sim.run(frames=10)
+    DEEDS[deed](t)
+    t.sim.run(frames=15)
+    assert t.sim.digest() != later, "negative control: the deed matters"
+    assert t.told["undo"] == 1
+    assert t.do("undo") is None
+    assert (t.sim.digest(), t.sim.frame, t.told["undo"]) == (at_once, 30, 0)
+    t.sim.run(frames=15)
+    assert t.sim.digest() == later
+    assert [change.what for change in t.sim.journal] == ["kick"]
+    with mpsim.Simulation.replay(t.sim.journal, workers=1) as again:
+        assert again.digest() == later
+
+
+def test_undo_goes_back_one_gesture_at_a_time(table):
+    t = table()
+    digests = []
+    for number in range(4):
+        digests.append(t.sim.digest())
+        t.do("remove", id=number, same=False)
+        t.sim.run(frames=2)
+    assert t.told["undo"] == 4
+    for number in reversed(range(4)):
+        t.do("undo")
+        assert (t.sim.digest(), t.sim.frame) == (digests[number], 2 * number)
+
+
+def test_of_another_parameter_same_does_not_go_on(table):
+    t = table()
+    t.do("change", name="dt", value=0.005, same=False)
+    t.do("change", name="passes", value=2, same=True)
+    assert t.told["undo"] == 2
+
+
+def test_a_simulation_of_a_program_is_changed_but_not_replaced(table):
+    t = table(owned=False)
+    t.do("remove", id=5, same=False)
+    assert not t.sim.state.present[5]
+    assert t.told["undo"] is None
+    assert "belongs to a program" in t.do("undo")
+    assert not t.sim.state.present[5]
+
+
+def test_the_sliders_are_those_of_the_scene(table):
+    t = table(zoo("piston emitters", count=5, side=20.0))
+    assert {"gravity", "restitution", "piston_speed", "interval", "every", "dt", "passes"} <= set(t.values())
+    for each in t.told["parameters"]:
+        if "low" in each:
+            assert each["low"] <= each["value"] <= each["high"]
+            for end in (each["low"], each["high"]):
+                assert t.do("change", name=each["name"], value=end, same=False) is None, each
+                assert t.values()[each["name"]] == end
+    assert set(table(method="event").values()) == {"gravity", "restitution", "wall_restitution", "dt"}
+    assert table(method="parallel", workers=1).values()["workers"] == 1
+
+
+def test_checkpoints_of_undo_are_gone_in_the_end(table):
+    before = set(os.listdir(tempfile.gettempdir()))
+    t = table()
+    for number in range(20):
+        t.do("remove", id=number, same=False)
+    assert t.told["undo"] == 16
+    (folder,) = {name for name in set(os.listdir(tempfile.gettempdir())) - before if name.startswith("mpsim-view-")}
+    assert len(os.listdir(os.path.join(tempfile.gettempdir(), folder))) == 16
+    t.close()
+    assert folder not in os.listdir(tempfile.gettempdir())

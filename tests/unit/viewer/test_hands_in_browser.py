@@ -1,0 +1,447 @@
+"""Hands and keep in a real browser: pointer and keys do what they say, and what is kept has the bits of the run."""
+
+import contextlib
+import io
+import json
+import subprocess
+import sys
+import time
+import zipfile
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.browser import browser
+from support.browser import until as until_it_happens
+from support.scenes import gas
+from support.viewing import viewed
+
+import mpsim
+
+GRID = mpsim.Settings(method="grid")
+SCENE = mpsim.Scene(
+    width=20, height=12, position=[[4, 6], [10, 6], [16, 6], [10, 2]], velocity=np.zeros((4, 2)), radius=0.5
+)
+
+
+@pytest.fixture(scope="module")
+def opened():
+    with browser() as found:
+        yield found
+
+
+def until(holds):
+    """What a function gives once that is true; a simulation that undo has just replaced is asked again."""
+
+    def asked():
+        with contextlib.suppress(mpsim.ClosedError):
+            return holds()
+        return None
+
+    return until_it_happens(asked)
+
+
+class Table:
+    """A page of a view, under the hands of somebody."""
+
+    def __init__(self, opened, view, query="", size=(1280, 800), **options):
+        self.view, self.complaints = view, []
+        self.context = opened.new_context(viewport={"width": size[0], "height": size[1]}, **options)
+        self.page = self.context.new_page()
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("console", lambda each: each.type == "error" and self.complaints.append(each.text))
+        self.page.goto(view.address + query)
+        until(lambda: self.text("phase") in ("paused", "playing") and self.page.get_attribute("#stage", "data-frame"))
+
+    @property
+    def sim(self):
+        return self.view._session._sim
+
+    def text(self, name):
+        return self.page.inner_text(f"#{name}")
+
+    def pixel(self, x, y):
+        """Where a place of the box is on the screen."""
+        box = self.page.locator("#discs-canvas").bounding_box()
+        scene = self.sim.scene
+        scale = 0.96 * min(box["width"] / scene.width, box["height"] / scene.height)
+        middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        return middle[0] + (x - scene.width / 2) * scale, middle[1] - (y - scene.height / 2) * scale
+
+    def drag(self, start, end, steps=6, pause=0.15):
+        """Press at a place, go to another one, stay there for some time, and let go."""
+        mouse = self.page.mouse
+        mouse.move(*self.pixel(*start))
+        mouse.down()
+        mouse.move(*self.pixel(*end), steps=steps)
+        time.sleep(pause)
+        mouse.up()
+
+    def disc(self, number):
+        return self.sim.state.position[number]
+
+    def holding(self):
+        return self.view._session._hands._held
+
+    def what(self):
+        return [change.what for change in self.sim.journal]
+
+    def keys(self, *keys):
+        for key in keys:
+            self.page.keyboard.press(key)
+
+    def download(self, button):
+        self.show("keep")
+        with self.page.expect_download() as waiting:
+            self.page.click(f"#{button}")
+        path = waiting.value.path()
+        with open(path, "rb") as file:
+            return waiting.value.suggested_filename, file.read()
+
+    def box(self, name):
+        """Where something is on the screen, after scrolling to it."""
+        found = self.page.locator(f"#{name}")
+        found.scroll_into_view_if_needed()
+        return found.bounding_box()
+
+    def show(self, panel):
+        if self.page.get_attribute(f"#{panel}", "open") is None:
+            self.page.click(f"#{panel} summary")
+
+
+@pytest.fixture
+def table(opened, capsys):
+    with contextlib.ExitStack() as stack:
+
+        def begin(scene=SCENE, settings=GRID, query="", size=(1280, 800), context=None, **options):
+            view = stack.enter_context(viewed(scene, settings, **{"playing": False, **options}))
+            made = Table(opened, view, query, size, **(context or {}))
+            stack.callback(made.context.close)
+            return made
+
+        yield begin
+
+
+def test_a_disc_is_dragged_to_where_the_pointer_lets_it_go(table):
+    t = table()
+    t.drag((4.2, 6.1), (8.2, 9.1))
+    until(lambda: t.holding() is None and np.allclose(t.disc(0), (8, 9), atol=0.03))
+    assert t.sim.state.velocity[0].tolist() == [0, 0], "it rests: the pointer did"
+    assert set(t.what()) == {"set"}
+    assert np.allclose(t.disc(1), (10, 6)), "the others are where they were"
+    picture = np.asarray(Image.open(io.BytesIO(t.page.screenshot())).convert("RGB"), int)
+    x, y = t.pixel(8, 9)
+    assert picture[int(y), int(x)].tolist() != [255, 255, 255], "and it is drawn there"
+    x, y = t.pixel(4, 6)
+    assert picture[int(y), int(x)].tolist() == [255, 255, 255]
+    assert t.complaints == []
+
+
+def test_a_drag_of_the_ground_moves_the_view_and_no_disc(table):
+    t = table()
+    before = t.sim.digest()
+    t.drag((6, 9), (8, 10))
+    until(lambda: json.loads(t.page.evaluate("JSON.stringify(document.querySelector('#stage').dataset.drawn)")) != "1")
+    assert (t.sim.digest(), t.what()) == (before, [])
+
+
+def test_a_disc_is_thrown_with_the_velocity_of_the_pointer(table):
+    t = table()
+    mouse = t.page.mouse
+    mouse.move(*t.pixel(4, 6))
+    mouse.down()
+    started = time.perf_counter()
+    for k in range(1, 9):
+        mouse.move(*t.pixel(4 + 0.2 * k, 6 + 0.1 * k))
+        time.sleep(0.02)
+    mouse.up()
+    seconds = (time.perf_counter() - started) / 8
+    until(lambda: bool(t.sim.state.velocity[0].any()))
+    vx, vy = t.sim.state.velocity[0]
+    expected = 0.2 / seconds / (60 * 0.01)
+    assert vx == pytest.approx(expected, rel=0.7), "length a time of the simulation: 60 frames of 0.01 a second"
+    assert vy == pytest.approx(vx / 2, rel=0.05)
+
+
+def test_a_disc_held_in_a_run_follows_and_is_thrown(table):
+    t = table(playing=True)
+    mouse = t.page.mouse
+    mouse.move(*t.pixel(4, 6))
+    mouse.down()
+    until(lambda: t.holding() is not None)
+    frame = t.sim.frame
+    mouse.move(*t.pixel(7, 8), steps=10)
+    until(lambda: t.sim.frame > frame + 20)
+    assert np.allclose(t.disc(0), (7, 8), atol=0.05)
+    mouse.move(*t.pixel(7.4, 8), steps=3)
+    mouse.up()
+    until(lambda: t.holding() is None and t.disc(0)[0] > 8)
+    assert t.text("phase") == "playing"
+    assert t.complaints == []
+
+
+def test_a_disc_is_let_go_when_its_page_is_closed(table, monkeypatch):
+    from mpsim.viewer import hands as hands_module  # noqa: PLC0415
+
+    monkeypatch.setattr(hands_module, "HOLD_SECONDS", 1.5)
+    t = table(playing=True)
+    t.page.mouse.move(*t.pixel(4, 6))
+    t.page.mouse.down()
+    until(lambda: t.holding() is not None)
+    time.sleep(2.0)
+    assert t.holding() is not None, "the page says again that it holds it"
+    other = t.context.new_page()
+    other.goto(t.view.address)
+    t.page.close()
+    until(lambda: t.holding() is None)
+
+
+def test_what_is_refused_is_said_and_the_run_goes_on(table):
+    scene = mpsim.Scene(
+        width=20, height=12, position=[[4, 6], [10, 6]], velocity=np.zeros((2, 2)), radius=0.5,
+        obstacles=mpsim.FixedDisc((15, 6), 1.0),
+    )  # fmt: skip
+    t = table(scene, playing=True)
+    t.drag((4, 6), (15, 6.2), steps=1)
+    until(lambda: "obstacles" in t.text("hand-note"))
+    assert t.text("phase") == "playing"
+    frame = t.sim.frame
+    until(lambda: t.sim.frame > frame + 10)
+    t.page.click("#tool-add")
+    t.page.mouse.click(*t.pixel(15, 6))
+    until(lambda: t.sim.count == 2)
+    assert t.view._session.error is None
+
+
+def test_discs_are_added_by_click_and_brush_and_removed(table):
+    t = table()
+    t.page.click("#tool-add")
+    t.page.mouse.click(*t.pixel(5, 10))
+    until(lambda: t.sim.count == 5)
+    assert np.allclose(t.disc(4), (5, 10), atol=0.05)
+    until(lambda: t.text("discs") == "5")
+    t.page.click("#tool-brush")
+    t.drag((2, 3), (7, 3), steps=60)
+    until(lambda: t.sim.count >= 8)
+    places = t.sim.state.position[5:]
+    assert np.allclose(places[:, 1], 3, atol=0.05)
+    assert np.diff(np.sort(places[:, 0])).min() > 1.0, "no two overlap"
+    t.page.click("#tool-remove")
+    t.page.mouse.click(*t.pixel(10, 6))
+    until(lambda: not t.sim.state.present[1])
+    assert t.sim.state.present.sum() == t.sim.count - 1
+    count = t.sim.count
+    t.page.click("#undo")
+    until(lambda: bool(t.sim.state.present.all()))
+    t.page.click("#undo")
+    until(lambda: t.sim.count == 5)
+    assert count > 5, "a stroke of the brush is taken back as one"
+    t.page.click("#undo")
+    until(lambda: t.sim.count == 4 and t.page.is_disabled("#undo"))
+    assert t.what() == []
+    assert t.complaints == []
+
+
+def test_gravity_is_dragged_on_the_dial_and_pressed_by_keys(table):
+    t = table()
+    t.show("parameters")
+    box = t.box("dial")
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    high = next(each["high"] for each in t.view._session._hands.told(t.sim)["parameters"] if each["name"] == "gravity")
+    t.page.mouse.move(*middle)
+    t.page.mouse.down()
+    for k in range(1, 6):
+        t.page.mouse.move(middle[0], middle[1] + k * box["height"] / 20)
+    t.page.mouse.up()
+    until(
+        lambda: t.sim.scene.gravity is not None and np.allclose(t.sim.scene.gravity, (0, -high / 2), rtol=0.05, atol=1)
+    )
+    until(lambda: len(t.what()) == len(t.sim.journal))
+    time.sleep(0.2)
+    pulled = t.sim.scene.gravity.copy()
+    t.page.focus("#dial")
+    t.keys("ArrowRight")
+    until(lambda: t.sim.scene.gravity[0] == pytest.approx(high / 10))
+    t.keys("Delete")
+    until(lambda: t.sim.scene.gravity is None or not t.sim.scene.gravity.any())
+    for _ in range(2):
+        t.page.click("#undo")
+        time.sleep(0.3)
+    until(lambda: np.array_equal(t.sim.scene.gravity, pulled))
+    t.page.click("#undo")
+    until(lambda: t.sim.scene.gravity is None)
+    assert t.what() == [], "all of one drag is taken back at once"
+    assert t.complaints == []
+
+
+def test_a_slider_changes_its_parameter_by_pointer_and_keys(table):
+    t = table()
+    t.show("parameters")
+    box = t.box("change-restitution")
+    y = box["y"] + box["height"] / 2
+    t.page.mouse.move(box["x"] + box["width"] - 6, y)
+    t.page.mouse.down()
+    t.page.mouse.move(box["x"] + box["width"] / 2, y, steps=8)
+    t.page.mouse.up()
+    until(lambda: t.sim.scene.restitution == pytest.approx(0.5, abs=0.05))
+    until(lambda: float(t.page.get_attribute("#change-restitution", "data-value")) == t.sim.scene.restitution)
+    time.sleep(0.2)
+    t.page.focus("#change-passes")
+    t.keys("ArrowRight")
+    until(lambda: t.sim.settings.passes == 2)
+    t.page.select_option("#change-contact", "push")
+    until(lambda: t.sim.settings.contact == "push")
+    t.page.focus("#change-dt")
+    t.keys("Home")
+    until(lambda: t.sim.settings.dt == pytest.approx(0.001))
+    for _ in range(3):
+        t.page.click("#undo")
+        time.sleep(0.2)
+    until(lambda: (t.sim.settings.dt, t.sim.settings.contact, t.sim.settings.passes) == (0.01, "impact", 1))
+    t.page.click("#undo")
+    until(lambda: t.sim.scene.restitution == 1.0)
+    until(lambda: t.page.input_value("#change-restitution") == "1000")
+    assert t.complaints == []
+
+
+def test_keys_do_what_the_pointer_does(table):
+    t = table()
+    t.keys("k")
+    until(lambda: t.page.evaluate("document.activeElement.id") == "stage")
+    for _ in range(4):
+        t.keys("ArrowUp")
+    t.keys("Enter")  # the nearest disc
+    until(lambda: t.holding() is not None)
+    number = t.holding().disc
+    assert number == 1, "from the middle of the box"
+    until(lambda: f"disc {number} is held" in t.text("hand-note"))
+    for _ in range(5):
+        t.keys("ArrowUp")
+    t.keys("Enter")
+    until(lambda: t.holding() is None)
+    step = 0.02 * t.page.evaluate("Math.min(stage.clientWidth, stage.clientHeight)")
+    assert t.disc(1)[0] == pytest.approx(10, abs=0.01)
+    assert t.disc(1)[1] > 6.5
+    assert step > 1
+    t.keys("Enter")
+    until(lambda: t.holding() is not None)
+    t.keys("Shift+ArrowRight")
+    until(lambda: t.sim.state.velocity[1].tolist() == [1.0, 0.0])
+    t.keys("a", "ArrowUp", "ArrowUp", "ArrowUp", "ArrowUp", "Enter")
+    until(lambda: t.text("discs") == "5")
+    t.keys("x", "Enter")
+    until(lambda: not t.sim.state.present[4])
+    t.keys("z")
+    until(lambda: bool(t.sim.state.present.all()))
+    t.keys("Control+z")
+    until(lambda: t.sim.count == 4)
+    t.keys("Escape")
+    assert t.complaints == []
+
+
+def session_of(t, folder):
+    name, content = t.download("keep-session")
+    assert name.endswith("-session.zip")
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        archive.extractall(folder)
+    return folder / "session.toml"
+
+
+def test_a_session_and_a_program_of_the_page_have_the_bits_of_the_run(table, tmp_path):
+    t = table(gas(30, 0.1), playing=True, context={"permissions": ["clipboard-read", "clipboard-write"]})
+    t.page.click("#tool-remove")
+    until(lambda: t.sim.frame > 10)
+    while t.sim.state.present.all():
+        t.page.mouse.click(*t.pixel(*t.disc(0)))
+        time.sleep(0.1)
+    t.keys("h")
+    until(lambda: t.sim.frame > 30)
+    t.keys("Space")
+    until(lambda: t.text("phase") == "paused")
+    present = int(np.flatnonzero(t.sim.state.present)[0])
+    x, y = t.disc(present)
+    t.drag((x, y), (x + 0.05, y + 0.05))
+    until(lambda: t.holding() is None)
+    t.keys(".", ".", ".")
+    until(lambda: t.sim.frame > 33 and t.text("phase") == "paused")
+    time.sleep(0.3)
+    digest, frame = t.sim.digest(), t.sim.frame
+    path = session_of(t, tmp_path)
+    for workers in (1, 2, 3):
+        with mpsim.Simulation.replay(path, method="parallel", workers=workers) as again:
+            assert (again.digest(), again.frame) == (digest, frame)
+    t.page.click("#keep-program")
+    until(lambda: "The program is copied" in t.text("keep-note"))
+    text = t.page.evaluate("navigator.clipboard.readText()")
+    assert text == t.page.input_value("#kept-text")
+    assert digest in text
+    file = tmp_path / "program.py"
+    file.write_text(text)
+    command = [sys.executable, file]
+    outcome = subprocess.run(command, check=False, capture_output=True, text=True, cwd=tmp_path, timeout=300)
+    assert (outcome.returncode, outcome.stderr) == (0, "")
+    assert f"frame {frame}" in outcome.stdout
+    assert t.complaints == []
+
+
+def test_picture_film_and_scene_are_downloaded(table, tmp_path):
+    t = table(gas(30, 0.1), playing=True, name="a gas")
+    until(lambda: t.sim.frame > 30)
+    t.keys("Space")
+    until(lambda: t.text("phase") == "paused")
+    name, content = t.download("keep-picture")
+    assert name == f"a_gas-{t.sim.frame}.png"
+    picture = np.asarray(Image.open(io.BytesIO(content)).convert("RGB"), int)
+    box = t.page.locator("#discs-canvas").bounding_box()
+    for x, y in t.sim.state.position:
+        px, py = t.pixel(x, y)
+        assert picture[round(py - box["y"]), round(px - box["x"])].tolist() != [255, 255, 255], "each disc is there"
+    name, content = t.download("keep-film")
+    assert name.endswith(".gif")
+    assert Image.open(io.BytesIO(content)).n_frames > 4
+    name, content = t.download("keep-scene")
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        archive.extractall(tmp_path)
+    assert np.array_equal(mpsim.Scene.load(tmp_path / "scene.toml").position, t.sim.state.position)
+    assert t.complaints == []
+
+
+def test_an_address_that_waits_starts_paused_with_the_view_it_holds(table, capsys):
+    t = table(mpsim.Scene.load("gas"), playing=True, query="?wait&speed=2&zoom=2&x=3&y=4", name="gas")
+    until(lambda: t.text("phase") == "paused")
+    assert t.sim.frame == 0
+    assert t.text("speed-text").startswith("2×")  # noqa: RUF001 - a sign that the page shows
+    t.show("keep")
+    assert t.page.inner_text("#keep-command code") == "mpsim view gas --method grid"
+    t.page.click("#keep-address")
+    text = until(lambda: t.page.input_value("#kept-text"))
+    assert text.startswith(t.view.address + "?wait&")
+    assert {"speed=2", "zoom=2", "x=3", "y=4"} <= set(text.partition("?")[2].split("&"))
+    assert t.complaints == []
+
+
+@pytest.mark.parametrize("width", [320, 390, 1280, 1920])
+def test_nothing_is_wider_than_the_screen_with_all_panels_open(table, width):
+    t = table(size=(width, 800))
+    t.show("parameters")
+    t.show("keep")
+    assert t.page.evaluate("document.documentElement.scrollWidth") <= width
+    if width > 800:
+        assert t.page.evaluate("document.documentElement.scrollHeight") <= 800
+
+
+def test_a_finger_throws_a_disc(table):
+    t = table(context={"has_touch": True}, size=(390, 800))
+    touch = t.context.new_cdp_session(t.page)
+    t.page.locator("#stage").scroll_into_view_if_needed()
+
+    def finger(kind, *place):
+        points = [dict(zip("xy", t.pixel(*place), strict=True))] if place else []
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    finger("touchStart", 10, 6)
+    for k in range(1, 6):
+        finger("touchMove", 10 + 0.2 * k, 6)
+    finger("touchEnd")
+    until(lambda: t.holding() is None and t.sim.state.velocity[1, 0] > 0)
+    assert t.complaints == []
