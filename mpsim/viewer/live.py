@@ -46,6 +46,8 @@ def view(
         name: what the page calls it.
         wait: return only after Ctrl-C, which closes the view; else at once, with the view open.
 
+    The page shows lengths, times and speeds in the scene's own units: [length], [time], [length/time].
+
     Returns:
         The view: its address, and `close`.
 
@@ -78,8 +80,17 @@ def view(
 class View:
     """A page that shows a simulation. `mpsim.view` makes it; leaving a `with` block closes it.
 
+    Args:
+        source, settings, host, port, playing, name: as in `mpsim.view`, which also gives their bounds; lengths and times
+            on the page are those of the scene, [length] and [time].
+
     Attributes:
         address: of the page. Its token keeps others out: do not pass it on to those who should not control the view.
+
+    >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+    >>> with View(scene) as page:
+    ...     page.address.startswith("http://127.0.0.1:")
+    True
     """
 
     def __init__(
