@@ -81,8 +81,8 @@ class View:
     """A page that shows a simulation. `mpsim.view` makes it; leaving a `with` block closes it.
 
     Args:
-        source, settings, host, port, playing, name: as in `mpsim.view`, which also gives their bounds; lengths and times
-            on the page are those of the scene, [length] and [time].
+        source, settings, host, port, playing, name: as in `mpsim.view`, which also gives their bounds; lengths
+            and times on the page are those of the scene, [length] and [time].
 
     Attributes:
         address: of the page. Its token keeps others out: do not pass it on to those who should not control the view.

@@ -99,6 +99,19 @@ def test_a_run_that_forgot_to_rewind_would_be_noticed(monkeypatch):
     assert found[-1] != measures
 
 
+def test_workers_stay_the_same_when_discs_are_added_or_changed():
+    """Starting others takes a second or two, and an emitter adds discs in frame after frame."""
+    with on_tiles(scene(), (2, 1), 2, dt=DT) as sim:
+        sim.run(frames=2)
+        pids = sim.pids
+        sim.add([first_free_place(sim.state)], [[1.0, 2.0]])
+        sim.run(frames=2)
+        sim.kick(0, (1.0, 0.0))
+        sim.run(frames=2)
+        assert sim.pids == pids
+        assert len(pids) == 1
+
+
 def test_a_death_before_discs_are_added_is_healed():
     states = []
     for workers in (1, 3):

@@ -49,6 +49,25 @@ class Windows:
             self._pool = WorkerPool(self._block, self._start_method)
             self._pool.start(workers)
 
+    @property
+    def workers(self) -> int:
+        """Number of those that play, this process included."""
+        return 1 + len(self.pids)
+
+    def moved_to(self, block: SharedBlock, system: Any) -> "Windows":
+        """Windows on the tiles of another block, for the same workers. The old block must stay open until it returns.
+
+        Raises:
+            WorkerDied: if one of them has ended. Then these windows can only be closed, before either block is.
+        """
+        moved = Windows(block, system, self._start_method)
+        with interrupts_held_back():
+            load_kernels(block)
+        if self._pool is not None:
+            self._pool.move_to(block)
+        moved._pool, self._pool = self._pool, None
+        return moved
+
     def close(self) -> None:
         """Stop the workers. May be called again."""
         pool, self._pool = self._pool, None

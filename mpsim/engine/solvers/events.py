@@ -94,6 +94,10 @@ class EventSolver(Solver):
             self._windows = Windows(self._block, self._system, self._settings.start_method)
             self._windows.start(self._most_workers)
             return
+        self._load_whole()
+
+    def _load_whole(self) -> None:
+        """Compile or load the kernels that play a box as a whole."""
         with interrupts_held_back():  # as the stepped solvers do
             self._play_whole(0, np.zeros((1, 0), np.int64), np.zeros(0, records.TOTALS), math.inf)
 
@@ -334,16 +338,41 @@ class EventSolver(Solver):
             counted: Any = np.zeros((), records.TOTALS)[()]
             solver.write_totals(counted, self._system.store)
             seen = records.of_numbers(records.TOTALS, records.numbers(self._seen) - records.numbers(counted))
-        self._take(block, system)
+            windows = self._windows_on(block, system)
+        self._take(block, system, windows)
         self._radii, self._masses, self._seen = discs.radius, discs.mass, seen
-        self._begin()
+        if windows is None:
+            self._load_whole()
 
-    def _take(self, block: SharedBlock, system: System) -> None:
+    def _windows_on(self, block: SharedBlock, system: System) -> Windows | None:
+        """Windows on the tiles of another block, if it has any: those of the same workers, where there are as many.
+
+        Raises:
+            WorkerDied, WorkerStalled, ResourceError: then no worker is left, and the state is as it was.
+        """
+        if "tiles" not in block.specs:
+            return None
+        windows = self._windows
+        try:
+            if windows is not None and windows.workers == self._most_workers:
+                return windows.moved_to(block, system)
+            windows = Windows(block, system, self._settings.start_method)
+            windows.start(self._most_workers)
+        except BaseException:
+            if windows is not None and windows is self._windows:
+                windows.link()
+                self._windows = None
+            if windows is not None:
+                windows.close()
+            raise
+        return windows
+
+    def _take(self, block: SharedBlock, system: System, windows: Windows | None = None) -> None:
         """Continue in another block, which is filled, and close the old one; one of them is owned at every moment."""
-        old, windows, self._windows = self._block, self._windows, None
-        self._system, self._block, self.count = system, block, len(system.store.order)
-        if windows is not None:
-            windows.close()
+        old, before = self._block, self._windows
+        self._system, self._block, self._windows, self.count = system, block, windows, len(system.store.order)
+        if before is not None:
+            before.close()
         old.close()
 
     @property

@@ -6,6 +6,7 @@ from mpsim.kernels.collision_log import DISC, OBSTACLE, WALL, write
 from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.features.properties import mass_of, radius_of
 from mpsim.kernels.events.records import FIRST_CAPSULE
+from mpsim.kernels.events.region import counts
 
 FIELDS = {"log": None}
 """log: of `collision_log`. Its numbers of discs are those of `event.number`."""
@@ -15,7 +16,7 @@ FIELDS = {"log": None}
 def between_discs(log, i, j, rx, ry, impulse, store, box, features):
     """Impact of discs i and j, r = r_i - r_j apart, whose stored states are current."""
     if log is not None:  # noqa: SIM102 - see optional.py
-        if store.region.counts != 0:
+        if counts(store.region) != 0:
             disc, distance = store.disc[i], math.sqrt(rx * rx + ry * ry)
             share = radius_of(i, box, features) / (radius_of(i, box, features) + radius_of(j, box, features))
             x, y = disc.position[0] - share * rx, disc.position[1] - share * ry
@@ -28,7 +29,7 @@ def between_discs(log, i, j, rx, ry, impulse, store, box, features):
 def on_fixed(log, kind, i, met, nx, ny, change, store, box, features):
     """Impact of disc i on what is no disc, which has changed its velocity by so much along the unit vector n."""
     if log is not None:  # noqa: SIM102
-        if store.region.counts != 0:
+        if counts(store.region) != 0:
             disc, radius = store.disc[i], radius_of(i, box, features)
             impulse = mass_of(i, features) * change
             x, y = disc.position[0] - radius * nx, disc.position[1] - radius * ny
