@@ -203,7 +203,7 @@ class Correlations:
 
     @property
     def msd(self) -> TimeCorrelation:
-        """Mean squared displacement, <|r(t) - r(0)|^2> [length^2]: <v^2> t^2 at first, 4 D t in the end.
+        """Mean squared displacement, <|r(t) - r(0)|^2> [length^2], <v^2> t^2 at first, 4 D t in the end.
 
         Raises:
             NotRecordedError: before the first look.

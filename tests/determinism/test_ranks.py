@@ -7,6 +7,7 @@ from functools import cache
 import pytest
 from support.pages import ROOT
 from support.ranks import CASES, found, on_ranks, told_by_script
+from support.selection import long_but
 
 import mpsim
 
@@ -28,7 +29,7 @@ def told_by(number, names, workers=1):
     return json.loads(done.out.splitlines()[-1])
 
 
-@pytest.mark.parametrize("name", DEFAULT)
+@pytest.mark.parametrize("name", long_but(DEFAULT, "bare", "everything"))
 @pytest.mark.parametrize("number", NUMBERS)
 def test_ranks_find_what_one_process_finds(number, name):
     assert told_by(number, [name])[name] == alone(name)

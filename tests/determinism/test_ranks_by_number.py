@@ -3,6 +3,7 @@
 import pytest
 from support.measured import LARGE, measured
 from support.ranks import CASES, on_ranks, told_by_script
+from support.selection import long_but
 
 import mpsim
 
@@ -67,7 +68,7 @@ if comm.rank == 0:
 
 
 @pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")  # whose disc waits
-@pytest.mark.parametrize("name", ["rough torus", "doors"])
+@pytest.mark.parametrize("name", long_but(["rough torus", "doors"], "doors"))
 def test_ranks_read_ranges_of_discs_and_what_the_first_one_does_once(name):
     raised, digest = told_by_script(2, name, script=READING)
     assert raised == ["raised", "raised"]
@@ -255,7 +256,7 @@ if MPI.COMM_WORLD.rank == 0:
 
 
 @pytest.mark.parametrize("number", [1, 2])
-@pytest.mark.parametrize("name", LARGE)
+@pytest.mark.parametrize("name", long_but(LARGE, "bare"))
 def test_measures_of_more_than_a_chunk_of_discs_are_those_of_one_process_and_read_a_chunk_at_a_time(name, number):
     """The control: the energy of a state that is read at once, which has the same bits."""
     scene = LARGE[name]()
