@@ -80,7 +80,7 @@ if MPI.COMM_WORLD.rank == 0:
 """
 
 
-@pytest.mark.parametrize("workers", [2, 4])
+@pytest.mark.parametrize("workers", long_but([2, 4], 4))
 def test_workers_without_columns_change_nothing(workers):
     """Two ranks share five columns: a worker that has none, or whose rank's discs are nearly all in one column."""
     on_two, alone_there = told_by_script(2, str(workers), script=NARROW)
@@ -350,7 +350,7 @@ if MPI.COMM_WORLD.rank == 0:
 """
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", long_but([1, 2], 2))
 def test_a_session_with_every_change_has_the_bits_of_one_process(workers):
     on_two, alone_there = told_by_script(2, str(workers), script=SESSION)
     assert on_two == alone_there

@@ -195,6 +195,7 @@ def test_measures_take_the_memory_of_a_share_and_of_some_discs_at_a_time(number,
     assert beyond["measures"] < AS_SUMS, beyond
 
 
+@pytest.mark.long
 def test_a_lattice_is_the_same_on_ranks_and_in_one_process(tmp_path):
     """Each rank makes its share; the arrays of all discs are never made."""
     script = """

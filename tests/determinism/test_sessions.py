@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from support.scenes import simulate
+from support.selection import long_but
 from support.sessions import METHODS, STEPS, play, stage
 from support.tiles import always_tiled
 
@@ -45,7 +46,7 @@ def alone(words):
         return sim.digest(), sim.count, sim.time
 
 
-@pytest.mark.parametrize("words", METHODS)
+@pytest.mark.parametrize("words", long_but(METHODS, *(each for each in METHODS if each != "event as a whole")))
 def test_a_session_has_the_same_bits_on_any_number_of_workers(words):
     digest, count, time = alone(words)
     assert count >= 62
