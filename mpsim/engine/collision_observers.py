@@ -53,11 +53,11 @@ class Collisions:
     >>> bounces = mpsim.Collisions()
     >>> with mpsim.Simulation(mpsim.Scene.load("pi"), mpsim.Settings(method="event", dt=1.0)) as sim:
     ...     report = sim.run(until=42, observe=bounces)
-    >>> len(bounces.table), (bounces.table["kind"] == 1).sum()
+    >>> len(bounces.table), int((bounces.table["kind"] == 1).sum())
     (314, 157)
     >>> first = bounces.table[0]
-    >>> first["time"], first["place"], first["impulse"][0].round(4)
-    (5.0, array([6. , 0.5]), -1.9998)
+    >>> float(first["time"]), first["place"].tolist(), round(float(first["impulse"][0]), 4)
+    (5.0, [6.0, 0.5], -1.9998)
     """
 
     def __init__(

@@ -45,10 +45,8 @@ from mpsim.measure.statistics import (
     independent_average,
     ratio_average,
 )
-from mpsim.measure.time_correlations import Correlations
 
 __all__ = [
-    "Correlations",
     "Equilibration",
     "HexaticCorrelation",
     "HexaticOrder",

@@ -5,7 +5,7 @@ import pytest
 from support.scenes import gas, simulate
 
 import mpsim
-from mpsim.measure import Correlations
+from mpsim import Correlations
 
 
 @pytest.fixture(scope="module")

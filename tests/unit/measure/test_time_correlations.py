@@ -8,7 +8,7 @@ import pytest
 from support.scenes import gas, simulate
 
 import mpsim
-from mpsim.measure import Correlations
+from mpsim import Correlations
 from mpsim.measure import time_correlations as module
 
 TORUS = {"boundary": "periodic"}
