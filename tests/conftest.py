@@ -19,7 +19,7 @@ from support.processes import blocks_of, descendants_of, is_gone, wait_until
 from support.script_server import Server
 from support.watchdog import Watchdog
 
-LONGEST_SESSION = {False: 1560, True: 7200}
+LONGEST_SESSION = {False: 1620, True: 7200}
 """Seconds after which a whole session, default or long, counts as hung: pytest-timeout bounds each single test before,
 but cannot see a hang between tests."""
 
