@@ -52,6 +52,8 @@ def test_random_scenes_are_the_same_on_tiles(figures):
 
 
 @pytest.mark.long
+@pytest.mark.timeout(900)
+@pytest.mark.filterwarnings("ignore::mpsim.GuardWarning")  # of grains that come to rest
 def test_two_hundred_random_scenes_are_the_same_on_tiles(figures):
     check_any_scene(range(3, 100))
     divided, left = check_any_scene(range(100, 200), open_box=True)
