@@ -90,11 +90,9 @@ class EventSolver(Solver):
 
     def _begin(self) -> None:
         """Compile or load the kernels, so that no frame time contains it, and no wait for Ctrl-C; start workers."""
-        if "tiles" in self._block.specs:
-            self._windows = Windows(self._block, self._system, self._settings.start_method)
-            self._windows.start(self._most_workers)
-            return
-        self._load_whole()
+        self._windows = self._windows_on(self._block, self._system)
+        if self._windows is None:
+            self._load_whole()
 
     def _load_whole(self) -> None:
         """Compile or load the kernels that play a box as a whole."""
@@ -359,10 +357,10 @@ class EventSolver(Solver):
             windows = Windows(block, system, self._settings.start_method)
             windows.start(self._most_workers)
         except BaseException:
-            if windows is not None and windows is self._windows:
-                windows.link()
-                self._windows = None
             if windows is not None:
+                if windows is self._windows:
+                    windows.link()
+                    self._windows = None
                 windows.close()
             raise
         return windows
