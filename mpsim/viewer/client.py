@@ -4,7 +4,7 @@ import asyncio
 from typing import Any
 
 from mpsim.core.errors import InputError
-from mpsim.viewer.session import Shown
+from mpsim.viewer.broadcast import Shown
 
 MOST_A_SECOND, BURST = 200.0, 400.0
 """Messages that a page may send: a second on average, and at once. It sends one for each picture, and one a key."""

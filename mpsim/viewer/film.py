@@ -11,8 +11,8 @@ from PIL import Image, ImageDraw
 from mpsim.core.errors import InputError
 from mpsim.scene.scene import Scene
 from mpsim.viewer import wire
+from mpsim.viewer.broadcast import Shown
 from mpsim.viewer.colours import ABSORBED, FASTEST
-from mpsim.viewer.session import Shown
 
 SECONDS, PICTURES_A_SECOND = 6, 20
 """Length of a film at most, and its pictures."""

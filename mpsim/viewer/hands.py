@@ -21,7 +21,7 @@ from mpsim.features.radii import has_radii
 from mpsim.measure.pairs import lengths_of, to_nearest_image
 from mpsim.viewer.sliders import Sliders
 from mpsim.viewer.undo import Undo
-from mpsim.viewer.wire import Deed, text_of
+from mpsim.viewer.wire import Action
 
 HOLD_SECONDS = 3.0
 """A disc is let go when its page has said nothing for so long; it repeats itself every second."""
@@ -43,21 +43,21 @@ class _Held:
 
 
 class Hands:
-    """Deeds of pages on one simulation after the other.
+    """Actions of pages on one simulation after the other.
 
     Args:
         owned: whether the simulations are the view's own. Others are changed, but not replaced: nothing is undone.
 
     Attributes:
-        note: why the last deed was refused, or what was different from what was asked for; None: nothing.
+        note: why the last action was refused, or what was different from what was asked for; None: nothing.
 
     >>> from mpsim import Scene
     >>> hands, sim = Hands(owned=True), Simulation(Scene.random(count=5, packing=0.2, radius=0.5, seed=1))
     >>> hands.begin(sim)
-    >>> sim = hands.do(sim, Deed("remove", {"id": 3, "same": False}), now=0.0)
+    >>> sim = hands.do(sim, Action("remove", {"id": 3, "same": False}), now=0.0)
     >>> sim.state.present.tolist(), hands.told(sim)["undo"]
     ([True, True, True, False, True], 1)
-    >>> sim = hands.do(sim, Deed("undo", {}), now=0.0)
+    >>> sim = hands.do(sim, Action("undo", {}), now=0.0)
     >>> bool(sim.state.present.all())
     True
     >>> sim.close(); hands.close()
@@ -69,10 +69,9 @@ class Hands:
         self._owned = owned
         self._undo = Undo()
         self._held: _Held | None = None
-        self._last: tuple[Any, ...] = ()  # the deed that "same" goes on with
+        self._last: tuple[Any, ...] = ()  # the action that "same" goes on with
         self._added = 0
         self._sliders: Sliders | None = None
-        self._told = ""
         self._acts: Mapping[str, Callable[..., None]] = {
             "release": self._release,
             "add": self._add,
@@ -102,26 +101,19 @@ class Hands:
             "parameters": self._sliders.of(sim),
         }
 
-    def tell(self, sim: Simulation, tell: Callable[[str, str], None]) -> None:
-        """Tell the pages, if there is something new; tell: takes the kind of a message and its text."""
-        text = text_of("hands", self.told(sim))
-        if text != self._told:
-            self._told = text
-            tell("hands", text)
-
-    def do(self, sim: Simulation, deed: Deed, now: float) -> Simulation:
-        """Do a deed; returns the simulation as it is then: after "undo" it is another one.
+    def do(self, sim: Simulation, action: Action, now: float) -> Simulation:
+        """Do an action; returns the simulation as it is then: after "undo" it is another one.
 
         now: time of a clock [s].
         """
         self.note = None
         try:
-            if deed.name == "undo":
+            if action.name == "undo":
                 return self._back(sim)
-            if deed.name == "hold":
-                self._hold(sim, now, **deed.values)
+            if action.name == "hold":
+                self._hold(sim, now, **action.values)
             else:
-                self._with_mark(sim, deed)
+                self._with_mark(sim, action)
         except REFUSALS as error:
             self._say(str(error))
         return sim
@@ -145,13 +137,13 @@ class Hands:
 
     # --- marks, and back to them
 
-    def _with_mark(self, sim: Simulation, deed: Deed) -> None:
-        """Do a deed that can be taken back, together with the one before if it goes on with that."""
-        values = dict(deed.values)
-        key = (deed.name, values.get("name"))
-        goes_on = deed.name == "release" or (values.pop("same", False) and key == self._last)
+    def _with_mark(self, sim: Simulation, action: Action) -> None:
+        """Do an action that can be taken back, together with the one before if it goes on with that."""
+        values = dict(action.values)
+        key = (action.name, values.get("name"))
+        goes_on = action.name == "release" or (values.pop("same", False) and key == self._last)
         with self._marked(sim, not goes_on):
-            self._acts[deed.name](sim, **values)
+            self._acts[action.name](sim, **values)
         self._last = key
 
     @contextlib.contextmanager
@@ -177,7 +169,7 @@ class Hands:
         self._held, self._last = None, ()
         return self._undo.back(sim)
 
-    # --- deeds
+    # --- actions
 
     def _hold(self, sim: Simulation, now: float, id: int, x: float, y: float) -> None:
         held = _Held(id, (x, y), now + HOLD_SECONDS)

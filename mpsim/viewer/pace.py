@@ -7,8 +7,8 @@ LOOK = 1 / 60
 """Seconds between two looks at a run."""
 
 TURN = 3 * LOOK
-"""Seconds that frames are run for at a time, if they are all due: so long a deed of a page waits. Beginning and ending
-a run takes 0.3 ms."""
+"""Seconds that frames are run for at a time, if they are all due: so long an action waits. Beginning and ending a run
+takes 0.3 ms."""
 
 MOST_BEHIND = 0.1
 """Seconds by which a simulation may be late and still catch up: after a longer stop it goes on from where it is."""

@@ -17,9 +17,10 @@ from mpsim.core.errors import InputError, MpsimError, ResourceError
 from mpsim.core.optional_packages import imported
 from mpsim.viewer import film, keep, wire
 from mpsim.viewer.admission import Admission, Refusal
+from mpsim.viewer.broadcast import Shown
 from mpsim.viewer.client import Client
 from mpsim.viewer.page_files import page_files
-from mpsim.viewer.session import Session, Shown
+from mpsim.viewer.session import Session
 
 SOCKET = "socket"
 """What a page asks for to be connected."""
@@ -250,22 +251,22 @@ class Server:
                 if not isinstance(message, str):
                     await connection.close(UNACCEPTABLE, "a page sends text, no bytes")
                     return
-                self._do(client, wire.read_deed(message))
+                self._do(client, wire.read_action(message))
         except InputError as error:
             await connection.close(POLICY, _short(str(error)))
         except self._websockets.exceptions.ConnectionClosed:
             pass  # too long a message, or no sign of life
 
-    def _do(self, client: Client, deed: wire.Deed) -> None:
+    def _do(self, client: Client, action: wire.Action) -> None:
         assert self._session is not None  # since the start
-        match deed.name:
+        match action.name:
             case "ack":
-                client.acknowledge(deed.values["serial"])
+                client.acknowledge(action.values["serial"])
             case "visible":
-                client.set_visible(deed.values["value"])
+                client.set_visible(action.values["value"])
                 self._count()
             case _:
-                self._session.obey(deed)
+                self._session.submit(action)
         if client.needs_picture():
             self._session.ask()
 

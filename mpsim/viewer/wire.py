@@ -20,8 +20,8 @@ All numbers are little-endian. A message of bytes begins with HEADER, of 96 byte
 
 So a disc takes 5 bytes. Its colour is 0 to FASTEST, ABSORBED for one that has left, which is not drawn.
 
-A page sends one kind of message, text: `{"do": NAME, ...}` with the fields that DEEDS lists under that name, no more
-and no fewer. A deed of another kind is one more line there.
+A page sends one kind of message, text: `{"do": NAME, ...}` with the fields that ACTIONS lists under that name, no more
+and no fewer. An action of another kind is one more line there.
 """
 
 import struct
@@ -53,7 +53,7 @@ SLOWEST, QUICKEST = 0.01, 1000.0
 """Bounds of the speed that a page may ask for, in units of Pace.UNIT frames a second."""
 
 MOST_STEPS = 10_000
-"""Frames of the deed `step` at most."""
+"""Frames of the action `step` at most."""
 
 MOST_NUMBER, MOST_WHOLE = 1e100, 10**9
 """Size of a number that a page may send for a place, a velocity or a parameter, and of one that must be whole."""
@@ -210,7 +210,7 @@ def _parameter_value(name: str, value: Any) -> Any:
 
 _DISC = _whole(0, 2**31 - 1)
 
-DEEDS: Mapping[str, Mapping[str, Field]] = {
+ACTIONS: Mapping[str, Mapping[str, Field]] = {
     "ack": {"serial": _whole(1, 2**32 - 1)},
     "visible": {"value": checks.truth},
     "play": {},
@@ -218,7 +218,7 @@ DEEDS: Mapping[str, Mapping[str, Field]] = {
     "step": {"frames": _whole(1, MOST_STEPS)},
     "speed": {"value": _speed},
     "reset": {},
-    # by hand, see hands.py; same: it goes on with the deed before, and is taken back together with it
+    # by hand, see hands.py; same: it goes on with the action before, and is taken back together with it
     "hold": {"id": _DISC, "x": _number, "y": _number},
     "release": {"vx": _number, "vy": _number},
     "add": {"x": _number, "y": _number, "same": checks.truth},
@@ -226,25 +226,25 @@ DEEDS: Mapping[str, Mapping[str, Field]] = {
     "change": {"name": _parameter, "value": _parameter_value, "same": checks.truth},
     "undo": {},
 }
-"""What a page may ask for: the fields of each deed, and what checks them."""
+"""What a page may ask for: the fields of each action, and what checks them."""
 
 
 @dataclass(frozen=True)
-class Deed:
-    """What a page asks for: a name among DEEDS, and the values of its fields."""
+class Action:
+    """What a page asks for: a name among ACTIONS, and the values of its fields."""
 
     name: str
     values: Mapping[str, Any]
 
 
-def read_deed(text: str | bytes) -> Deed:
-    """The deed that a message asks for.
+def read_action(text: str | bytes) -> Action:
+    """The action that a message asks for.
 
     Raises:
         InputError: for anything else.
 
-    >>> read_deed('{"do": "speed", "value": 0.5}')
-    Deed(name='speed', values={'value': 0.5})
+    >>> read_action('{"do": "speed", "value": 0.5}')
+    Action(name='speed', values={'value': 0.5})
     """
     if len(text) > MOST_BYTES:
         raise InputError(f"a message must have at most {MOST_BYTES} characters; got {len(text)}. Send less.")
@@ -254,14 +254,14 @@ def read_deed(text: str | bytes) -> Deed:
         raise InputError(f"a message must be JSON; got {checks.brief(text)} ({error!s:.60}).") from None
     if not isinstance(message, dict):
         raise InputError(f"a message must be an object of JSON; got {checks.brief(message)}.")
-    name = checks.choice("do of a message", message.pop("do", None), DEEDS)
-    fields = DEEDS[name]
+    name = checks.choice("do of a message", message.pop("do", None), ACTIONS)
+    fields = ACTIONS[name]
     if set(message) != set(fields):
         raise InputError(
             f"a message to {name} must have the fields {sorted(fields)}, besides do; "
             f"got {checks.brief(sorted(message))}."
         )
-    return Deed(name, {field: check(field, message[field]) for field, check in fields.items()})
+    return Action(name, {field: check(field, message[field]) for field, check in fields.items()})
 
 
 # --- what pages are told

@@ -38,19 +38,19 @@ document.addEventListener("keydown", (event) => {
   const onControl = on.closest?.("button, input, summary");
   if (onControl && (key === " " || key === "Enter" || key.startsWith("Arrow"))) return; // it has a meaning of its own there
   const move = 0.1 * Math.min(camera.width, camera.height);
-  const deeds = {
+  const actions = {
     " ": () => disabled("play") || act.play(), ".": () => disabled("step") || act.step(), r: () => disabled("reset") || act.reset(),
     "[": () => disabled("speed") || setSpeed(+$("speed").value - 1), "]": () => disabled("speed") || setSpeed(+$("speed").value + 1),
     m: () => disabled("speed") || setSpeed(SPEEDS.length - 1),
     "+": () => camera.zoomBy(1.25), "=": () => camera.zoomBy(1.25), "-": () => camera.zoomBy(0.8), 0: () => camera.all(),
   };
-  if (on === stage) Object.assign(deeds, {
+  if (on === stage) Object.assign(actions, {
     ArrowLeft: () => camera.moveBy(move, 0), ArrowRight: () => camera.moveBy(-move, 0),
     ArrowUp: () => camera.moveBy(0, move), ArrowDown: () => camera.moveBy(0, -move),
   });
-  if (!(key in deeds)) return;
+  if (!(key in actions)) return;
   event.preventDefault();
-  deeds[key]();
+  actions[key]();
 });
 
 // The wheel zooms on the stage only; elsewhere it scrolls the page, as ever.

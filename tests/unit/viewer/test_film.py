@@ -8,8 +8,8 @@ from PIL import Image, ImageSequence
 
 import mpsim
 from mpsim.viewer import film, wire
+from mpsim.viewer.broadcast import Shown
 from mpsim.viewer.colours import SpeedScale
-from mpsim.viewer.session import Shown
 
 SCENE = mpsim.Scene(
     width=20, height=10, position=[[2, 5], [18, 5]], velocity=[[1, 0], [0, 0]], radius=1.0,

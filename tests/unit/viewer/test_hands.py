@@ -1,4 +1,4 @@
-"""What is done by hand: each deed is what was asked for, refused ones change nothing, all are taken back."""
+"""What is done by hand: each action is what was asked for, refused ones change nothing, all are taken back."""
 
 import os
 import tempfile
@@ -10,7 +10,7 @@ from support.scenes import gas, simulate, zoo
 import mpsim
 from mpsim.viewer import hands as hands_module
 from mpsim.viewer.hands import HOLD_SECONDS, Hands
-from mpsim.viewer.wire import Deed
+from mpsim.viewer.wire import Action
 
 SCENE = gas(50, 0.2)
 CONTACTS = {"grid": {"method": "grid"}, "event": {"method": "event"}, "naive": {"method": "naive"}}
@@ -25,7 +25,7 @@ class Table:
         self.hands.begin(self.sim)
 
     def do(self, name, /, now=0.0, **values):
-        self.sim = self.hands.do(self.sim, Deed(name, values), now)
+        self.sim = self.hands.do(self.sim, Action(name, values), now)
         return self.hands.note
 
     @property
@@ -177,7 +177,7 @@ def test_what_is_refused_is_a_note_and_changes_nothing(table, name, values, text
     assert text in t.do(name, **values)
     assert (t.sim.digest(), len(t.sim.journal), t.told["undo"], t.told["held"]) == (before, 0, 0, None)
     t.do("change", name="passes", value=2, same=False)
-    assert t.told["note"] is None, "the next deed takes the note away"
+    assert t.told["note"] is None, "the next action takes the note away"
 
 
 def test_a_place_on_another_disc_is_refused_by_the_exact_solver(table):
@@ -188,7 +188,7 @@ def test_a_place_on_another_disc_is_refused_by_the_exact_solver(table):
     assert len(t.sim.journal) == 0
 
 
-DEEDS = {
+ACTIONS = {
     "hold and throw": lambda t: (
         t.do("hold", id=7, x=free_place(t.sim)[0], y=free_place(t.sim)[1]), t.sim.run(frames=4),
         t.hands.hold_still(t.sim, 0.0), t.do("release", vx=1.0, vy=0.5),
@@ -206,8 +206,8 @@ DEEDS = {
 
 
 @pytest.mark.parametrize("method", ["grid", "event", "parallel"])
-@pytest.mark.parametrize("deed", DEEDS)
-def test_after_undo_the_run_is_that_in_which_the_change_never_was(table, deed, method):
+@pytest.mark.parametrize("action", ACTIONS)
+def test_after_undo_the_run_is_that_in_which_the_change_never_was(table, action, method):
     settings = {"method": method} | ({"workers": 2} if method == "parallel" else {})
     with simulate(SCENE, **settings) as never:
         never.run(frames=20)
@@ -220,9 +220,9 @@ def test_after_undo_the_run_is_that_in_which_the_change_never_was(table, deed, m
     t.sim.run(frames=20)
     t.sim.kick(1, (0.5, 0.0))
     t.sim.run(frames=10)
-    DEEDS[deed](t)
+    ACTIONS[action](t)
     t.sim.run(frames=15)
-    assert t.sim.digest() != later, "negative control: the deed matters"
+    assert t.sim.digest() != later, "negative control: the action matters"
     assert t.told["undo"] == 1
     assert t.do("undo") is None
     assert (t.sim.digest(), t.sim.frame, t.told["undo"]) == (at_once, 30, 0)

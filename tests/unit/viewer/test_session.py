@@ -1,4 +1,4 @@
-"""The thread of a view: it obeys, shows what is asked for, rests unseen, and changes no bit."""
+"""The thread of a view: it does what is asked for, shows it, is asked for, rests unseen, and changes no bit."""
 
 import json
 import threading
@@ -10,8 +10,7 @@ from support.scenes import gas, lattice
 
 import mpsim
 from mpsim import measure
-from mpsim.viewer import session as session_module
-from mpsim.viewer import wire
+from mpsim.viewer import broadcast, wire
 from mpsim.viewer.session import Session
 
 PATIENCE = 60.0
@@ -76,7 +75,7 @@ def start():
 
 
 def do(session, name, **values):
-    session.obey(wire.Deed(name, values))
+    session.submit(wire.Action(name, values))
 
 
 def step_to(session, watcher, frame):
@@ -267,10 +266,10 @@ def test_very_many_deeds_do_not_pile_up(start):
     with session._wake:
         for _ in range(5000):
             do(session, "reset")  # which counts once
-        assert len(session._deeds) == 1
+        assert len(session._actions) == 1
         for _ in range(999):
             do(session, "step", frames=1)
-        with pytest.raises(mpsim.InputError, match="at most 1000 deeds may wait; got one more, step"):
+        with pytest.raises(mpsim.InputError, match="at most 1000 actions may wait; got one more, step"):
             do(session, "step", frames=1)
 
 
@@ -284,7 +283,7 @@ def test_pictures_of_a_run_at_full_speed_take_a_small_part_of_it(start, monkeypa
             pass
         return real(header, state)
 
-    monkeypatch.setattr(session_module.wire, "pack", slow)
+    monkeypatch.setattr(broadcast.wire, "pack", slow)
     session, watcher = start(gas(50, 0.2), GRID)
     do(session, "speed", value=None)
     watcher.wait(lambda w: w.phase == "playing")

@@ -91,7 +91,7 @@ def test_any_other_bytes_are_refused_too(noise):
             read(noise)
 
 
-DEEDS = [
+ACTIONS = [
     ("ack", {"serial": 7}), ("visible", {"value": False}), ("play", {}), ("pause", {}), ("step", {"frames": 3}),
     ("speed", {"value": 0.01}), ("speed", {"value": None}), ("reset", {}),
     ("hold", {"id": 3, "x": 0.5, "y": -1.0}), ("release", {"vx": 0.0, "vy": 1e3}),
@@ -103,13 +103,13 @@ DEEDS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "values"), DEEDS)
+@pytest.mark.parametrize(("name", "values"), ACTIONS)
 def test_each_deed_is_read(name, values):
-    assert wire.read_deed(json.dumps({"do": name, **values})) == wire.Deed(name, values)
+    assert wire.read_action(json.dumps({"do": name, **values})) == wire.Action(name, values)
 
 
 def test_each_deed_is_tried():
-    assert {name for name, _ in DEEDS} == set(wire.DEEDS)
+    assert {name for name, _ in ACTIONS} == set(wire.ACTIONS)
 
 
 HOSTILE = [
@@ -146,7 +146,7 @@ HOSTILE = [
 @pytest.mark.parametrize("message", HOSTILE, ids=lambda text: text[:30])
 def test_what_is_no_deed_is_refused(message):
     with pytest.raises(mpsim.InputError):
-        wire.read_deed(message)
+        wire.read_action(message)
 
 
 WORDS = st.sampled_from(["do", "value", "frames", "serial", "play", "speed"])
@@ -159,11 +159,11 @@ ANY = st.recursive(
 @given(ANY)
 def test_any_other_json_is_a_deed_or_refused(message):
     try:
-        deed = wire.read_deed(json.dumps(message))
+        action = wire.read_action(json.dumps(message))
     except mpsim.InputError:
         return
-    assert deed.name in wire.DEEDS
-    assert set(deed.values) == set(wire.DEEDS[deed.name])
+    assert action.name in wire.ACTIONS
+    assert set(action.values) == set(wire.ACTIONS[action.name])
 
 
 def test_numbers_that_are_none_are_null_for_a_page():
