@@ -63,10 +63,12 @@ if TYPE_CHECKING:
     from mpsim.output.animation import animate
     from mpsim.output.trajectory import Trajectory
     from mpsim.viewer.live import View, view
+    from mpsim.viewer.notebook import live
 
 
 _LATE = {
     "animate": "mpsim.output.animation",
+    "live": "mpsim.viewer.notebook",
     "Trajectory": "mpsim.output.trajectory",
     "View": "mpsim.viewer.live",
     "view": "mpsim.viewer.live",
@@ -150,6 +152,7 @@ __all__ = [
     "WorkerDied",
     "WorkerStalled",
     "animate",
+    "live",
     "measure",
     "sweep",
     "tradeoff",

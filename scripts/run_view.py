@@ -33,10 +33,10 @@ from mpsim.scene import scenefile
 from mpsim.studies import benchmark
 from mpsim.viewer import wire
 from mpsim.viewer.admission import Admission
+from mpsim.viewer.broadcast import Shown
 from mpsim.viewer.colours import scale_of
 from mpsim.viewer.page_files import page_files
 from mpsim.viewer.server import Server, listening
-from mpsim.viewer.session import Shown
 
 SIZES = (10, 1_000, 10_000, 100_000, 1_000_000)
 COUNT = 10_000
@@ -138,12 +138,12 @@ def watched(scene: mpsim.Scene, seconds: float, speed: float | None) -> dict[str
         while (sim := session._sim) is None or sim.frame < 10:  # pyright: ignore[reportPrivateUsage]
             time.sleep(0.01)
         time.sleep(0.5)
-        serial, frame = session._serial, sim.frame  # pyright: ignore[reportPrivateUsage]
+        serial, frame = session._broadcast._serial, sim.frame  # pyright: ignore[reportPrivateUsage]
         started, cpu = time.perf_counter(), time.process_time()
         time.sleep(seconds)
         passed, used = time.perf_counter() - started, time.process_time() - cpu
         frames = sim.frame - frame
-        pictures = session._serial - serial  # pyright: ignore[reportPrivateUsage]
+        pictures = session._broadcast._serial - serial  # pyright: ignore[reportPrivateUsage]
         session.watched_by(0)
         time.sleep(0.2)
         digest, end = sim.digest(), sim.frame

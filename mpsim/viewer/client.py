@@ -1,7 +1,7 @@
 """One page that is connected: what it has been sent, what it may still be sent, and how often it may speak."""
 
 import asyncio
-from typing import Any
+from typing import Protocol
 
 from mpsim.core.errors import InputError
 from mpsim.viewer.broadcast import Shown
@@ -13,17 +13,25 @@ ORDER = ("scene", "status", "gauges", "hands")
 """Kinds of messages, in the order in which they are sent."""
 
 
+class Connection(Protocol):
+    """What sends to one page."""
+
+    async def send(self, message: str | bytes | bytearray) -> None:
+        """Send a text, or bytes."""
+        ...
+
+
 class Client:
     """What one page is sent: at most one picture that it has not acknowledged; of what waits, the latest.
 
     Args:
-        connection: with `send`.
+        connection: to the page.
 
     Attributes:
         visible: whether somebody can see the page.
     """
 
-    def __init__(self, connection: Any):
+    def __init__(self, connection: Connection):
         self.visible: bool = False
         self._connection = connection
         self._texts: dict[str, str] = {}

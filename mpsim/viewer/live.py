@@ -103,13 +103,7 @@ class View:
         playing: bool = True,
         name: str = "",
     ):
-        if not isinstance(source, Scene | Simulation):
-            raise InputError(
-                f"a view shows an mpsim.Scene or an mpsim.Simulation; got {type(source).__name__}. "
-                "Use mpsim.Scene.load(...) for a file."
-            )
-        if settings is not None and not isinstance(settings, Settings):
-            raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
+        demand_source(source, settings)
         if not isinstance(host, str):
             raise InputError(f"host must be a name or an address; got {checks.brief(host)}. Use {HOST!r}.")
         port = checks.whole("port", port, 0, 65535, "0 takes one that is free.")
@@ -161,6 +155,21 @@ class View:
 
     def __repr__(self) -> str:
         return f"<View: {self.address}>"
+
+
+def demand_source(source: object, settings: object) -> None:
+    """Refuse what no view can show.
+
+    Raises:
+        InputError: for another kind of source, or of settings.
+    """
+    if not isinstance(source, Scene | Simulation):
+        raise InputError(
+            f"a view shows an mpsim.Scene or an mpsim.Simulation; got {type(source).__name__}. "
+            "Use mpsim.Scene.load(...) for a file."
+        )
+    if settings is not None and not isinstance(settings, Settings):
+        raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
 
 
 def _has_screen() -> bool:

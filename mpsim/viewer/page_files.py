@@ -1,11 +1,22 @@
 """The files of the page, as they are sent: read once from the package; no name from outside ever becomes a path."""
 
+import base64
+import json
+import re
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 
 KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 """Types of the files, by their ending."""
+
+WIDGET = "widget.js"
+"""The one file that belongs to notebooks alone."""
+
+_FOLDER = resources.files("mpsim.viewer").joinpath("page")
+
+_IMPORT, _BARE = re.compile(r'\b(import|from) "\./([\w-]+\.js)"'), r'\1 "mpsim/\2"'
+"""How a module names another one of the page, and by which name an import map knows that."""
 
 
 @dataclass(frozen=True)
@@ -21,12 +32,48 @@ def page_files() -> dict[str, PageFile]:
     """All files of the page, by the name that a browser asks for; the page itself has the empty name.
 
     >>> " ".join(sorted(page_files()))
-    ' common.js decode.js discs.js gauges.js hands.js keep.js link.js page.css page.js sliders.js stage.js'
+    ' common.js decode.js discs.js gauges.js hands.js keep.js link.js page.css page.js sliders.js socket.js stage.js'
     """
     found = {}
-    for file in resources.files("mpsim.viewer").joinpath("page").iterdir():
+    for file in _FOLDER.iterdir():
         ending = file.name.rpartition(".")[2]
-        if ending in KINDS:
+        if ending in KINDS and file.name != WIDGET:
             name = "" if file.name == "index.html" else file.name
             found[name] = PageFile(file.read_bytes(), f"{KINDS[ending]}; charset=utf-8")
     return found
+
+
+@cache
+def page_in_one() -> str:
+    """The page as one text of HTML, for a notebook: its style is in it, and its modules, which an import map names.
+
+    >>> text = page_in_one()
+    >>> 'data-place="notebook"' in text, 'src="page.js"' in text, "mpsim/stage.js" in text
+    (True, False, True)
+    """
+    files = {name: file.content.decode() for name, file in page_files().items()}
+    modules = {
+        f"mpsim/{name}": f"data:text/javascript;base64,{_base64(_IMPORT.sub(_BARE, text))}"
+        for name, text in files.items()
+        if name.endswith(".js")
+    }
+    imports = json.dumps({"imports": modules})
+    script = f'<script type="importmap">{imports}</script>\n<script type="module">import "mpsim/page.js";</script>'
+    text = files[""]
+    for found, instead in (
+        ('<html lang="en">', '<html lang="en" data-place="notebook">'),
+        ('<link rel="stylesheet" href="page.css">', f"<style>{files['page.css']}</style>"),
+        ('<script type="module" src="page.js"></script>', script),
+    ):
+        assert text.count(found) == 1, found  # the page has been changed
+        text = text.replace(found, instead)
+    return text
+
+
+def widget_module() -> str:
+    """The module of the widget that shows the page in a notebook."""
+    return f"{_FOLDER.joinpath(WIDGET).read_text()}\nconst PAGE = {json.dumps(page_in_one())};\n"
+
+
+def _base64(text: str) -> str:
+    return base64.b64encode(text.encode()).decode()

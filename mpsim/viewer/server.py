@@ -4,13 +4,10 @@ It runs in a thread of its own. A page that breaks a rule loses its connection; 
 """
 
 import asyncio
-import contextlib
 import http
 import logging
 import socket
-import threading
 import time
-from collections.abc import Callable
 from typing import Any
 
 from mpsim.core.errors import InputError, MpsimError, ResourceError
@@ -20,7 +17,7 @@ from mpsim.viewer.admission import Admission, Refusal
 from mpsim.viewer.broadcast import Shown
 from mpsim.viewer.client import Client
 from mpsim.viewer.page_files import page_files
-from mpsim.viewer.session import Session
+from mpsim.viewer.pages import MOST_PAGES, Pages
 
 SOCKET = "socket"
 """What a page asks for to be connected."""
@@ -30,9 +27,6 @@ KEEP, FILM = "keep/", "film.gif"
 
 MOST_KEEPING, KEEP_SECONDS = 2, 8.0
 """Files to download that are made at a time, and the longest that one is waited for: less than OPEN_SECONDS."""
-
-MOST_PAGES = 8
-"""Pages that are connected at a time."""
 
 OPEN_SECONDS, CLOSE_SECONDS, PING_SECONDS = 10, 1, 20
 """Time for a request to be sent, for an end to be agreed on, and between two signs of life."""
@@ -77,8 +71,8 @@ def listening(host: str, port: int) -> socket.socket:
         ) from None
 
 
-class Server:
-    """The server of one view; the audience of its session.
+class Server(Pages):
+    """The server of one view; the audience of its source.
 
     Args:
         found: socket to listen at.
@@ -86,57 +80,19 @@ class Server:
     """
 
     def __init__(self, found: socket.socket, admission: Admission):
+        super().__init__("mpsim view: server")
         self._socket = found
         self._admission = admission
-        self._session: Session | None = None
-        self._clients: set[Client] = set()
-        self._texts: dict[str, str] = {}
-        self._picture: Shown | None = None
         self._film = film.Film()
         self._keeping = 0
-        self._loop: asyncio.AbstractEventLoop | None = None  # from the start
-        self._end = asyncio.Event()
-        self._thread = threading.Thread(target=self._serve, name="mpsim view: server", daemon=True)
         self._websockets = websockets()
-
-    def start(self, session: Session) -> None:
-        """Start the thread; pages see this session."""
-        self._session = session
-        self._loop = asyncio.new_event_loop()
-        self._thread.start()
 
     def close(self) -> None:
         """End all connections, and the thread."""
-        if self._thread.ident is None:
-            self._socket.close()
-            return
-        self._from_outside(self._end.set)
-        self._thread.join()
-
-    # --- called by the thread of the session
-
-    def show(self, picture: Shown) -> None:
-        """Hand a picture to the pages."""
-        self._from_outside(self._show, picture)
-
-    def tell(self, kind: str, text: str) -> None:
-        """Hand a message to the pages."""
-        self._from_outside(self._tell, kind, text)
-
-    def _from_outside(self, act: Callable[..., None], *arguments: Any) -> None:
-        """Have the server's thread do something; nothing, if it has ended."""
-        if self._loop is None:
-            return
-        with contextlib.suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(act, *arguments)
+        super().close()
+        self._socket.close()
 
     # --- the thread
-
-    def _serve(self) -> None:
-        loop = self._loop
-        assert loop is not None  # since the start
-        with asyncio.Runner(loop_factory=lambda: loop) as runner:
-            runner.run(self._until_the_end())
 
     async def _until_the_end(self) -> None:
         async with self._websockets.asyncio.server.serve(
@@ -156,15 +112,8 @@ class Server:
             await self._end.wait()
 
     def _show(self, picture: Shown) -> None:
-        self._picture = picture
+        super()._show(picture)
         self._film.add(picture, time.monotonic())
-        for client in self._clients:
-            client.show(picture)
-
-    def _tell(self, kind: str, text: str) -> None:
-        self._texts[kind] = text
-        for client in self._clients:
-            client.tell(kind, text)
 
     async def _answer(self, connection: Any, request: Any) -> Any:
         """The answer to a request of HTTP; None lets it become a connection."""
@@ -205,11 +154,11 @@ class Server:
             self._keeping -= 1
 
     async def _made(self, name: str) -> keep.Kept:
-        assert self._session is not None  # since the start
+        assert self._source is not None  # since the start
         if name != FILM:
-            return await asyncio.wrap_future(self._session.keep(name))
+            return await asyncio.wrap_future(self._source.keep(name))
         pictures = self._film.pictures()
-        return keep.Kept(await asyncio.to_thread(film.gif, pictures, self._session.scene), "image/gif")
+        return keep.Kept(await asyncio.to_thread(film.gif, pictures, self._source.scene), "image/gif")
 
     def _response(self, status: int, body: bytes, kind: str, host: str) -> Any:
         policy = (
@@ -224,24 +173,14 @@ class Server:
 
     async def _talk(self, connection: Any) -> None:
         """Serve one page until its connection ends."""
-        if len(self._clients) >= MOST_PAGES:
+        if self._full:
             await connection.close(LATER, f"at most {MOST_PAGES} pages at a time: close another one")
             return
-        client = Client(connection)
-        self._clients.add(client)
-        for kind, text in self._texts.items():
-            client.tell(kind, text)
-        if self._picture is not None:
-            client.show(self._picture)
-        sending = asyncio.ensure_future(client.send_all())
+        client = self._join(connection)
         try:
             await self._listen(client, connection)
         finally:
-            sending.cancel()
-            self._clients.discard(client)
-            self._count()
-            with contextlib.suppress(asyncio.CancelledError, self._websockets.exceptions.ConnectionClosed):
-                await sending
+            await self._leave(client)
 
     async def _listen(self, client: Client, connection: Any) -> None:
         """Do what a page asks for; end its connection when it breaks a rule."""
@@ -256,24 +195,6 @@ class Server:
             await connection.close(POLICY, _short(str(error)))
         except self._websockets.exceptions.ConnectionClosed:
             pass  # too long a message, or no sign of life
-
-    def _do(self, client: Client, action: wire.Action) -> None:
-        assert self._session is not None  # since the start
-        match action.name:
-            case "ack":
-                client.acknowledge(action.values["serial"])
-            case "visible":
-                client.set_visible(action.values["value"])
-                self._count()
-            case _:
-                self._session.submit(action)
-        if client.needs_picture():
-            self._session.ask()
-
-    def _count(self) -> None:
-        """Tell the session how many pages are seen."""
-        assert self._session is not None
-        self._session.watched_by(sum(client.visible for client in self._clients))
 
 
 def _short(text: str) -> str:

@@ -6,7 +6,6 @@ Pictures are made from the state between two frames.
 import contextlib
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
 from typing import Any
 
 from mpsim.core.errors import ClosedError, InputError, MpsimError
@@ -81,16 +80,6 @@ class Session(Source):
         self._gauged: tuple[int, int, int] | None = None  # ... and that the gauges are of
         self._next_picture = self._next_gauges = 0.0
         self._hands = Hands(self._owned)
-
-    def keep(self, what: str) -> "Future[keep.Kept]":
-        """Have a file made of the simulation, soon; what: its name among `keep.KEEPING`.
-
-        Raises:
-            InputError: as `submit`.
-        """
-        answer: Future[keep.Kept] = Future()
-        self.submit(wire.Action("keep", {"what": what, "answer": answer}))
-        return answer
 
     # --- the thread
 

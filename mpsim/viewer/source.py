@@ -12,10 +12,11 @@ import threading
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator
+from concurrent.futures import Future
 
 from mpsim.core.errors import InputError, MpsimError
 from mpsim.scene.scene import Scene
-from mpsim.viewer import wire
+from mpsim.viewer import keep, wire
 from mpsim.viewer.broadcast import Audience, Broadcast
 
 MOST_WAITING = 1000
@@ -71,6 +72,16 @@ class Source(ABC):
                 raise InputError(f"at most {MOST_WAITING} actions may wait; got one more, {action.name}. Wait.")
             self._actions.append(action)
             self._wake.notify()
+
+    def keep(self, what: str) -> "Future[keep.Kept]":
+        """Have a file made of what is shown, soon; what: its name among `keep.KEEPING`.
+
+        Raises:
+            InputError: as `submit`.
+        """
+        answer: Future[keep.Kept] = Future()
+        self.submit(wire.Action("keep", {"what": what, "answer": answer}))
+        return answer
 
     def ask(self) -> None:
         """Ask for the next picture: the first one that is not the last one."""

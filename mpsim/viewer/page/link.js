@@ -3,10 +3,15 @@
 import { $, digits, state } from "./common.js";
 import { RADII, VERSION, decode } from "./decode.js";
 import { GAUGES, KEPT, drawGauges } from "./gauges.js";
+import { inNotebook, openSocket } from "./socket.js";
 import { requestDraw } from "./stage.js";
 
 const REFUSED = [1003, 1008, 1013]; // closed for a reason that trying again would not change
 export const SPEEDS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, null]; // null: as fast as it goes
+
+const NO_ANSWER = inNotebook
+  ? "Python does not answer: it runs a cell, or this view or its kernel has ended. To see the view again, run its cell."
+  : "No connection to mpsim. Is it still running? Trying again …";
 
 /** What else is done with a message of a kind, and when the connection is there: other parts of the page add to these. */
 export const takers = { scene: [], hands: [] }, opened = [];
@@ -60,7 +65,7 @@ export function showStatus() {
   $("speed-text").textContent = speedText(speed);
   $("speed").setAttribute("aria-valuetext", speedText(speed));
   const seconds = Math.round((performance.now() - state.since) / 1000);
-  notice(state.refused ?? (!open ? (seconds > 1 ? "No connection to mpsim. Is it still running? Trying again …" : null)
+  notice(state.refused ?? (!open ? (seconds > 1 ? NO_ANSWER : null)
     : phase === "starting" ? `Getting ready … ${seconds > 1 ? `${seconds} s; the first time, loops are compiled for up to half a minute` : ""}` : note));
 }
 
@@ -82,11 +87,7 @@ export function send(message) {
 
 export let patience = 500;
 export function connect() {
-  const address = new URL("socket", location.href);
-  address.protocol = "ws:";
-  address.search = address.hash = "";
-  const socket = (state.socket = new WebSocket(address));
-  socket.binaryType = "arraybuffer";
+  const socket = (state.socket = openSocket());
   socket.onopen = () => {
     patience = 500;
     state.since = performance.now();
@@ -103,7 +104,7 @@ export function connect() {
   };
   socket.onclose = ({ code, reason }) => {
     if (state.refused) return;
-    if (REFUSED.includes(code)) { refuse(`mpsim has ended the connection: ${reason}. Load the page again.`); return; }
+    if (REFUSED.includes(code)) { refuse(`mpsim has ended the connection: ${reason}. ${inNotebook ? "Run the cell" : "Load the page"} again.`); return; }
     state.since = patience === 500 ? performance.now() : state.since;
     setTimeout(connect, patience);
     patience = Math.min(2 * patience, 5000);
@@ -117,6 +118,8 @@ export function refuse(text) {
   showStatus();
 }
 
-export const tellVisible = () => send({ do: "visible", value: document.visibilityState === "visible" });
+let onScreen = true; // a notebook scrolls its outputs away
+export const tellVisible = () => send({ do: "visible", value: document.visibilityState === "visible" && onScreen });
+if (inNotebook) new IntersectionObserver((seen) => { onScreen = seen.at(-1).isIntersecting; tellVisible(); }).observe($("stage"));
 document.addEventListener("visibilitychange", () => { tellVisible(); requestDraw(); });
 setInterval(() => { if (state.status.phase === "starting" || state.socket?.readyState !== WebSocket.OPEN) showStatus(); }, 1000);

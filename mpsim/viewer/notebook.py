@@ -1,0 +1,218 @@
+"""`mpsim.live`: the page of a live view in the output of a notebook's cell."""
+
+import asyncio
+from functools import cache
+from typing import Any
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+from mpsim.core.optional_packages import imported
+from mpsim.engine.simulation import Simulation
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+from mpsim.viewer import wire
+from mpsim.viewer.client import Client
+from mpsim.viewer.live import demand_source
+from mpsim.viewer.page_files import widget_module
+from mpsim.viewer.pages import MOST_PAGES, Pages
+from mpsim.viewer.session import Session
+
+HEIGHT = 640
+"""Pixels of the page in a notebook, unless another number is asked for."""
+
+LONGEST_NAME = 64
+"""Characters of the name that a page gives itself."""
+
+POLICY, LATER = 1008, 1013
+"""Why a connection is ended, as in server.py."""
+
+
+def live(
+    source: Scene | Simulation,
+    settings: Settings | None = None,
+    *,
+    playing: bool = True,
+    height: int = HEIGHT,
+    name: str = "",
+) -> "Live":
+    """Show a simulation as it runs, in a notebook: the page of `mpsim.view` as the output of a cell.
+
+    For Jupyter Notebook, JupyterLab, VS Code and marimo. It runs while the output can be seen in the browser's tab, and
+    rests while it cannot. Nothing is fetched from elsewhere, and no port is opened: all goes through the notebook's own
+    connection.
+
+    Args:
+        source: a scene, which is simulated, again from the start at each reset; or a simulation, which stays yours.
+        settings: how a scene is simulated; None: the defaults.
+        playing: start with the first look; else wait for the page's button.
+        height: of the output in pixels, 200 to 4000.
+        name: what the page calls it.
+
+    The page shows lengths, times and speeds in the scene's own units: [length], [time], [length/time].
+
+    Returns:
+        What the notebook shows as the page, if it is the last line of a cell. Its `close` releases the simulation.
+
+    Raises:
+        InputError: naming the argument, its rule and the value received.
+        OutputError: without the package anywidget, which the extra `notebook` installs.
+
+    >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+    >>> with live(scene, name="gas") as shown:
+    ...     shown
+    <Live: 'gas'>
+    """
+    return Live(source, settings, playing=playing, height=height, name=name)
+
+
+class Live:
+    """A page in a notebook that shows a simulation. `mpsim.live` makes it; leaving a `with` block closes it.
+
+    Args:
+        source, settings, playing, height, name: as in `mpsim.live`, which also gives their bounds; lengths and times
+            on the page are those of the scene, [length] and [time].
+
+    Attributes:
+        widget: what the notebook shows, an `anywidget.AnyWidget`.
+
+    >>> shown = Live(Scene.random(count=50, packing=0.2, radius=0.5, seed=1))
+    >>> shown.widget.height
+    640
+    >>> shown.close()
+    """
+
+    def __init__(
+        self,
+        source: Scene | Simulation,
+        settings: Settings | None = None,
+        *,
+        playing: bool = True,
+        height: int = HEIGHT,
+        name: str = "",
+    ):
+        demand_source(source, settings)
+        playing = checks.truth("playing", playing)
+        height = checks.whole("height", height, 200, 4000, f"{HEIGHT} suits most screens.")
+        self.widget: Any = _widget_class()(height=height)
+        self._name = str(name)
+        self._pages = NotebookPages(self.widget)
+        try:
+            self._session = Session(source, settings, name=self._name, playing=playing, audience=self._pages)
+        except BaseException:
+            self.widget.close()
+            raise
+        self._pages.start(self._session)
+        self._session.start()
+
+    def close(self) -> None:
+        """Close the simulation, unless that is yours, and take the page out of the notebook. May be called again."""
+        self._session.close()
+        self._pages.close()
+        self.widget.close()
+
+    def __enter__(self) -> "Live":
+        return self
+
+    def __exit__(self, *exception: Any) -> None:
+        self.close()
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        """For Jupyter."""
+        return self.widget._repr_mimebundle_(**options)
+
+    def _display_(self) -> Any:
+        """For marimo."""
+        return self.widget
+
+    def __repr__(self) -> str:
+        return f"<Live: {self._name!r}>"
+
+
+class NotebookPages(Pages):
+    """Pages in the outputs of a notebook; the audience of their source.
+
+    A notebook shows one widget in as many places as it likes; each is a page, with a name of its own in all messages.
+
+    Args:
+        widget: which hands over their messages and sends ours.
+    """
+
+    def __init__(self, widget: Any):
+        super().__init__("mpsim live: notebook")
+        self._widget = widget
+        self._named: dict[str, Client] = {}
+        widget.on_msg(lambda _, content, buffers: self.from_outside(self._take, content))
+
+    async def _until_the_end(self) -> None:
+        await self._end.wait()
+        for page in list(self._named):
+            await self._end_of(page, POLICY, "the view was closed")
+
+    def _take(self, content: Any) -> None:
+        """Take what the widget's module has sent; anything else is no message of a page."""
+        match content:
+            case {"page": str(page), "open": True} if len(page) <= LONGEST_NAME:
+                self._open(page)
+            case {"page": str(page), "close": True} if page in self._named:
+                asyncio.ensure_future(self._leave(self._named.pop(page)))  # noqa: RUF006 - nothing is left to do then
+            case {"page": str(page), "text": str(text)} if page in self._named:
+                self._obey(page, text)
+            case _:
+                pass
+
+    def _open(self, page: str) -> None:
+        if self._full or page in self._named:
+            self._refuse(page, LATER, f"at most {MOST_PAGES} pages at a time: close another one")
+            return
+        self._widget.send({"page": page, "opened": True})
+        self._named[page] = self._join(_Connection(self._widget, page))
+
+    def _obey(self, page: str, text: str) -> None:
+        client = self._named[page]
+        try:
+            client.spend(asyncio.get_running_loop().time())
+            self._do(client, wire.read_action(text))
+        except InputError as error:
+            asyncio.ensure_future(self._end_of(page, POLICY, str(error)))  # noqa: RUF006
+
+    async def _end_of(self, page: str, code: int, reason: str) -> None:
+        """End the connection of a page."""
+        if (client := self._named.pop(page, None)) is not None:
+            await self._leave(client)
+            self._refuse(page, code, reason)
+
+    def _refuse(self, page: str, code: int, reason: str) -> None:
+        self._widget.send({"page": page, "closed": {"code": code, "reason": reason}})
+
+
+class _Connection:
+    """Sends to one page of a widget."""
+
+    def __init__(self, widget: Any, page: str):
+        self._widget = widget
+        self._page = page
+
+    async def send(self, message: str | bytes | bytearray) -> None:
+        """Send a text, or bytes."""
+        if isinstance(message, str):
+            self._widget.send({"page": self._page, "text": message})
+        else:
+            self._widget.send({"page": self._page, "bytes": True}, [message])
+
+
+@cache
+def _widget_class() -> Any:
+    """The class of the widget.
+
+    Raises:
+        OutputError: without the package anywidget.
+    """
+    instead = "watch it on a page of its own, by mpsim.view"
+    anywidget = imported("anywidget", "a live view in a notebook", "notebook", instead)
+    traitlets = imported("traitlets", "a live view in a notebook", "notebook", instead)
+
+    class LiveWidget(anywidget.AnyWidget):
+        _esm = widget_module()
+        height = traitlets.Int(HEIGHT).tag(sync=True)
+
+    return LiveWidget

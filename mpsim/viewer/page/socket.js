@@ -1,0 +1,47 @@
+// The connection to mpsim: a WebSocket, or in a notebook a port to the widget around the page, which looks like one.
+
+export const inNotebook = document.documentElement.dataset.place === "notebook";
+
+/** A port that the widget hands over, with what the page uses of a WebSocket; see widget.js. */
+class PortSocket {
+  readyState = WebSocket.CONNECTING;
+
+  constructor() {
+    const take = (event) => {
+      if (event.source !== parent || event.data?.mpsim !== "port") return;
+      removeEventListener("message", take);
+      [this.port] = event.ports;
+      this.port.onmessage = ({ data }) => this.hear(data);
+    };
+    addEventListener("message", take);
+    parent.postMessage({ mpsim: "ready" }, "*");
+  }
+
+  hear(data) {
+    if (data.opened) {
+      this.readyState = WebSocket.OPEN;
+      this.onopen();
+    } else if (data.closed) this.end(data.closed);
+    else this.onmessage({ data });
+  }
+
+  send(text) { this.port.postMessage(text); }
+
+  /** The code is that of a broken rule: trying again would not help. */
+  end({ code, reason }) {
+    this.readyState = WebSocket.CLOSED;
+    this.onclose({ code, reason });
+  }
+
+  close() { if (this.readyState !== WebSocket.CLOSED) this.end({ code: 1000, reason: "" }); }
+}
+
+export function openSocket() {
+  if (inNotebook) return new PortSocket();
+  const address = new URL("socket", location.href);
+  address.protocol = "ws:";
+  address.search = address.hash = "";
+  const socket = new WebSocket(address);
+  socket.binaryType = "arraybuffer";
+  return socket;
+}

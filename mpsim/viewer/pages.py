@@ -1,0 +1,132 @@
+"""What the pages of a view have in common, be they connected by a server or a notebook: who is there, what is sent.
+
+They are served by an event loop in a thread of its own. A page that breaks a rule loses its connection; nothing else
+notices.
+"""
+
+import asyncio
+import contextlib
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any
+
+from mpsim.viewer import wire
+from mpsim.viewer.broadcast import Shown
+from mpsim.viewer.client import Client, Connection
+from mpsim.viewer.source import Source
+
+MOST_PAGES = 8
+"""Pages that are connected at a time."""
+
+
+class Pages(ABC):
+    """The pages of one view; the audience of its source.
+
+    Args:
+        name: of the thread.
+    """
+
+    def __init__(self, name: str):
+        self._source: Source | None = None
+        self._clients: dict[Client, asyncio.Task[None]] = {}
+        self._texts: dict[str, str] = {}
+        self._picture: Shown | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None  # from the start
+        self._end = asyncio.Event()
+        self._thread = threading.Thread(target=self._serve, name=name, daemon=True)
+
+    def start(self, source: Source) -> None:
+        """Start the thread; pages see this source."""
+        self._source = source
+        self._loop = asyncio.new_event_loop()
+        self._thread.start()
+
+    def close(self) -> None:
+        """End all connections, and the thread. May be called again."""
+        if self._thread.ident is not None:
+            self.from_outside(self._end.set)
+            self._thread.join()
+
+    # --- called by other threads
+
+    def show(self, picture: Shown) -> None:
+        """Hand a picture to the pages."""
+        self.from_outside(self._show, picture)
+
+    def tell(self, kind: str, text: str) -> None:
+        """Hand a message to the pages."""
+        self.from_outside(self._tell, kind, text)
+
+    def from_outside(self, act: Callable[..., None], *arguments: Any) -> None:
+        """Have the thread of the pages do something; nothing, if it has ended."""
+        if self._loop is None:
+            return
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(act, *arguments)
+
+    # --- the thread
+
+    def _serve(self) -> None:
+        loop = self._loop
+        assert loop is not None  # since the start
+        with asyncio.Runner(loop_factory=lambda: loop) as runner:
+            runner.run(self._until_the_end())
+
+    @abstractmethod
+    async def _until_the_end(self) -> None:
+        """Serve pages until `_end` is set."""
+
+    def _show(self, picture: Shown) -> None:
+        self._picture = picture
+        for client in self._clients:
+            client.show(picture)
+
+    def _tell(self, kind: str, text: str) -> None:
+        self._texts[kind] = text
+        for client in self._clients:
+            client.tell(kind, text)
+
+    @property
+    def _full(self) -> bool:
+        return len(self._clients) >= MOST_PAGES
+
+    def _join(self, connection: Connection) -> Client:
+        """Serve one page more, which is sent what there is."""
+        client = Client(connection)
+        for kind, text in self._texts.items():
+            client.tell(kind, text)
+        if self._picture is not None:
+            client.show(self._picture)
+        self._clients[client] = asyncio.ensure_future(client.send_all())
+        return client
+
+    async def _leave(self, client: Client) -> None:
+        """Serve a page no longer, whatever has happened to its connection."""
+        sending = self._clients.pop(client)
+        sending.cancel()
+        self._count()
+        await asyncio.gather(sending, return_exceptions=True)
+
+    def _do(self, client: Client, action: wire.Action) -> None:
+        """Do what a page asks for.
+
+        Raises:
+            InputError: if it breaks a rule.
+        """
+        assert self._source is not None  # since the start
+        match action.name:
+            case "ack":
+                client.acknowledge(action.values["serial"])
+            case "visible":
+                client.set_visible(action.values["value"])
+                self._count()
+            case _:
+                self._source.submit(action)
+        if client.needs_picture():
+            self._source.ask()
+
+    def _count(self) -> None:
+        """Tell the source how many pages are seen."""
+        assert self._source is not None
+        self._source.watched_by(sum(client.visible for client in self._clients))

@@ -1,0 +1,74 @@
+"""The front end of a notebook without a browser: the pages of one widget, what they are sent and what they say."""
+
+import json
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from mpsim.viewer import wire
+from mpsim.viewer.notebook import Live
+
+PATIENCE = 60.0
+
+
+class FrontEnd:
+    """Takes what the widget of a view sends, for all its pages."""
+
+    def __init__(self, live: Live):
+        self.widget, self.pages = live.widget, dict[str, "NotebookPage"]()
+        self.news = threading.Condition()
+        live.widget.send = self._take  # in place of a notebook's connection
+
+    def _take(self, content: dict[str, Any], buffers: Any = None) -> None:
+        with self.news:
+            self.pages[content["page"]].take(content, buffers)
+            self.news.notify_all()
+
+    def say(self, content: Any) -> None:
+        """A message of the widget's module."""
+        self.widget._handle_custom_msg(content, [])
+
+    def open(self, name: str) -> "NotebookPage":
+        page = self.pages[name] = NotebookPage(self, name)
+        self.say({"page": name, "open": True})
+        return page
+
+
+class NotebookPage:
+    """One page. Attributes: opened, closed (code and reason), last (messages by kind), picture, pictures."""
+
+    def __init__(self, front: FrontEnd, name: str):
+        self.front, self.name = front, name
+        self.opened, self.closed, self.pictures = 0, None, 0
+        self.last: dict[str, dict[str, Any]] = {}
+        self.picture: wire.Picture | None = None
+
+    def take(self, content: dict[str, Any], buffers: Any) -> None:
+        if content.get("opened"):
+            self.opened += 1
+        elif "closed" in content:
+            self.closed = content["closed"]
+        elif "text" in content:
+            found = json.loads(content["text"])
+            self.last[found["type"]] = found
+        elif buffers[0][5] == wire.PICTURE:
+            self.picture = wire.unpack(buffers[0])
+            self.pictures += 1
+            self.say("ack", serial=self.picture.header.serial)
+
+    def say(self, do: str, **values: Any) -> None:
+        self.front.say({"page": self.name, "text": json.dumps({"do": do, **values})})
+
+    def until(self, holds: Callable[["NotebookPage"], Any]) -> None:
+        end = time.monotonic() + PATIENCE
+        with self.front.news:
+            assert self.front.news.wait_for(lambda: holds(self), end - time.monotonic()), (self.last, self.closed)
+
+    @property
+    def frame(self) -> int:
+        return -1 if self.picture is None else self.picture.header.frame
+
+    @property
+    def phase(self) -> str | None:
+        return self.last.get("status", {}).get("phase")

@@ -1,0 +1,157 @@
+"""`mpsim.live` without a browser: a front end that hears and says what a notebook's would."""
+
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from support.notebook import FrontEnd
+from support.scenes import gas
+
+import mpsim
+from mpsim.viewer import notebook
+
+GRID = mpsim.Settings(method="grid")
+SCENE = gas(100, 0.3)
+
+
+@pytest.fixture
+def front():
+    with mpsim.live(SCENE, GRID, name="a gas") as live:
+        found = FrontEnd(live)
+        found.live = live
+        yield found
+
+
+def seen(front, name="a"):
+    page = front.open(name)
+    page.until(lambda p: p.opened == 1)
+    page.say("visible", value=True)
+    return page
+
+
+def test_an_output_shows_the_run_and_controls_it_without_a_change_of_bits(front):
+    page = seen(front)
+    page.until(lambda p: p.frame > 5)
+    assert page.last["scene"]["name"] == "a gas"
+    page.say("pause")
+    page.until(lambda p: p.phase == "paused")
+    sim = front.live._session._sim
+    page.until(lambda p: p.frame == sim.frame)
+    assert np.abs(page.picture.position - sim.state.position).max() <= 0.501 * SCENE.width / 65535
+    with mpsim.Simulation(SCENE, GRID) as alone:
+        alone.run(frames=sim.frame)
+        assert alone.digest() == sim.digest()
+        alone.run(frames=1)
+        assert alone.digest() != sim.digest(), "negative control"
+    page.say("step", frames=2)
+    page.until(lambda p: p.frame == alone.frame + 1)
+
+
+def test_an_output_that_is_cleared_or_scrolled_away_lets_the_run_rest(front):
+    page = seen(front)
+    page.until(lambda p: p.frame > 3)
+    for rest, again in (
+        (lambda: page.say("visible", value=False), lambda: page.say("visible", value=True)),
+        (lambda: front.say({"page": "a", "close": True}), lambda: seen(front, "again")),
+    ):
+        rest()
+        time.sleep(0.2)
+        frame = front.live._session._sim.frame
+        time.sleep(0.2)
+        assert front.live._session._sim.frame == frame
+        again()
+        front.pages[list(front.pages)[-1]].until(lambda p, frame=frame: p.frame > frame)
+
+
+def test_what_is_no_message_of_a_page_is_passed_over_and_a_broken_rule_ends_one_page(front):
+    polite, rude = seen(front), seen(front, "rude")
+    for noise in (None, 7, "text", [], {}, {"page": 1, "open": True}, {"page": "x" * 65, "open": True},
+                  {"page": "who", "text": '{"do": "pause"}'}, {"page": "who", "close": True},
+                  {"page": "a", "text": 5}, {"page": "a", "text": b"x"}):  # fmt: skip
+        front.say(noise)
+    front.say({"page": "rude", "text": "garbage"})
+    rude.until(lambda p: p.closed)
+    assert rude.closed["code"] == 1008
+    assert rude.closed["reason"].startswith("a message must be JSON; got 'garbage'")
+    before, polite_frame = rude.pictures, polite.frame
+    polite.until(lambda p: p.frame > polite_frame + 5)
+    assert rude.pictures == before
+    assert polite.closed is None
+
+
+def test_a_flood_ends_its_page(front):
+    page = seen(front)
+    for _ in range(2000):
+        page.say("pause")
+    page.until(lambda p: p.closed)
+    assert page.closed["reason"] == "at most 200 messages a second are read; got more. Send fewer."
+
+
+def test_at_most_eight_outputs_at_a_time(front):
+    for number in range(8):
+        seen(front, str(number))
+    page = front.open("one more")
+    page.until(lambda p: p.closed)
+    assert page.closed == {"code": 1013, "reason": "at most 8 pages at a time: close another one"}
+    assert page.opened == 0
+
+
+def test_closing_ends_its_threads_and_says_so():
+    threads = threading.active_count()
+    live = mpsim.live(SCENE, GRID)
+    front = FrontEnd(live)
+    page = seen(front)
+    page.until(lambda p: p.frame > 3)
+    live.close()
+    assert page.closed == {"code": 1008, "reason": "the view was closed"}
+    live.close()
+    front.say({"page": "a", "text": '{"do": "play"}'})  # nobody listens
+    assert threading.active_count() <= threads
+
+
+def test_a_simulation_of_ones_own_is_shown_and_stays_open():
+    with mpsim.Simulation(SCENE, GRID) as sim:
+        sim.run(frames=5)
+        with mpsim.live(sim, playing=False) as live:
+            page = seen(FrontEnd(live))
+            page.until(lambda p: p.frame == 5)
+            assert not page.last["scene"]["can_reset"]
+            sim.run(frames=7)
+            page.until(lambda p: p.frame == 12)
+        sim.run(frames=1)
+
+
+def test_notebooks_get_a_widget(front):
+    bundle = front.live._repr_mimebundle_()
+    bundle = bundle[0] if isinstance(bundle, tuple) else bundle
+    assert "application/vnd.jupyter.widget-view+json" in bundle
+    assert front.live._display_() is front.live.widget
+    assert repr(front.live) == "<Live: 'a gas'>"
+    assert len(front.live.widget._esm) < 150_000
+
+
+@pytest.mark.parametrize("missing", ["anywidget", "traitlets"])
+def test_without_the_package_it_names_the_extra(monkeypatch, missing):
+    monkeypatch.setitem(sys.modules, missing, None)
+    notebook._widget_class.cache_clear()
+    threads = threading.active_count()
+    with pytest.raises(mpsim.OutputError, match=rf"needs the package {missing}, .* `pip install 'mpsim\[notebook\]'`"):
+        mpsim.live(SCENE)
+    assert threading.active_count() == threads
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"source": "gas"}, r"a view shows an mpsim.Scene or an mpsim.Simulation; got str. Use "),
+        ({"settings": {"dt": 1}}, r"settings must be mpsim.Settings; got dict."),
+        ({"height": 100}, r"height must be a whole number from 200 to 4000; got 100. 640 suits most screens."),
+        ({"playing": 1}, r"playing must be True or False; got 1"),
+        ({"settings": mpsim.Settings(method="mpi")}, r"a view runs in one process"),
+    ],
+)
+def test_what_is_wrong_is_named(arguments, text):
+    with pytest.raises(mpsim.InputError, match=text):
+        mpsim.live(**{"source": SCENE, **arguments})

@@ -1,0 +1,96 @@
+"""The widget in a real JupyterLab: shown, played, dragged, scrolled away, and shown twice."""
+
+import time
+
+import pytest
+from support.browser import browser, until
+from support.jupyterlab import Lab, jupyterlab, write_notebook
+
+pytestmark = pytest.mark.long  # a server, a kernel and a browser: half a minute
+
+SHOW = """import mpsim
+scene = mpsim.Scene.random(count=100, packing=0.3, radius=0.5, seed=0)
+live = mpsim.live(scene, mpsim.Settings(method="grid"), name="a gas")
+live"""
+COMPARE = """sim = live._session._sim
+with mpsim.Simulation(scene, mpsim.Settings(method="grid")) as alone:
+    alone.run(frames=sim.frame)
+    print("frame", sim.frame, alone.digest() == sim.digest())"""
+BUSY = """import time
+begun = sim.frame
+time.sleep(2)
+print("frames while it was busy:", sim.frame - begun)"""
+CHANGED = 'print("changes", len(live._session._sim.journal))'
+AGAIN = "live"
+CLOSE = 'live.close(); print("closed")'
+
+
+@pytest.fixture
+def lab(tmp_path):
+    write_notebook(tmp_path / "a.ipynb", SHOW, COMPARE, BUSY, CHANGED, AGAIN, CLOSE)
+    with jupyterlab(tmp_path) as address, browser() as opened:
+        yield Lab(opened, address.format("a.ipynb"), size=(1280, 1800))
+
+
+def shown(frame) -> int:
+    return int(frame.get_attribute("#stage", "data-frame") or -1)
+
+
+def test_the_widget_in_jupyterlab(lab):
+    complaints = []
+    lab.page.on("pageerror", lambda error: complaints.append(str(error)))
+    lab.run(0)
+    frame = lab.frame
+    until(lambda: shown(frame) > 10)
+    assert frame.inner_text("#name") == "a gas"
+    assert not frame.is_visible("#keep")
+    # paused: the bits are those of a run alone, and the page shows the frame of the simulation
+    frame.click("#play")
+    until(lambda: frame.inner_text("#phase") == "paused")
+    lab.run(1)
+    found = until(lambda: "frame" in lab.output(1) and lab.output(1)).split()
+    assert found[2] == "True"
+    assert shown(frame) == int(found[1])
+    # keys belong to the page while it has the focus: "b" is the brush here, and a new cell in the notebook
+    cells = lab.page.locator(".jp-Cell").count()
+    frame.focus("#stage")
+    lab.page.keyboard.press("b")
+    until(lambda: frame.get_attribute("#tool-brush", "aria-pressed") == "true")
+    lab.page.keyboard.press("x")
+    until(lambda: frame.get_attribute("#tool-remove", "aria-pressed") == "true")
+    assert lab.page.locator(".jp-Cell").count() == cells
+    # a disc is removed by hand
+    frame.focus("#stage")
+    for key in ("h", "k", "Enter", "Shift+ArrowRight"):
+        lab.page.keyboard.press(key)
+    until(lambda: not frame.is_disabled("#undo"))
+    lab.run(3)
+    assert int(until(lambda: "changes" in lab.output(3) and lab.output(3)).split()[1]) >= 1
+    # it goes on while another cell runs
+    frame.click("#play")
+    until(lambda: frame.inner_text("#phase") == "playing")
+    before = shown(frame)
+    lab.run(2)
+    until(lambda: "[*]" in lab.page.inner_text(".jp-Cell >> nth=2"))
+    until(lambda: shown(frame) > before + 20, 10)
+    assert int(until(lambda: "busy:" in lab.output(2) and lab.output(2)).split()[-1]) > 20
+    # shown twice: both show the same run
+    lab.run(4)
+    until(lambda: lab.page.locator("iframe[title=mpsim]").count() == 2)
+    second = lab.page.query_selector_all("iframe[title=mpsim]")[1].content_frame()
+    until(lambda: shown(second) > 10)
+    second.click("#play")
+    until(lambda: frame.inner_text("#phase") == second.inner_text("#phase") == "paused")
+    # scrolled away it rests, though it plays
+    second.click("#play")
+    until(lambda: frame.inner_text("#phase") == "playing")
+    lab.page.set_viewport_size({"width": 1280, "height": 200})
+    time.sleep(1)
+    before = shown(second)
+    time.sleep(0.5)
+    assert shown(second) == before
+    lab.page.set_viewport_size({"width": 1280, "height": 1800})
+    until(lambda: shown(second) > before)
+    lab.run(5)
+    until(lambda: "closed" in lab.output(5))
+    assert complaints == []
