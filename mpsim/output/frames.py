@@ -197,6 +197,10 @@ class Reader(Protocol):
         """Whole frames in the file."""
         ...
 
+    def refresh(self) -> None:
+        """Look for frames that were written since."""
+        ...
+
     def read(self, index: int) -> Frame:
         """The frame of an index, 0 <= index < len."""
         ...

@@ -80,14 +80,22 @@ class GsdReader:
 
     def __init__(self, path: Path):
         self._path = path
+        self._file: Any = self._opened()
+
+    def _opened(self) -> Any:
         hoomd = _library("gsd.hoomd")
         try:
-            self._file: Any = hoomd.open(str(path), "r")
+            return hoomd.open(str(self._path), "r")
         except (RuntimeError, OSError) as error:
             raise TrajectoryError(
-                f"a trajectory that ends in .gsd must be a whole GSD file; {str(path)!r} cannot be read: {error}. "
-                "If it was copied while it was written, copy it again."
+                f"a trajectory that ends in .gsd must be a whole GSD file; {str(self._path)!r} cannot be read: "
+                f"{error}. If it was copied while it was written, copy it again."
             ) from None
+
+    def refresh(self) -> None:
+        """Look for frames that were written since; the library knows those of when it opened the file."""
+        self._file.close()
+        self._file = self._opened()
 
     def __len__(self) -> int:
         return len(self._file)

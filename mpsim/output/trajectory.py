@@ -52,6 +52,7 @@ class Trajectory:
             raise TrajectoryError(f"a trajectory must be a file that can be read; {str(self.path)!r} is none.")
         self._reader: Reader = ENDINGS[self.path.suffix.lower()].reader(self.path)
         self._range = range(len(self._reader))
+        self._whole = True
 
     def __len__(self) -> int:
         return len(self._range)
@@ -66,6 +67,7 @@ class Trajectory:
         if isinstance(index, slice):
             part = object.__new__(Trajectory)
             part.path, part._reader, part._range = self.path, self._reader, self._range[index]
+            part._whole = False
             return part
         try:
             return self._reader.read(self._range[index])
@@ -80,6 +82,35 @@ class Trajectory:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+    def refresh(self) -> int:
+        """Look for frames that another process, or a writer in this one, has written since; returns how many there are.
+
+        A part of a trajectory, such as `trajectory[:10]`, keeps its frames.
+
+        Raises:
+            TrajectoryError: if the file cannot be read any more.
+
+        >>> import tempfile, mpsim
+        >>> scene = mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     with mpsim.Simulation(scene) as sim, Trajectory.write(f"{folder}/run.xyz", every=10) as out:
+        ...         report = sim.run(frames=20, observe=out)
+        ...         trajectory = Trajectory(f"{folder}/run.xyz")
+        ...         report = sim.run(frames=30, observe=out)
+        ...         before, after = len(trajectory), trajectory.refresh()
+        >>> before, after
+        (3, 6)
+        """
+        try:
+            self._reader.refresh()
+        except OSError as error:
+            raise TrajectoryError(
+                f"a trajectory must be a file that can be read; {str(self.path)!r} cannot ({error.strerror or error})."
+            ) from None
+        if self._whole:
+            self._range = range(len(self._reader))
+        return len(self)
 
     def close(self) -> None:
         """Close the file. Not needed for extended XYZ, whose file is open only while a frame is read."""

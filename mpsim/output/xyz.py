@@ -9,7 +9,7 @@ import functools
 import os
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import accumulate, islice
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -106,6 +106,13 @@ class XyzReader:
 
     def __len__(self) -> int:
         return len(self._offsets) - 1
+
+    def refresh(self) -> None:
+        """Look for frames that were written since; in a file that has taken the place of another one, for all."""
+        try:
+            self._offsets, _ = scan(self._path, self._offsets)
+        except TrajectoryError:
+            self._offsets, _ = scan(self._path)
 
     def number(self, index: int) -> int:
         """The frame of the simulation that is at an index; the index itself where the file does not say."""
@@ -251,18 +258,22 @@ def _entries_of(column: NDArray[Any] | str) -> bytes:
     return orjson.dumps(np.ascontiguousarray(column), option=orjson.OPT_SERIALIZE_NUMPY)[1:-1] + b","
 
 
-def scan(path: Path) -> tuple[list[int], int]:
+def scan(path: Path, known: Sequence[int] = (0,)) -> tuple[list[int], int]:
     """Where each whole frame begins and the last one ends, and how many bytes lie behind that.
 
     The file is streamed, not held.
 
+    Args:
+        path: of the file.
+        known: what was found in it earlier, where it is searched no more.
+
     Raises:
         TrajectoryError: if it is no XYZ file.
     """
-    offsets = [0]
     with untrusted.opened(path) as file:
         size = file.seek(0, os.SEEK_END)
-        file.seek(0)
+        offsets = [offset for offset in known if offset <= size]
+        file.seek(offsets[-1])
         while offsets[-1] < size:
             head = file.readline(_LONGEST_COUNT + 1)
             if not head.strip() and not file.read(_LONGEST_COUNT).strip() and file.tell() == size:

@@ -52,6 +52,47 @@ def test_a_trajectory_is_read_back_to_the_bit(path, precision, boundary):
         assert frame.periodic == (boundary == "periodic",) * 2
 
 
+def test_frames_that_are_written_meanwhile_are_found(path):
+    scene = gas(5, 0.1)
+    with simulate(scene, method="grid", dt=0.02) as sim, mpsim.Trajectory.write(path) as out:
+        sim.run(frames=3, observe=out)
+        trajectory = mpsim.Trajectory(path)
+        part = trajectory[1:3]
+        sim.run(frames=4, observe=out)
+        assert len(trajectory) == 4, "not before it is asked for"
+        assert part.refresh() == 2
+        assert (len(trajectory), trajectory.refresh(), trajectory.refresh()) == (4, 8, 8)
+        assert trajectory[-1].state.digest() == sim.digest()
+    assert [frame.frame for frame in trajectory] == list(range(8))
+    assert [frame.frame for frame in part] == [1, 2]
+    trajectory.close()
+
+
+def test_half_a_frame_is_left_for_later(tmp_path):
+    written(tmp_path / "whole.xyz", gas(5, 0.1), frames=4, every=1)
+    text, growing = (tmp_path / "whole.xyz").read_bytes(), tmp_path / "growing.xyz"
+    growing.write_bytes(text[: len(text) // 2])
+    with pytest.warns(mpsim.TrajectoryWarning):
+        trajectory = mpsim.Trajectory(growing)
+    before = len(trajectory)
+    growing.write_bytes(text[:-1])
+    assert before < trajectory.refresh() == 4
+    growing.write_bytes(text)
+    assert trajectory.refresh() == 5
+
+
+def test_a_file_in_the_place_of_another_is_read_anew(path):
+    written(path, gas(5, 0.1), frames=4, every=1)
+    trajectory = mpsim.Trajectory(path)
+    path.unlink()
+    written(path, gas(7, 0.1), frames=10, every=1)
+    assert trajectory.refresh() == 11
+    assert [len(frame.position) for frame in trajectory] == [7] * 11
+    path.unlink()
+    with pytest.raises(mpsim.TrajectoryError, match="run"):
+        trajectory.refresh()
+
+
 def test_a_trajectory_is_a_sequence(path):
     written(path, gas(5, 0.1), frames=10, every=1)
     trajectory = mpsim.Trajectory(path)
