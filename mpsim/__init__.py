@@ -84,6 +84,7 @@ _VIEWS = {
     "trade_text": ("mpsim.output.tables", "terminal_table"),
     "trade_html": ("mpsim.output.tables", "html_table"),
     "tuned_html": ("mpsim.output.notebook", "tuned_html"),
+    "measure_names": ("mpsim.measure.registry", "names"),
 }
 """What upper packages do for objects of lower ones; each is imported when it is asked for."""
 

@@ -17,6 +17,7 @@ from rich.console import Console
 
 import mpsim
 from mpsim.output.animation import DPI, STYLE, Picture, animate
+from mpsim.scene.recommended import settings_for
 from mpsim.scene.scenefile import SceneFile, load, names
 
 LENGTHS = {
@@ -42,7 +43,7 @@ console = Console()
 def show(found: SceneFile, folder: Path) -> None:
     """Write <name>.gif and <name>.png, the state at two thirds of the time."""
     length = LENGTHS.get(found.name, OTHERWISE)
-    settings = found.settings or mpsim.Settings()
+    settings = settings_for(found.scene, None)
     every = max(round(length / settings.dt / PICTURES), 1)
     path = folder / f"{found.name}.gif"
     animate(found.scene, settings, path, PICTURES, every=every, pictures_per_second=12, pixels=PIXELS, progress=False)

@@ -59,10 +59,8 @@ Examples:
 @click.command(epilog=ANIMATE_EXAMPLES, short_help="Write an animation.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
 @click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--frames", type=click.IntRange(1, 100_000), default=200, show_default=True, help="Pictures.")
-@click.option(
-    "--every", type=click.IntRange(1), default=1, show_default=True, help="Frames of the simulation per picture."
-)
+@click.option("--frames", type=click.IntRange(1, 100_000), help="Pictures; else as many as the scene's duration takes.")
+@click.option("--every", type=click.IntRange(1), help="Frames of the simulation per picture; else as recommended.")
 @click.option("--fps", type=click.IntRange(1, 50), default=25, show_default=True, help="Pictures per second.")
 @click.option(
     "--pixels", type=click.IntRange(100, 4000), default=480, show_default=True, help="Longer side of the box."
@@ -82,8 +80,8 @@ Examples:
 def animate(
     scene: str,
     out: Path,
-    frames: int,
-    every: int,
+    frames: int | None,
+    every: int | None,
     fps: int,
     pixels: int,
     colour: str,
@@ -99,6 +97,7 @@ def animate(
     animation.checked_target(out)  # before the scene is made, which may take a while
     file = scenefile.load(scene)
     settings = terminal.settings_of(file, options)
+    frames, every = animation.pictures_of(file.scene, settings, frames, every)
     try:
         with terminal.progress(quiet) as progress:
             animation.animate(

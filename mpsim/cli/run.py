@@ -26,17 +26,22 @@ from mpsim.output.frame_file import FORMATS
 from mpsim.output.frames import frame_of
 from mpsim.output.tables import measure_text
 from mpsim.scene import scenefile
+from mpsim.scene.recommended import frames_between_pictures
+from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
 FRAMES = 500
-"""Default number of frames of a run."""
+"""Number of frames of a run of a scene without a duration."""
+
+FEWEST = 10
+"""Frames of a trajectory, at least."""
 
 CHECKPOINT_SECONDS = 30.0
 """Seconds between checkpoints: the time of a run that a kill may cost."""
 
 RUN_EXAMPLES = """\b
 Examples:
-  mpsim run gas                                          500 frames, and what they took
+  mpsim run gas                                          as long as the scene recommends, and what is measured
   mpsim run gas --until 50 --out run                     also write it all to the folder run/
   mpsim run hopper --frames 2000 --every 20 --out run --format gsd
   mpiexec -n 4 mpsim run gas --method mpi --out run      on the ranks of MPI
@@ -46,12 +51,14 @@ Examples:
 
 @click.command(epilog=RUN_EXAMPLES, short_help="Simulate a scene.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
-@click.option("--frames", type=click.IntRange(1), help=f"How many frames.  [default: {FRAMES}]")
+@click.option("--frames", type=click.IntRange(1), help=f"How many frames; else the scene's duration, or {FRAMES}.")
 @click.option("--until", type=terminal.Positive("time"), help="Or until this time of the scene.")
 @terminal.settings_options
-@click.option("--measure", "measures", type=click.Choice(NAMES), multiple=True, help="Something to measure.")
+@click.option(
+    "--measure", "measures", type=click.Choice(NAMES), multiple=True, help="Something to measure; else as recommended."
+)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder to write the run to.")
-@click.option("--every", type=click.IntRange(1), help="Frames between two of the trajectory; else 10 to 100 in all.")
+@click.option("--every", type=click.IntRange(1), help="Frames between two of the trajectory; else as recommended.")
 @click.option(
     "--format", "kind", type=click.Choice(FORMATS), default=FORMATS[0], show_default=True, help="Of the trajectory."
 )
@@ -71,7 +78,7 @@ def run(
     quiet: bool,
     **options: Any,
 ) -> None:
-    """Simulate SCENE, with the settings it recommends but for those given here.
+    """Simulate SCENE, with what it recommends: length, settings and measures, but for those given here.
 
     With --out, a folder is written: the trajectory for OVITO, tables of times and measures, the last state and a
     picture of it, and a checkpoint. After Ctrl-C, `mpsim resume` continues it.
@@ -84,7 +91,9 @@ def run(
                 raise click.UsageError(f"{option} needs --out, the folder to write to.")
         file = scenefile.load(scene)
         settings = terminal.settings_of(file, options, on_ranks=True)
+    until = file.scene.duration if until is None else until
     target = frames or (FRAMES if until is None else frames_until(until, settings.dt))
+    measures = measures or file.scene.observables
     with one_voice(capabilities_of(settings).on_ranks) as first_rank, Simulation(file.scene, settings) as sim:
         if out is None:
             _without_folder(sim, file, target, measures, as_json, quiet, first_rank)
@@ -94,7 +103,7 @@ def run(
             "scene_digest": file.scene.digest(),
             "settings": dataclasses.asdict(settings),
             "target": target,
-            "every": every or max(target // pictures_of(file.scene.count), 1),
+            "every": every or interval_of(file.scene, settings, target),
             "trajectory": f"trajectory.{kind}",
             "measures": list(measures),
             "status": "starting",
@@ -288,9 +297,17 @@ def _without_folder(
         click.echo(line)
 
 
+def interval_of(scene: Scene, settings: Settings, target: int) -> int:
+    """Default number of frames between two of a trajectory: as recommended, where the run holds FEWEST of these."""
+    every = frames_between_pictures(scene, settings)
+    if every is None or target < FEWEST * every:
+        return max(target // pictures_of(scene.count), 1)
+    return every
+
+
 def pictures_of(count: int) -> int:
     """Default number of frames in a trajectory: writing a million discs takes seconds."""
-    return min(max(1_000_000 // max(count, 1), 10), 100)
+    return min(max(1_000_000 // max(count, 1), FEWEST), 100)
 
 
 def summary(part: dict[str, Any], report: Report, sim: Simulation) -> Iterator[str]:

@@ -65,6 +65,10 @@ def description(file: SceneFile) -> dict[str, str]:
     present = {each.argument: each.description(scene) for each in FEATURES if each.is_in(scene)}
     words |= {name: text for name, text in present.items() if text}
     words["duration"] = "none recommended" if scene.duration is None else f"{scene.duration:g}"
+    if scene.picture_interval is not None:
+        words["pictures"] = f"every {scene.picture_interval:g}"
+    if scene.observables:
+        words["measures"] = ", ".join(scene.observables)
     words["settings"] = settings_text(file.settings)
     words["read from"] = ", ".join(map(str, file.read))
     return words
@@ -95,6 +99,8 @@ def record(file: SceneFile) -> dict[str, Any]:
         **{feature.argument: feature.record(scene) for feature in FEATURES},
         **{name: getattr(scene, name) for name in NUMBERS},
         "duration": scene.duration,
+        "picture_interval": scene.picture_interval,
+        "observables": scene.observables,
         "settings": None if file.settings is None else dataclasses.asdict(file.settings),
         "read": [str(path) for path in file.read],
         "digest": scene.digest(),

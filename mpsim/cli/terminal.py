@@ -15,6 +15,7 @@ from click.shell_completion import CompletionItem
 from mpsim.core.durations import duration
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.scene import scenefile
+from mpsim.scene.recommended import settings_for
 from mpsim.scene.scenefile import SceneFile
 from mpsim.scene.settings import CONTACTS, DEATHS, LAWS, METHODS, MOST_WORKERS, ON_FAST, PRECISIONS, Settings
 
@@ -105,7 +106,7 @@ def settings_of(file: SceneFile, options: dict[str, Any], on_ranks: bool = False
     on_ranks: whether the command can run on ranks.
     """
     given = {name: value for name, value in options.items() if value is not None}
-    settings = dataclasses.replace(file.settings or Settings(), **given)
+    settings = dataclasses.replace(settings_for(file.scene, None), **given)
     if not on_ranks and capabilities_of(settings).on_ranks:
         raise click.UsageError(
             f"This command runs in one process, and method {settings.method!r} on ranks. Give --method grid, "

@@ -1,5 +1,6 @@
 """The scene of a checkpoint: plain values in its header, and arrays."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from mpsim.core.archive import Arrays
 from mpsim.features import FEATURES, NUMBERS, PER_DISC, VECTORS
 from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
 
 OF_LATTICE = ("count", "temperature", "seed")
 """Numbers of a lattice that are written beside what other scenes have too."""
@@ -27,6 +29,9 @@ def scene_parts(scene: Scene) -> tuple[dict[str, Any], Arrays]:
     plain |= {name: value for name, (default, _) in NUMBERS.items() if (value := getattr(scene, name)) != default}
     if scene.duration is not None:
         plain["duration"] = scene.duration
+    if scene.settings is not None:
+        plain["settings"] = dataclasses.asdict(scene.settings)
+    plain |= {name: value for name in ("picture_interval", "observables") if (value := getattr(scene, name))}
     if lattice is not None:
         plain["lattice"] = {name: getattr(lattice, name) for name in OF_LATTICE} | {"digest": lattice.digest_of_some()}
     return plain, arrays
@@ -43,6 +48,8 @@ def scene_from(plain: dict[str, Any], arrays: Arrays) -> Scene:
         **{name: value if value.ndim else value.item() for name, value in arrays.items()},
     }
     values |= {each.argument: each.from_plain(plain[each.argument]) for each in FEATURES if not each.is_numeric}
+    if "settings" in values:
+        values["settings"] = Settings(**values["settings"])
     lattice = values.pop("lattice", None)
     return Scene(**values) if lattice is None else _on_lattice(lattice, values)
 

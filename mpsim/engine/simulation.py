@@ -35,6 +35,7 @@ from mpsim.engine.solvers.methods import capabilities_of, on_ranks, same_bits
 from mpsim.engine.solvers.mpi_ranks import communicator_of, raised_together, ranks_of
 from mpsim.features import FEATURES
 from mpsim.measure.run_averages import checked
+from mpsim.scene.recommended import settings_for
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -46,7 +47,7 @@ class Simulation(Changing):
 
     Args:
         scene: what is simulated, in units of its own: [length], [time], [mass].
-        settings: how; the defaults if left out.
+        settings: how; if left out, those that the scene recommends, or the defaults.
         comm: with method="mpi", a communicator of mpi4py whose ranks all make the same calls; None: all ranks.
 
     Raises:
@@ -68,17 +69,14 @@ class Simulation(Changing):
     """
 
     def __init__(self, scene: Scene, settings: Settings | None = None, *, comm: object = None):
-        with _refused_together(settings, comm):
+        chosen = scene.settings if settings is None and isinstance(scene, Scene) else settings
+        with _refused_together(chosen, comm):
             self._set_up(scene, settings, comm)
         self._coordinator.start()
 
     def _set_up(self, scene: Scene, settings: Settings | None, comm: object) -> None:
         """All that comes before the solver is started."""
-        if not isinstance(scene, Scene):
-            raise InputError(f"scene must be an mpsim.Scene; got {type(scene).__name__}. Make one with Scene(...).")
-        settings = Settings() if settings is None else settings
-        if not isinstance(settings, Settings):
-            raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
+        settings = settings_for(scene, settings)
         _check_comm(settings, comm)
         self._access = Access()
         for feature in FEATURES:

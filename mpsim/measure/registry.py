@@ -109,6 +109,12 @@ DRIFTS = {name: each.drift for name, each in OBSERVABLES.items() if each.drift}
 NAMES: tuple[str, ...] = (*COUNTED, *SAMPLED, *DRIFTS)
 """What a run can measure."""
 
+
+def names() -> tuple[str, ...]:
+    """What a run can measure, for modules below this one."""
+    return NAMES
+
+
 ERRORS: tuple[str, ...] = tuple(name for name, each in OBSERVABLES.items() if each.error)
 """What a trade-off study can measure the error of: LONG ones from long runs, SHORT ones from short ones."""
 

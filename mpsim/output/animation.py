@@ -24,11 +24,15 @@ from mpsim.core.errors import InputError, OutputError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
 from mpsim.output.drawing import STYLE, closed_off, draw_discs, new_figure, with_images
+from mpsim.scene.recommended import frames_between_pictures, settings_for
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
 PIXELS = 480
 """Length of the longer side of the box in a picture."""
+
+PICTURES, MOST_PICTURES = 200, 300
+"""Default number of pictures of a scene without a duration, and the largest of one with a duration."""
 
 DPI = 100
 
@@ -40,9 +44,9 @@ def animate(
     scene: Scene,
     settings: Settings | None,
     path: str | os.PathLike[str],
-    frames: int = 200,
+    frames: int | None = None,
     *,
-    every: int = 1,
+    every: int | None = None,
     pictures_per_second: int = 25,
     pixels: int = PIXELS,
     colour: str | None = "speed",
@@ -51,10 +55,11 @@ def animate(
     """Simulate a scene and write it as an animation.
 
     Args:
-        scene, settings: what is simulated and how (None: the defaults).
+        scene, settings: what is simulated and how; settings None: those that the scene recommends, or the defaults.
         path: ends in .gif (always possible) or .mp4 (needs ffmpeg on the PATH). An existing file is replaced.
-        frames: number of pictures, >= 1; the first shows the start.
-        every: frames of the simulation from one picture to the next, >= 1.
+        frames: number of pictures, >= 1; the first shows the start. None: as many as the scene's duration takes, up to
+            MOST_PICTURES; 200 without a duration.
+        every: frames of the simulation from one picture to the next, >= 1; None: the scene's picture_interval, or 1.
         pictures_per_second: of the animation, 1 to 50 [1/s].
         pixels: length of the longer side of the box in a picture, 100 to 4000.
         colour: "speed"; "worker", by the worker that owns the column of a disc, or "parity", by whether that column is
@@ -75,13 +80,12 @@ def animate(
     ...     animate(scene, Settings(dt=0.02), f"{folder}/gas.gif", frames=3, every=5).stat().st_size > 1000
     True
     """
-    frames = checks.whole("frames", frames, 1, 100_000, "Ask for at least one picture.")
-    every = checks.whole("every", every, 1, 10**9, "1 shows every frame.")
+    settings = settings_for(scene, settings)
+    frames, every = pictures_of(scene, settings, frames, every)
     rate = checks.whole("pictures_per_second", pictures_per_second, 1, 50, "25 looks smooth.")
     pixels = checks.whole("pixels", pixels, 100, 4000, "480 suits a page.")
     target = checked_target(path)
     writer = _writer_for(target, rate)
-    settings = Settings() if settings is None else settings
     if colour in ("worker", "parity") and settings.method == "auto":  # which may choose one without columns
         settings = dataclasses.replace(settings, method="parallel")
     with Simulation(scene, settings) as sim, matplotlib.rc_context(fname=STYLE), _bar(frames, progress) as advance:
@@ -94,6 +98,24 @@ def animate(
                 writer.grab_frame()
                 advance()
     return target
+
+
+def pictures_of(scene: Scene, settings: Settings, frames: int | None, every: int | None) -> tuple[int, int]:
+    """Number of pictures of an animation, and frames between two, with what the scene recommends where None is given.
+
+    Raises:
+        InputError: if one is out of range.
+
+    >>> pictures_of(Scene.load("pi"), Settings(dt=0.01), None, None)
+    (211, 20)
+    """
+    if every is None:
+        every = frames_between_pictures(scene, settings) or 1
+    every = checks.whole("every", every, 1, 10**9, "1 shows every frame.")
+    if frames is None:
+        lasting = None if scene.duration is None else int(scene.duration / (every * settings.dt) + 1e-9) + 1
+        frames = PICTURES if lasting is None else min(lasting, MOST_PICTURES)
+    return checks.whole("frames", frames, 1, 100_000, "Ask for at least one picture."), every
 
 
 def checked_target(path: str | os.PathLike[str]) -> Path:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.sizes import equal_sizes
+from mpsim.scene import recommended
 from mpsim.scene.lattice import Lattice
 from mpsim.scene.old_names import OldNames
 
@@ -157,7 +158,7 @@ class HasDiscs(OldNames):
         return ((first, self._start.velocities(first, last)) for first, last in self._start.pieces())
 
     def digest(self) -> str:
-        """Hex digest of all that a run depends on, so not of the duration; equal digests mean equal bits.
+        """Hex digest of all that a run depends on, so not what the scene recommends; equal digests mean equal bits.
 
         >>> import mpsim
         >>> made = mpsim.Scene.random(count=100, packing=0.4, radius=0.5, seed=1)
@@ -166,7 +167,7 @@ class HasDiscs(OldNames):
         """
         digest = hashlib.blake2b(digest_size=16)
         made = {"position": self._start.positions, "velocity": self._start.velocities}
-        for name in sorted(self.__getstate__().keys() - {"duration", "_start"} | made.keys()):
+        for name in sorted(self.__getstate__().keys() - {*recommended.NAMES, "_start"} | made.keys()):
             digest.update(f"{name} ".encode())
             if name in made:
                 digest.update(f"{(self.count, 2)} ".encode())

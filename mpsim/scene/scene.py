@@ -30,12 +30,15 @@ from mpsim.scene import placement, starts, walls
 from mpsim.scene.continuing import change_to, move_to_state
 from mpsim.scene.discs import HasDiscs, start_of
 from mpsim.scene.lattice import Lattice, demand_equal_discs, demand_sites, demand_whole_box
+from mpsim.scene.overlaps import overlaps_in_words
+from mpsim.scene.recommended import Recommends, check_recommended
+from mpsim.scene.settings import Settings
 
 LARGEST_COUNT = 100_000_000
 """More discs than this is taken for a mistake (a scene of this size needs some 10 GB)."""
 
 
-class Scene(HasDiscs):
+class Scene(HasDiscs, Recommends):
     """Discs in a box. Checked when made; its arrays are read-only copies. Features that are not used cost nothing.
 
     Args:
@@ -60,8 +63,10 @@ class Scene(HasDiscs):
         emitters: Emitter objects, which add discs while the scene runs.
         absorbing: edges, of "left", "right", "bottom", "top", at which discs leave for good.
         piston: one wall that moves.
-        duration: recommended length of a run, in which there is something to see [time], > 0. No bit of a run depends
-            on it.
+        duration: recommended length of a run [time], > 0. This and the following are no part of the digest.
+        settings: recommended Settings, which a run has if it is given none; None: the defaults.
+        picture_interval: recommended time between two pictures of an animation or a trajectory [time], > 0.
+        observables: what is worth measuring: names as for `Simulation.run(measures=...)`.
 
     Raises:
         InputError: naming the argument, its rule and the value received.
@@ -104,6 +109,9 @@ class Scene(HasDiscs):
         absorbing: Sequence[str] | str = (),
         piston: Piston | None = None,
         duration: float | None = None,
+        settings: Settings | None = None,
+        picture_interval: float | None = None,
+        observables: Sequence[str] | str = (),
     ):
         self.width: float = checks.positive("width", width, "[length]")
         self.height: float = checks.positive("height", height, "[length]")
@@ -121,7 +129,7 @@ class Scene(HasDiscs):
         self.emitters: tuple[Emitter, ...] = check_emitters(emitters)
         self.absorbing: tuple[str, ...] = check_edges(absorbing, self.boundary)
         self.piston: Piston | None = check_piston(piston, self.boundary, self.width, self.height, self.absorbing)
-        self.duration: float | None = None if duration is None else checks.positive("duration", duration, "[time]")
+        vars(self).update(check_recommended(duration, settings, picture_interval, observables))
         starts.demand_room(self.largest_radius, self.width, self.height, self.boundary)
         if self.on_lattice is None:  # whose discs are inside by construction
             self.check_inside("position", self.position, self.radius)
@@ -204,7 +212,7 @@ class Scene(HasDiscs):
 
         Args:
             source: a name, such as "gas", or a path that ends in .toml. The file may refer to arrays in its own folder
-                or below; nothing in it is executed. mpsim.scene.scenefile.load also returns its settings and texts.
+                or below; nothing in it is executed. mpsim.scene.scenefile.load also returns its texts.
 
         Raises:
             InputError: if there is no such scene; SceneFileError, one of these, names all that is wrong in a file.
@@ -331,25 +339,8 @@ class Scene(HasDiscs):
         """
         depends = self._start, self.radius, self.obstacles, self.width, self.height, self.boundary
         if self._overlaps is None or any(now is not then for now, then in zip(depends, self._overlaps[0], strict=True)):
-            self._overlaps = depends, self._find_overlaps()
+            self._overlaps = depends, overlaps_in_words(self)
         return self._overlaps[1]
-
-    def _find_overlaps(self) -> str:
-        if self.on_lattice is not None:  # displacements are shorter than half of the gaps; there are no obstacles
-            return ""
-        words: list[str] = []
-        pairs, (i, j), depth = placement.overlaps(
-            self.position, self.width, self.height, 2 * self.radius, self.periodic
-        )
-        if pairs:
-            words.append(f"{pairs} pairs of discs overlap at the start, discs {i} and {j} deepest, by {depth:.3g}")
-        found = self.deepest(self.position, self.radii)
-        if found is not None:
-            words.append(
-                f"{found.number} discs overlap an obstacle at the start, disc {found.disc} and {found.where} deepest, "
-                f"by {found.depth:.3g}"
-            )
-        return "; ".join(words)
 
     def _repr_png_(self) -> bytes:
         """A small picture for notebooks."""

@@ -18,6 +18,7 @@ from mpsim.core import checks
 from mpsim.core.errors import InputError, MpsimError
 from mpsim.engine.frame_count import MOST_FRAMES_OF_A_RUN
 from mpsim.measure import run_averages
+from mpsim.scene.recommended import Recommends, settings_for
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.sweep_points import Point, canonical
@@ -119,7 +120,6 @@ def task_of(function: Any, points: list[Point], options: Options) -> Task:
 
 
 def _scene_task(function: Any, names: tuple[str, ...], points: list[Point], options: Options, title: Any) -> Task:
-    settings = options.settings
     if isinstance(function, Scene):
         scene, name = function, repr(function)[1:-1]
     else:
@@ -127,7 +127,6 @@ def _scene_task(function: Any, names: tuple[str, ...], points: list[Point], opti
 
         found = scenefile.load(function)
         scene, name = found.scene, found.name
-        settings = found.settings if settings is None else settings
     for each in names:
         if each not in RUN_FIELDS:
             raise InputError(
@@ -136,7 +135,7 @@ def _scene_task(function: Any, names: tuple[str, ...], points: list[Point], opti
             )
     if points[0].seed is not None and not scene.can_redraw:
         scene.redrawn(points[0].seed)  # which raises
-    run = _scene_run(None, names, points, dataclasses.replace(options, settings=settings), scene)
+    run = _scene_run(None, names, points, options, scene)
     title = {"function": f"scene {scene.digest()}", **title, "runs": _facts(run, scene)}
     return Task(name, run, scene, title, frozenset(names))
 
@@ -158,9 +157,7 @@ def _function_task(function: Any, names: tuple[str, ...], points: list[Point], o
 def _scene_run(
     make: Callable[..., Any] | None, own: tuple[str, ...], points: list[Point], options: Options, scene: Scene | None
 ) -> SceneRun:
-    settings = Settings() if options.settings is None else options.settings
-    if not isinstance(settings, Settings):
-        raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
+    settings = settings_for(scene or Recommends(), options.settings)
     until = None if options.until is None else checks.non_negative("until", options.until, "[time]")
     frames = None if options.frames is None else _frames(options.frames)
     measures = None if options.measures is None else run_averages.checked(options.measures, scene)

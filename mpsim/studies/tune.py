@@ -18,6 +18,7 @@ from mpsim.core.deferred_signals import terminated_by_exit
 from mpsim.core.errors import BudgetError, InputError, NotMeasurableError
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.measure.registry import ERRORS
+from mpsim.scene.recommended import settings_for
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.default_candidates import families, step
@@ -91,8 +92,8 @@ def tune(
             one per cent, {"overlap": 0.05} a twentieth of a diameter.
         until: length of one run [time]; None: the scene's duration; without one, and if the scene is stationary, long
             enough to determine the pressure to about a thousandth.
-        candidates: families to choose from, whose dt is searched; None: impact with one and two passes, push, and the
-            exact solver.
+        candidates: families to choose from, whose dt is searched; None: impact with one and two passes, push, the
+            exact solver, and the settings that the scene recommends.
         starts, executor, replicas, contact_time, path, progress: as for `tradeoff`; replicas are doubled if noise
             leaves an answer undecided, and reduced if runs are long. `progress` is called first with a forecast of the
             time.
@@ -110,7 +111,7 @@ def tune(
     """
     budgets = _budgets(max_error)
     demand_available(budgets, scene)
-    choices = _families(candidates, contact_time)
+    choices = _families(candidates, contact_time, scene)
     replicas = checks.whole("replicas", replicas, 2, MOST_REPLICAS, "16 will do for most scenes.")
     seconds = checks.positive("seconds", seconds, "[s]")
     how: dict[str, Any] = {"executor": executor, "path": path, "progress": progress, "starts": starts}
@@ -411,9 +412,12 @@ def _budgets(max_error: Mapping[str, float]) -> dict[str, float]:
     }
 
 
-def _families(candidates: Iterable[Settings] | None, contact_time: float | None) -> list[Settings]:
+def _families(candidates: Iterable[Settings] | None, contact_time: float | None, scene: Scene) -> list[Settings]:
     if candidates is None:
-        return [Settings(method="event", contact_time=contact_time), *families()]
+        usual = families()
+        own = dataclasses.replace(settings_for(scene, None), dt=usual[0].dt, workers=None)
+        further = [] if capabilities_of(own).is_exact or own in usual else [own]
+        return [Settings(method="event", contact_time=contact_time), *usual, *further]
     chosen: list[Settings] = listed(
         "candidates", [candidates] if isinstance(candidates, Settings) else candidates, "mpsim.Settings"
     )

@@ -25,7 +25,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.features.emitters import Emitter
 from mpsim.features.obstacles import FixedDisc, Polyline
 from mpsim.features.piston import PISTON, Piston
-from mpsim.scene import scenefile
+from mpsim.scene import recommended, scenefile
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -127,7 +127,7 @@ def _continuing(sim: Simulation) -> Scene:
 
 def _arguments(scene: Scene) -> dict[str, Any]:
     """The arguments from which an equal scene is made."""
-    return {name: getattr(scene, name) for name in inspect.signature(Scene).parameters}
+    return {name: getattr(scene, name) for name in inspect.signature(Scene).parameters if name not in recommended.NAMES}
 
 
 # --- as Python
@@ -174,11 +174,7 @@ def _named_or_written_out(scene: Scene, name: str) -> str:
             "none that comes with mpsim. Download the session, and use mpsim.Simulation.replay('session.toml')."
         )
     defaults = {each.name: each.default for each in inspect.signature(Scene).parameters.values()}
-    given = {
-        argument: value
-        for argument, value in _arguments(scene).items()
-        if argument != "duration" and not _same(value, defaults[argument])
-    }
+    given = {argument: value for argument, value in _arguments(scene).items() if not _same(value, defaults[argument])}
     return f"mpsim.Scene({', '.join(f'{argument}={_text(value)}' for argument, value in given.items())})"
 
 
@@ -223,7 +219,7 @@ def command(scene: Scene, settings: Settings, name: str) -> str | None:
     """
     if not is_named(scene, name):
         return None
-    usual = scenefile.load(name).settings or Settings()
+    usual = Scene.load(name).settings or Settings()
     words = ["mpsim", "view", name]
     for setting, value in dataclasses.asdict(settings).items():
         if value == getattr(usual, setting):

@@ -37,7 +37,7 @@ def view(
     Args:
         source: a scene, which the view simulates, again from the start at each reset; or a simulation, which stays
             yours: the page can play and pause it, and shows it while your program runs it; only you close it.
-        settings: how a scene is simulated; None: the defaults.
+        settings: how a scene is simulated; None: as it recommends, or the defaults.
         host: name or address of this machine at which the page is found. The default can be reached from this machine
             alone; any other from where the network allows it, without encryption.
         port: likewise, 0 to 65535; 0: one that is free.

@@ -16,6 +16,25 @@ MOST_BEHIND = 0.1
 MOST_FRAMES = 10_000
 """Frames at a time, however short they are."""
 
+SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
+"""Speeds that the page offers, as in its link.js."""
+
+PICTURES = 25
+"""Recommended pictures of a scene that are shown in a second."""
+
+
+def first_speed(every: int | None) -> float:
+    """The speed at which a scene is first shown: one that the page offers, in units of UNIT frames a second.
+
+    Args:
+        every: frames between two of its recommended pictures; None without them.
+
+    >>> first_speed(None), first_speed(10)
+    (1.0, 2.0)
+    """
+    wanted = 1.0 if every is None else every * PICTURES / UNIT
+    return float(max((speed for speed in SPEEDS if speed <= wanted), default=SPEEDS[0]))
+
 
 class Pace:
     """Frames that are due. Times are those of one clock [s].

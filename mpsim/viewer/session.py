@@ -12,6 +12,7 @@ from mpsim.core.errors import ClosedError, InputError, MpsimError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.scene.recommended import frames_between_pictures, settings_for
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.viewer import keep, wire
@@ -19,7 +20,7 @@ from mpsim.viewer.broadcast import Audience
 from mpsim.viewer.colours import scale_of
 from mpsim.viewer.gauges import Gauges, Meter
 from mpsim.viewer.hands import Hands
-from mpsim.viewer.pace import LOOK, Pace
+from mpsim.viewer.pace import LOOK, Pace, first_speed
 from mpsim.viewer.source import Source
 
 PICTURE_SECONDS = 0.8 * LOOK
@@ -43,7 +44,7 @@ class Session(Source):
 
     Args:
         source: a scene, whose simulations the session makes and closes; or a simulation, which stays its owner's.
-        settings: of the scene's simulations; None: the defaults.
+        settings: of the scene's simulations; None: those it recommends, or the defaults.
         name: what it is called on the page.
         playing: whether it begins as soon as somebody watches.
         audience: who is shown it.
@@ -64,13 +65,13 @@ class Session(Source):
         super().__init__(source if isinstance(source, Scene) else source.scene, audience)
         self._owned = isinstance(source, Scene)
         self._sim = None if isinstance(source, Scene) else source
-        self._settings = _checked(settings, self._sim)
+        self._settings = _checked(settings, self._sim, self.scene)
         self._name = name
         # of the thread alone
         self._playing = playing
         self._steps = 0
         self._note: str | None = None
-        self._pace = Pace()
+        self._pace = Pace(first_speed(frames_between_pictures(self.scene, self._settings)))
         self._meter = Meter(time.perf_counter())
         self._gauges: Gauges | None = None
         self._over = True  # until there is one
@@ -316,7 +317,7 @@ def _now(sim: Simulation) -> tuple[int, float, State]:
     return frame, moment, state
 
 
-def _checked(settings: Settings | None, sim: Simulation | None) -> Settings:
+def _checked(settings: Settings | None, sim: Simulation | None, scene: Scene) -> Settings:
     """The settings to run with.
 
     Raises:
@@ -324,7 +325,7 @@ def _checked(settings: Settings | None, sim: Simulation | None) -> Settings:
     """
     if sim is not None and settings is not None:
         raise InputError("settings go with a scene; got them beside a simulation, which has its own. Leave them out.")
-    found = sim.settings if sim is not None else settings or Settings()
+    found = sim.settings if sim is not None else settings_for(scene, settings)
     if capabilities_of(found).on_ranks:
         raise InputError(
             f"a view runs in one process; got method {found.method!r}, which runs on ranks. Use method='grid', which "

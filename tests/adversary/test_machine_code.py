@@ -15,6 +15,7 @@ from support.processes import assert_clean, run_script
 from support.scenes import zoo
 
 import mpsim
+from mpsim.scene.recommended import NAMES
 
 GENERIC = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
 LAZY = {"NUMBA_OPT": "1"}
@@ -87,7 +88,7 @@ def test_fused_products_are_seen(tmp_path):
 def test_the_cases_have_every_feature_of_a_scene():
     """A feature that a scene can have and that no case has would be compiled for nobody here."""
     plain, everything = zoo(WORDS["no features"]), zoo(WORDS["everything rough"])
-    others = {"width", "height", "position", "velocity", "duration"}
+    others = {"width", "height", "position", "velocity", *NAMES}
     features = inspect.signature(mpsim.Scene).parameters.keys() - others
     same = {name for name in features if repr(getattr(plain, name)) == repr(getattr(everything, name))}
     assert not same, f"everything is without {same}"

@@ -26,6 +26,7 @@ from support.processes import run_script
 from support.scenes import digest_after, lattice
 
 import mpsim
+from mpsim.scene.recommended import NAMES
 
 FILE = Path(__file__).parent / "golden.json"
 
@@ -157,7 +158,7 @@ def test_one_bit_of_one_velocity_changes_the_digest(pinned):
 def test_every_feature_of_a_scene_and_every_setting_is_pinned():
     """Whatever a scene or its settings may have that changes a bit is in one of the scenes."""
     features = {name for pinned in SCENES.values() for name in pinned.features}
-    assert inspect.signature(mpsim.Scene).parameters.keys() - features == {"height", "position", "velocity", "duration"}
+    assert inspect.signature(mpsim.Scene).parameters.keys() - features == {"height", "position", "velocity", *NAMES}
     settings = {name for pinned in SCENES.values() for name in pinned.settings} | {"method", "contact", "precision"}
     names = {field.name for field in dataclasses.fields(mpsim.Settings)}
     assert names - settings == {"workers", "start_method", "on_worker_death"}, "which change no bit"

@@ -17,6 +17,7 @@ from mpsim.scene.scenefile.limits import MOST_PROBLEMS
 from mpsim.scene.scenefile.part import Problem
 from mpsim.scene.scenefile.parts import PARTS
 from mpsim.scene.scenefile.schema import Discs, SceneTable
+from mpsim.scene.settings import Settings
 from mpsim.scene.starts import Taken, demand_area, lattice_sites, random_places, side_for, thermal_velocities
 
 Arguments = dict[str, Any]
@@ -65,8 +66,9 @@ def build(table: SceneTable, variation: int | None = None) -> Scene:
         value = getattr(table, part.argument)
         single = None if part.several or value is None else value.made()
         parts[part.argument] = made[part.argument][0] if part.several else single
-    names = (*VECTORS, *NUMBERS, "duration")
+    names = (*VECTORS, *NUMBERS, "duration", "picture_interval", "observables")
     plain = {name: getattr(table, name) for name in names}
+    plain["settings"] = None if table.settings is None else Settings(**dict(table.settings))
     try:
         scene = Scene(**box, **_joined(groups), **parts, **plain)
         if any(discs.places == "random" or discs.temperature for discs in table.discs):

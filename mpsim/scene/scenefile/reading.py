@@ -56,18 +56,21 @@ class SceneFile:
     Attributes:
         name: of the file, without .toml.
         scene: the scene.
-        settings: recommended ones; None without any.
         title, text, look_for: for people; "" without any.
         read: files that were read, the scene file first.
     """
 
     name: str
     scene: Scene
-    settings: Settings | None
     title: str
     text: str
     look_for: str
     read: tuple[Path, ...]
+
+    @property
+    def settings(self) -> Settings | None:
+        """Those that the scene recommends; None without any."""
+        return self.scene.settings
 
 
 def names() -> tuple[str, ...]:
@@ -107,9 +110,8 @@ def load(source: str | os.PathLike[str]) -> SceneFile:
         raise SceneFileError(label, _some([_at(key, text) for key, text in error.problems])) from None
     except RecursionError:
         raise SceneFileError(label, [_TOO_DEEP]) from None
-    chosen = None if table.settings is None else Settings(**dict(table.settings))
     about = table.about or schema.About(title="")
-    return SceneFile(path.stem, scene, chosen, about.title, about.text, about.look_for, (path, *arrays.read))
+    return SceneFile(path.stem, scene, about.title, about.text, about.look_for, (path, *arrays.read))
 
 
 def _find(source: Any) -> Path:

@@ -201,6 +201,12 @@ class _SceneTable(_Physics):
     duration: Annotated[
         float | None, as_in(_SCENE), Field(description="how long it should run to show what it is about")
     ] = None
+    picture_interval: Annotated[
+        float | None, as_in(_SCENE), Field(description="time between two pictures of an animation or a trajectory")
+    ] = None
+    observables: Annotated[
+        Any, as_in(_SCENE, words=True), Field(description="what is worth measuring: a list of names of measures")
+    ] = ()
     about: Annotated[About | None, Field(description="for people")] = None
     settings: Annotated[SettingsTable | None, Field(description="recommended ones")] = None
     discs: Annotated[list[Discs], Field(description="groups of discs")] = []  # noqa: RUF012 - pydantic copies it

@@ -32,7 +32,7 @@ def save(
         scene: its arrays are written, not the rules by which it was made (random places, lattices).
         path: ends in .toml; an existing file is replaced, a symbolic link refused. Arrays of more than 64 rows go to
             files beside it, named after it: gas.position.npy for gas.toml.
-        settings: to recommend.
+        settings: to recommend; None: those that the scene recommends.
         title, text, look_for: for people.
 
     Raises:
@@ -46,6 +46,7 @@ def save(
     if title or text or look_for:
         about = {"title": title, "text": text, "look_for": look_for}
         lines += ["[about]", *pairs({name: words for name, words in about.items() if words or name == "title"}), ""]
+    settings = scene.settings if settings is None else settings
     if settings is not None:
         defaults = Settings()
         chosen = dataclasses.asdict(settings)
@@ -72,7 +73,8 @@ def _scene_lines(scene: Scene) -> list[str]:
     values |= {name: getattr(scene, name) for name in VECTORS}
     values |= {name: value for name, (default, _) in NUMBERS.items() if (value := getattr(scene, name)) != default}
     values["absorbing"] = scene.absorbing or None
-    values["duration"] = scene.duration
+    values |= {"duration": scene.duration, "picture_interval": scene.picture_interval}
+    values["observables"] = scene.observables or None
     return pairs(values)
 
 

@@ -32,7 +32,9 @@ def test_run_tells_what_it_did_and_writes_nothing(tmp_path, monkeypatch):
 
 def test_settings_are_the_scenes_but_for_those_given():
     found = json.loads(
-        mpsim_command("run", "gas", *SHORT[:4], "--dt", "0.02", "--precision", "float32", "--json").stdout
+        mpsim_command(
+            "run", "gas", *SHORT[:4], "--dt", 0.02, "--precision", "float32", "--measure", "temperature", "--json"
+        ).stdout
     )
     assert found["settings"]["dt"] == 0.02
     assert found["settings"]["contact"] == scenefile.load("gas").settings.contact

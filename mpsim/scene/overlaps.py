@@ -1,0 +1,24 @@
+"""Overlaps at the start of a scene, in words."""
+
+from typing import Any
+
+from mpsim.scene import placement
+
+
+def overlaps_in_words(scene: Any) -> str:
+    """Overlaps of discs with each other and with obstacles; "" without any. See `Scene.overlaps_at_start`."""
+    if scene.on_lattice is not None:  # displacements are shorter than half of the gaps; there are no obstacles
+        return ""
+    words: list[str] = []
+    pairs, (i, j), depth = placement.overlaps(
+        scene.position, scene.width, scene.height, 2 * scene.radius, scene.periodic
+    )
+    if pairs:
+        words.append(f"{pairs} pairs of discs overlap at the start, discs {i} and {j} deepest, by {depth:.3g}")
+    found = scene.deepest(scene.position, scene.radii)
+    if found is not None:
+        words.append(
+            f"{found.number} discs overlap an obstacle at the start, disc {found.disc} and {found.where} deepest, "
+            f"by {found.depth:.3g}"
+        )
+    return "; ".join(words)

@@ -1,0 +1,78 @@
+"""What a scene recommends for runs of it: length, settings, pictures and what to measure."""
+
+# pyright: reportUnnecessaryIsInstance=false
+# Arguments are checked when the program runs as well, for callers without a type checker.
+
+from collections.abc import Iterable
+from typing import Any
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+from mpsim.core.views import view
+from mpsim.scene.settings import Settings
+
+NAMES = ("duration", "settings", "picture_interval", "observables")
+"""Arguments of Scene that are recommendations: they are no part of its digest."""
+
+
+class Recommends:
+    """The recommendations of a scene.
+
+    Attributes:
+        duration: length of a run [time]; None without one.
+        settings: how to simulate it; None: the defaults.
+        picture_interval: time between two pictures [time]; None without one.
+        observables: names of what to measure.
+    """
+
+    duration: float | None = None
+    settings: Settings | None = None
+    picture_interval: float | None = None
+    observables: tuple[str, ...] = ()
+
+
+def check_recommended(
+    duration: Any, settings: Any, picture_interval: Any, observables: Iterable[str] | str
+) -> dict[str, Any]:
+    """What `Scene` keeps of its recommendations: those that were given.
+
+    Raises:
+        InputError: naming the argument, its rule and the value received.
+    """
+    found: dict[str, Any] = {"duration": None if duration is None else checks.positive("duration", duration, "[time]")}
+    if settings is not None:
+        found["settings"] = _checked(settings)
+    if picture_interval is not None:
+        found["picture_interval"] = checks.positive("picture_interval", picture_interval, "[time]")
+    if not isinstance(observables, Iterable):
+        raise InputError(f"observables must be names of measures; got {checks.brief(observables)}.")
+    if names := (observables,) if isinstance(observables, str) else tuple(observables):
+        known = view("measure_names")
+        found["observables"] = tuple(checks.choice("observables", name, known) for name in names)
+    return found
+
+
+def settings_for(scene: Recommends, settings: Settings | None) -> Settings:
+    """The settings for a run: those given, else those that the scene recommends, else the defaults.
+
+    Raises:
+        InputError: for what is no scene, or no settings.
+    """
+    if not isinstance(scene, Recommends):
+        raise InputError(f"scene must be an mpsim.Scene; got {type(scene).__name__}. Make one with Scene(...).")
+    if settings is None:
+        return scene.settings or Settings()
+    return _checked(settings)
+
+
+def frames_between_pictures(scene: Recommends, settings: Settings) -> int | None:
+    """The recommended picture interval in frames of these settings, at least 1; None without one."""
+    if scene.picture_interval is None:
+        return None
+    return max(round(scene.picture_interval / settings.dt), 1)
+
+
+def _checked(settings: object) -> Settings:
+    if not isinstance(settings, Settings):
+        raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
+    return settings
