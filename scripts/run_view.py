@@ -11,6 +11,7 @@ one without a page take turns, and of their ratios the median counts, as the mac
 
 import argparse
 import contextlib
+import functools
 import io
 import json
 import re
@@ -29,6 +30,7 @@ from rich.console import Console
 from run_bench import machine
 
 import mpsim
+from mpsim.engine.simulation import read_in_place
 from mpsim.scene import scenefile
 from mpsim.studies import benchmark
 from mpsim.viewer import wire
@@ -83,10 +85,10 @@ def page_at(address: str, *deeds: dict[str, Any]) -> Iterator[None]:
 class Album:
     """In place of a session: each picture is packed as soon as it is asked for."""
 
-    def __init__(self, state: mpsim.State, scene: mpsim.Scene, server: Server):
-        self._state, self._scene, self._server = state, scene, server
+    def __init__(self, sim: mpsim.Simulation, server: Server):
+        self._sim, self._server = sim, server
         self._asked = threading.Semaphore(0)
-        self._scale = scale_of(state)
+        self._scale = scale_of(sim.state)
         self.seconds: list[float] = []
 
     def ask(self) -> None:
@@ -96,9 +98,12 @@ class Album:
     def watched_by(self, pages: int) -> None:
         """Nothing runs here."""
 
+    def charge(self, seconds: float) -> None:
+        """Nothing waits for it here."""
+
     def send(self, pictures: int) -> float:
         """Hand over so many pictures; returns the processor time of each, packing and sending together [s]."""
-        scene, radii, started = self._scene, b"", 0.0
+        scene, radii, started = self._sim.scene, b"", 0.0
         for serial in range(1, pictures + 1):
             self._asked.acquire()
             if serial == 4:  # the first ones allocate
@@ -106,7 +111,7 @@ class Album:
             before = time.thread_time()
             header = wire.Header(serial, 0, 0.0, scene.box, (scene.width, scene.height), self._scale)
             radii = radii or wire.pack_radii(scene.radii, header)
-            packed = wire.pack(header, self._state)
+            packed = read_in_place(self._sim, functools.partial(wire.pack, header))
             self.seconds.append(time.thread_time() - before)
             self._server.show(Shown(serial, packed, radii))
         self._asked.acquire()
@@ -119,13 +124,15 @@ def picture_cost(count: int) -> dict[str, float]:
     socket = listening("127.0.0.1", 0)
     admission = Admission("127.0.0.1", socket.getsockname()[1])
     server = Server(socket, admission)
-    album = Album(mpsim.State(scene.position, scene.velocity), scene, server)
-    server.start(album)  # pyright: ignore[reportArgumentType]
-    try:
-        with page_at(admission.address):
-            whole = album.send(13 if count >= 10**6 else 103)
-    finally:
-        server.close()
+    with mpsim.Simulation(scene, GRID) as sim:
+        sim.run(frames=10)
+        album = Album(sim, server)
+        server.start(album)  # pyright: ignore[reportArgumentType]
+        try:
+            with page_at(admission.address):
+                whole = album.send(13 if count >= 10**6 else 103)
+        finally:
+            server.close()
     return {"discs": count, "bytes": 96 + 5 * count, "packing": statistics.median(album.seconds[3:]), "whole": whole}
 
 
@@ -165,6 +172,17 @@ def alone(scene: mpsim.Scene, seconds: float) -> float:
         return (time.process_time() - started) / frames
 
 
+def alone_at_60(scene: mpsim.Scene, seconds: float) -> float:
+    """Part of a core that a run of 60 frames a second takes without a view, each frame by a call of its own."""
+    with mpsim.Simulation(scene, GRID) as sim:
+        sim.run(frames=200)
+        started, cpu = time.perf_counter(), time.process_time()
+        for k in range(round(60 * seconds)):
+            time.sleep(max(started + k / 60 - time.perf_counter(), 0.0))
+            sim.run(frames=1)
+        return (time.process_time() - cpu) / (time.perf_counter() - started)
+
+
 def cost_of_watching(turns: int, seconds: float) -> dict[str, float]:
     """What a page costs a run, in turns with the run alone."""
     scene, ratios, rates = benchmark.gas(COUNT), [], []
@@ -173,14 +191,15 @@ def cost_of_watching(turns: int, seconds: float) -> dict[str, float]:
         found = watched(scene, seconds, None)
         ratios.append(found["frame"] / ((before + alone(scene, seconds)) / 2))
         rates.append(found["pictures"])
-    slow = watched(scene, seconds, 1.0)
+    slows = [(alone_at_60(scene, seconds), watched(scene, seconds, 1.0)) for _ in range(turns)]
     return {
         "percent": 100 * (statistics.median(ratios) - 1),
         "lowest": 100 * (min(ratios) - 1),
         "highest": 100 * (max(ratios) - 1),
         "pictures": statistics.median(rates),
-        "core": 100 * slow["core"],
-        "slow_pictures": slow["pictures"],
+        "core": 100 * statistics.median(slow["core"] for _, slow in slows),
+        "alone": 100 * statistics.median(before for before, _ in slows),
+        "slow_pictures": statistics.median(slow["pictures"] for _, slow in slows),
     }
 
 
@@ -253,9 +272,10 @@ def marks_of(pictures: list[dict[str, float]], cost: dict[str, float], first: fl
             f"{cost['pictures']:.0f} pictures a second; the same digest",
         ),
         (
-            f"{COUNT:,} discs at 60 frames a second, each shown: part of a core, the run included",
-            "-",
-            f"{cost['core']:.1f} %, at {cost['slow_pictures']:.0f} pictures a second",
+            f"a page that watches {COUNT:,} discs at 60 frames a second, of a core",
+            "≤ 3 %",
+            f"{cost['core'] - cost['alone']:.1f} %, at {cost['slow_pictures']:.0f} pictures a second; the run "
+            f"alone takes {cost['alone']:.1f} %",
         ),
         ("from the command to the first picture, compiled", "≤ 1 s", f"{first:.2f} s"),
         ("the page, all files", "≤ 150 kB", f"{size:.1f} kB"),

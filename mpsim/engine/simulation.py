@@ -31,6 +31,7 @@ from mpsim.engine.replay import replayed
 from mpsim.engine.report import Report
 from mpsim.engine.run_loop import BetweenSlices, run_frames
 from mpsim.engine.solvers.base import Columns, Solver
+from mpsim.engine.solvers.in_place import InPlace
 from mpsim.engine.solvers.methods import capabilities_of, on_ranks, same_bits
 from mpsim.engine.solvers.mpi_ranks import communicator_of, raised_together, ranks_of
 from mpsim.features import FEATURES
@@ -193,6 +194,10 @@ class Simulation(Changing):
         50
         """
         return self._coordinator.open_solver().once(act)
+
+    @reading
+    def _read_in_place(self, read: Callable[[InPlace], Result]) -> Result:
+        return self._whole("discs in place").read_in_place(read)
 
     def _whole(self, what: str) -> Solver:
         """The solver, with a whole state to read."""
@@ -442,6 +447,14 @@ def jointly(sim: Simulation, act: Callable[[Team], Result]) -> Result:
     They read at the same time, as often as each other, also if one of them wants none.
     """
     return sim._coordinator.open_solver().jointly(act)  # pyright: ignore[reportPrivateUsage]
+
+
+def read_in_place(sim: Simulation, read: Callable[[InPlace], Result]) -> Result:
+    """What a function gives that reads the discs where they lie, between two slices of frames.
+
+    It must keep no view of them, write nothing, and be quick: the simulation waits.
+    """
+    return sim._read_in_place(read)  # pyright: ignore[reportPrivateUsage]
 
 
 def _refused_together(settings: Settings | None, comm: object) -> contextlib.AbstractContextManager[None]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.state import State
+from mpsim.engine.solvers.in_place import InPlace, in_place
 from mpsim.scene.scene import Scene
 from mpsim.viewer import wire
 from mpsim.viewer.colours import SpeedScale
@@ -65,13 +66,16 @@ class Broadcast:
 
     def show(self, state: State, radii: NDArray[np.float64], frame: int, moment: float) -> None:
         """Send a picture of a state."""
+        self.show_in_place(in_place(state, self._scene.box, frame, moment, radii))
+
+    def show_in_place(self, discs: InPlace) -> None:
+        """Send a picture of discs that a simulation has; no view of them is kept."""
         self._serial += 1
-        scene = self._scene
-        walls = scene.box if state.box is None else state.box
-        header = wire.Header(self._serial, frame, moment, walls, (scene.width, scene.height), self.scale)
-        if self._radii is None or len(self._radii[0]) != len(state.position):
-            self._radii = radii, wire.pack_radii(radii, header)
-        self._audience.show(Shown(self._serial, wire.pack(header, state), self._radii[1]))
+        scene, walls = self._scene, discs.box
+        header = wire.Header(self._serial, discs.frame, discs.time, walls, (scene.width, scene.height), self.scale)
+        if self._radii is None or len(self._radii[0]) != len(discs.number):
+            self._radii = discs.radii, wire.pack_radii(discs.radii, header)
+        self._audience.show(Shown(self._serial, wire.pack(header, discs, scene.periodic), self._radii[1]))
 
     def tell(self, kind: str, values: Mapping[str, Any]) -> None:
         """Send a message of a kind; see `wire.text_of`."""

@@ -1,10 +1,12 @@
 """How many frames to run now, so that a simulation keeps a given speed and a page is answered soon."""
 
+import math
+
 UNIT = 60.0
 """Frames a second at speed 1: one for each picture of a usual screen."""
 
 LOOK = 1 / 60
-"""Seconds between two looks at a run."""
+"""Shortest time between two looks at a run [s]: each begins another slice of it, which costs 0.3 ms."""
 
 TURN = 3 * LOOK
 """Seconds that frames are run for at a time, if they are all due: so long an action waits. Beginning and ending a run
@@ -41,6 +43,7 @@ class Pace:
 
     Attributes:
         speed: in units of UNIT frames a second; None: as fast as it goes.
+        look: time between two looks at a run, from LOOK to TURN [s].
 
     >>> pace = Pace(speed=1.0)
     >>> pace.start(now=10.0)
@@ -50,6 +53,7 @@ class Pace:
 
     def __init__(self, speed: float | None = 1.0):
         self.speed: float | None = speed
+        self.look: float = LOOK
         self._next = 0.0
         self._seconds_per_frame: float | None = None
 
@@ -76,11 +80,11 @@ class Pace:
 
     @property
     def frames_between_looks(self) -> int:
-        """Number of frames that take LOOK at most, at least one.
+        """Number of frames that take `look` at most, at least one.
 
         A power of two, so that it is the same from one turn to the next although frames never take quite as long.
         """
-        return 1 << (self._fitting(LOOK).bit_length() - 1)
+        return 1 << (self._fitting(self.look).bit_length() - 1)
 
     def note(self, frames: int, seconds: float) -> None:
         """Note how long some frames took."""
@@ -91,3 +95,38 @@ class Pace:
         if self._seconds_per_frame is None:
             return 1
         return min(max(int(seconds / self._seconds_per_frame), 1), MOST_FRAMES)
+
+
+class Allowance:
+    """The part of a core that something may take: after each use, how long until the next. Times are of one clock [s].
+
+    Args:
+        at_least: shortest time between two uses [s].
+
+    >>> allowance = Allowance(at_least=0.01)
+    >>> allowance.use(now=10.0, cost=0.001)
+    >>> allowance.charge(0.002)
+    >>> [round(allowance.wait(10.0, share, at_most=0.5), 3) for share in (0.001, 0.02, 0.5)]
+    [0.5, 0.15, 0.01]
+    """
+
+    def __init__(self, at_least: float):
+        self._at_least = at_least
+        self._last = -math.inf
+        self._cost = 0.0
+
+    def use(self, now: float, cost: float) -> None:
+        """Note a use now that has taken so much processor time [s]."""
+        self._last, self._cost = now, cost
+
+    def charge(self, cost: float) -> None:
+        """Note what else the last use has taken [s]."""
+        self._cost += cost
+
+    def wait(self, now: float, share: float, at_most: float) -> float:
+        """Seconds until the next use, so that all take this share of a core at most; 0: now.
+
+        at_most: longest time between two uses [s], whatever they cost.
+        """
+        pause = min(max(self._cost / share, self._at_least), at_most)
+        return max(self._last + pause - now, 0.0)

@@ -7,6 +7,7 @@ notices.
 import asyncio
 import contextlib
 import threading
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
@@ -32,6 +33,7 @@ class Pages(ABC):
         self._clients: dict[Client, asyncio.Task[None]] = {}
         self._texts: dict[str, str] = {}
         self._picture: Shown | None = None
+        self._spent = 0.0  # processor time of the thread that has been charged [s]
         self._loop: asyncio.AbstractEventLoop | None = None  # from the start
         self._end = asyncio.Event()
         self._thread = threading.Thread(target=self._serve, name=name, daemon=True)
@@ -115,6 +117,8 @@ class Pages(ABC):
             InputError: if it breaks a rule.
         """
         assert self._source is not None  # since the start
+        spent, self._spent = self._spent, time.thread_time()
+        self._source.charge(self._spent - spent)
         match action.name:
             case "ack":
                 client.acknowledge(action.values["serial"])

@@ -10,7 +10,7 @@ from typing import Any
 
 from mpsim.core.errors import ClosedError, InputError, MpsimError
 from mpsim.core.state import State
-from mpsim.engine.simulation import Simulation
+from mpsim.engine.simulation import Simulation, read_in_place
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.scene.recommended import frames_between_pictures, settings_for
 from mpsim.scene.scene import Scene
@@ -20,7 +20,7 @@ from mpsim.viewer.broadcast import Audience
 from mpsim.viewer.colours import scale_of
 from mpsim.viewer.gauges import Gauges, Meter
 from mpsim.viewer.hands import Hands
-from mpsim.viewer.pace import LOOK, Pace, first_speed
+from mpsim.viewer.pace import LOOK, TURN, Allowance, Pace, first_speed
 from mpsim.viewer.source import Source
 
 PICTURE_SECONDS = 0.8 * LOOK
@@ -29,11 +29,12 @@ PICTURE_SECONDS = 0.8 * LOOK
 GAUGE_SECONDS = 0.4
 """Shortest time between two readings of the gauges."""
 
-PICTURE_SHARE, GAUGE_SHARE = 1 / 50, 1 / 200
-"""Largest part of its time that pictures and gauges take from a simulation that runs as fast as it goes ..."""
+FULL_SPEED, WAITING = (1 / 80, 0.5), (1 / 40, 0.1)
+"""Part of a core that pictures take at most, sending included, and the longest time between two, which counts more [s].
+As fast as it goes, where each also costs a slice of the run; at other speeds, where the run waits for its frames."""
 
-LONGEST_WAIT = 0.5
-"""... but for very many discs, of which there is a picture after so many seconds at the latest."""
+READING = 1 / 200, 5.0
+"""The same of the gauges."""
 
 LOOK_SECONDS = 0.1
 """Time between two looks at a simulation that the program itself may be running."""
@@ -79,7 +80,8 @@ class Session(Source):
         self._last: tuple[int, int, int] | None = None  # run, frame and count that were looked at, ...
         self._shown: tuple[int, int, int] | None = None  # ... that the last picture shows, ...
         self._gauged: tuple[int, int, int] | None = None  # ... and that the gauges are of
-        self._next_picture = self._next_gauges = 0.0
+        self._pictures = Allowance(PICTURE_SECONDS)
+        self._readings = Allowance(GAUGE_SECONDS)
         self._hands = Hands(self._owned)
 
     # --- the thread
@@ -194,7 +196,9 @@ class Session(Source):
 
     def _run_due(self) -> None:
         """Run the frames that are due."""
-        frames = self._pace.due(time.perf_counter()) if self._playing else min(self._steps, 1)
+        now = time.perf_counter()
+        self._pace.look = min(max(self._pictures.wait(now, *self._picture_share), LOOK), TURN)
+        frames = self._pace.due(now) if self._playing else min(self._steps, 1)
         if not frames:
             return
         if self._hands.hold_still(self._simulation, time.perf_counter()):
@@ -214,29 +218,27 @@ class Session(Source):
         """Make the picture and the gauges that are due, if the simulation has moved since the last ones."""
         sim, now = self._simulation, time.perf_counter()
         where = self._last = (self._run, sim.frame, sim.count)
-        gauges = now >= self._next_gauges and where != self._gauged
         with self._wake:
-            picture = self._asked and now >= self._next_picture and where != self._shown
-        if not gauges and not picture:
-            return
-        frame, moment, state = (sim.frame, sim.time, sim.state) if self._owned else _now(sim)
-        if gauges:
+            charged, self._charged = self._charged, 0.0
+            asked = self._asked
+        self._pictures.charge(charged)
+        if where != self._gauged and not self._readings.wait(now, *READING):
             spent = time.thread_time()
             self._gauged = where
-            self._tell_gauges(state, frame, moment)
-            self._next_gauges = now + max(GAUGE_SECONDS, (time.thread_time() - spent) / GAUGE_SHARE)
-        if picture:
+            self._tell_gauges(*((sim.state, sim.frame, sim.time) if self._owned else _now(sim)))
+            self._readings.use(now, time.thread_time() - spent)
+        if asked and where != self._shown and not self._pictures.wait(now, *self._picture_share):
             now, spent = time.perf_counter(), time.thread_time()
             with self._wake:
                 self._asked = False
             self._shown = where
-            self._broadcast.show(state, sim.radii, frame, moment)
-            self._next_picture = now + max(PICTURE_SECONDS, self._fair_wait(time.thread_time() - spent))
+            read_in_place(sim, self._broadcast.show_in_place)
+            self._pictures.use(now, time.thread_time() - spent)
 
-    def _fair_wait(self, took: float) -> float:
-        """Time to the next picture after one that took so much processor time, so as not to slow down the run [s]."""
-        at_full_speed = self._playing and self._pace.speed is None  # else it has time left
-        return min(took / PICTURE_SHARE, LONGEST_WAIT) if at_full_speed else 0.0
+    @property
+    def _picture_share(self) -> tuple[float, float]:
+        """The part of a core that pictures may take now, and the longest time between two."""
+        return FULL_SPEED if self._playing and self._pace.speed is None else WAITING
 
     def _seconds_to_next(self) -> float | None:
         if self._over:
@@ -249,9 +251,9 @@ class Session(Source):
         if not self._owned:
             due.append(LOOK_SECONDS)
         if self._last != self._gauged:
-            due.append(max(self._next_gauges - now, 0.0))
+            due.append(self._readings.wait(now, *READING))
         if self._asked and self._last != self._shown:
-            due.append(max(self._next_picture - now, 0.0))
+            due.append(self._pictures.wait(now, *self._picture_share))
         return min(due, default=None)
 
     # --- what pages are shown and told
@@ -304,8 +306,8 @@ class _Glance:
         self._act()
 
 
-def _now(sim: Simulation) -> tuple[int, float, State]:
-    """Frame, time and state of a simulation that another thread of the program may be running.
+def _now(sim: Simulation) -> tuple[State, int, float]:
+    """State, frame and time of a simulation that another thread of the program may be running.
 
     Where that is quick, the state may be one of a few frames later.
     """
@@ -314,7 +316,7 @@ def _now(sim: Simulation) -> tuple[int, float, State]:
         if sim.frame == frame:
             break
         frame, moment, state = sim.frame, sim.time, sim.state
-    return frame, moment, state
+    return state, frame, moment
 
 
 def _checked(settings: Settings | None, sim: Simulation | None, scene: Scene) -> Settings:

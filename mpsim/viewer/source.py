@@ -48,6 +48,7 @@ class Source(ABC):
         self._actions: deque[wire.Action] = deque()
         self._asked = self._closing = False
         self._watching = 0
+        self._charged = 0.0  # processor time of sending [s]
         self._thread = threading.Thread(target=self._live, name="mpsim view: simulation", daemon=True)
         self._ended = threading.Event()
         # of the thread alone
@@ -88,6 +89,11 @@ class Source(ABC):
         with self._wake:
             self._asked = True
             self._wake.notify()
+
+    def charge(self, seconds: float) -> None:
+        """Say how much processor time sending has taken since the last time [s]."""
+        with self._wake:
+            self._charged += seconds
 
     def watched_by(self, pages: int) -> None:
         """Say how many pages are watching now."""

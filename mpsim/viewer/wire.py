@@ -35,9 +35,11 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
-from mpsim.core.state import Box, State
+from mpsim.core.state import Box
 from mpsim.engine import parameters
+from mpsim.engine.solvers.in_place import InPlace
 from mpsim.kernels import layout
+from mpsim.kernels.painting import paint_places
 from mpsim.viewer.colours import SpeedScale
 
 MAGIC, VERSION = b"MPSV", 1
@@ -93,27 +95,24 @@ class Picture(NamedTuple):
     colour: NDArray[np.uint8]
 
 
-def pack(header: Header, state: State) -> bytearray:
-    """A picture as bytes.
+def pack(header: Header, discs: InPlace, periodic: tuple[bool, bool] = (False, False)) -> bytearray:
+    """A picture as bytes; periodic: along which axes a disc beyond the border is seen a period away.
 
-    >>> state = State(np.array([[1.0, 2.0]]), np.array([[3.0, 4.0]]))
-    >>> header = Header(7, 10, 0.5, (0.0, 4.0, 0.0, 4.0), (4.0, 4.0), SpeedScale(5.0, 10.0))
-    >>> packed = pack(header, state)
+    >>> from mpsim.core.state import State
+    >>> from mpsim.engine.solvers.in_place import in_place
+    >>> state, box = State(np.array([[1.0, 2.0]]), np.array([[3.0, 4.0]])), (0.0, 4.0, 0.0, 4.0)
+    >>> header = Header(7, 10, 0.5, box, (4.0, 4.0), SpeedScale(5.0, 10.0))
+    >>> packed = pack(header, in_place(state, box, 10, 0.5, np.ones(1)))
     >>> len(packed), unpack(packed).position.round(3).tolist(), unpack(packed).colour.tolist()
     (101, [[1.0, 2.0]], [223])
     """
-    count = len(state.position)
+    count = len(discs.number)
     packed = bytearray(HEADER.size + 5 * count)
-    start = _header(PICTURE, header.serial, count, header)
-    packed[: HEADER.size] = start
-    places = np.frombuffer(packed, "<u2", 2 * count, HEADER.size).reshape(count, 2)
+    packed[: HEADER.size] = _header(PICTURE, header.serial, count, header)
+    places = np.frombuffer(packed, "<u2", 2 * count, HEADER.size)
     colours = np.frombuffer(packed, np.uint8, count, HEADER.size + 4 * count)
-    precision = state.position.dtype.type
-    fractions = state.position * np.array([STEPS / length for length in header.extent], precision)
-    fractions += precision(0.5)
-    np.clip(fractions, 0, STEPS, out=fractions)
-    places[:] = fractions
-    header.scale.colours(state, out=colours)
+    paint_places(discs.x, discs.y, discs.number, *header.extent, *periodic, STEPS, places)
+    header.scale.colours(discs, out=colours)
     return packed
 
 

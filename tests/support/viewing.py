@@ -11,6 +11,7 @@ from urllib.parse import urlsplit
 from websockets.sync.client import connect
 
 import mpsim
+from mpsim.engine.solvers.in_place import InPlace, in_place
 from mpsim.viewer import wire
 
 PATIENCE = 60.0
@@ -75,6 +76,16 @@ class Visitor:
     @property
     def frame(self) -> int:
         return -1 if self.picture is None else self.picture.header.frame
+
+
+def packed(header: wire.Header, state: mpsim.State, periodic: tuple[bool, bool] = (False, False)) -> bytearray:
+    """A picture of a state, as bytes."""
+    return wire.pack(header, placed(state), periodic)
+
+
+def placed(state: mpsim.State) -> InPlace:
+    """The discs of a state where it has them, in a box of no interest."""
+    return in_place(state, (0.0, 1.0, 0.0, 1.0), 0, 0.0, state.position[:, 0])
 
 
 @contextmanager

@@ -20,6 +20,7 @@ from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State, part_of
 from mpsim.core.team import Alone, Team
 from mpsim.engine.solvers.collisions import no_collisions
+from mpsim.engine.solvers.in_place import InPlace, in_place
 from mpsim.engine.solvers.slices import Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot
 from mpsim.engine.solvers.speed_limit import SpeedLimit
@@ -254,6 +255,10 @@ class Solver(ABC):
     def state_between(self, first: int, last: int) -> State:
         """The same of the discs of these numbers, from `first` to before `last`."""
         return part_of(self.state(), first, last)
+
+    def read_in_place(self, read: Callable[[InPlace], Result]) -> Result:
+        """What a function gives that reads the discs where they lie. It must keep no view, and write nothing."""
+        return read(in_place(self.state(), self._scene.box, self.frame, self.time, self.radii))
 
     def local_state(self) -> tuple[NDArray[np.int64], State]:
         """Numbers, rising, of the discs that this process has, and their state."""

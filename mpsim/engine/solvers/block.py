@@ -3,6 +3,7 @@
 import math
 import os
 from abc import abstractmethod
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,18 @@ from mpsim.core.errors import DivergedError
 from mpsim.core.sizes import kept_sizes
 from mpsim.core.state import State
 from mpsim.engine.columns import given_in
-from mpsim.engine.feature_arrays import feature_specs, fill_features
+from mpsim.engine.feature_arrays import box_now, feature_specs, fill_features
 from mpsim.engine.solvers import stepped_snapshot
-from mpsim.engine.solvers.base import Choice, NewDiscs, Origin
-from mpsim.engine.solvers.discs import absorbed_in, first_not_finite, places_and_speeds, state_in, write_discs
+from mpsim.engine.solvers.base import Choice, NewDiscs, Origin, Result
+from mpsim.engine.solvers.discs import (
+    absorbed_in,
+    first_not_finite,
+    live_discs,
+    places_and_speeds,
+    state_in,
+    write_discs,
+)
+from mpsim.engine.solvers.in_place import InPlace
 from mpsim.engine.solvers.parameters import Present, configure
 from mpsim.engine.solvers.slices import Slice, totals
 from mpsim.engine.solvers.snapshots import Snapshot, count_in
@@ -201,6 +210,13 @@ class BlockSolver(SteppedSolver):
     def state(self) -> State:
         """Copies in the order of the scene's discs."""
         return state_in(self._block, self._scene, self.count)
+
+    def read_in_place(self, read: Callable[[InPlace], Result]) -> Result:
+        """What a function gives that reads the discs in the block."""
+        count, arrays, discs = self.count, self._block.arrays, live_discs(self._block)
+        x, y, vx, vy, number = (column[:count] for column in (discs.x, discs.y, discs.vx, discs.vy, discs.id))
+        absent, box = self.absorbed if "exits" in arrays else None, box_now(self._scene, arrays)
+        return read(InPlace(x, y, vx, vy, number, absent, box, self.frame, self.time, self._radii))
 
     @property
     def absorbed(self) -> NDArray[np.bool_]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.viewing import placed
 
 import mpsim
 from mpsim.viewer.colours import ABSORBED, FASTEST, KNEE, scale_of
@@ -14,7 +15,7 @@ def moving(speeds, **others) -> mpsim.State:
 
 def colours_of(state: mpsim.State, scale=None):
     out = np.zeros(len(state.position), np.uint8)
-    (scale or scale_of(state)).colours(state, out)
+    (scale or scale_of(state)).colours(placed(state), out)
     return out
 
 

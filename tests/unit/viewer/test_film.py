@@ -5,6 +5,7 @@ import io
 import numpy as np
 import pytest
 from PIL import Image, ImageSequence
+from support.viewing import packed
 
 import mpsim
 from mpsim.viewer import film, wire
@@ -21,7 +22,7 @@ def shown(serial, x, present=(True, True)):
     """The scene with its first disc at some x, and its right wall at 19."""
     header = wire.Header(serial, serial, 0.0, (0.0, 19.0, 0.0, 10.0), (20.0, 10.0), SpeedScale(2.0, 4.0))
     state = mpsim.State(np.array([[x, 5.0], [15, 5]]), np.array([[4.0, 0], [0, 0]]), present=np.array(present))
-    return Shown(serial, wire.pack(header, state), wire.pack_radii(np.array([1.0, 1.0]), header))
+    return Shown(serial, packed(header, state), wire.pack_radii(np.array([1.0, 1.0]), header))
 
 
 def frames_of(content):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mpsim.viewer.pace import LOOK, MOST_BEHIND, TURN, UNIT, Pace
+from mpsim.viewer.pace import LOOK, MOST_BEHIND, TURN, UNIT, Allowance, Pace
 
 
 def frames_in(pace: Pace, seconds: float, tick: float) -> int:
@@ -26,6 +26,8 @@ def test_as_fast_as_it_goes_fills_a_turn():
     pace.note(10, 10 * TURN / 50)
     assert (pace.due(0.0), pace.frames_between_looks) == (48, 16), "of 50 frames, and of 16.67"
     assert pytest.approx(50 / 3) == 50 * LOOK / TURN
+    pace.look = TURN
+    assert (pace.due(0.0), pace.frames_between_looks) == (32, 32), "fewer looks"
     pace.note(1, 3.0)
     assert pace.due(0.0) == 1, "a long frame is run, too"
     assert pace.wait(0.0) == 0
@@ -48,3 +50,21 @@ def test_the_next_frame_is_waited_for():
     assert pace.wait(5.0) == pytest.approx(100 / UNIT)
     assert pace.due(5.0 + 99 / UNIT) == 0
     assert pace.due(5.0 + 101 / UNIT) == 1
+
+
+@pytest.mark.parametrize("cost", [0.0, 1e-4, 3e-3, 0.1, 5.0])
+def test_uses_take_their_share_and_no_more(cost):
+    """By a clock that is looked at each millisecond, for a minute; sending is charged after the use."""
+    allowance, share, uses, now = Allowance(at_least=0.01), 1 / 50, 0, 100.0
+    while now < 160.0:
+        if not allowance.wait(now, share, at_most=20.0):
+            allowance.use(now, cost / 2)
+            allowance.charge(cost / 2)
+            uses += 1
+        now += 0.001
+    pause = min(max(cost / share, 0.01), 20.0)
+    assert uses == pytest.approx(60 / pause, rel=0.12, abs=1)
+    if cost / share < 20:
+        assert uses * cost <= share * 60 + cost
+    else:
+        assert uses == 3, "but never longer than at_most"

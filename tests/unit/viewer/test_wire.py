@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.viewing import packed
 
 import mpsim
 from mpsim.viewer import wire
@@ -30,9 +31,9 @@ def state_of(count: int, width: float, height: float, precision: str = "float64"
 @pytest.mark.parametrize("count", [0, 1, 7, 1000])
 def test_a_picture_comes_back_to_a_step_of_the_box(count, precision):
     state, header = state_of(count, 30.0, 2.0, precision), header_of(30.0, 2.0)
-    packed = wire.pack(header, state)
-    assert len(packed) == 96 + 5 * count
-    found = wire.unpack(packed)
+    message = packed(header, state)
+    assert len(message) == 96 + 5 * count
+    found = wire.unpack(message)
     assert found.header == header
     assert np.abs(found.position - state.position).max(initial=0) <= 0.5001 * 30.0 / 65535 + 2e-6
     speeds = np.hypot(*state.velocity.T)
@@ -47,14 +48,22 @@ def test_bytes_are_where_the_format_says():
     expected = b"MPSV" + bytes([1, 1, 0, 0]) + struct.pack("<IIQ", 258, 2, 3)
     expected += struct.pack("<9d", 0.5, 0.0, 3.5, 0.0, 1.0, 4.0, 1.0, 2.0, 6.0)
     expected += struct.pack("<4H", 16384, 32768, 65535, 0) + bytes([KNEE, FASTEST])
-    assert bytes(wire.pack(header, state)) == expected
+    assert bytes(packed(header, state)) == expected
 
 
 def test_discs_beyond_the_box_are_shown_at_its_edge_and_absorbed_ones_not_at_all():
     state = mpsim.State(np.array([[-1.0, 5.0], [1.0, 1.0]]), np.zeros((2, 2)), present=np.array([True, False]))
-    found = wire.unpack(wire.pack(header_of(4.0, 4.0), state))
+    found = wire.unpack(packed(header_of(4.0, 4.0), state))
     assert found.position[0].tolist() == [0.0, 4.0]
     assert found.colour.tolist() == [0, ABSORBED]
+
+
+def test_discs_beyond_a_periodic_border_are_shown_a_period_away():
+    state = mpsim.State(np.array([[-1.0, 1.0], [4.5, 4.0], [2.0, -0.5]]), np.zeros((3, 2)))
+    found = wire.unpack(packed(header_of(4.0, 4.0), state, periodic=(True, False)))
+    assert np.abs(found.position - [[3.0, 1.0], [0.5, 4.0], [2.0, 0.0]]).max() < 1e-4
+    other = wire.unpack(packed(header_of(4.0, 4.0), state, periodic=(False, True)))
+    assert np.abs(other.position - [[0.0, 1.0], [4.0, 0.0], [2.0, 3.5]]).max() < 1e-4
 
 
 def test_radii_are_one_where_they_are_equal():
@@ -78,7 +87,7 @@ def test_radii_are_one_where_they_are_equal():
     ],
 )
 def test_what_is_no_picture_is_refused(change, text):
-    good = bytes(wire.pack(header_of(4.0, 4.0), state_of(4, 4.0, 4.0)))
+    good = bytes(packed(header_of(4.0, 4.0), state_of(4, 4.0, 4.0)))
     wire.unpack(good)
     with pytest.raises(mpsim.InputError, match=text):
         wire.unpack(change(good))
