@@ -95,7 +95,7 @@ def worst_difference(table, expected):
     return worst
 
 
-@pytest.mark.parametrize("name", long_but(SCENES, "walls", "masses, radii and losses", "piston"))
+@pytest.mark.parametrize("name", long_but(SCENES, "walls", "masses, radii and losses"))
 def test_every_collision_is_that_of_the_slow_twin(name):
     scene, number = scene_of(name), 12 if name == "absorbing" else 50
     expected, table = collisions_of_twin(scene, number), collisions_of(scene)
@@ -125,7 +125,7 @@ def counted(sim, frames):
     return np.concatenate(tallies), np.concatenate(tables)
 
 
-@pytest.mark.parametrize("method", ["event", "grid", "naive"])
+@pytest.mark.parametrize("method", long_but(["event", "grid", "naive"], "event", "grid"))
 @pytest.mark.parametrize("contact", ["impact", "push"])
 def test_collisions_add_up_to_what_is_measured(method, contact):
     mass = np.where(np.arange(200) % 2, 1.0, 3.0)
@@ -145,7 +145,7 @@ def test_collisions_add_up_to_what_is_measured(method, contact):
     assert expected == pytest.approx(tally["virial"], rel=1e-7, abs=1e-7)
 
 
-@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("precision", long_but(["float64", "float32"], "float64"))
 def test_a_lone_contact_of_stepped_methods_is_exact(precision):
     """Two discs meet between two steps: `impact` goes back to the instant, `push` knows the end of the step."""
     scene = mpsim.Scene(
@@ -169,6 +169,7 @@ def test_a_lone_contact_of_stepped_methods_is_exact(precision):
             assert {second["place"][0], third["place"][0]} == {0.0, 10.0}
 
 
+@pytest.mark.long
 def test_stepped_collisions_come_to_those_of_the_exact_solver():
     scene = scene_of("obstacles")
     exact = collisions_of(scene, frames=20)

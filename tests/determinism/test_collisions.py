@@ -11,22 +11,18 @@ from support.internals import solver_of
 from support.scenes import simulate
 from support.selection import long_but
 from support.sessions import METHODS, stage
-from support.tiles import always_tiled, on_tiles, windows_of
+from support.tiles import always_tiled, everything, on_tiles, windows_of
 
 import mpsim
 from mpsim.engine.solvers import collisions, step_log
 from mpsim.engine.solvers.base import Origin
 
 COUNT, FRAMES, DT = 1500, 24, 0.125
-INDEX = np.arange(COUNT)
 
 
 @functools.cache
 def scene():
-    return mpsim.Scene.random(
-        count=COUNT, packing=0.4, radius=np.where(INDEX % 3 == 0, 0.5, 0.375), seed=2, gravity=(0.25, -1.0),
-        boundary=("periodic", "walls"), restitution=0.9, obstacles=[mpsim.FixedDisc((5.0, 5.0), 0.8)],
-    )  # fmt: skip
+    return mpsim.Scene.random(count=COUNT, packing=0.4, seed=2, **everything(COUNT))
 
 
 def on_whole_or_tiles(tiling=(1, 1), workers=1, cuts=(FRAMES,)):

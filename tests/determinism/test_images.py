@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from support.checkpoints import rewrite
 from support.compare import assert_same_bits
 from support.scenes import gas, simulate, zoo
+from support.selection import long_but
 
 import mpsim
 
@@ -21,7 +22,7 @@ def box_of(position, velocity, boundary="periodic", **more):
     return mpsim.Scene(width=10, height=8, position=position, velocity=velocity, radius=0.5, boundary=boundary, **more)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", long_but(METHODS, *(each for each in METHODS if each != "naive")))
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_a_free_disc_goes_on_beyond_the_border(method, precision):
     """By hand: from (2, 7) at (-3, 5) for a time 10 to (-28, 57): 3 periods of 10 back, 7 of 8 on."""
@@ -39,7 +40,7 @@ def test_a_free_disc_goes_on_beyond_the_border(method, precision):
     assert state.box == (0, 10, 0, 8)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", long_but(METHODS, *(each for each in METHODS if each != "naive")))
 def test_only_periodic_axes_count(method):
     scene = box_of([[2, 7]], [[-3, 5]], ("periodic", "walls"))
     with simulate(scene, method=method, workers=2, dt=1 / 8) as sim:

@@ -11,7 +11,7 @@ from support.selection import long_but
 
 import mpsim
 
-DEFAULT = ("bare", "everything", "rough torus", "doors")
+DEFAULT = ("bare", "everything", "doors")
 FEATURES = [name for name in CASES if name.startswith("zoo")]
 NUMBERS = [1, 2, *(pytest.param(number, marks=pytest.mark.long) for number in (3, 4, 8))]
 
@@ -80,7 +80,8 @@ if MPI.COMM_WORLD.rank == 0:
 """
 
 
-@pytest.mark.parametrize("workers", long_but([2, 4], 4))
+@pytest.mark.long
+@pytest.mark.parametrize("workers", [2, 4])
 def test_workers_without_columns_change_nothing(workers):
     """Two ranks share five columns: a worker that has none, or whose rank's discs are nearly all in one column."""
     on_two, alone_there = told_by_script(2, str(workers), script=NARROW)
@@ -159,7 +160,7 @@ else:
 
 
 @pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")  # whose disc waits
-@pytest.mark.parametrize("name", ["everything", "rough torus", "doors"])
+@pytest.mark.parametrize("name", long_but(["everything", "rough torus", "doors"], "everything", "doors"))
 def test_a_checkpoint_goes_from_ranks_to_workers_and_back(name, tmp_path):
     case, whole = CASES[name](), alone(name)["digest"]
     of_ranks, of_one = tmp_path / "ranks.mpsim", tmp_path / "one.mpsim"
@@ -280,7 +281,7 @@ if MPI.COMM_WORLD.rank == 0:
 """
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", long_but([1, 2], 2))
 def test_ranks_make_room_in_the_middle_of_a_step(workers):
     """Discs that spread from a corner: the other rank begins with few, and has half of them in the end."""
     assert told_by_script(2, str(workers), script=GROWING) == alone("corner")
@@ -313,7 +314,7 @@ if MPI.COMM_WORLD.rank == 0:
 
 
 @pytest.mark.parametrize(("number", "finer"), [(2, 1), pytest.param(4, 2, marks=pytest.mark.long)])
-@pytest.mark.parametrize("name", ["corner", "wandering"])
+@pytest.mark.parametrize("name", long_but(["corner", "wandering"], "corner"))
 def test_ranks_share_a_crowd_evenly_in_every_step_and_with_the_same_bits(name, number, finer):
     """A crowd that spreads from a corner, and one that wanders. The control: columns that are never dealt anew.
 

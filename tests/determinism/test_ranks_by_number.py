@@ -269,7 +269,7 @@ def test_measures_of_more_than_a_chunk_of_discs_are_those_of_one_process_and_rea
     assert (most, at_once) == (scene.count, energy.hex())
 
 
-@pytest.mark.parametrize("name", LARGE)
+@pytest.mark.parametrize("name", long_but(LARGE, "bare"))
 def test_measures_of_more_than_a_chunk_of_discs_are_the_same_on_workers(name):
     found = []
     for method, workers in (("grid", None), ("parallel", 2)):

@@ -13,6 +13,7 @@ from support.selection import long_but
 from support.tiles import (
     assert_played_on_tiles,
     begin_with_long_windows,
+    everything,
     has_lost_discs,
     on_tiles,
     play_without_comparing,
@@ -40,9 +41,7 @@ SCENES = {
     "losses": {"restitution": 0.9, "wall_restitution": 0.8, "boundary": "periodic"},
     "rough": {**ROUGH, "spin": (INDEX % 5 - 2) / 2},
     "absorbing": {"absorbing": ("left", "top"), "gravity": (0.25, -1.0)},
-    "everything": {
-        **ROUGH, "radius": SIZES, "mass": MASSES, "gravity": (0.25, -1.0), "boundary": ("periodic", "walls"),
-    },
+    "everything": everything(COUNT),
 }  # fmt: skip
 TILINGS = [(2, 1), (1, 2), (2, 2), (3, 2), (4, 1)]
 FRAMES, DT = 24, 0.125

@@ -8,7 +8,7 @@ import pytest
 from support.compare import assert_same_bits
 from support.internals import solver_of
 from support.scenes import simulate
-from support.tiles import always_tiled, first_free_place, on_tiles, windows_of
+from support.tiles import always_tiled, everything, first_free_place, on_tiles, windows_of
 
 import mpsim
 from mpsim.engine import checkpoint
@@ -16,14 +16,10 @@ from mpsim.engine.solvers import event_windows
 
 COUNT, FRAMES, DT = 3000, 24, 0.125
 NAMES = ["pressure", "collision_rate"]
-INDEX = np.arange(COUNT)
 SCENES = {
     "walls": {"radius": 0.5},
-    "everything": {
-        "radius": np.where(INDEX % 3 == 0, 0.5, 0.375), "mass": np.where(INDEX % 3 == 0, 2.0, 0.5),
-        "gravity": (0.25, -1.0), "boundary": ("periodic", "walls"), "restitution": 0.9, "friction": 0.5,
-    },
-}  # fmt: skip
+    "everything": everything(COUNT),
+}
 EMITTERS = (mpsim.Emitter((2.0, 2.0), (3.0, 2.0), interval=0.7), mpsim.Emitter((60.0, 2.0), (-2.0, 3.0), interval=0.45))
 
 
@@ -92,7 +88,7 @@ def test_snapshots_of_tiles_hold_what_those_of_the_whole_box_hold(tmp_path):
             order = np.argsort(arrays["event"][:, -2])
             numbers = arrays["event"][order, -2]
             found.append((arrays["disc"][order], numbers, arrays["clock"], arrays["tally"]))
-    assert (found[0][1] == INDEX).all()
+    assert (found[0][1] == np.arange(COUNT)).all()
     for one, other in zip(*found, strict=True):
         assert np.array_equal(one, other)
 

@@ -16,6 +16,7 @@ import pytest
 from support import written
 from support.checkpoints import rewrite
 from support.processes import run_script
+from support.selection import long_but
 from support.written import CHECKPOINTS, TRAJECTORIES, checkpoint_name, frames_of, words
 
 import mpsim
@@ -177,7 +178,7 @@ OF_FORMAT_6 = {
 
 
 @pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning", "ignore::mpsim.FastWarning", "ignore::mpsim.OverlapWarning")
-@pytest.mark.parametrize("file", OF_FORMAT_6)
+@pytest.mark.parametrize("file", long_but(OF_FORMAT_6, *(each for each in OF_FORMAT_6 if "float32" not in each)))
 def test_a_checkpoint_of_format_6_goes_on_to_the_pinned_digest_and_is_rewritten_as_one_of_today(file, tmp_path):
     name, case = OF_FORMAT_6[file]
     path = FOLDER.with_name("format6") / f"{file}.mpsim"

@@ -128,6 +128,7 @@ def soak(simulations, acts=ACTS, settled=0):
     return equal == "True", int(growth), list(map(int, numbers))
 
 
+@pytest.mark.long
 @pytest.mark.timeout(3000)
 def test_nothing_stays_of_many_simulations(request, figures):
     long = request.config.getoption("--long")
@@ -146,6 +147,7 @@ def test_nothing_stays_of_many_simulations(request, figures):
     )
 
 
+@pytest.mark.long
 def test_control_simulations_that_are_kept_are_seen():
     equal, growth, numbers = soak(3, "[leaking]")
     assert not equal

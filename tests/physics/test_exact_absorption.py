@@ -138,6 +138,7 @@ def test_a_disc_added_later_finds_those_that_have_left_away():
         assert sim.state.velocity[:, 0].tolist() == [0.0, 1.0, 0.0]  # the second is back from the wall
 
 
+@pytest.mark.long
 def test_the_stepped_solver_comes_to_it_as_its_step_shrinks(figures):
     """Who has left, and where the others are, before chaos has multiplied the steps' errors."""
     scene = mpsim.Scene.random(count=30, width=12, height=8, radius=0.3, gravity=(0.1, -1.0), seed=2,

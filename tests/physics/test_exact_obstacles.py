@@ -153,7 +153,9 @@ def crowd(gravity, boundary="walls", **features):
                               gravity=gravity, boundary=boundary, **features)  # fmt: skip
 
 
-@pytest.mark.parametrize(("gravity", "boundary"), [(None, "walls"), ((0.0, -1.0), ("periodic", "walls"))])
+@pytest.mark.parametrize(
+    ("gravity", "boundary"), [(None, "walls"), pytest.param((0.0, -1.0), ("periodic", "walls"), marks=pytest.mark.long)]
+)
 def test_energy_is_kept_and_no_disc_ever_enters_an_obstacle(gravity, boundary, figures):
     scene = crowd(gravity, boundary)
     with exactly(scene, dt=2.0) as sim:

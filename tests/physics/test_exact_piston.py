@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from support.scenes import simulate
+from support.selection import long_but
 from support.tiles import on_tiles
 
 import mpsim
@@ -116,7 +117,7 @@ def pressed(stop, position=(6.0, 3.0), velocity=(0.1, 0.03), **features):
     return one(position, velocity, Piston("right", -0.5, stop), width=12.0, height=6.0, **features)
 
 
-@pytest.mark.parametrize("losses", [1.0, 0.5, 0.0])
+@pytest.mark.parametrize("losses", long_but([1.0, 0.5, 0.0], 1.0))
 @pytest.mark.parametrize(
     ("features", "at"),
     [({"obstacles": ACROSS}, 3.2), ({"obstacles": WEDGE, "velocity": (0.0, 0.0)}, 4.49), ({"stop": 1.0}, 1.0)],

@@ -18,6 +18,22 @@ from support.internals import solver_of
 from support.scenes import simulate
 
 
+def everything(count: int) -> dict[str, Any]:
+    """Arguments of a scene with most of what the exact solver can do; tests share it, as it is compiled once."""
+    index = np.arange(count)
+    return {
+        "radius": np.where(index % 3 == 0, 0.5, 0.375),
+        "mass": np.where(index % 3 == 0, 2.0, 0.5),
+        "gravity": (0.25, -1.0),
+        "boundary": ("periodic", "walls"),
+        "restitution": 0.9,
+        "friction": 0.5,
+        "wall_friction": 0.25,
+        "tangential_restitution": 0.5,
+        "obstacles": [mpsim.FixedDisc((5.0, 5.0), 0.8)],
+    }
+
+
 @contextlib.contextmanager
 def always_tiled(columns: int, rows: int = 1, halo: int = event_tiles.HALO) -> Iterator[None]:
     """Divide every box into so many tiles, with such a halo, however many discs and workers there are."""

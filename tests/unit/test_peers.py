@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.selection import long_but
 
 import mpsim
 
@@ -120,7 +121,7 @@ ENGINES = ("cpp", "numba", "numpy", "pymunk", "box2d", "rapier", "taichi", "warp
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # engines import what Python will drop
-@pytest.mark.parametrize("name", ENGINES)
+@pytest.mark.parametrize("name", long_but(ENGINES, *(each for each in ENGINES if each != "numba")))
 def test_walls_gain_what_the_discs_lose(name, start):
     """The impulses from which pressures come, against the momentum of the discs: for each axis, left minus right."""
     run = engine(name, start, dt=0.01)

@@ -36,6 +36,7 @@ def whole(by_hand):
         yield sim
 
 
+@pytest.mark.long
 def test_a_tile_that_is_the_whole_box_holds_what_one_worker_finds(by_hand, tiled, whole):
     tiles = by_hand.Tiles(tiled)
     truth, work = tiles.true(LENGTH), tiles.play(LENGTH, 20)

@@ -143,7 +143,9 @@ def saved(tmp_path, name="everything rough", **how):
         return sim.state, sim.save(tmp_path / "run")
 
 
-@pytest.mark.parametrize(("name", "method"), [("everything rough", "grid"), ("rough exact", "event")])
+@pytest.mark.parametrize(
+    ("name", "method"), [("everything rough", "grid"), pytest.param("rough exact", "event", marks=pytest.mark.long)]
+)
 def test_a_checkpoint_has_every_column_of_the_state(name, method, tmp_path):
     state, path = saved(tmp_path, name, method=method)
     start = mpsim.State(SCENES[name].scene().position, SCENES[name].scene().velocity)

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from support.refusals import assert_says
 from support.scenes import gas, lattice, simulate, zoo
+from support.selection import long_but
 from support.sessions import METHODS, room
 from support.tiles import first_free_place
 
@@ -83,7 +84,7 @@ TABLE = [
 ]
 
 
-@pytest.mark.parametrize("words", ["grid", "event as a whole"])
+@pytest.mark.parametrize("words", long_but(["grid", "event as a whole"], "grid"))
 def test_what_is_wrong_is_refused_by_name_and_changes_nothing(words):
     with simulate(gas(20, 0.2), dt=0.01, **METHODS[words]) as sim:
         sim.run(frames=2)
@@ -175,7 +176,7 @@ def test_a_stepped_method_parts_discs_that_are_set_on_each_other():
 
 
 @pytest.mark.parametrize("words", WORDS)
-@pytest.mark.parametrize("name", ["", "masses rough"])
+@pytest.mark.parametrize("name", long_but(["", "masses rough"], ""))
 def test_set_and_kick_do_what_they_say(words, name):
     scene = zoo(name, count=20, side=30.0) if "event" not in words else room(20)
     mass = scene.masses
@@ -198,7 +199,7 @@ def test_set_and_kick_do_what_they_say(words, name):
         assert (sim.frame, len(sim.journal)) == (3, 4)
 
 
-@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize("precision", long_but(["float32", "float64"], "float64"))
 def test_a_kick_is_computed_in_float64_and_kept_in_the_precision_of_the_run(precision):
     with simulate(zoo("masses", count=20), method="grid", precision=precision) as sim:
         before = sim.state.velocity.astype(float)
@@ -284,7 +285,7 @@ def test_a_disc_falls_as_gravity_is_changed(words):
         assert sim.run(until=3.0).frames == 16
 
 
-@pytest.mark.parametrize("words", WORDS)
+@pytest.mark.parametrize("words", long_but(WORDS, "grid"))
 def test_a_piston_goes_on_from_where_it_is(words):
     scene = mpsim.Scene(
         width=16, height=4, position=[[2, 2]], velocity=[[0, 0]], radius=0.5, piston=mpsim.Piston("right", -1.0, 6.0)
@@ -396,7 +397,7 @@ def changed(sim, changes):
 
 @settings(max_examples=25, deadline=None)
 @given(changes=OF_DISCS)
-@pytest.mark.parametrize("words", ["naive", "grid", "parallel on 2"])
+@pytest.mark.parametrize("words", long_but(["naive", "grid", "parallel on 2"], "grid"))
 def test_what_follows_is_what_a_new_simulation_of_the_changed_state_does(words, changes):
     """Bit for bit; for the exact solver, whose clock then has other digits, see the next one."""
     scene = room(30, gravity=(0.0, -0.25))

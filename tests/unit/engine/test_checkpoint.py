@@ -46,12 +46,12 @@ def test_a_scene_without_discs_is_saved_too(tmp_path):
 
 
 def test_a_lattice_is_a_few_numbers_in_the_file_and_a_lattice_again_when_read(tmp_path):
-    scene = mpsim.Scene.lattice(count=5000, packing=0.4, radius=0.5, seed=2, gravity=(0, -1), duration=3.0)
+    scene = mpsim.Scene.lattice(count=5000, packing=0.4, radius=0.5, seed=2, duration=3.0)
     with simulate(scene, method="grid", precision="float32") as sim:
         sim.run(frames=3)
         path, digest = sim.save(tmp_path / "run.mpsim"), sim.digest()
     with np.load(path) as file:
-        assert [name for name in file.files if name.startswith("scene.")] == ["scene.radius", "scene.gravity"]
+        assert [name for name in file.files if name.startswith("scene.")] == ["scene.radius"]
     assert path.stat().st_size < 17 * scene.count, "the positions and velocities of now, in float32"
     with mpsim.Simulation.resume(path) as sim:
         assert sim.scene.on_lattice == scene.on_lattice

@@ -9,6 +9,7 @@ import pytest
 from support.checkpoints import rewrite
 from support.compare import assert_same_bits
 from support.scenes import simulate
+from support.selection import long_but
 
 import mpsim
 from mpsim.engine import emission
@@ -117,6 +118,7 @@ def test_what_the_walls_took_up_is_counted_over_a_stop_inside_a_frame():
     assert found[0] > 0
 
 
+@pytest.mark.long
 def test_stepped_methods_agree_with_the_exact_solver(monkeypatch):
     """Frames that no interval is a multiple of. `impact` resolves one collision of a disc in a frame exactly."""
     until = 2.8
@@ -154,7 +156,7 @@ def test_a_disc_that_waits_tries_again_at_times_that_do_not_depend_on_the_step(m
     assert caught[0].filename == __file__
 
 
-@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("precision", long_but(["float64", "float32"], "float64"))
 @pytest.mark.parametrize("pieces", [1, 20])
 def test_workers_and_pieces_change_no_bit_while_discs_wait(pieces, precision):
     expected = ran(BUSY, 6.0, method="grid", dt=0.02, precision=precision)[0]

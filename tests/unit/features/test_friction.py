@@ -201,6 +201,7 @@ def test_kinetic_energy_counts_the_rotation_of_uniform_discs():
     assert measure.rotational_energy(gone, scene) == 0.25 * 0.25 * 9
 
 
+@pytest.mark.long
 def test_the_energy_drift_of_rough_elastic_discs_is_rounding():
     scene = gas(40, 0.3, friction=math.inf, tangential_restitution=1.0, spin=2.0)
     with simulate(scene, method="naive", dt=0.02, contact="impact") as sim:

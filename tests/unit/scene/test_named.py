@@ -90,12 +90,14 @@ def passed_by(name: str, begin: float, end: float) -> int:
         return int(before - sim.state.image[:, 1].sum())
 
 
+@pytest.mark.long
 def test_rough_grains_pass_a_gap_more_slowly():
     rough, smooth = passed_by("rough-hopper", 2, 7), passed_by("hopper", 2, 7)
     assert 150 < rough < 250
     assert 280 < smooth < 400, "the control"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("friction", [0.5, 0.0])
 def test_rough_grains_stand_higher_against_a_wall(friction, tmp_path):
     text = (PACKAGED / "rough-sediment.toml").read_text()

@@ -116,6 +116,7 @@ def test_another_reference_stands_in_where_the_exact_solver_cannot():
 # Balances of one run
 
 
+@pytest.mark.long
 def test_a_falling_disc_drifts_by_what_the_stepping_adds():
     """v += g dt, then p += v dt (`push`): after n frames the disc is g n (n + 1) / 2 dt^2 lower, n dt^2 g / 2 too low.
 

@@ -79,6 +79,7 @@ def test_a_function_that_has_a_parameter_of_that_name_gets_it():
     assert sweep(at, {"dt": [2.0], "until": [3.0]}).rows[0].values == {"product": 6.0}
 
 
+@pytest.mark.long
 def test_measures_that_a_scene_cannot_have_are_left_out_unless_they_are_asked_for():
     falling = gas(20, 0.2, gravity=(0, -1), boundary="periodic")
     (row,) = sweep(falling, {"method": ["grid"]}, frames=5).rows

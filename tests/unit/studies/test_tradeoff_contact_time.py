@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from support.scenes import gas
+from support.selection import long_but
 
 import mpsim
 from mpsim import Scene, Settings, tradeoff, tune
@@ -152,7 +153,7 @@ def test_the_page_on_accuracy_says_what_each_named_scene_is_compared_with():
         assert f"| {name} | {given} |" in page, name
 
 
-@pytest.mark.parametrize("name", ["channel", "piston", "hopper"])
+@pytest.mark.parametrize("name", long_but(["channel", "piston", "hopper"], "piston"))
 def test_a_named_scene_is_compared_with_the_exact_solver(name):
     """A part of its duration, before grains come to rest. As before: losses under gravity were compared with steps."""
     assert preliminary_run(Scene.load(name), 0.5).reference_name.startswith("the exact solver")

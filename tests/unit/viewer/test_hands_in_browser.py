@@ -14,6 +14,7 @@ from PIL import Image
 from support.browser import browser
 from support.browser import until as until_it_happens
 from support.scenes import gas
+from support.selection import long_but
 from support.viewing import viewed
 
 import mpsim
@@ -420,7 +421,7 @@ def test_an_address_that_waits_starts_paused_with_the_view_it_holds(table, capsy
     assert t.complaints == []
 
 
-@pytest.mark.parametrize("width", [320, 390, 1280, 1920])
+@pytest.mark.parametrize("width", long_but([320, 390, 1280, 1920], 320))
 def test_nothing_is_wider_than_the_screen_with_all_panels_open(table, width):
     t = table(size=(width, 800))
     t.show("parameters")

@@ -260,7 +260,13 @@ def test_a_heap_without_any_restitution_is_a_model_with_a_contact_time():
 
 
 @pytest.mark.filterwarnings("ignore::mpsim.GuardWarning")
-@pytest.mark.parametrize("losses", [{"restitution": 0.0}, {"wall_restitution": 0.0}], ids=["of discs", "of a surface"])
+@pytest.mark.parametrize(
+    "losses",
+    [
+        pytest.param({"restitution": 0.0}, marks=pytest.mark.long, id="of discs"),
+        pytest.param({"wall_restitution": 0.0}, id="of a surface"),
+    ],
+)
 def test_what_meets_without_any_restitution_parts_by_a_rounding(losses):
     """As before: rounding left such discs approaching, and an impact was too small to change that: a stall."""
     slanted = mpsim.Polyline([[2, 3], [6, 7.3], [9, 6]], thickness=0.3)
