@@ -25,6 +25,7 @@ from numba.extending import register_jitable
 
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.kernels import compile_notice
+from mpsim.kernels.compile_turns import Turns
 from mpsim.kernels.linking import KernelCompiler, PartCompiler
 
 logger = logging.getLogger("mpsim")
@@ -81,7 +82,12 @@ def _cached(dispatcher: Any) -> Any:
     """Keep the machine code of a function in mpsim's own cache folder."""
     if JIT_DISABLED:
         return dispatcher
-    _watch_compiling(dispatcher)
+    turns = (
+        None
+        if _FOLDER is None
+        else Turns(_FOLDER, f"{dispatcher.py_func.__module__}.{dispatcher.py_func.__qualname__}")
+    )
+    _watch_compiling(dispatcher, turns)
     _type_without_literals(dispatcher)
     if _FOLDER is not None:
         # Numba reads this setting only while a function's cache is set up, so other users' functions keep theirs.
@@ -90,11 +96,11 @@ def _cached(dispatcher: Any) -> Any:
             dispatcher.enable_caching()
         finally:
             config.CACHE_DIR = users_folder
-    _watch_loading(dispatcher._cache)
+    _watch_loading(dispatcher._cache, turns)
     return dispatcher
 
 
-def _watch_compiling(dispatcher: Any) -> None:
+def _watch_compiling(dispatcher: Any, turns: Turns | None) -> None:
     """Make Ctrl-C wait for the end of a compilation or load, whose callbacks from LLVM cannot pass an exception on.
 
     And have it announced and timed, if it is a compilation.
@@ -103,7 +109,11 @@ def _watch_compiling(dispatcher: Any) -> None:
 
     def compile_undisturbed(signature: Any) -> Any:
         with interrupts_held_back(), compile_notice.asked_for(name, signature, _FOLDER is not None):
-            return compile_signature(signature)
+            try:
+                return compile_signature(signature)
+            finally:
+                if turns is not None:
+                    turns.give_back()
 
     dispatcher.compile = compile_undisturbed
 
@@ -119,22 +129,27 @@ def _type_without_literals(dispatcher: Any) -> None:
     dispatcher.get_call_template = call_template_without_literals
 
 
-def _watch_loading(cache: Any) -> None:
+def _watch_loading(cache: Any, turns: Turns | None) -> None:
     """Let a damaged cache file (a full disk, a killed process) be a reason to compile anew, not to fail.
 
-    And notice what is not in the cache, and will be compiled.
+    And notice what is not in the cache, and will be compiled, by this process or another.
     """
     load = cache.load_overload
 
-    def load_or_recompile(signature: Any, target_context: Any) -> Any:
+    def load_undamaged(signature: Any, target_context: Any) -> Any:
         try:
-            found = load(signature, target_context)
+            return load(signature, target_context)
         except Exception as error:  # whatever a damaged pickle may raise
             logger.warning("mpsim: a file of the kernel cache is damaged (%r); that kernel is compiled anew.", error)
             cache.flush()
-            found = None
+            return None
+
+    def load_or_recompile(signature: Any, target_context: Any) -> Any:
+        found = load_undamaged(signature, target_context)
         if found is None:
             compile_notice.not_cached()
+            if turns is not None:
+                found = turns.load_or_take(signature, lambda: load_undamaged(signature, target_context))
         return found
 
     cache.load_overload = load_or_recompile

@@ -1,8 +1,11 @@
 """The cache of machine code: never stale, not needed to be writable; and importing mpsim compiles nothing."""
 
 import contextlib
+import os
 import re
 import shutil
+import subprocess
+import sys
 
 import pytest
 from support.processes import Script, assert_clean, run_script
@@ -123,6 +126,63 @@ def test_many_first_runs_at_once_on_one_cold_cache_agree(tmp_path, figures):
         assert_clean(outcome)
     assert len({outcome.out for outcome in outcomes}) == 1
     figures.note("R16", "grid", "8 first runs at once on one cold cache", "one digest, no complaint", "one digest")
+
+
+COMPILING = """
+import sys, threading
+from mpsim.kernels import compile_turns
+from mpsim.kernels.compiling import compiled
+from numba.core import event
+
+compile_turns.LONGEST = float(sys.argv[1])
+
+@compiled
+def sum_of(values):
+    total = 0.0
+    for value in values:
+        total += value
+    return total
+
+class Count(event.Listener):
+    number = 0
+    def on_start(self, event): pass
+    def on_end(self, event): Count.number += 1
+
+import numpy as np
+sum_of(np.zeros(3, np.float32))
+print("ready", flush=True)
+sys.stdin.readline()
+with event.install_listener("numba:run_pass", Count()):
+    sum_of(np.ones(3))
+print(Count.number > 0)
+"""
+
+
+def compiled_by(folder, longest):
+    """Which of two processes compiled a kernel, that both needed at once."""
+    folder.mkdir()
+    path = folder / "kernel.py"
+    path.write_text(COMPILING)
+    runs = [
+        subprocess.Popen(
+            [sys.executable, str(path), str(longest)],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(folder)},
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )
+        for _ in range(2)
+    ]  # fmt: skip
+    for run in runs:
+        assert run.stdout.readline() == "ready\n"
+    for run in runs:
+        run.stdin.write("\n")
+        run.stdin.flush()
+    return sorted(run.communicate(timeout=60)[0] for run in runs)
+
+
+def test_of_two_processes_that_need_a_kernel_at_once_one_compiles_it(tmp_path):
+    assert compiled_by(tmp_path / "in turns", 60) == ["False\n", "True\n"]
+    without = [compiled_by(tmp_path / f"control {number}", 0) for number in range(3)]
+    assert ["True\n", "True\n"] in without, "the control: who waits for nobody compiles it, too"
 
 
 def test_importing_mpsim_compiles_nothing_and_is_quick():
