@@ -172,8 +172,10 @@ def compiled_by(folder, longest):
         for _ in range(2)
     ]  # fmt: skip
     for run in runs:
+        assert run.stdout is not None
         assert run.stdout.readline() == "ready\n"
     for run in runs:
+        assert run.stdin is not None
         run.stdin.write("\n")
         run.stdin.flush()
     return sorted(run.communicate(timeout=60)[0] for run in runs)
