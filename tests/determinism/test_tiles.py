@@ -320,6 +320,7 @@ def before_a_crush():
     )  # fmt: skip
 
 
+@pytest.mark.long
 def test_what_a_tile_counted_that_was_not_played_to_its_end_is_forgotten(monkeypatch):
     """Windows as long as laps: one of them comes to the disc that is crushed, and is played again in halves."""
     monkeypatch.setattr(event_windows, "PATIENCE", 0)  # so that each command plays a window, and hands out its counts

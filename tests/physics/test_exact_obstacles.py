@@ -97,6 +97,7 @@ def test_a_ball_rolls_off_the_end_of_a_ledge_round_its_corner():
     assert found[1] == pytest.approx(5.5 - 0.5 * late**2, abs=1e-5)
 
 
+@pytest.mark.long
 def test_restitution_of_an_obstacle_takes_the_same_part_of_each_fall():
     e, height = 0.8, 2.0
     scene = one((5.0, 3.5 + height), (0, 0), FixedDisc((5.0, 2.0), 1.0), gravity=(0, -1.0), wall_restitution=e)
@@ -217,6 +218,7 @@ def test_the_stepped_solver_comes_to_it_as_its_step_shrinks(figures):
     assert error < 1e-9
 
 
+@pytest.mark.long
 def test_where_obstacles_are_listed_does_not_matter():
     """Other cells, and squares of several of them."""
     place, speed = [[2.6, 2.5], [0.4, 1.1]], [[0.3, -1.0], [0.7, 0.2]]

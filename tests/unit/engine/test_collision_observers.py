@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.refusals import assert_says
 from support.scenes import gas, simulate
+from support.selection import long_but
 
 import mpsim
 from mpsim.engine.solvers.base import Choice, Solver
@@ -70,7 +71,7 @@ def test_what_is_chosen_is_a_part_of_all():
     assert 0 < len(two.table) < len(table)
 
 
-@pytest.mark.parametrize("method", ["event", "grid"])
+@pytest.mark.parametrize("method", long_but(["event", "grid"], "event"))
 def test_sensors_count_what_the_table_says(method):
     seen = mpsim.Collisions()
     sensors = {

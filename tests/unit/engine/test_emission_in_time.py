@@ -94,6 +94,7 @@ def ran(scene, until, pieces=1, **settings):
         return sim.state, collisions
 
 
+@pytest.mark.long
 def test_the_exact_solver_has_the_same_bits_for_every_frame():
     """At 6, which is a whole number of all these frames, and in float64 the same number."""
     expected, collisions = ran(BUSY, 6.0, method="event", dt=1.0)

@@ -6,6 +6,7 @@ import tempfile
 import numpy as np
 import pytest
 from support.scenes import gas, simulate, zoo
+from support.selection import long_but
 
 import mpsim
 from mpsim.viewer import hands as hands_module
@@ -121,7 +122,7 @@ def test_a_throw_is_at_most_one_radius_a_step_where_there_are_steps(table):
     assert exact.sim.state.velocity[3].tolist() == [300.0, 400.0]
 
 
-@pytest.mark.parametrize("name", ["radii masses", "", "rough radii"])
+@pytest.mark.parametrize("name", long_but(["radii masses", "", "rough radii"], "radii masses", ""))
 def test_a_disc_is_added_at_rest_with_what_discs_of_the_scene_have(table, name):
     t = table(zoo(name, count=5, side=20.0))
     x, y = free_place(t.sim)
