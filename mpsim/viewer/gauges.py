@@ -8,11 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mpsim import measure
 from mpsim.core.errors import InputError
 from mpsim.core.state import State
 from mpsim.engine.report import Report
+from mpsim.kernels.layout import PHASES
 from mpsim.measure.driving import adds_discs, has_losses, removes_discs
 from mpsim.measure.observables import has_periodic_field
 from mpsim.scene.scene import Scene
@@ -37,12 +39,27 @@ class Meter:
     def start(self, now: float) -> None:
         """Begin anew: the time before does not count, as nothing ran."""
         self._since, self._frames, self._seconds, self._collisions = now, 0, 0.0, 0
+        self._phases: NDArray[np.float64] = np.zeros((len(PHASES), 0))
 
     def note(self, report: Report) -> None:
         """Note a run."""
         self._frames += report.frames
         self._seconds += float(report.frame_seconds.sum())
         self._collisions += report.collisions
+        phases = np.stack([report.phase_seconds[name].sum(axis=0) for name in PHASES])
+        self._phases = self._phases + phases if self._phases.shape == phases.shape else phases
+
+    def workers(self) -> dict[str, Any]:
+        """Each worker's part of its time in each phase since the last reading, the last one waiting; None: nothing ran.
+
+        >>> Meter(0.0).workers()
+        {'phases': ('move', 'sort', 'even columns', 'odd columns', 'wait'), 'workers': None, 'waiting': nan}
+        """
+        total = float(self._phases.sum())
+        if not total > 0:
+            return {"phases": PHASES, "workers": None, "waiting": math.nan}
+        of_each = self._phases / np.maximum(self._phases.sum(axis=0), 1e-12)
+        return {"phases": PHASES, "workers": of_each.T.copy(), "waiting": float(self._phases[-1].sum()) / total}
 
     def read(self, count: int, now: float) -> "Rates":
         """The rates since the last reading; NaN where nothing has run."""

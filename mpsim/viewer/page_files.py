@@ -31,8 +31,8 @@ class PageFile:
 def page_files() -> dict[str, PageFile]:
     """All files of the page, by the name that a browser asks for; the page itself has the empty name.
 
-    >>> " ".join(sorted(page_files()))
-    ' common.js decode.js discs.js gauges.js hands.js keep.js link.js page.css page.js sliders.js socket.js stage.js'
+    >>> " ".join(sorted(name for name in page_files() if not name.endswith(".js"))), "page.js" in page_files()
+    (' page.css', True)
     """
     found = {}
     for file in _FOLDER.iterdir():

@@ -18,6 +18,7 @@ from mpsim.scene.settings import Settings
 from mpsim.viewer import keep, wire
 from mpsim.viewer.broadcast import Audience
 from mpsim.viewer.colours import scale_of
+from mpsim.viewer.counting import Counting, bulk_pressure
 from mpsim.viewer.gauges import Gauges, Meter
 from mpsim.viewer.hands import Hands
 from mpsim.viewer.pace import LOOK, TURN, Allowance, Pace, first_speed
@@ -83,6 +84,7 @@ class Session(Source):
         self._pictures = Allowance(PICTURE_SECONDS)
         self._readings = Allowance(GAUGE_SECONDS)
         self._hands = Hands(self._owned)
+        self._counting = Counting()
 
     # --- the thread
 
@@ -119,6 +121,7 @@ class Session(Source):
         state = self._sim.state
         self._gauges, self._broadcast.scale = Gauges(self.scene, state), scale_of(state)
         self._run += 1
+        self._counting.forget()
         self._shown = self._gauged = None
         self._broadcast.forget_radii()
         self._over = False
@@ -167,6 +170,9 @@ class Session(Source):
                     )
                 self._steps = 0
                 self._begin()
+            case "count":
+                self._counting.wanted = action.values["value"]
+                self._counting.forget()
             case "keep":
                 keep.answer(None if self._over else self._sim, self._name, **action.values)
             case "hold" | "release" | "add" | "remove" | "change" | "undo":
@@ -187,6 +193,7 @@ class Session(Source):
         """Note that the simulation is another than it was at this frame: energies count from now on."""
         self._run += 1
         self._gauges = None
+        self._counting.forget()
         self._broadcast.tell_if_new("hands", self._hands.told(self._simulation))
 
     def _advance(self) -> None:
@@ -203,9 +210,11 @@ class Session(Source):
             return
         if self._hands.hold_still(self._simulation, time.perf_counter()):
             self._changed()
-        report = self._simulation.run(frames=frames, observe=_Glance(self._pace.frames_between_looks, self._look))
+        sim, glance = self._simulation, _Glance(self._pace.frames_between_looks, self._look)
+        report = sim.run(frames=frames, measures=self._counting.measures(sim), observe=glance)
         self._pace.note(frames, float(report.frame_seconds.sum()))
         self._meter.note(report)
+        self._counting.note(report)
         if self._steps:
             self._steps -= frames
 
@@ -290,8 +299,10 @@ class Session(Source):
             self._gauges = Gauges(self._simulation.scene, state)
         self._broadcast.scale = scale_of(state)
         numbers = self._gauges.of(state)
+        workers = self._meter.workers()
         rates = self._meter.read(numbers["discs"], time.perf_counter())
-        self._broadcast.tell("gauges", {"frame": frame, "time": moment, **numbers, **vars(rates)})
+        numbers |= self._counting.numbers() | {"bulk_pressure": bulk_pressure(state, self._simulation.scene)}
+        self._broadcast.tell("gauges", {"frame": frame, "time": moment, **numbers, **vars(rates), **workers})
 
 
 class _Glance:

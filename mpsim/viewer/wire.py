@@ -217,6 +217,7 @@ ACTIONS: Mapping[str, Mapping[str, Field]] = {
     "step": {"frames": _whole(1, MOST_STEPS)},
     "speed": {"value": _speed},
     "reset": {},
+    "count": {"value": checks.truth},
     # by hand, see hands.py; same: it goes on with the action before, and is taken back together with it
     "hold": {"id": _DISC, "x": _number, "y": _number},
     "release": {"vx": _number, "vy": _number},

@@ -6,7 +6,13 @@ export const KEPT = 240; // readings of a gauge in its chart
 
 /** Least height of a chart, where less is rounding; of the others it is 2 % of the value. */
 export const LEAST = { energy_drift: 1e-9 };
-export const GAUGES = ["temperature", "energy_drift", "collisions_per_second", "frames_per_second", "nanoseconds"];
+export const GAUGES = ["temperature", "energy_drift", "pressure", "largest_overlap", "collisions_per_second", "frames_per_second", "nanoseconds"];
+
+/** What is kept of each reading: a table has columns beside the gauge's own. */
+export const RECORDED = [...GAUGES, "frame", "time", "pressure_error", "bulk_pressure"];
+
+/** Colours of the phases of a worker (Okabe and Ito), waiting last. */
+const PHASES = ["#0072b2", "#56b4e9", "#e69f00", "#d55e00", "#c9d0d8"];
 
 export function drawGauges() {
   const gauges = state.gauges;
@@ -20,7 +26,44 @@ export function drawGauges() {
   $("drift-note").textContent = gauges?.energy_note
     ? `not conserved here: ${gauges.energy_note}` : "since the start, of the kinetic energy";
   $("speeds-note").textContent = gauges ? gauges.speeds?.note ?? (gauges.speeds ? "" : "no disc moves") : "";
+  $("count").checked = Boolean(gauges?.counting);
+  $("pressure-note").textContent = pressureNote(gauges);
   drawSpeeds(gauges?.speeds);
+  drawWorkers(gauges);
+}
+
+function pressureNote(gauges) {
+  if (!gauges?.counting) return "not counted";
+  if (gauges.pressure_note) return gauges.pressure_note;
+  const error = gauges.pressure_error === null ? "error not known yet" : `± ${digits(gauges.pressure_error)}`;
+  return gauges.bulk_pressure === null ? error : `${error}; equation of state of the bulk ${digits(gauges.bulk_pressure)}`;
+}
+
+/** A bar for each worker: the parts of its time in each phase. */
+function drawWorkers(gauges) {
+  const canvas = $("workers"), each = gauges?.workers;
+  canvas.style.height = `${1.3 * (each?.length ?? 1) + 1.6 * Math.ceil((gauges?.phases.length ?? 1) / 2)}rem`;
+  const { width, height, ratio } = sharpen(canvas), c = canvas.getContext("2d"), size = fontSize(ratio);
+  c.clearRect(0, 0, width, height);
+  $("workers-note").textContent = each ? `waiting ${Math.round(100 * gauges.waiting)} %` : "nothing runs";
+  if (!each) return;
+  const rows = Math.ceil(gauges.phases.length / 2), bar = (height - 1.5 * size * rows) / each.length;
+  c.font = `${size}px system-ui, "DejaVu Sans", sans-serif`;
+  each.forEach((parts, k) => {
+    let x = 0;
+    parts.forEach((part, phase) => {
+      c.fillStyle = PHASES[phase];
+      c.fillRect(x, k * bar, part * width, bar - 2 * ratio);
+      x += part * width;
+    });
+  });
+  gauges.phases.forEach((name, phase) => {
+    const x = (phase % 2) * width / 2, y = height - 1.5 * size * (rows - Math.floor(phase / 2)) + 1.1 * size;
+    c.fillStyle = PHASES[phase];
+    c.fillRect(x, y - 0.75 * size, 0.8 * size, 0.8 * size);
+    c.fillStyle = "#16191d";
+    c.fillText(name, x + size, y);
+  });
 }
 
 /** The last readings of a gauge as a line, from the lowest to the highest. */

@@ -1,20 +1,11 @@
 // Keep: a picture, a film, the session, the scene of this moment, a program, and an address that shows the same.
 
 import { $, state } from "./common.js";
+import { download, fileName } from "./export.js";
 import { SPEEDS, opened, send, takers } from "./link.js";
 import { camera, draw, requestDraw } from "./stage.js";
 
 const note = (text) => { $("keep-note").textContent = text; };
-const fileName = (ending) => `${(state.scene?.name || "mpsim").replace(/[^\w-]+/g, "_")}-${state.picture?.frame ?? 0}${ending}`;
-
-function download(blob, name) {
-  const link = document.createElement("a");
-  [link.href, link.download] = [URL.createObjectURL(blob), name];
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 60000);
-  note(`${name}, ${Math.max(Math.round(blob.size / 1000), 1)} kB`);
-}
-
 /** A file that the simulation makes; null, with a note, if it cannot. */
 async function made(name) {
   note("…");

@@ -2,7 +2,7 @@
 
 import { $, digits, state } from "./common.js";
 import { RADII, VERSION, decode } from "./decode.js";
-import { GAUGES, KEPT, drawGauges } from "./gauges.js";
+import { KEPT, RECORDED, drawGauges } from "./gauges.js";
 import { inNotebook, openSocket } from "./socket.js";
 import { requestDraw } from "./stage.js";
 
@@ -33,7 +33,7 @@ export function take(message) {
     state.gauges = message;
     if (message.frame < state.historyFrame) state.history = {};
     state.historyFrame = message.frame;
-    for (const name of GAUGES) {
+    for (const name of RECORDED) {
       const values = (state.history[name] ??= []);
       values.push(message[name]);
       if (values.length > KEPT) values.shift();

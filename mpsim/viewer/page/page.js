@@ -4,6 +4,7 @@ import { $, bound, state } from "./common.js";
 import { drawGauges } from "./gauges.js";
 import "./hands.js";
 import "./keep.js";
+import { offerSaving } from "./export.js";
 import "./sliders.js";
 import { SPEEDS, connect, refuse, send, showStatus } from "./link.js";
 import { camera, forgetLegend, renderer, requestDraw, stage } from "./stage.js";
@@ -27,6 +28,9 @@ $("speed").max = SPEEDS.length - 1;
 $("speed").value = USUAL;
 $("speed").addEventListener("input", () => { state.dragging = true; setSpeed(+$("speed").value); });
 $("speed").addEventListener("change", () => { state.dragging = false; });
+
+$("count").addEventListener("change", () => send({ do: "count", value: $("count").checked }));
+offerSaving();
 
 $("zoom-in").addEventListener("click", () => camera.zoomBy(1.5));
 $("zoom-out").addEventListener("click", () => camera.zoomBy(1 / 1.5));

@@ -8,6 +8,7 @@ from support.scenes import gas
 
 import mpsim
 from mpsim import measure
+from mpsim.kernels.layout import PHASES
 from mpsim.viewer.gauges import Gauges, Meter
 
 
@@ -85,10 +86,24 @@ def test_maxwell_is_not_promised_where_it_cannot_be_expected():
 
 def test_rates_are_those_since_the_last_reading():
     meter, seconds = Meter(100.0), np.full(10, 2e-6)
-    report = mpsim.Report(seconds, {}, 40, "grid", 1, (0,), 0, {}, 0)
+    report = mpsim.Report(seconds, dict.fromkeys(PHASES, np.zeros((10, 1))), 40, "grid", 1, (0,), 0, {}, 0)
     meter.note(report)
     meter.note(report)
     rates = meter.read(count=50, now=102.0)
     assert (rates.frames_per_second, rates.collisions_per_second) == (10.0, 40.0)
     assert rates.nanoseconds == pytest.approx(2e-6 * 1e9 / 50)
     assert math.isnan(meter.read(count=50, now=103.0).frames_per_second), "nothing has run since"
+
+
+def test_parts_of_a_workers_time_add_up_to_one():
+    meter = Meter(0.0)
+    with mpsim.Simulation(gas(200, 0.3), mpsim.Settings(method="grid")) as sim:
+        report = sim.run(frames=20)
+        meter.note(report)
+        meter.note(sim.run(frames=5))
+    found = meter.workers()
+    assert found["workers"].shape == (1, len(found["phases"]))
+    assert found["workers"].sum(axis=1) == pytest.approx(1.0)
+    assert found["waiting"] == pytest.approx(report.waiting, abs=0.3)
+    assert meter.read(200, 1.0).frames_per_second == 25
+    assert meter.workers()["workers"] is None, "since the last reading"

@@ -5,6 +5,7 @@
 import base64
 import contextlib
 import io
+import pathlib
 import re
 import time
 
@@ -255,3 +256,32 @@ def test_nothing_is_fetched_from_elsewhere(shown, opened):
     asked = page.page.evaluate("performance.getEntriesByType('resource').map((each) => each.name)")
     assert asked
     assert all(name.startswith(page.view.address) for name in asked)
+
+
+DRAG = """(inside) => {
+    const data = new DataTransfer(), place = document.querySelector(inside).parentElement;
+    place.dispatchEvent(new DragEvent("dragstart", { dataTransfer: data, bubbles: true }));
+    return data.getData("text/plain").trim().split("\\n").map((line) => line.split(","));
+}"""
+
+
+def test_gauges_are_saved_as_tables_and_pictures(shown):
+    page = shown()
+    until(lambda: page.text("temperature") != "–" and page.text("workers-note") not in ("", "nothing runs"))
+    page.page.click("#play")
+    page.settle()
+    until(lambda: page.page.evaluate(DRAG, "#temperature")[-1][0] == str(page.sim.frame))
+    place = page.page.locator("#temperature").locator("xpath=..")
+    for kind, begins in (("CSV", b"frame,time,temperature\n"), ("PNG", b"\x89PNG")):
+        with page.page.expect_download() as waited:
+            place.get_by_role("button", name=kind).click()
+        content = pathlib.Path(waited.value.path()).read_bytes()
+        assert content.startswith(begins)
+        if kind == "CSV":
+            frame, moment, value = map(float, content.decode().splitlines()[-1].split(","))
+            assert (frame, moment) == (page.sim.frame, page.sim.time)
+            assert value == measure.temperature(page.sim.state, SCENE)
+    lines = page.page.evaluate(DRAG, "#speeds")
+    assert lines[0] == ["from", "to", "density", "maxwell"]
+    assert float(lines[-1][1]) == pytest.approx(np.hypot(*page.sim.state.velocity.T).max(), rel=1e-6)
+    assert page.complaints == []

@@ -167,6 +167,18 @@ def test_numbers_are_those_of_the_state_that_is_shown(start):
     assert found["time"] == session._sim.time
 
 
+def test_pressure_and_overlap_are_counted_when_they_are_asked_for(start):
+    session, watcher = start(gas(300, 0.4), GRID)
+    watcher.wait(lambda w: w.told.get("gauges", {}).get("waiting") is not None)
+    assert (watcher.told["gauges"]["pressure"], watcher.told["gauges"]["counting"]) == (None, False)
+    assert len(watcher.told["gauges"]["workers"]) == 1
+    do(session, "count", value=True)
+    watcher.wait(lambda w: w.told["gauges"]["pressure"] is not None and w.told["gauges"]["largest_overlap"] is not None)
+    assert 0.2 < watcher.told["gauges"]["pressure"] / watcher.told["gauges"]["bulk_pressure"] < 5
+    do(session, "count", value=False)
+    watcher.wait(lambda w: w.told["gauges"]["pressure"] is None)
+
+
 def test_reset_goes_back_to_the_start(start):
     scene = gas(50, 0.3)
     session, watcher = start(scene, GRID, playing=False)
