@@ -53,6 +53,7 @@ from mpsim.features import Emitter, FixedDisc, Piston, Polyline
 from mpsim.measure.time_correlations import Correlations
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
+from mpsim.studies.findings import Findings, findings
 from mpsim.studies.sweep import sweep
 from mpsim.studies.sweep_table import Sweep
 from mpsim.studies.tradeoff import Tradeoff, tradeoff
@@ -119,6 +120,7 @@ __all__ = [
     "Emitter",
     "EmitterWarning",
     "FastWarning",
+    "Findings",
     "FixedDisc",
     "ForkedError",
     "GuardWarning",
@@ -153,6 +155,7 @@ __all__ = [
     "WorkerDied",
     "WorkerStalled",
     "animate",
+    "findings",
     "live",
     "measure",
     "sweep",

@@ -29,6 +29,8 @@ from mpsim.scene import scenefile
 from mpsim.scene.recommended import frames_between_pictures
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
+from mpsim.studies.findings import found_by, promise_of
+from mpsim.studies.promises import Promise
 
 FRAMES = 500
 """Number of frames of a run of a scene without a duration."""
@@ -91,12 +93,13 @@ def run(
                 raise click.UsageError(f"{option} needs --out, the folder to write to.")
         file = scenefile.load(scene)
         settings = terminal.settings_of(file, options, on_ranks=True)
+    watched = promise_of(file.name, file.scene, settings) if _is_as_recommended(file, frames, until, settings) else None
     until = file.scene.duration if until is None else until
     target = frames or (FRAMES if until is None else frames_until(until, settings.dt))
     measures = measures or file.scene.observables
     with one_voice(capabilities_of(settings).on_ranks) as first_rank, Simulation(file.scene, settings) as sim:
         if out is None:
-            _without_folder(sim, file, target, measures, as_json, quiet, first_rank)
+            _without_folder(sim, file, target, measures, as_json, quiet, first_rank, watched)
             return
         record = {
             "scene": file.name,
@@ -111,7 +114,12 @@ def run(
         with RunFolder.create(out, record, force=force, first_rank=first_rank) as folder:
             sim.save(folder[CHECKPOINT])  # so that the run can be continued, however early it ends
             folder.note(sim, "running")
-            _advance(folder, sim, target, as_json, quiet)
+            _advance(folder, sim, target, as_json, quiet, watched)
+
+
+def _is_as_recommended(file: scenefile.SceneFile, frames: int | None, until: float | None, settings: Settings) -> bool:
+    """Whether a run is of a named scene, as long as it recommends, and in one process."""
+    return file.comes_with_mpsim and frames is None and until is None and not capabilities_of(settings).on_ranks
 
 
 SAME_BITS = tuple(name for name, each in METHODS.items() if each.by_columns)
@@ -191,7 +199,9 @@ def _report_lost_frames(folder: RunFolder, sim: Simulation) -> None:
         )
 
 
-def _advance(folder: RunFolder, sim: Simulation, target: int, as_json: bool, quiet: bool) -> None:
+def _advance(
+    folder: RunFolder, sim: Simulation, target: int, as_json: bool, quiet: bool, watched: Promise | None = None
+) -> None:
     """Run to a frame, and write down all of it."""
     # With matplotlib, whose import would only delay the start of other commands.
     from mpsim.output.history import final_picture  # noqa: PLC0415
@@ -210,7 +220,7 @@ def _advance(folder: RunFolder, sim: Simulation, target: int, as_json: bool, qui
             report = sim.run(
                 frames=target - sim.frame,
                 measures=measures,
-                observe=[trajectory, recorder],
+                observe=[trajectory, recorder, *(watched.observers if watched else [])],
                 checkpoint=folder[CHECKPOINT],
                 checkpoint_seconds=CHECKPOINT_SECONDS,
                 progress=progress,
@@ -220,7 +230,7 @@ def _advance(folder: RunFolder, sim: Simulation, target: int, as_json: bool, qui
     if as_json:
         click.echo(json_text(folder.record))
         return
-    for line in summary(folder.record["parts"][-1], report, sim):
+    for line in [*summary(folder.record["parts"][-1], report, sim), *_found(watched, folder.record["scene"], sim)]:
         click.echo(line)
     names = (folder.record["trajectory"], MEASURES, TIMINGS, STATE, PICTURE)
     written = first_rank.once(lambda: len(folder.frames))
@@ -277,13 +287,15 @@ def _without_folder(
     as_json: bool,
     quiet: bool,
     first_rank: FirstRank,
+    watched: Promise | None,
 ) -> None:
     """Run and print a summary, without writing files."""
     with interrupts_agreed(first_rank) as interruption:
         compiled, started = _compiled(sim, measures or None)
         try:
             with _progress(quiet, interruption) as progress:
-                report = sim.run(frames=frames, measures=measures or None, progress=progress)
+                observe = watched.observers if watched else None
+                report = sim.run(frames=frames, measures=measures or None, progress=progress, observe=observe)
         except KeyboardInterrupt:
             raise terminal.Interrupted(
                 f"Interrupted at frame {sim.frame} of {frames}. Nothing is kept without --out FOLDER."
@@ -291,10 +303,16 @@ def _without_folder(
     part = part_of(sim, report, time.perf_counter() - started, compiled + report.compile_seconds)
     if as_json:
         found = {"scene": file.name, "scene_digest": sim.scene.digest(), "settings": dataclasses.asdict(sim.settings)}
-        click.echo(json_text({**found, "digest": sim.digest(), **part}))
+        shown = {} if watched is None else {"findings": found_by(file.name, watched, sim).record()}
+        click.echo(json_text({**found, "digest": sim.digest(), **part, **shown}))
         return
-    for line in summary(part, report, sim):
+    for line in [*summary(part, report, sim), *_found(watched, file.name, sim)]:
         click.echo(line)
+
+
+def _found(watched: Promise | None, name: str, sim: Simulation) -> list[str]:
+    """What a named scene has shown beside what it promises, line by line."""
+    return [] if watched is None else found_by(name, watched, sim).lines()
 
 
 def interval_of(scene: Scene, settings: Settings, target: int) -> int:

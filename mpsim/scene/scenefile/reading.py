@@ -68,6 +68,11 @@ class SceneFile:
     read: tuple[Path, ...]
 
     @property
+    def comes_with_mpsim(self) -> bool:
+        """Whether it is a named scene."""
+        return self.read[0].parent == PACKAGED
+
+    @property
     def settings(self) -> Settings | None:
         """Those that the scene recommends; None without any."""
         return self.scene.settings

@@ -1,0 +1,91 @@
+"""What a named scene promises, expected beside found."""
+
+import dataclasses
+from dataclasses import dataclass
+
+from mpsim.core import checks
+from mpsim.engine.simulation import Simulation
+from mpsim.scene.recommended import settings_for
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+from mpsim.studies.promises import PROMISES, Finding, Promise
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a run of a named scene has shown. Prints as a line for each number.
+
+    Attributes:
+        scene: its name.
+        numbers: a `Finding` each, with `what`, `expected`, `found`, `within`, `source` and `consistent`.
+        times, seen: what was noted along the run and when [time]: of `brownian` the path of the large disc, shape
+            (n, 2) [length]; of `cooling` temperatures; of the hoppers grains that have passed; both of shape (n,).
+            Where nothing was noted, times only, or nothing.
+
+    >>> shown = findings("pi")
+    >>> shown.consistent, shown.numbers[0].found
+    (True, 314.0)
+    """
+
+    scene: str
+    numbers: tuple[Finding, ...]
+    times: tuple[float, ...]
+    seen: tuple[object, ...]
+
+    @property
+    def consistent(self) -> bool:
+        """Whether all that was found agrees with what was expected."""
+        return all(each.consistent for each in self.numbers)
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
+
+    def record(self) -> list[dict[str, float | str]]:
+        """The numbers as plain values."""
+        return [dataclasses.asdict(each) for each in self.numbers]
+
+    def lines(self) -> list[str]:
+        """A line for each number."""
+        return [
+            f"{each.what}: {each.found:.4g} found, {each.expected:.4g} expected ({each.source})"
+            f"{'' if each.consistent else f': they differ by more than {each.within:.2g}'}"
+            for each in self.numbers
+        ]
+
+
+def promise_of(name: str, scene: Scene, settings: Settings) -> Promise | None:
+    """What a scene that comes with mpsim promises; None if it promises no number."""
+    kind = PROMISES.get(name)
+    return None if kind is None else kind(scene, settings)
+
+
+def found_by(name: str, promise: Promise, sim: Simulation) -> Findings:
+    """What a run from the start to the recommended duration has shown."""
+    times, seen = promise.series
+    return Findings(name, tuple(promise.findings(sim)), tuple(times.tolist()), tuple(seen.tolist()))
+
+
+def findings(name: str, settings: Settings | None = None) -> Findings:
+    """Run a scene that comes with mpsim as long as it recommends, and compare what it shows with what is expected.
+
+    Args:
+        name: of the scene: "brownian" (diffusion constant of the large disc [length^2/time]), "cooling" (Haff's law),
+            "galton" (balls in the bins, binomial curve), "growth" (1,000 discs that enter), "hopper" and
+            "rough-hopper" (grains per time, Beverloo's law), "pi" (314 collisions), or "piston" (the adiabat).
+        settings: how; None: those that the scene recommends.
+
+    Raises:
+        InputError: for a scene that promises no number.
+
+    Source: each number names its own.
+
+    >>> print(findings("pi"))
+    collisions [1]: 314 found, 314 expected (digits of pi (Galperin 2003))
+    """
+    name = checks.choice("name", name, sorted(PROMISES))
+    scene = Scene.load(name)
+    settings = settings_for(scene, settings)
+    promise = PROMISES[name](scene, settings)
+    with Simulation(scene, settings) as sim:
+        sim.run(until=scene.duration, observe=promise.observers)
+        return found_by(name, promise, sim)

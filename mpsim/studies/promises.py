@@ -1,0 +1,256 @@
+"""What the named scenes show when they run as recommended: what is watched along a run, and found at its end."""
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.engine.collision_observers import Collisions
+from mpsim.engine.simulation import Simulation
+from mpsim.measure.reference import compressibility, enskog_rate
+from mpsim.scene.recommended import frames_between_pictures
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One number that a scene shows, expected beside found.
+
+    Attributes:
+        what: the number, with its dimensions.
+        expected: from theory or from what enters the scene.
+        found: in the run.
+        within: largest difference that is consistent, in the unit of the number.
+        source: where the expected number comes from.
+
+    >>> Finding("collisions [1]", 314, 314, 0, "digits of pi").consistent
+    True
+    """
+
+    what: str
+    expected: float
+    found: float
+    within: float
+    source: str
+
+    @property
+    def consistent(self) -> bool:
+        """Whether the two agree."""
+        return bool(abs(self.found - self.expected) <= self.within)
+
+
+class Promise(ABC):
+    """What one scene shows. An observer of a run that begins at frame 0 and lasts as long as the scene recommends.
+
+    Args:
+        scene: the scene.
+        settings: of the run.
+    """
+
+    def __init__(self, scene: Scene, settings: Settings):
+        self.scene: Scene = scene
+        self.every: int = frames_between_pictures(scene, settings) or 1
+        self.observers: list[Any] = [self]
+        self._times: list[float] = []
+        self._values: list[Any] = []
+
+    def look(self, sim: Simulation, collisions: int) -> None:
+        """Keep one value of the simulation; collisions: since the last look, not used."""
+        self._times.append(sim.time)
+        self._values.append(self.value(sim))
+
+    @property
+    def series(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Times, shape (n,) [time], and what was seen at them, shape (n,) or (n, 2)."""
+        return np.array(self._times), np.array(self._values, np.float64)
+
+    def value(self, sim: Simulation) -> Any:
+        """What is kept at each look."""
+        return sim.time
+
+    @abstractmethod
+    def findings(self, sim: Simulation) -> list[Finding]:
+        """What was found, at the end of the run."""
+
+
+class Pi(Promise):
+    """The collisions of the scene `pi`, counted."""
+
+    def __init__(self, scene: Scene, settings: Settings):
+        super().__init__(scene, settings)
+        self._bounces = Collisions(every=10**9)
+        self.observers: list[Any] = [self._bounces]
+
+    def findings(self, sim: Simulation) -> list[Finding]:
+        """Collisions of the discs and of the light one with the wall."""
+        light, heavy = self.scene.masses
+        digits = math.floor(math.pi * math.sqrt(heavy / light))
+        found = float(len(self._bounces.table))
+        return [Finding("collisions [1]", digits, found, 0, "digits of pi (Galperin 2003)")]
+
+
+class Galton(Promise):
+    """The heap of the scene `galton`."""
+
+    def findings(self, sim: Simulation) -> list[Finding]:
+        """Balls in the bins, and the shape of the heap."""
+        x, y = sim.state.position[~sim.absorbed].T
+        limit = sum(emitter.limit or 0 for emitter in self.scene.emitters)
+        inside = y < 6
+        x = x[inside]
+        spread = float(x.std())
+        counts, _ = np.histogram(x, np.arange(0, self.scene.width + 1))
+        # Of an even binomial distribution with this spread; bins are one wide.
+        steps = round(4 * spread**2)
+        places = np.arange(steps + 1)
+        logs = np.array([math.lgamma(steps + 1) - math.lgamma(k + 1) - math.lgamma(steps - k + 1) for k in places])
+        binomial = np.exp(logs - steps * math.log(2))
+        cells = np.floor(places - steps / 2 + self.scene.width / 2).astype(int)
+        curve = np.bincount(np.clip(cells, 0, len(counts) - 1), binomial, len(counts)) * len(x)
+        off = float(np.abs(counts - curve).sum() / 2 / len(x))
+        fastest = float(np.abs(sim.state.velocity).max())
+        return [
+            Finding("balls in the bins [1]", limit, float(inside.sum()), 0, "what the emitters let in"),
+            Finding("speed of the fastest ball [length/time]", 0.0, fastest, 1.0, "all have come to rest"),
+            Finding("middle of the heap [length]", self.scene.width / 2, float(x.mean()), 0.7, "symmetry"),
+            Finding("balls beside the binomial curve [fraction]", 0.0, off, 0.15, "binomial of the same width"),
+        ]
+
+
+class Growth(Promise):
+    """The discs that the scene `growth` lets in."""
+
+    def findings(self, sim: Simulation) -> list[Finding]:
+        """Their number and energy."""
+        let_in = sum(emitter.limit or 0 for emitter in self.scene.emitters)
+        energy = float((self.scene.velocity**2).sum()) / 2
+        energy += sum((each.limit or 0) * float(np.sum(np.square(each.velocity))) / 2 for each in self.scene.emitters)
+        found = float((sim.state.velocity**2).sum()) / 2
+        return [
+            Finding("discs [1]", let_in + self.scene.count, sim.count, 0, "the first one and the emitters' limits"),
+            Finding("kinetic energy [mass length^2/time^2]", energy, found, 1e-6 * energy, "that of what came in"),
+        ]
+
+
+class Hopper(Promise):
+    """The steady flow of the hoppers."""
+
+    STEADY = 2.0
+
+    def value(self, sim: Simulation) -> float:
+        """Grains that have passed so far: each comes back at the top, through the border."""
+        image = sim.state.image
+        assert image is not None
+        return -float(image[:, 1].sum())
+
+    def findings(self, sim: Simulation) -> list[Finding]:
+        """Grains per time, beside the law of Beverloo and between the halves of the run."""
+        times, passed = self.series
+        times, passed = times[times >= self.STEADY], passed[-np.count_nonzero(times >= self.STEADY) :]
+        middle = len(times) // 2
+        early, late = (
+            float((passed[last] - passed[first]) / (times[last] - times[first]))
+            for first, last in ((0, middle), (middle, -1))
+        )
+        flow, law = (early + late) / 2, self.beverloo()
+        steady = Finding("flow, second half of the run [1/time]", early, late, 0.15 * early, "the first half")
+        rough = self.scene.friction > 0
+        within, source = (0.35 * law, "") if rough else (math.inf, ", which is for rough grains")
+        return [Finding("grains per time [1/time]", law, flow, within, f"Beverloo's law of a slot{source}"), steady]
+
+    def beverloo(self) -> float:
+        """1.03 n sqrt(g) (D - 1.4 d)^(3/2) for a gap D and grains d wide, n to the area (Nedderman 1992) [1/time]."""
+        left, right = (self.scene.capsules[[0, -1]][:, [0, 2]]).max(axis=1)[0], self.scene.capsules[-1, [0, 2]].min()
+        diameter = 2 * self.scene.largest_radius
+        gap = right - left - 2 * float(self.scene.capsules[0, 4]) - 1.4 * diameter
+        assert self.scene.gravity is not None
+        packed = 0.8 / (math.pi * diameter**2 / 4)
+        return 1.03 * packed * math.sqrt(-float(self.scene.gravity[1])) * gap**1.5
+
+
+class Brownian(Promise):
+    """The path of the large disc of the scene `brownian`: `series`, shape (n, 2) [length]."""
+
+    LAG = 10.0
+
+    def value(self, sim: Simulation) -> NDArray[np.floating]:
+        """Where the large disc is."""
+        return sim.state.position[0]
+
+    def diffusion(self) -> float:
+        """Of one large disc among small ones at temperature 1, Enskog's theory in first order [length^2/time]."""
+        radii, masses = self.scene.radii, self.scene.masses
+        room = self.scene.width * self.scene.height - math.pi * float(radii[0]) ** 2
+        number = (self.scene.count - 1) / room
+        packing = number * math.pi * float(radii[1]) ** 2
+        apart = float(radii[0] + radii[1])
+        contact = 1 / (1 - packing) + 9 / 16 * packing / (1 - packing) ** 2 * 2 * float(radii[0]) / apart
+        reduced = float(masses[0] * masses[1] / (masses[0] + masses[1]))
+        return math.sqrt(1 / (2 * math.pi * reduced)) / (2 * number * apart * contact)
+
+    def findings(self, sim: Simulation) -> list[Finding]:
+        """The diffusion constant, from displacements in LAG by Langevin's equation."""
+        times, path = self.series
+        stride = max(round(self.LAG / (times[1] - times[0])), 1)
+        moved = path[::stride][1:] - path[::stride][:-1]
+        constant, memory = self.diffusion(), float(self.scene.masses[0]) * self.diffusion()
+        lasting = self.LAG - memory * (1 - math.exp(-self.LAG / memory))
+        found = float((moved**2).mean()) / 2 / lasting
+        error = constant * math.sqrt(2 / moved.size)
+        what = "diffusion constant of the large disc [length^2/time]"
+        return [Finding(what, constant, found, 3 * error, "Enskog's theory; three standard errors")]
+
+
+class Cooling(Promise):
+    """The temperature of the scene `cooling`."""
+
+    EARLY = 20.0
+
+    def value(self, sim: Simulation) -> float:
+        """The temperature."""
+        return float((sim.state.velocity**2).mean())
+
+    def findings(self, sim: Simulation) -> list[Finding]:
+        """t0 of Haff's law, T = T0 / (1 + t/t0)^2, fitted to times before EARLY."""
+        times, temperatures = self.series
+        early = times <= self.EARLY
+        slope = float(np.polyfit(times[early], 1 / np.sqrt(temperatures[early]), 1)[0])
+        radius = self.scene.largest_radius
+        rate = enskog_rate(self.scene.packing, radius, float((self.scene.velocity**2).mean()))
+        expected = 4 / ((1 - self.scene.restitution**2) * rate)
+        return [Finding("t0 of Haff's law [time]", expected, 1 / slope, 0.1 * expected, "Haff 1983, rate of Enskog")]
+
+
+class Compression(Promise):
+    """The temperature of the scene `piston`."""
+
+    def findings(self, sim: Simulation) -> list[Finding]:
+        """The temperature at the end, beside that of a slow compression: d ln T = -Z d ln A."""
+        radius, count = self.scene.largest_radius, self.scene.count
+        areas = []
+        for time in (0.0, sim.time):
+            low, high = self.scene.walls_at(time)
+            areas.append(float(np.prod(high - low - 2 * radius)))
+        area = np.geomspace(areas[1], areas[0], 101)
+        factors = [compressibility(count * math.pi * radius**2 / each) for each in area]
+        heated = math.exp(float(np.mean(factors)) * math.log(areas[0] / areas[1]))
+        expected = heated * float((self.scene.velocity**2).mean())
+        found = float((sim.state.velocity**2).mean())
+        return [Finding("temperature [mass length^2/time^2]", expected, found, 0.06 * expected, "the adiabat")]
+
+
+PROMISES: dict[str, type[Promise]] = {
+    "brownian": Brownian,
+    "cooling": Cooling,
+    "galton": Galton,
+    "growth": Growth,
+    "hopper": Hopper,
+    "pi": Pi,
+    "piston": Compression,
+    "rough-hopper": Hopper,
+}
+"""By the name of the scene."""
