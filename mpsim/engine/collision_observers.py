@@ -1,7 +1,6 @@
 """Observers of collisions: all of them in a table, and counters of those on an obstacle, on a wall or in a region."""
 
 import math
-import weakref
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -9,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
+from mpsim.core.binding import Binding
 from mpsim.core.errors import InputError
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.collisions import joined
@@ -74,7 +74,7 @@ class Collisions:
         self._each = each
         self._kinds = _kinds_of(between)
         self._ids = None if ids is None else _ids_of(ids)
-        self._owner: weakref.ref[Simulation] | None = None
+        self._owner = Binding()
         self._seen, self._handed = -1, 0
         self._kept: list[NDArray[Any]] = []
         self._waiting: list[NDArray[Any]] = []
@@ -91,13 +91,12 @@ class Collisions:
         Raises:
             InputError: if this belongs to another one.
         """
-        if self._owner is None:
-            self._owner, self._handed = weakref.ref(sim), sim.frame
-        owner = self._owner()
-        if owner is not sim:
+        if not self._owner.exists:
+            self._handed = sim.frame
+        if not self._owner.is_to(sim):
             raise InputError(
-                f"{type(self).__name__} belongs to one simulation, {owner or 'which is gone by now'}; got another, "
-                f"{sim}. Make one for each."
+                f"{type(self).__name__} belongs to one simulation, {self._owner}; got another, {sim}. "
+                "Make one for each."
             )
 
     def take_collisions(self, table: NDArray[Any], frame: int) -> None:

@@ -1,8 +1,8 @@
 """What observers that measure read of a simulation, and that each of them belongs to one."""
 
-import weakref
 from typing import Protocol
 
+from mpsim.core.binding import Binding
 from mpsim.core.errors import InputError
 from mpsim.core.state import State
 from mpsim.scene.scene import Scene
@@ -52,7 +52,7 @@ class OneSimulation:
 
     def __init__(self, name: str):
         self._name = name
-        self._owner: weakref.ref[Observed] | None = None
+        self._owner = Binding()
 
     def bind_or_check(self, sim: Observed) -> None:
         """Bind to this simulation the first time; from then on make sure that it is the same.
@@ -60,11 +60,8 @@ class OneSimulation:
         Raises:
             InputError: if it is another.
         """
-        if self._owner is None:
-            self._owner = weakref.ref(sim)
-        owner = self._owner()
-        if owner is not sim:
+        if not self._owner.is_to(sim):
             raise InputError(
-                f"{self._name} must observe one simulation, {owner or 'which is gone by now'}; got another, {sim}. "
+                f"{self._name} must observe one simulation, {self._owner}; got another, {sim}. "
                 "Make one for each; measure.independent_average takes means over them."
             )

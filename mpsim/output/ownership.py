@@ -1,8 +1,8 @@
 """An observer that writes belongs to one simulation: mixed frames would be meaningless."""
 
-import weakref
 from pathlib import Path
 
+from mpsim.core.binding import Binding
 from mpsim.core.errors import InputError, OutputError
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
@@ -22,7 +22,7 @@ class Ownership:
         self._on_ranks = on_ranks
         self._name = f"{what} {str(path)!r}"
         self._advice = advice
-        self._owner: weakref.ref[Simulation] | None = None
+        self._owner = Binding()
         self._closed: str | None = None
 
     def close(self, advice: str) -> None:
@@ -46,11 +46,7 @@ class Ownership:
                 f"the {self._name} must be given comm, the communicator of the simulation, with method='mpi' and only "
                 f"there; the method is {sim.settings.method!r}. Open it on all ranks, or without comm."
             )
-        if self._owner is None:
-            self._owner = weakref.ref(sim)
-        owner = self._owner()
-        if owner is not sim:
+        if not self._owner.is_to(sim):
             raise OutputError(
-                f"the {self._name} belongs to one simulation, {owner or 'which is gone by now'}; got another, {sim}. "
-                f"{self._advice}"
+                f"the {self._name} belongs to one simulation, {self._owner}; got another, {sim}. {self._advice}"
             )
