@@ -139,5 +139,5 @@ def write(record: dict[str, Any], page: Path, readme: Path | None) -> None:
     page.write_text(text(record))
     said = tables.claim(record)
     if readme and said:
-        claim = textwrap.fill(f"{said} ([peers](docs/peers.md));", 116)
+        claim = textwrap.fill(f"{said} ([peers](docs/peers.md)).", 116)
         fill_blocks(readme, TOOL, {"claim": textwrap.indent(claim, "  ")})
