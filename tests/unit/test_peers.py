@@ -360,7 +360,7 @@ def test_the_readme_says_what_the_page_says():
     claimed = re.search(r"^mpsim takes (.*?)\.\n\n", page, re.MULTILINE | re.DOTALL)
     assert (claimed is None) == (peers("page").BUSY in page)
     assert ("peers" in said) == (claimed is not None)
-    assert claimed is None or said == f"{' '.join(claimed[1].split())} ([peers](docs/peers.md));"
+    assert claimed is None or said == f"{' '.join(claimed[1].split())} ([peers](docs/peers.md))."
 
 
 def test_the_page_has_a_row_for_every_engine():
