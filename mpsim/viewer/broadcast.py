@@ -68,14 +68,14 @@ class Broadcast:
         """Send a picture of a state."""
         self.show_in_place(in_place(state, self._scene.box, frame, moment, radii))
 
-    def show_in_place(self, discs: InPlace) -> None:
-        """Send a picture of discs that a simulation has; no view of them is kept."""
+    def show_in_place(self, discs: InPlace, colours: NDArray[np.uint8] | None = None) -> None:
+        """Send a picture of discs that a simulation has; no view of them is kept. colours: instead of their speeds'."""
         self._serial += 1
         scene, walls = self._scene, discs.box
         header = wire.Header(self._serial, discs.frame, discs.time, walls, (scene.width, scene.height), self.scale)
         if self._radii is None or len(self._radii[0]) != len(discs.number):
             self._radii = discs.radii, wire.pack_radii(discs.radii, header)
-        self._audience.show(Shown(self._serial, wire.pack(header, discs, scene.periodic), self._radii[1]))
+        self._audience.show(Shown(self._serial, wire.pack(header, discs, scene.periodic, colours), self._radii[1]))
 
     def tell(self, kind: str, values: Mapping[str, Any]) -> None:
         """Send a message of a kind; see `wire.text_of`."""

@@ -5,12 +5,15 @@ import sys
 import webbrowser
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.engine.simulation import Simulation
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.viewer.admission import Admission
+from mpsim.viewer.colouring import own_colours
 from mpsim.viewer.server import Server, listening, websockets
 from mpsim.viewer.session import Session
 
@@ -27,6 +30,7 @@ def view(
     browser: bool = True,
     playing: bool = True,
     name: str = "",
+    colour: ArrayLike | None = None,
     wait: bool = True,
 ) -> "View":
     """Show a simulation as it runs, on a page in the browser.
@@ -44,6 +48,8 @@ def view(
         browser: open the page in a browser, if there is one. The address is printed in any case.
         playing: start with the first look; else wait for the page's button.
         name: what the page calls it.
+        colour: a number for each disc, shape (N,), any unit, NaN for none, to colour them by; None: their speed. An
+            array of float64 is read anew at each picture, so that your program can change it.
         wait: return only after Ctrl-C, which closes the view; else at once, with the view open.
 
     The page shows lengths, times and speeds in the scene's own units: [length], [time], [length/time].
@@ -64,7 +70,7 @@ def view(
     'http://127.0.0.1:.../'
     """
     browser, wait = checks.truth("browser", browser), checks.truth("wait", wait)
-    shown = View(source, settings, host=host, port=port, playing=playing, name=name)
+    shown = View(source, settings, host=host, port=port, playing=playing, name=name, colour=colour)
     try:
         shown.start(browser)
         if wait:
@@ -81,7 +87,7 @@ class View:
     """A page that shows a simulation. `mpsim.view` makes it; leaving a `with` block closes it.
 
     Args:
-        source, settings, host, port, playing, name: as in `mpsim.view`, which also gives their bounds; lengths
+        source, settings, host, port, playing, name, colour: as in `mpsim.view`, which also gives their bounds; lengths
             and times on the page are those of the scene, [length] and [time].
 
     Attributes:
@@ -102,18 +108,22 @@ class View:
         port: int = 0,
         playing: bool = True,
         name: str = "",
+        colour: ArrayLike | None = None,
     ):
         demand_source(source, settings)
         if not isinstance(host, str):
             raise InputError(f"host must be a name or an address; got {checks.brief(host)}. Use {HOST!r}.")
         port = checks.whole("port", port, 0, 65535, "0 takes one that is free.")
+        own = own_colours(colour, source.count)
         websockets()  # or there is no need to begin
         found = listening(host, port)
         try:
             admission = Admission(host, found.getsockname()[1])
             self._server = Server(found, admission)
             playing = checks.truth("playing", playing)
-            self._session = Session(source, settings, name=str(name), playing=playing, audience=self._server)
+            self._session = Session(
+                source, settings, name=str(name), playing=playing, colour=own, audience=self._server
+            )
         except BaseException:
             found.close()
             raise

@@ -8,15 +8,20 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mpsim.core.errors import ClosedError, InputError, MpsimError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation, read_in_place
+from mpsim.engine.solvers.in_place import InPlace
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.scene.recommended import frames_between_pictures, settings_for
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.viewer import keep, wire
 from mpsim.viewer.broadcast import Audience
+from mpsim.viewer.colouring import Colouring
 from mpsim.viewer.colours import scale_of
 from mpsim.viewer.counting import Counting, bulk_pressure
 from mpsim.viewer.gauges import Gauges, Meter
@@ -49,6 +54,7 @@ class Session(Source):
         settings: of the scene's simulations; None: those it recommends, or the defaults.
         name: what it is called on the page.
         playing: whether it begins as soon as somebody watches.
+        colour: what discs are coloured by at first, see `Colouring`; None: their speed.
         audience: who is shown it.
 
     Attributes:
@@ -62,6 +68,7 @@ class Session(Source):
         *,
         name: str = "",
         playing: bool = True,
+        colour: NDArray[np.float64] | None = None,
         audience: Audience,
     ):
         super().__init__(source if isinstance(source, Scene) else source.scene, audience)
@@ -85,6 +92,7 @@ class Session(Source):
         self._readings = Allowance(GAUGE_SECONDS)
         self._hands = Hands(self._owned)
         self._counting = Counting()
+        self._colouring = Colouring(colour)
 
     # --- the thread
 
@@ -122,6 +130,7 @@ class Session(Source):
         self._gauges, self._broadcast.scale = Gauges(self.scene, state), scale_of(state)
         self._run += 1
         self._counting.forget()
+        self._colouring.begin()
         self._shown = self._gauged = None
         self._broadcast.forget_radii()
         self._over = False
@@ -173,6 +182,10 @@ class Session(Source):
             case "count":
                 self._counting.wanted = action.values["value"]
                 self._counting.forget()
+            case "colour":
+                self._demand_running(action)
+                self._colouring.choose(action.values["by"], self._simulation)
+                self._shown = None
             case "keep":
                 keep.answer(None if self._over else self._sim, self._name, **action.values)
             case "hold" | "release" | "add" | "remove" | "change" | "undo":
@@ -182,18 +195,22 @@ class Session(Source):
 
     def _by_hand(self, action: wire.Action) -> None:
         """Do what people do to the discs; a refusal is told beside, and stops nothing."""
-        if self._over:
-            raise InputError(f"{action.name} needs a simulation; this one has ended. Reset it.")
+        self._demand_running(action)
         if action.name == "undo":
             self._broadcast.forget_radii()
         self._sim = self._hands.do(self._simulation, action, time.perf_counter())
         self._changed()
+
+    def _demand_running(self, action: wire.Action) -> None:
+        if self._over:
+            raise InputError(f"{action.name} needs a simulation; this one has ended. Reset it.")
 
     def _changed(self) -> None:
         """Note that the simulation is another than it was at this frame: energies count from now on."""
         self._run += 1
         self._gauges = None
         self._counting.forget()
+        self._colouring.begin()
         self._broadcast.tell_if_new("hands", self._hands.told(self._simulation))
 
     def _advance(self) -> None:
@@ -211,7 +228,9 @@ class Session(Source):
         if self._hands.hold_still(self._simulation, time.perf_counter()):
             self._changed()
         sim, glance = self._simulation, _Glance(self._pace.frames_between_looks, self._look)
-        report = sim.run(frames=frames, measures=self._counting.measures(sim), observe=glance)
+        observers = [*self._colouring.observers(glance.every), glance]
+        report = sim.run(frames=frames, measures=self._counting.measures(sim), observe=observers)
+        self._colouring.end_run(sim)
         self._pace.note(frames, float(report.frame_seconds.sum()))
         self._meter.note(report)
         self._counting.note(report)
@@ -241,8 +260,13 @@ class Session(Source):
             with self._wake:
                 self._asked = False
             self._shown = where
-            read_in_place(sim, self._broadcast.show_in_place)
+            read_in_place(sim, self._show)
+            self._broadcast.tell_if_new("colours", self._colouring.told(sim))
             self._pictures.use(now, time.thread_time() - spent)
+
+    def _show(self, discs: InPlace) -> None:
+        """Send a picture in the colours that were chosen."""
+        self._broadcast.show_in_place(discs, self._colouring.bytes_of(self._simulation, discs))
 
     @property
     def _picture_share(self) -> tuple[float, float]:

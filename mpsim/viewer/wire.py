@@ -18,7 +18,8 @@ All numbers are little-endian. A message of bytes begins with HEADER, of 96 byte
      96  N x 2 uint16, then N x uint8: x and y, 0 to 65535, and the speed as a colour; or N x float32: radii
 ```
 
-So a disc takes 5 bytes. Its colour is 0 to FASTEST, ABSORBED for one that has left, which is not drawn.
+So a disc takes 5 bytes. Its colour is 0 to FASTEST, ABSORBED for one that has left, which is not drawn. A message
+`colours` says what it stands for, if that is not the speed.
 
 A page sends one kind of message, text: `{"do": NAME, ...}` with the fields that ACTIONS lists under that name, no more
 and no fewer. An action of another kind is one more line there.
@@ -40,6 +41,7 @@ from mpsim.engine import parameters
 from mpsim.engine.solvers.in_place import InPlace
 from mpsim.kernels import layout
 from mpsim.kernels.painting import paint_places
+from mpsim.viewer.colouring import CHOICES
 from mpsim.viewer.colours import SpeedScale
 
 MAGIC, VERSION = b"MPSV", 1
@@ -95,8 +97,18 @@ class Picture(NamedTuple):
     colour: NDArray[np.uint8]
 
 
-def pack(header: Header, discs: InPlace, periodic: tuple[bool, bool] = (False, False)) -> bytearray:
-    """A picture as bytes; periodic: along which axes a disc beyond the border is seen a period away.
+def pack(
+    header: Header,
+    discs: InPlace,
+    periodic: tuple[bool, bool] = (False, False),
+    colours: NDArray[np.uint8] | None = None,
+) -> bytearray:
+    """A picture as bytes.
+
+    Args:
+        header, discs: what it shows.
+        periodic: along which axes a disc beyond the border is seen a period away.
+        colours: of each disc by number, shape (N,); None: those of the speeds, by header.scale.
 
     >>> from mpsim.core.state import State
     >>> from mpsim.engine.solvers.in_place import in_place
@@ -110,9 +122,12 @@ def pack(header: Header, discs: InPlace, periodic: tuple[bool, bool] = (False, F
     packed = bytearray(HEADER.size + 5 * count)
     packed[: HEADER.size] = _header(PICTURE, header.serial, count, header)
     places = np.frombuffer(packed, "<u2", 2 * count, HEADER.size)
-    colours = np.frombuffer(packed, np.uint8, count, HEADER.size + 4 * count)
+    painted = np.frombuffer(packed, np.uint8, count, HEADER.size + 4 * count)
     paint_places(discs.x, discs.y, discs.number, *header.extent, *periodic, STEPS, places)
-    header.scale.colours(discs, out=colours)
+    if colours is None:
+        header.scale.colours(discs, out=painted)
+    else:
+        painted[:] = colours
     return packed
 
 
@@ -218,6 +233,7 @@ ACTIONS: Mapping[str, Mapping[str, Field]] = {
     "speed": {"value": _speed},
     "reset": {},
     "count": {"value": checks.truth},
+    "colour": {"by": lambda name, value: checks.choice(name, value, CHOICES)},
     # by hand, see hands.py; same: it goes on with the action before, and is taken back together with it
     "hold": {"id": _DISC, "x": _number, "y": _number},
     "release": {"vx": _number, "vy": _number},

@@ -7,7 +7,8 @@ import "./keep.js";
 import { offerSaving } from "./export.js";
 import "./sliders.js";
 import { SPEEDS, connect, refuse, send, showStatus } from "./link.js";
-import { camera, forgetLegend, renderer, requestDraw, stage } from "./stage.js";
+import { forgetLegend } from "./legend.js";
+import { camera, renderer, requestDraw, stage } from "./stage.js";
 
 const USUAL = 6; // of SPEEDS
 

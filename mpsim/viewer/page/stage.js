@@ -1,6 +1,6 @@
-// The stage: the camera, the box and what stands in it, and the legend of the colours.
+// The stage: the camera, the box and what stands in it.
 
-import { $, FASTEST, KNEE, bound, colourOf, digits, fontSize, sharpen, state } from "./common.js";
+import { $, bound, digits, sharpen, state } from "./common.js";
 import { ByCanvas, ByWebGL } from "./discs.js";
 
 const MOST_ZOOM = 64;
@@ -63,7 +63,6 @@ export function draw() {
   camera.fit(width, height);
   drawGround(ratio);
   renderer.draw(state.picture, state.radii, camera, images(state.scene));
-  drawLegend();
   for (const each of afterDrawing) each();
   const picture = state.picture;
   if (picture) {
@@ -121,37 +120,4 @@ export function drawGround(ratio) {
   for (const x of [left, right]) side(scene.periodic[0], [x, top], [x, bottom]);
   for (const y of [top, bottom]) side(scene.periodic[1], [left, y], [right, y]);
   c.setLineDash([]);
-}
-
-let legendKey = "";
-/** Draw the legend again, even where its numbers are the same. */
-export const forgetLegend = () => { legendKey = ""; };
-
-function drawLegend() {
-  const canvas = $("legend"), { width, height, ratio, changed } = sharpen(canvas), picture = state.picture;
-  const key = picture ? `${picture.usual} ${picture.fastest}` : "";
-  if (key === legendKey && !changed) return;
-  legendKey = key;
-  const c = canvas.getContext("2d"), size = fontSize(ratio), bar = height - 2.95 * size;
-  c.clearRect(0, 0, width, height);
-  if (!picture) return;
-  for (let x = 0; x < width; x++) {
-    c.fillStyle = colourOf((x / (width - 1)) * FASTEST);
-    c.fillRect(x, 0, 1, bar);
-  }
-  c.font = `${size}px system-ui, "DejaVu Sans", sans-serif`;
-  c.fillStyle = c.strokeStyle = "#16191d";
-  const knee = (KNEE / FASTEST) * width;
-  const ticks = [[0, 0, "left"], [knee / 2, picture.usual / 2, "center"], [knee, picture.usual, "right"], [width, picture.fastest, "right"]];
-  for (const [x, speed, align] of ticks) {
-    c.textAlign = align;
-    c.fillRect(bound(x - ratio / 2, 0, width - ratio), bar, ratio, 0.4 * size);
-    c.fillText(digits(speed), x, bar + 1.3 * size);
-  }
-  c.fillStyle = "#4d5661";
-  c.textAlign = "left";
-  c.fillText("speed [length/time]", 0, bar + 2.5 * size);
-  c.textAlign = "right";
-  c.fillText("98 % below", knee, bar + 2.5 * size);
-  c.fillText("max", width, bar + 2.5 * size);
 }

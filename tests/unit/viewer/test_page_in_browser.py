@@ -285,3 +285,19 @@ def test_gauges_are_saved_as_tables_and_pictures(shown):
     assert lines[0] == ["from", "to", "density", "maxwell"]
     assert float(lines[-1][1]) == pytest.approx(np.hypot(*page.sim.state.velocity.T).max(), rel=1e-6)
     assert page.complaints == []
+
+
+def test_colours_are_chosen_and_the_legend_follows(shown):
+    page = shown(colour=np.arange(100.0), playing=False)
+    page.settle()
+    until(lambda: page.page.input_value("#colour") == "own")
+    offered = page.page.eval_on_selector_all("#colour option", "each => each.map((one) => one.value)")
+    assert offered == ["speed", "worker", "column", "collision", "own"]
+    until(lambda: np.ptp(page.stage()[..., 1]) > 0)
+    before, legend = page.stage(), page.page.evaluate("document.getElementById('legend').toDataURL()")
+    page.page.select_option("#colour", "column")
+    until(lambda: page.page.evaluate("document.getElementById('legend').toDataURL()") != legend)
+    until(lambda: not np.array_equal(page.stage(), before))
+    page.page.select_option("#colour", "own")
+    until(lambda: np.array_equal(page.stage(), before))
+    assert page.complaints == []

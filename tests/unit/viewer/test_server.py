@@ -329,7 +329,8 @@ def test_a_port_that_is_taken_and_a_host_of_others_are_named():
 def test_the_schema_has_no_deed_that_the_server_forgets(view):
     """Each action of the wire is done by server or session."""
     values = {"ack": None, "visible": {"value": True}, "step": {"frames": 1}, "speed": {"value": 2.0},
-              "count": {"value": False}, "hold": {"id": 1, "x": 7.0, "y": 7.0}, "release": {"vx": 0, "vy": 0},
+              "count": {"value": False}, "colour": {"by": "column"},
+              "hold": {"id": 1, "x": 7.0, "y": 7.0}, "release": {"vx": 0, "vy": 0},
               "add": {"x": 1, "y": 1, "same": False}, "remove": {"id": 2, "same": False},
               "change": {"name": "passes", "value": 2, "same": False}}  # fmt: skip
     with Visitor(view.address) as visitor:

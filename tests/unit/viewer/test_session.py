@@ -179,6 +179,20 @@ def test_pressure_and_overlap_are_counted_when_they_are_asked_for(start):
     watcher.wait(lambda w: w.told["gauges"]["pressure"] is None)
 
 
+def test_colours_are_those_that_were_asked_for(start):
+    session, watcher = start(gas(300, 0.4), GRID)
+    watcher.see(session, lambda w: w.told.get("colours", {}).get("by") == "speed")
+    do(session, "colour", by="collision")
+    watcher.see(session, lambda w: w.told["colours"]["by"] == "collision" and w.told["colours"]["values"][-1] > 0.5)
+    least, _, _, most = watcher.told["colours"]["values"]
+    assert least < 0.2 * most, "some have just collided"
+    do(session, "pause")
+    watcher.wait(lambda w: w.phase == "paused")
+    do(session, "colour", by="own")
+    watcher.wait(lambda w: w.told["status"]["note"])
+    assert "by of colour must be one of" in watcher.told["status"]["note"]
+
+
 def test_reset_goes_back_to_the_start(start):
     scene = gas(50, 0.3)
     session, watcher = start(scene, GRID, playing=False)

@@ -103,6 +103,7 @@ def test_any_other_bytes_are_refused_too(noise):
 ACTIONS = [
     ("ack", {"serial": 7}), ("visible", {"value": False}), ("play", {}), ("pause", {}), ("step", {"frames": 3}),
     ("speed", {"value": 0.01}), ("speed", {"value": None}), ("reset", {}), ("count", {"value": True}),
+    ("colour", {"by": "worker"}),
     ("hold", {"id": 3, "x": 0.5, "y": -1.0}), ("release", {"vx": 0.0, "vy": 1e3}),
     ("add", {"x": 1.0, "y": 2.0, "same": True}), ("remove", {"id": 0, "same": False}), ("undo", {}),
     ("change", {"name": "dt", "value": 0.25, "same": False}),

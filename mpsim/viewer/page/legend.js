@@ -1,0 +1,65 @@
+// What the colours of the discs stand for: the choice, and the legend below the stage.
+
+import { $, FASTEST, KNEE, bound, colourOf, digits, fontSize, sharpen, state } from "./common.js";
+import { send, takers } from "./link.js";
+import { afterDrawing, requestDraw } from "./stage.js";
+
+const LOW = FASTEST - KNEE; // as in mpsim/viewer/colouring.py
+const NAMES = { speed: "speed [length/time]", worker: "worker", column: "column", collision: "since the last collision [time]", own: "own values" };
+
+let colours = { by: "speed" }, legendKey = "";
+/** Draw the legend again, even where its numbers are the same. */
+export const forgetLegend = () => { legendKey = ""; };
+
+const select = $("colour");
+takers.colours = [(message) => {
+  colours = message;
+  if (message.choices.join() !== [...select.options].map((each) => each.value).join()) {
+    select.replaceChildren(...message.choices.map((each) => new Option(NAMES[each], each)));
+  }
+  select.value = message.by;
+  requestDraw();
+}];
+select.addEventListener("change", () => send({ do: "colour", by: select.value }));
+
+/** Places in the legend, from 0 to 1, with what stands there: [place, value, note below, alignment]. */
+function ticksOf(picture) {
+  const knee = KNEE / FASTEST;
+  if (colours.by === "speed") {
+    return [[0, 0, "", "left"], [knee / 2, picture.usual / 2, "", "center"], [knee, picture.usual, "98 % below", "right"], [1, picture.fastest, "max", "right"]];
+  }
+  if (!colours.values) return [];
+  const [, lower, upper, most] = colours.values;
+  return [[LOW / FASTEST, lower, "", "left"], [knee, upper, "98 % below", "right"], [1, most, "max", "right"]];
+}
+
+function drawLegend() {
+  const canvas = $("legend"), { width, height, ratio, changed } = sharpen(canvas), picture = state.picture;
+  const key = picture ? JSON.stringify([picture.usual, picture.fastest, colours]) : "";
+  if (key === legendKey && !changed) return;
+  legendKey = key;
+  const c = canvas.getContext("2d"), size = fontSize(ratio), bar = height - 2.95 * size, classes = colours.classes ?? 0;
+  c.clearRect(0, 0, width, height);
+  if (!picture) return;
+  for (let x = 0; x < width; x++) {
+    const at = classes ? Math.floor((x / width) * classes) / Math.max(classes - 1, 1) : x / (width - 1);
+    c.fillStyle = colourOf(at * FASTEST);
+    c.fillRect(x, 0, 1, bar);
+  }
+  c.font = `${size}px system-ui, "DejaVu Sans", sans-serif`;
+  c.fillStyle = "#16191d";
+  c.textAlign = "center";
+  for (let k = 0; k < classes; k++) {
+    c.fillText(colours.by === "column" ? ["even columns", "odd columns"][k] : `worker ${k}`, (k + 0.5) * width / classes, bar + 1.3 * size);
+  }
+  for (const [place, value, note, align] of ticksOf(picture)) {
+    const x = place * width;
+    c.textAlign = align;
+    c.fillStyle = "#16191d";
+    c.fillRect(bound(x - ratio / 2, 0, width - ratio), bar, ratio, 0.4 * size);
+    c.fillText(digits(value), x, bar + 1.3 * size);
+    c.fillStyle = "#4d5661";
+    c.fillText(note, x, bar + 2.5 * size);
+  }
+}
+afterDrawing.push(drawLegend);
