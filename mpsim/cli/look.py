@@ -51,7 +51,7 @@ def plot(folder: Path, out: Path | None, force: bool, as_json: bool) -> None:
 ANIMATE_EXAMPLES = """\b
 Examples:
   mpsim animate gas gas.gif
-  mpsim animate hopper hopper.mp4 --frames 300 --every 4      (needs ffmpeg)
+  mpsim animate hopper hopper.mp4 --frames 300 --every 4      (needs ffmpeg or mpsim[film])
   mpsim animate dense passes.gif --colour parity --method parallel --workers 2
 """
 

@@ -23,6 +23,7 @@ from mpsim.core import atomic, checks
 from mpsim.core.errors import InputError, OutputError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
+from mpsim.output import ffmpeg
 from mpsim.output.drawing import STYLE, closed_off, draw_discs, new_figure, with_images
 from mpsim.scene.recommended import frames_between_pictures, settings_for
 from mpsim.scene.scene import Scene
@@ -56,7 +57,7 @@ def animate(
 
     Args:
         scene, settings: what is simulated and how; settings None: those that the scene recommends, or the defaults.
-        path: ends in .gif (always possible) or .mp4 (needs ffmpeg on the PATH). An existing file is replaced.
+        path: ends in .gif, or .mp4 (needs ffmpeg, or the extra `film`). An existing file is replaced.
         frames: number of pictures, >= 1; the first shows the start. None: as many as the scene's duration takes, up to
             MOST_PICTURES; 200 without a duration.
         every: frames of the simulation from one picture to the next, >= 1; None: the scene's picture_interval, or 1.
@@ -129,9 +130,8 @@ def checked_target(path: str | os.PathLike[str]) -> Path:
     ending = target.suffix.lower()
     if ending not in (".gif", ".mp4"):
         raise InputError(f"an animation's path must end in .gif or .mp4; got {str(target)!r}. Use {target.stem}.gif.")
-    if ending == ".mp4" and not FFMpegWriter.isAvailable():
-        gif = target.with_suffix(".gif")
-        raise OutputError(f"an .mp4 needs ffmpeg, which is not on the PATH. Write {str(gif)!r} or install ffmpeg.")
+    if ending == ".mp4":
+        ffmpeg.executable(f"write {str(target.with_suffix('.gif'))!r}")
     try:
         atomic.check_target(target)
     except OSError as error:
@@ -143,9 +143,11 @@ def checked_target(path: str | os.PathLike[str]) -> Path:
 
 
 def _writer_for(target: Path, rate: int) -> AbstractMovieWriter:
-    # One thread of ffmpeg: on a shared machine it would otherwise take every core.
-    gif = target.suffix.lower() == ".gif"
-    return PillowWriter(fps=rate) if gif else FFMpegWriter(fps=rate, extra_args=["-threads", "1"])
+    if target.suffix.lower() == ".gif":
+        return PillowWriter(fps=rate)
+    matplotlib.rcParams["animation.ffmpeg_path"] = ffmpeg.executable(f"write {str(target.with_suffix('.gif'))!r}")
+    # One thread: on a shared machine it would otherwise take every core.
+    return FFMpegWriter(fps=rate, extra_args=["-threads", "1"])
 
 
 class Picture:

@@ -22,8 +22,11 @@ from mpsim.viewer.pages import MOST_PAGES, Pages
 SOCKET = "socket"
 """What a page asks for to be connected."""
 
-KEEP, FILM = "keep/", "film.gif"
-"""What files to download are asked for under, and the film among them."""
+KEEP = "keep/"
+"""What files to download are asked for under."""
+
+FILMS = {"film.gif": (film.gif, "image/gif"), "film.mp4": (film.mp4, "video/mp4")}
+"""Films among them: what makes each, and its type as HTTP says it."""
 
 MOST_KEEPING, KEEP_SECONDS = 2, 8.0
 """Files to download that are made at a time, and the longest that one is waited for: less than OPEN_SECONDS."""
@@ -139,7 +142,7 @@ class Server(Pages):
         Raises:
             Refusal: if there is none of this name, or it cannot be made now.
         """
-        if name != FILM and name not in keep.KEEPING:
+        if name not in FILMS and name not in keep.KEEPING:
             raise Refusal(404, f"There is no {name[:40]!r} to keep.")
         if self._keeping >= MOST_KEEPING:
             raise Refusal(503, f"At most {MOST_KEEPING} files are made at a time. Try again.")
@@ -155,10 +158,10 @@ class Server(Pages):
 
     async def _made(self, name: str) -> keep.Kept:
         assert self._source is not None  # since the start
-        if name != FILM:
+        if name not in FILMS:
             return await asyncio.wrap_future(self._source.keep(name))
-        pictures = self._film.pictures()
-        return keep.Kept(await asyncio.to_thread(film.gif, pictures, self._source.scene), "image/gif")
+        make, kind = FILMS[name]
+        return keep.Kept(await asyncio.to_thread(make, self._film.pictures(), self._source.scene), kind)
 
     def _response(self, status: int, body: bytes, kind: str, host: str) -> Any:
         policy = (

@@ -19,7 +19,7 @@ async function made(name) {
   return null;
 }
 
-for (const [id, name, ending] of [["film", "film.gif", ".gif"], ["session", "session.zip", "-session.zip"], ["scene", "scene.zip", "-scene.zip"]]) {
+for (const [id, name, ending] of [["film", "film.gif", ".gif"], ["mp4", "film.mp4", ".mp4"], ["session", "session.zip", "-session.zip"], ["scene", "scene.zip", "-scene.zip"]]) {
   $(`keep-${id}`).addEventListener("click", async () => {
     const blob = await made(name);
     if (blob) download(blob, fileName(ending));

@@ -1,6 +1,7 @@
 """`mpsim plot` and `mpsim animate`."""
 
 import json
+import sys
 
 from PIL import Image
 from support.commands import SHORT, mpsim_command
@@ -39,10 +40,12 @@ def test_animate_writes_an_animation_once(tmp_path):
 
 
 def test_what_cannot_be_animated_is_told_before_any_picture(tmp_path, monkeypatch, ctrl_c):
-    monkeypatch.setenv("PATH", str(tmp_path))  # without ffmpeg
+    monkeypatch.setenv("PATH", str(tmp_path))  # without ffmpeg ...
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)  # ... of any kind
     result = mpsim_command("animate", "gas", tmp_path / "a.mp4")
     assert result.exit_code == 1
-    assert f"needs ffmpeg, which is not on the PATH. Write '{tmp_path}/a.gif' or install ffmpeg." in result.stderr
+    assert "an .mp4 needs the package imageio_ffmpeg, which cannot be imported" in result.stderr
+    assert f"`pip install 'mpsim[film]'`, or install ffmpeg, or write '{tmp_path}/a.gif'." in result.stderr
     result = mpsim_command("animate", "gas", tmp_path / "a.avi")
     assert result.exit_code == 2
     assert "an animation's path must end in .gif or .mp4; got " in result.stderr

@@ -1,6 +1,7 @@
 """The film of the last seconds: its pictures are those that were shown."""
 
 import io
+import subprocess
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from PIL import Image, ImageSequence
 from support.viewing import packed
 
 import mpsim
+from mpsim.output import ffmpeg
 from mpsim.viewer import film, wire
 from mpsim.viewer.broadcast import Shown
 from mpsim.viewer.colours import SpeedScale
@@ -48,6 +50,29 @@ def test_discs_walls_and_obstacles_are_where_they_were():
         assert near(frame[2 * 24, 10 * 24], film.SOLID)
         assert near(frame[120, int(19.5 * 24)], film.CLOSED)
         assert near(frame[20, 20], film.GROUND)
+
+
+def test_an_mp4_has_the_same_pictures(tmp_path):
+    pictures = [shown(k, x) for k, x in enumerate([3.0, 6.0, 9.0])]
+    path = tmp_path / "film.mp4"
+    path.write_bytes(film.mp4(pictures, SCENE))
+    decode = [ffmpeg.executable("wait"), "-i", str(path), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    raw = subprocess.run(decode, capture_output=True, check=True).stdout
+    found = np.frombuffer(raw, np.uint8).reshape(3, 240, 480, 3).astype(int)
+    expected = np.array(frames_of(film.gif(pictures, SCENE)))
+    differences = np.abs(found[:, None] - expected[None]).mean((2, 3, 4))
+    same = np.eye(3, dtype=bool)
+    assert differences[same].max() < 1.5, "what is lost by encoding"
+    assert differences[~same].min() > 2.5, "the control: another picture"
+
+
+def test_an_mp4_of_an_encoder_that_fails_says_so(tmp_path, monkeypatch):
+    broken = tmp_path / "ffmpeg"
+    broken.write_text("#!/bin/sh\ncat >/dev/null\necho Unknown encoder >&2\nexit 8\n")
+    broken.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/bin:/usr/bin")
+    with pytest.raises(mpsim.OutputError, match=r"encodes H.264; it ended with 8 \('Unknown encoder.*as a GIF"):
+        film.mp4([shown(1, 3.0)], SCENE)
 
 
 def test_a_disc_that_has_left_is_not_drawn():

@@ -326,7 +326,7 @@ def test_a_port_that_is_taken_and_a_host_of_others_are_named():
         mpsim.view(SCENE, host="203.0.113.7", wait=False)
 
 
-def test_the_schema_has_no_deed_that_the_server_forgets(view):
+def test_the_schema_has_no_action_that_the_server_forgets(view):
     """Each action of the wire is done by server or session."""
     values = {"ack": None, "visible": {"value": True}, "step": {"frames": 1}, "speed": {"value": 2.0},
               "count": {"value": False}, "colour": {"by": "column"},
