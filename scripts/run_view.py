@@ -39,6 +39,7 @@ from mpsim.viewer.broadcast import Shown
 from mpsim.viewer.colours import scale_of
 from mpsim.viewer.page_files import page_files
 from mpsim.viewer.server import Server, listening
+from mpsim.viewer.session import Session
 
 SIZES = (10, 1_000, 10_000, 100_000, 1_000_000)
 COUNT = 10_000
@@ -142,6 +143,7 @@ def watched(scene: mpsim.Scene, seconds: float, speed: float | None) -> dict[str
         view = mpsim.view(scene, GRID, browser=False, wait=False)
     with view, page_at(view.address, {"do": "speed", "value": speed}):
         session = view._session  # pyright: ignore[reportPrivateUsage]
+        assert isinstance(session, Session)  # of a scene
         while (sim := session._sim) is None or sim.frame < 10:  # pyright: ignore[reportPrivateUsage]
             time.sleep(0.01)
         time.sleep(0.5)

@@ -1,18 +1,26 @@
-"""`mpsim view`: a scene as it runs, on a page in the browser."""
+"""`mpsim view`: a scene as it runs, or a run that was recorded, on a page in the browser."""
 
 import signal
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from mpsim.cli import terminal
+from mpsim.cli.runfolder import RECORD, RunFolder
+from mpsim.output.frame_file import ENDINGS
 from mpsim.scene import scenefile
+
+if TYPE_CHECKING:
+    from mpsim.viewer.recording import Recording
 
 VIEW_EXAMPLES = """\b
 Examples:
   mpsim view                                    the scene gas
   mpsim view hopper --paused
   mpsim view my_scene.toml --method parallel --workers 2
+  mpsim view run                                the folder of a run, which may still go on
+  mpsim view trajectory.xyz
   mpsim view gas --port 8000 --no-browser       on a machine without a screen: ssh -L 8000:127.0.0.1:8000 there
 """
 
@@ -27,12 +35,39 @@ Examples:
 def view(scene: str, host: str, port: int, browser: bool, paused: bool, **options: Any) -> None:
     """Show SCENE (else gas) as it runs, on a page in the browser, until Ctrl-C.
 
-    It runs while a page shows it. Only this machine can open the page, unless --host is given: then all who can reach
-    that address and know the token in it, without encryption.
+    SCENE may also be the folder of a run or the file of a trajectory: it is shown with a time line, and followed while
+    another process writes it. A scene runs while a page shows it. Only this machine can open the page, unless --host is
+    given: then all who can reach that address and know the token in it, without encryption.
     """
     from mpsim.viewer import live  # noqa: PLC0415 - other commands need no server
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends it as Ctrl-C does
+    where = {"host": host, "port": port, "browser": browser, "playing": not paused}
+    if (recording := _recording(scene, options)) is not None:
+        live.view(recording, name=Path(scene).name, **where)
+        return
     file = scenefile.load(scene)
-    settings = terminal.settings_of(file, options)
-    live.view(file.scene, settings, host=host, port=port, browser=browser, playing=not paused, name=file.name)
+    live.view(file.scene, terminal.settings_of(file, options), name=file.name, **where)
+
+
+def _recording(path: str, options: dict[str, Any]) -> "Recording | None":
+    """The recording that a path leads to, or None if it leads to none.
+
+    Raises:
+        click.UsageError: for settings beside a recording.
+    """
+    folder = Path(path).is_dir() and (path not in scenefile.names() or Path(path, RECORD).exists())
+    if not folder and Path(path).suffix.lower() not in ENDINGS:
+        return None
+    from mpsim.viewer.recording import Recording  # noqa: PLC0415 - as above
+
+    given = sorted(name for name, value in options.items() if value is not None)
+    if given:
+        raise click.UsageError(
+            f"--{given[0].replace('_', '-')} goes with a scene; {path!r} is a recording, which is only shown. "
+            "Leave it out."
+        )
+    if not folder:
+        return Recording(Path(path))
+    run = RunFolder.open(path)
+    return Recording(run.trajectory, run.scene, follow=run.record["status"] == "running")

@@ -132,8 +132,13 @@ class XyzReader:
         with self._path.open("rb") as file:
             file.seek(start)
             lines = file.read(end - start).decode("utf-8", "replace").split("\n")
-        count, keys = int(lines[0]), keys_of(lines[1])
         where = f"frame {index} of {str(self._path)!r}"
+        if not lines[0].strip().isdecimal() or len(lines) != int(lines[0]) + 3:  # the last line ends, too
+            raise TrajectoryError(
+                f"{where} must be where it was when the file was opened; its first line is {lines[0]!r:.80} now. "
+                "The file has been changed: open it again."
+            )
+        count, keys = int(lines[0]), keys_of(lines[1])
         if "Lattice" not in keys:
             raise TrajectoryError(
                 f"{where} must hold the box, the key Lattice of extended XYZ; its second line is {lines[1]!r:.80}. "

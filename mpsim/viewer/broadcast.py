@@ -77,6 +77,21 @@ class Broadcast:
             self._radii = discs.radii, wire.pack_radii(discs.radii, header)
         self._audience.show(Shown(self._serial, wire.pack(header, discs, scene.periodic, colours), self._radii[1]))
 
+    def tell_scene(self, name: str, **more: Any) -> None:
+        """Send what stays the same from picture to picture: the scene, and what its source has to say beside it."""
+        scene = self._scene
+        wall = scene.moving_wall
+        fixed = {
+            "version": wire.VERSION,
+            "name": name,
+            "width": scene.width,
+            "height": scene.height,
+            "periodic": list(scene.periodic),
+            "capsules": scene.capsules.tolist(),
+            "wall": None if wall is None else wall.edge,
+        }
+        self.tell("scene", {**fixed, **more})
+
     def tell(self, kind: str, values: Mapping[str, Any]) -> None:
         """Send a message of a kind; see `wire.text_of`."""
         self._last[kind] = wire.text_of(kind, values)

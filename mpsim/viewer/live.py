@@ -1,4 +1,4 @@
-"""`mpsim.view`: a page in the browser that shows a simulation as it runs."""
+"""`mpsim.view`: a page in the browser that shows a simulation as it runs, or one that was recorded."""
 
 import os
 import sys
@@ -9,20 +9,18 @@ from numpy.typing import ArrayLike
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
-from mpsim.engine.simulation import Simulation
-from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.viewer.admission import Admission
-from mpsim.viewer.colouring import own_colours
+from mpsim.viewer.opening import Viewed, demand_viewed, source_of
 from mpsim.viewer.server import Server, listening, websockets
-from mpsim.viewer.session import Session
+from mpsim.viewer.source import Source
 
 HOST = "127.0.0.1"
 """Where a view listens: other machines cannot reach it."""
 
 
 def view(
-    source: Scene | Simulation,
+    source: Viewed,
     settings: Settings | None = None,
     *,
     host: str = HOST,
@@ -39,8 +37,9 @@ def view(
     and changes no bit.
 
     Args:
-        source: a scene, which the view simulates, again from the start at each reset; or a simulation, which stays
-            yours: the page can play and pause it, and shows it while your program runs it; only you close it.
+        source: a scene, which the view simulates, again from the start at each reset; a simulation, which stays yours:
+            the page can play and pause it, and shows it while your program runs it; only you close it; or a trajectory,
+            whose file is played with a time line, and may still be written by a run.
         settings: how a scene is simulated; None: as it recommends, or the defaults.
         host: name or address of this machine at which the page is found. The default can be reached from this machine
             alone; any other from where the network allows it, without encryption.
@@ -58,11 +57,13 @@ def view(
         The view: its address, and `close`.
 
     Raises:
-        InputError: naming the argument, its rule and the value received.
+        InputError: naming the argument, its rule and the value received; for a trajectory without a frame.
+        TrajectoryError: for a trajectory without velocities or radii.
         ResourceError: if the port is taken.
         OutputError: without the package websockets, which the extra `view` installs.
 
-    >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+    >>> import mpsim
+    >>> scene = mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
     >>> with view(scene, browser=False, wait=False) as page:  # doctest: +ELLIPSIS
     ...     page.address
     The live view is at http://127.0.0.1:.../
@@ -93,7 +94,8 @@ class View:
     Attributes:
         address: of the page. Its token keeps others out: do not pass it on to those who should not control the view.
 
-    >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+    >>> import mpsim
+    >>> scene = mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
     >>> with View(scene) as page:
     ...     page.address.startswith("http://127.0.0.1:")
     True
@@ -101,7 +103,7 @@ class View:
 
     def __init__(
         self,
-        source: Scene | Simulation,
+        source: Viewed,
         settings: Settings | None = None,
         *,
         host: str = HOST,
@@ -110,19 +112,18 @@ class View:
         name: str = "",
         colour: ArrayLike | None = None,
     ):
-        demand_source(source, settings)
+        demand_viewed(source, settings)
         if not isinstance(host, str):
             raise InputError(f"host must be a name or an address; got {checks.brief(host)}. Use {HOST!r}.")
         port = checks.whole("port", port, 0, 65535, "0 takes one that is free.")
-        own = own_colours(colour, source.count)
         websockets()  # or there is no need to begin
         found = listening(host, port)
         try:
             admission = Admission(host, found.getsockname()[1])
             self._server = Server(found, admission)
             playing = checks.truth("playing", playing)
-            self._session = Session(
-                source, settings, name=str(name), playing=playing, colour=own, audience=self._server
+            self._session: Source = source_of(
+                source, settings, name=str(name), playing=playing, colour=colour, audience=self._server
             )
         except BaseException:
             found.close()
@@ -165,21 +166,6 @@ class View:
 
     def __repr__(self) -> str:
         return f"<View: {self.address}>"
-
-
-def demand_source(source: object, settings: object) -> None:
-    """Refuse what no view can show.
-
-    Raises:
-        InputError: for another kind of source, or of settings.
-    """
-    if not isinstance(source, Scene | Simulation):
-        raise InputError(
-            f"a view shows an mpsim.Scene or an mpsim.Simulation; got {type(source).__name__}. "
-            "Use mpsim.Scene.load(...) for a file."
-        )
-    if settings is not None and not isinstance(settings, Settings):
-        raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
 
 
 def _has_screen() -> bool:

@@ -7,15 +7,13 @@ from typing import Any
 from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.core.optional_packages import imported
-from mpsim.engine.simulation import Simulation
-from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.viewer import wire
 from mpsim.viewer.client import Client
-from mpsim.viewer.live import demand_source
+from mpsim.viewer.opening import Viewed, demand_viewed, source_of
 from mpsim.viewer.page_files import widget_module
 from mpsim.viewer.pages import MOST_PAGES, Pages
-from mpsim.viewer.session import Session
+from mpsim.viewer.source import Source
 
 HEIGHT = 640
 """Pixels of the page in a notebook, unless another number is asked for."""
@@ -28,7 +26,7 @@ POLICY, LATER = 1008, 1013
 
 
 def live(
-    source: Scene | Simulation,
+    source: Viewed,
     settings: Settings | None = None,
     *,
     playing: bool = True,
@@ -42,8 +40,9 @@ def live(
     connection.
 
     Args:
-        source: a scene, which is simulated, again from the start at each reset; or a simulation, which stays yours.
-        settings: how a scene is simulated; None: the defaults.
+        source: a scene, which is simulated, again from the start at each reset; a simulation, which stays yours; or a
+            trajectory, which is played with a time line.
+        settings: how a scene is simulated; None: as it recommends, or the defaults.
         playing: start with the first look; else wait for the page's button.
         height: of the output in pixels, 200 to 4000.
         name: what the page calls it.
@@ -57,7 +56,8 @@ def live(
         InputError: naming the argument, its rule and the value received.
         OutputError: without the package anywidget, which the extra `notebook` installs.
 
-    >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+    >>> import mpsim
+    >>> scene = mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
     >>> with live(scene, name="gas") as shown:
     ...     shown
     <Live: 'gas'>
@@ -75,7 +75,8 @@ class Live:
     Attributes:
         widget: what the notebook shows, an `anywidget.AnyWidget`.
 
-    >>> shown = Live(Scene.random(count=50, packing=0.2, radius=0.5, seed=1))
+    >>> import mpsim
+    >>> shown = Live(mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1))
     >>> shown.widget.height
     640
     >>> shown.close()
@@ -83,21 +84,21 @@ class Live:
 
     def __init__(
         self,
-        source: Scene | Simulation,
+        source: Viewed,
         settings: Settings | None = None,
         *,
         playing: bool = True,
         height: int = HEIGHT,
         name: str = "",
     ):
-        demand_source(source, settings)
+        demand_viewed(source, settings)
         playing = checks.truth("playing", playing)
         height = checks.whole("height", height, 200, 4000, f"{HEIGHT} suits most screens.")
         self.widget: Any = _widget_class()(height=height)
         self._name = str(name)
         self._pages = NotebookPages(self.widget)
         try:
-            self._session = Session(source, settings, name=self._name, playing=playing, audience=self._pages)
+            self._session: Source = source_of(source, settings, name=self._name, playing=playing, audience=self._pages)
         except BaseException:
             self.widget.close()
             raise

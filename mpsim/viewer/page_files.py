@@ -31,8 +31,8 @@ class PageFile:
 def page_files() -> dict[str, PageFile]:
     """All files of the page, by the name that a browser asks for; the page itself has the empty name.
 
-    >>> " ".join(sorted(name for name in page_files() if not name.endswith(".js"))), "page.js" in page_files()
-    (' page.css', True)
+    >>> [name in page_files() for name in ("", "page.css", "page.js", "index.html", "widget.js")]
+    [True, True, True, False, False]
     """
     found = {}
     for file in _FOLDER.iterdir():

@@ -293,22 +293,13 @@ class Session(Source):
 
     def _tell_scene(self, phase: str) -> None:
         """Tell what is shown: what stays the same as long as the session."""
-        scene = self.scene
-        wall = scene.moving_wall
-        fixed = {
-            "version": wire.VERSION,
-            "name": self._name,
-            "width": scene.width,
-            "height": scene.height,
-            "periodic": list(scene.periodic),
-            "capsules": scene.capsules.tolist(),
-            "wall": None if wall is None else wall.edge,
-            "method": self._settings.method,
-            "dt": self._settings.dt,
-            "can_reset": self._owned,
-            "command": keep.command(scene, self._settings, self._name) if self._owned else None,
-        }
-        self._broadcast.tell("scene", fixed)
+        self._broadcast.tell_scene(
+            self._name,
+            method=self._settings.method,
+            dt=self._settings.dt,
+            can_reset=self._owned,
+            command=keep.command(self.scene, self._settings, self._name) if self._owned else None,
+        )
         self._broadcast.tell("status", self._status(phase))
 
     def _tell(self) -> None:

@@ -234,6 +234,9 @@ ACTIONS: Mapping[str, Mapping[str, Field]] = {
     "reset": {},
     "count": {"value": checks.truth},
     "colour": {"by": lambda name, value: checks.choice(name, value, CHOICES)},
+    # of a recording, see playback.py
+    "seek": {"index": _whole(0, 2**31 - 1)},
+    "follow": {"value": checks.truth},
     # by hand, see hands.py; same: it goes on with the action before, and is taken back together with it
     "hold": {"id": _DISC, "x": _number, "y": _number},
     "release": {"vx": _number, "vy": _number},

@@ -28,7 +28,7 @@ export function digits(value) {
 }
 
 export const state = {
-  scene: null, status: { phase: "connecting", speed: 1, note: null }, gauges: null, picture: null, radii: null,
+  scene: null, status: { phase: "connecting", speed: 1, note: null }, gauges: null, picture: null, radii: null, timeline: null,
   history: {}, historyFrame: -1, drawn: 0, socket: null, refused: null, dragging: false, since: performance.now(),
 };
 

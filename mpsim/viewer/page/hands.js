@@ -12,7 +12,7 @@ const NOTE_SECONDS = 4;
 
 let tool = "hand", gesture = null, cross = null, notes = 0;
 
-const ready = () => state.scene && state.picture && ["playing", "paused"].includes(state.status.phase);
+const ready = () => state.scene && !state.scene.recording && state.picture && ["playing", "paused"].includes(state.status.phase);
 
 /** Calls of a function at most every so many ms; the last one counts. */
 export function paced(act) {

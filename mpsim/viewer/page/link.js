@@ -14,7 +14,7 @@ const NO_ANSWER = inNotebook
   : "No connection to mpsim. Is it still running? Trying again …";
 
 /** What else is done with a message of a kind, and when the connection is there: other parts of the page add to these. */
-export const takers = { scene: [], hands: [] }, opened = [];
+export const takers = { scene: [], hands: [], timeline: [] }, opened = [];
 
 export function take(message) {
   if (message.type === "scene") {
@@ -24,7 +24,7 @@ export function take(message) {
     $("reset").disabled = !message.can_reset;
     $("reset").title = message.can_reset ? "R" : "This simulation belongs to a program: only that can start it anew.";
     const periodic = message.periodic.every(Boolean) ? "periodic" : message.periodic.some(Boolean) ? `periodic along ${message.periodic[0] ? "x" : "y"}` : "walls";
-    $("about").textContent = `box ${digits(message.width)} × ${digits(message.height)}, ${periodic}; method ${message.method}, dt ${digits(message.dt)}`;
+    $("about").textContent = `box ${digits(message.width)} × ${digits(message.height)}, ${periodic}; ${message.recording ? `recording ${message.recording}` : `method ${message.method}, dt ${digits(message.dt)}`}`;
     requestDraw();
   } else if (message.type === "status") {
     state.status = message;
@@ -71,7 +71,7 @@ export function showStatus() {
 
 export function speedText(speed) {
   if (speed === null) return "as fast as it goes";
-  return `${speed < 1 ? `1/${Math.round(1 / speed)}` : digits(speed).replace(/\.0+$/, "")}×, ${speed * 60 < 10 ? +(speed * 60).toFixed(2) : Math.round(speed * 60)} frames a second`;
+  return `${speed < 1 ? `1/${Math.round(1 / speed)}` : digits(speed).replace(/\.0+$/, "")}×, ${speed * 60 < 10 ? +(speed * 60).toFixed(2) : Math.round(speed * 60)} ${state.scene?.recording ? "recorded frames" : "frames"} a second`;
 }
 
 export function notice(text) {

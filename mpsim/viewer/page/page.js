@@ -6,6 +6,7 @@ import "./hands.js";
 import "./keep.js";
 import { offerSaving } from "./export.js";
 import "./sliders.js";
+import "./timeline.js";
 import { SPEEDS, connect, refuse, send, showStatus } from "./link.js";
 import { forgetLegend } from "./legend.js";
 import { camera, renderer, requestDraw, stage } from "./stage.js";

@@ -21,7 +21,7 @@ SCENE = gas(50, 0.2)
 @pytest.mark.parametrize(
     ("arguments", "error", "text"),
     [
-        ({"source": "gas"}, mpsim.InputError, r"a view shows an mpsim.Scene or an mpsim.Simulation; got str. Use "),
+        ({"source": "gas"}, mpsim.InputError, r"a view shows an mpsim.Scene, an .* or an mpsim.Trajectory; got str. "),
         ({"settings": {"dt": 1}}, mpsim.InputError, r"settings must be mpsim.Settings; got dict. Use Settings\(dt="),
         ({"host": 7}, mpsim.InputError, r"host must be a name or an address; got 7. Use '127.0.0.1'"),
         ({"port": 70000}, mpsim.InputError, r"port must be a whole number from 0 to 65535; got 70000. 0 takes one"),

@@ -145,7 +145,7 @@ def test_without_the_package_it_names_the_extra(monkeypatch, missing):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        ({"source": "gas"}, r"a view shows an mpsim.Scene or an mpsim.Simulation; got str. Use "),
+        ({"source": "gas"}, r"a view shows an mpsim.Scene, an mpsim.Simulation or an mpsim.Trajectory; got str. Use "),
         ({"settings": {"dt": 1}}, r"settings must be mpsim.Settings; got dict."),
         ({"height": 100}, r"height must be a whole number from 200 to 4000; got 100. 640 suits most screens."),
         ({"playing": 1}, r"playing must be True or False; got 1"),

@@ -335,7 +335,7 @@ def test_the_schema_has_no_action_that_the_server_forgets(view):
               "change": {"name": "passes", "value": 2, "same": False}}  # fmt: skip
     with Visitor(view.address) as visitor:
         for name in wire.ACTIONS:
-            if name != "ack":
+            if name not in ("ack", "seek", "follow"):  # the latter are of recordings
                 visitor.socket.send(json.dumps({"do": name, **(values.get(name) or {})}))
         visitor.hear_until(lambda v: v.frame >= 0 and v.last["status"]["speed"] == 2.0)
         assert visitor.last["status"]["note"] is None

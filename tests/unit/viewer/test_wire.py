@@ -104,6 +104,7 @@ ACTIONS = [
     ("ack", {"serial": 7}), ("visible", {"value": False}), ("play", {}), ("pause", {}), ("step", {"frames": 3}),
     ("speed", {"value": 0.01}), ("speed", {"value": None}), ("reset", {}), ("count", {"value": True}),
     ("colour", {"by": "worker"}),
+    ("seek", {"index": 0}), ("follow", {"value": True}),
     ("hold", {"id": 3, "x": 0.5, "y": -1.0}), ("release", {"vx": 0.0, "vy": 1e3}),
     ("add", {"x": 1.0, "y": 2.0, "same": True}), ("remove", {"id": 0, "same": False}), ("undo", {}),
     ("change", {"name": "dt", "value": 0.25, "same": False}),

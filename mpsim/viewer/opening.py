@@ -1,0 +1,62 @@
+"""From what people ask a view to show to the source that its pages show."""
+
+from numpy.typing import ArrayLike
+
+from mpsim.core.errors import InputError
+from mpsim.engine.simulation import Simulation
+from mpsim.output.trajectory import Trajectory
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+from mpsim.viewer.broadcast import Audience
+from mpsim.viewer.colouring import own_colours
+from mpsim.viewer.playback import Playback
+from mpsim.viewer.recording import Recording
+from mpsim.viewer.session import Session
+from mpsim.viewer.source import Source
+
+Viewed = Scene | Simulation | Trajectory | Recording
+"""What a view shows; a recording is the file of a trajectory together with its scene."""
+
+
+def demand_viewed(viewed: object, settings: object) -> None:
+    """Refuse what no view can show, before anything is opened.
+
+    Raises:
+        InputError: for another kind of source, or of settings.
+    """
+    if not isinstance(viewed, Viewed):
+        raise InputError(
+            f"a view shows an mpsim.Scene, an mpsim.Simulation or an mpsim.Trajectory; got {type(viewed).__name__}. "
+            "Use mpsim.Scene.load(...) for the file of a scene, mpsim.Trajectory(...) for that of a run."
+        )
+    if settings is not None and not isinstance(settings, Settings):
+        raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
+    if settings is not None and isinstance(viewed, Trajectory | Recording):
+        raise InputError("settings go with a scene; got them beside a trajectory, which is only shown. Leave them out.")
+
+
+def source_of(
+    viewed: Viewed,
+    settings: Settings | None,
+    *,
+    name: str,
+    playing: bool,
+    audience: Audience,
+    colour: ArrayLike | None = None,
+) -> Source:
+    """The source for the pages of a view.
+
+    Raises:
+        InputError, TrajectoryError: as `Session` and `Recording`; for colours beside a trajectory.
+    """
+    if isinstance(viewed, Trajectory):
+        viewed = Recording(viewed.path)
+    if not isinstance(viewed, Recording):
+        own = own_colours(colour, viewed.count)
+        return Session(viewed, settings, name=name, playing=playing, colour=own, audience=audience)
+    if colour is not None:
+        raise InputError(
+            "colour goes with a scene or a simulation; got it beside a trajectory, whose discs are coloured by speed. "
+            "Leave it out."
+        )
+    return Playback(viewed, name=name, playing=playing, audience=audience)

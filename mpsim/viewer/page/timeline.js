@@ -1,0 +1,40 @@
+// The time line of a recording: a slider over its frames, one frame back, and following what is being written.
+
+import { $, state } from "./common.js";
+import { paced } from "./hands.js";
+import { send, takers } from "./link.js";
+
+let last = 0, dragged = false;
+const line = $("timeline"), seek = paced((index) => send({ do: "seek", index }));
+const back = () => { if (state.timeline?.index) send({ do: "seek", index: state.timeline.index - 1 }); };
+const follow = () => { if (state.timeline) send({ do: "follow", value: !state.timeline.follow }); };
+
+line.addEventListener("input", () => { dragged = true; seek(+line.value); });
+line.addEventListener("change", () => { dragged = false; });
+$("back").addEventListener("click", back);
+$("follow").addEventListener("click", follow);
+
+document.addEventListener("keydown", (event) => {
+  if (!state.timeline || event.ctrlKey || event.metaKey || event.altKey || event.target.closest?.("input, select, textarea")) return;
+  const keys = { ",": back, f: follow, Home: () => seek(0), End: () => seek(last) };
+  const act = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+  if (!act) return;
+  event.preventDefault();
+  act();
+});
+
+takers.scene.push(({ recording }) => {
+  document.documentElement.dataset.source = recording ? "recording" : "simulation";
+});
+takers.timeline.push((message) => {
+  state.timeline = message;
+  last = message.count - 1;
+  line.max = Math.max(last, 1);
+  line.disabled = last === 0;
+  if (!dragged) line.value = message.index;
+  const text = `${(message.index + 1).toLocaleString("en")} of ${message.count.toLocaleString("en")}`;
+  $("timeline-text").textContent = text;
+  line.setAttribute("aria-valuetext", text);
+  $("back").disabled = message.index === 0;
+  $("follow").setAttribute("aria-pressed", message.follow);
+});

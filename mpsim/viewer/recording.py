@@ -1,0 +1,166 @@
+"""The frames of a trajectory as a view shows them: states with all numbers of discs, and the scene that they are of."""
+
+import os
+import warnings
+from dataclasses import dataclass
+from math import nan
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core.errors import InputError, TrajectoryError, TrajectoryWarning
+from mpsim.core.state import State
+from mpsim.output.frames import Frame
+from mpsim.output.trajectory import Trajectory
+from mpsim.scene.scene import Scene
+
+MOST_GAPS = 1000
+"""Numbers without a disc that a frame may have, beyond as many as it has discs; with more, discs go by their order."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One frame of a recording.
+
+    Attributes:
+        frame: of the simulation.
+        time: of the simulation [time]; NaN where the file does not say.
+        state: all discs by number; those that the frame lacks are absent.
+        radii: shape (N,) [length].
+    """
+
+    frame: int
+    time: float
+    state: State
+    radii: NDArray[np.float64]
+
+
+class Recording:
+    """The file of a trajectory, which a run may still be writing.
+
+    Args:
+        path: of the file, as of `mpsim.Trajectory`.
+        scene: that it is of; None: a box with the discs of its first frame, without obstacles and forces.
+        follow: whether a view begins at the last frame, and goes on with those that come.
+
+    Attributes:
+        scene, follow: as above.
+
+    Raises:
+        InputError: if the file has no frame yet.
+        TrajectoryError: if it lacks velocities or radii, or cannot be read.
+
+    >>> import tempfile, mpsim
+    >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with mpsim.Simulation(scene) as sim, Trajectory.write(f"{folder}/run.xyz", every=10) as out:
+    ...         report = sim.run(frames=50, observe=out)
+    ...     recording = Recording(Path(folder, "run.xyz"))
+    ...     len(recording), recording.at(2).frame, recording.scene.count
+    (6, 20, 50)
+    """
+
+    def __init__(self, path: Path, scene: Scene | None = None, follow: bool = False):
+        self._path = path
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", TrajectoryWarning)  # half a frame at the end is one that is being written
+            self._trajectory = Trajectory(path)
+        self._seen = self._stamp()
+        if not len(self):
+            raise InputError(
+                f"a recording must hold a frame; {str(self._path)!r} holds none yet. Let the run continue for a while."
+            )
+        first = self._trajectory[0]
+        self._shift = np.zeros(2) if scene is not None else np.minimum(first.origin, 0.0)
+        self._fewest = 0 if scene is None else scene.count
+        self.scene: Scene = _scene_of(first, self._shift) if scene is None else scene
+        self.follow: bool = follow
+
+    @property
+    def name(self) -> str:
+        """Of the file."""
+        return self._path.name
+
+    def __len__(self) -> int:
+        return len(self._trajectory)
+
+    def refresh(self) -> bool:
+        """Look for frames that were written since; returns whether the file is another than it was."""
+        now = self._stamp()
+        if now == self._seen:
+            return False
+        self._trajectory.refresh()
+        self._seen = now
+        return True
+
+    def at(self, index: int) -> Moment:
+        """A frame, 0 <= index < len.
+
+        Raises:
+            TrajectoryError: if it cannot be read, or is no longer there.
+        """
+        try:
+            frame = self._trajectory[index]
+        except (OSError, IndexError) as error:
+            raise TrajectoryError(
+                f"frame {index} must be in {str(self._path)!r} to be shown; it is there no longer ({error})."
+            ) from None
+        numbers, count = _numbers_of(frame, self._fewest)
+        position = np.zeros((count, 2), frame.position.dtype)
+        velocity, radii, present = np.zeros_like(position), np.zeros(count), np.zeros(count, np.bool_)
+        position[numbers] = _inside(frame, self._shift)
+        velocity[numbers], radii[numbers], present[numbers] = frame.velocity, frame.radius, True
+        (width, height), (left, low) = frame.box, np.subtract(frame.origin, self._shift)
+        walls = (float(left), float(left) + width, float(low), float(low) + height)
+        state = State(position, velocity, present=present, box=walls)
+        return Moment(frame.frame, frame.known.get("time", nan), state, radii)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._trajectory.close()
+
+    def _stamp(self) -> tuple[int, ...]:
+        """What changes when the file does."""
+        try:
+            found = os.stat(self._path)
+        except OSError:
+            return ()
+        return found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def _numbers_of(frame: Frame, fewest: int) -> tuple[NDArray[np.int64], int]:
+    """The number of each disc of a frame, and how many discs there are by these numbers, at least `fewest`."""
+    ids, count = frame.ids, len(frame.position)
+    most = max(2 * count, fewest) + MOST_GAPS
+    if count and (ids.min() < 0 or ids.max() >= most or len(np.unique(ids)) < count):  # another program's
+        ids = np.arange(count)
+    return ids, max(int(ids.max(initial=-1)) + 1, fewest)
+
+
+def _inside(frame: Frame, shift: NDArray[np.float64]) -> NDArray[np.floating]:
+    """Places in a box whose corner is not below 0; of periodic axes inside it, as other programs may not keep them."""
+    place = frame.position - shift.astype(frame.position.dtype)
+    for axis, length in enumerate(frame.box):
+        if frame.periodic[axis]:
+            np.mod(place[:, axis], place.dtype.type(length), out=place[:, axis])
+    return place
+
+
+def _scene_of(frame: Frame, shift: NDArray[np.float64]) -> Scene:
+    """A scene with box, edges and discs of a frame."""
+    width, height = np.add(frame.origin, frame.box) - shift
+    mass = frame.known.get("mass")
+    room = np.minimum(frame.radius, min(width, height) / 2)[:, None]
+    place = np.asarray(_inside(frame, shift), np.float64)
+    periodic = np.array(frame.periodic)
+    place = np.where(periodic, place, np.clip(place, room, np.array([width, height]) - room))
+    return Scene(
+        width=float(width),
+        height=float(height),
+        position=place,
+        velocity=frame.velocity.astype(np.float64),
+        radius=frame.radius,
+        mass=None if mass is None or (mass == 1).all() else mass,
+        boundary=tuple("periodic" if each else "walls" for each in frame.periodic),
+    )
