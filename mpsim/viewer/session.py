@@ -39,6 +39,9 @@ FULL_SPEED, WAITING = (1 / 80, 0.5), (1 / 40, 0.1)
 """Part of a core that pictures take at most, sending included, and the longest time between two, which counts more [s].
 As fast as it goes, where each also costs a slice of the run; at other speeds, where the run waits for its frames."""
 
+SLICE_SECONDS = 3e-4
+"""Processor time of the slice of a run that a picture needs as fast as it goes."""
+
 READING = 1 / 200, 5.0
 """The same of the gauges."""
 
@@ -262,7 +265,8 @@ class Session(Source):
             self._shown = where
             read_in_place(sim, self._show)
             self._broadcast.tell_if_new("colours", self._colouring.told(sim))
-            self._pictures.use(now, time.thread_time() - spent)
+            slice_cost = SLICE_SECONDS if self._picture_share is FULL_SPEED else 0.0
+            self._pictures.use(now, time.thread_time() - spent + slice_cost)
 
     def _show(self, discs: InPlace) -> None:
         """Send a picture in the colours that were chosen."""

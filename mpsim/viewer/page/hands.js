@@ -32,23 +32,23 @@ export function paced(act) {
 
 // --- places
 
-const toBox = ([px, py]) => [camera.x + (px - camera.width / 2) / camera.scale, camera.y - (py - camera.height / 2) / camera.scale];
-const onCanvas = (event) => {
+export const toBox = ([px, py]) => [camera.x + (px - camera.width / 2) / camera.scale, camera.y - (py - camera.height / 2) / camera.scale];
+export const onCanvas = (event) => {
   const box = stage.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
   return [(event.clientX - box.left - stage.clientLeft) * ratio, (event.clientY - box.top - stage.clientTop) * ratio];
 };
 const radiusOf = (disc) => (state.radii.length > 1 ? state.radii[disc] : state.radii[0] ?? 0);
-const placeOf = (disc) => state.picture.extent.map((length, axis) => (state.picture.places[2 * disc + axis] / 65535) * length);
+export const placeOf = (disc) => state.picture.extent.map((length, axis) => (state.picture.places[2 * disc + axis] / 65535) * length);
 const typicalRadius = () => (state.radii?.length > 1 ? [...state.radii].sort((a, b) => a - b)[state.radii.length >> 1] : state.radii?.[0] ?? 0);
 
 /** A vector to the nearest image. */
-const nearest = (vector) => vector.map((each, axis) => {
+export const nearest = (vector) => vector.map((each, axis) => {
   const length = state.picture.extent[axis];
   return state.scene.periodic[axis] ? each - length * Math.round(each / length) : each;
 });
 
 /** The disc at a place, or else the nearest one within a distance; null: there is none. */
-function discAt(place, reach) {
+export function discAt(place, reach) {
   const picture = state.picture;
   let found = null, least = Infinity;
   for (let k = 0; k < picture.count; k++) {
@@ -199,7 +199,7 @@ const undo = () => { if (!$("undo").disabled) { end([0, 0]); send({ do: "undo" }
 $("undo").addEventListener("click", undo);
 choose("hand");
 
-const isText = (element) => element.closest?.("textarea, select, input:not([type=range])");
+export const isText = (element) => element.closest?.("textarea, select, input:not([type=range])");
 document.addEventListener("keydown", (event) => {
   if (event.altKey || isText(event.target)) return;
   const key = event.key.toLowerCase();

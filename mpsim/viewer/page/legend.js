@@ -11,6 +11,9 @@ let colours = { by: "speed" }, legendKey = "";
 /** Draw the legend again, even where its numbers are the same. */
 export const forgetLegend = () => { legendKey = ""; };
 
+/** What colours stand for now. */
+export const legendShows = () => colours.by;
+
 const select = $("colour");
 takers.colours = [(message) => {
   colours = message;

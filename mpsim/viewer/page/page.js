@@ -3,6 +3,7 @@
 import { $, bound, state } from "./common.js";
 import { drawGauges } from "./gauges.js";
 import "./hands.js";
+import "./follow.js";
 import "./keep.js";
 import { offerSaving } from "./export.js";
 import "./sliders.js";

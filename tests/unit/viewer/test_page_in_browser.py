@@ -301,3 +301,38 @@ def test_colours_are_chosen_and_the_legend_follows(shown):
     page.page.select_option("#colour", "own")
     until(lambda: np.array_equal(page.stage(), before))
     assert page.complaints == []
+
+
+def test_a_disc_is_labelled_followed_and_has_a_trail(shown):
+    page = shown(playing=False)
+    page.settle()
+    box = page.page.locator("#discs-canvas").bounding_box()
+    scale = 0.96 * min(box["width"] / SCENE.width, box["height"] / SCENE.height)
+
+    def at(place):
+        x = box["x"] + box["width"] / 2 + (place[0] - SCENE.width / 2) * scale
+        return x, box["y"] + box["height"] / 2 - (place[1] - SCENE.height / 2) * scale
+
+    page.page.mouse.move(*at(SCENE.position[7]))
+    until(lambda: page.text("disc-label").startswith("disc 7: "))
+    speed = float(page.text("disc-label").rpartition(" ")[2])
+    assert speed == pytest.approx(np.hypot(*SCENE.velocity[7]), rel=0.02)
+    page.page.keyboard.press("f")
+    until(lambda: page.page.get_attribute("#stage", "data-followed") == "7")
+    page.page.click("#play")
+    until(lambda: page.sim.frame > 30)
+    page.page.click("#play")
+    page.settle()
+    place = page.sim.state.position[7]
+    seen = page.page.inner_text("#disc-label").removeprefix("disc 7: ").partition(";")[0].split(", ")
+    assert np.abs(np.array(seen, float) - place).max() < 0.01
+    middle = page.stage()[round(box["height"] / 2), round(box["width"] / 2)]
+    assert middle[3] == 255, "it is in the middle of the stage"
+    painted = page.page.evaluate("""() => {
+        const canvas = document.getElementById("hand-canvas");
+        return canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data.some((each) => each > 0);
+    }""")
+    assert painted, "its trail"
+    page.page.keyboard.press("f")
+    until(lambda: page.page.get_attribute("#stage", "data-followed") == "")
+    assert page.complaints == []

@@ -1,0 +1,92 @@
+// One disc: its label under the pointer, following it, and its trail; or the trails of all, where there are few.
+
+import { $, ABSORBED, KNEE, FASTEST, digits, state } from "./common.js";
+import { discAt, isText, nearest, onCanvas, placeOf, say, toBox } from "./hands.js";
+import { legendShows } from "./legend.js";
+import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
+
+const LABELLED = 100_000; // discs that are searched for the one under the pointer
+const TRAILED = 300, PLACES = 60; // discs whose trails are all drawn, and pictures that a trail goes back
+
+let pointer = null, asked = false, followed = null, trails = false, seen = null, past = [];
+
+const label = (disc) => {
+  const [x, y] = placeOf(disc), byte = state.picture.colours[disc], { usual, fastest } = state.picture;
+  const speed = byte <= KNEE ? (byte / KNEE) * usual : usual + ((byte - KNEE) / (FASTEST - KNEE)) * (fastest - usual);
+  return `disc ${disc}: ${digits(x)}, ${digits(y)}${legendShows() === "speed" ? `; speed about ${digits(speed)}` : ""}`;
+};
+
+/** The disc under the pointer; null: there is none, or too many are there to look for it. */
+const pointed = () => (pointer && state.picture && state.radii && state.picture.count <= LABELLED ? discAt(toBox(pointer), 0) : null);
+
+function showLabel() {
+  asked = false;
+  const disc = followed ?? pointed(), box = $("disc-label");
+  box.hidden = disc === null;
+  if (disc === null) return;
+  const ratio = window.devicePixelRatio || 1, [x, y] = camera.pixel(...placeOf(disc));
+  box.textContent = label(disc);
+  box.style.left = `${Math.max(Math.min(x / ratio + 12, stage.clientWidth - box.offsetWidth - 4), 4)}px`;
+  box.style.top = `${Math.max(y / ratio - 32, 4)}px`;
+}
+function askLabel() {
+  if (asked) return;
+  asked = true;
+  requestAnimationFrame(showLabel);
+}
+stage.addEventListener("pointermove", (event) => { pointer = event.target.closest("button") ? null : onCanvas(event); askLabel(); });
+stage.addEventListener("pointerleave", () => { pointer = null; askLabel(); });
+
+document.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || isText(event.target)) return;
+  const key = event.key.toLowerCase();
+  if (key === "f") {
+    followed = followed === null ? pointed() : null;
+    say(followed === null ? "Following no disc. Point at one and press F." : `Following disc ${followed}. F ends it.`);
+  } else if (key === "t") {
+    trails = !trails;
+    say(!trails ? "No trails." : state.picture?.count > TRAILED ? `Trails of all only up to ${TRAILED} discs: here, of the one that is followed.` : "Trails.");
+  } else return;
+  [past, seen] = [[], null];
+  event.preventDefault();
+  requestDraw();
+});
+
+/** Note where the discs are in a picture; another run, or other discs, have other trails. */
+function record(picture) {
+  if (seen && (picture.frame < seen.frame || picture.count !== seen.count)) {
+    past = [];
+    if (followed >= picture.count) followed = null;
+  }
+  seen = picture;
+  if (followed !== null && picture.colours[followed] === ABSORBED) followed = null;
+  if (followed !== null || trails) past.push(picture);
+  if (past.length > PLACES) past.shift();
+  if (followed !== null) camera.moveTo(...placeOf(followed));
+}
+
+function drawTrail(c, disc) {
+  let before = null;
+  c.beginPath();
+  for (const { places, extent } of past) {
+    const here = [0, 1].map((axis) => (places[2 * disc + axis] / 65535) * extent[axis]), pixel = camera.pixel(...here);
+    const away = before?.map((each, axis) => here[axis] - each);
+    const wrapped = away && nearest(away).some((each, axis) => Math.abs(each - away[axis]) > 1e-9);
+    if (!before || wrapped) c.moveTo(...pixel); else c.lineTo(...pixel);
+    before = here;
+  }
+  c.stroke();
+}
+
+afterDrawing.push(() => {
+  const picture = state.picture;
+  if (!picture) return;
+  if (picture !== seen) record(picture);
+  const all = trails && picture.count <= TRAILED, c = $("hand-canvas").getContext("2d"), ratio = window.devicePixelRatio || 1;
+  [c.lineWidth, c.strokeStyle, c.lineJoin] = [1.2 * ratio, "#16191d99", "round"];
+  if (all) for (let k = 0; k < picture.count; k++) if (picture.colours[k] !== ABSORBED) drawTrail(c, k);
+  [c.lineWidth, c.strokeStyle] = [2.5 * ratio, "#d55e00"];
+  if (followed !== null) drawTrail(c, followed);
+  stage.dataset.followed = followed ?? "";
+  if (followed !== null || pointer) askLabel();
+});
