@@ -1,5 +1,6 @@
 """`mpsim view`: a scene as it runs, or a run that was recorded, on a page in the browser."""
 
+import dataclasses
 import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,12 @@ from mpsim.cli import terminal
 from mpsim.cli.runfolder import RECORD, RunFolder
 from mpsim.output.frame_file import ENDINGS
 from mpsim.scene import scenefile
+from mpsim.scene.settings import METHODS, Settings
+
+BESIDE: dict[str, type] = {
+    "dt": float, "method": str, "contact": str, "law": str, "precision": str, "passes": int, "substeps": int,
+}  # fmt: skip
+"""Settings that a second stage can be given, and of which type they are."""
 
 if TYPE_CHECKING:
     from mpsim.viewer.recording import Recording
@@ -18,6 +25,8 @@ VIEW_EXAMPLES = """\b
 Examples:
   mpsim view                                    the scene gas
   mpsim view hopper --paused
+  mpsim view gas --beside event                 the exact solver beside it, from the same start
+  mpsim view dense --beside dt=0.001,passes=2
   mpsim view my_scene.toml --method parallel --workers 2
   mpsim view run                                the folder of a run, which may still go on
   mpsim view trajectory.xyz
@@ -31,8 +40,9 @@ Examples:
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Else one that is free.")
 @click.option("--browser/--no-browser", default=True, show_default=True, help="Open it in the browser.")
 @click.option("--paused", is_flag=True, help="Wait for the page's button.")
+@click.option("--beside", metavar="SETTINGS", help="A second stage: a method, or settings such as dt=0.001,passes=2.")
 @terminal.settings_options
-def view(scene: str, host: str, port: int, browser: bool, paused: bool, **options: Any) -> None:
+def view(scene: str, host: str, port: int, browser: bool, paused: bool, beside: str | None, **options: Any) -> None:
     """Show SCENE (else gas) as it runs, on a page in the browser, until Ctrl-C.
 
     SCENE may also be the folder of a run or the file of a trajectory: it is shown with a time line, and followed while
@@ -42,12 +52,14 @@ def view(scene: str, host: str, port: int, browser: bool, paused: bool, **option
     from mpsim.viewer import live  # noqa: PLC0415 - other commands need no server
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends it as Ctrl-C does
-    where = {"host": host, "port": port, "browser": browser, "playing": not paused}
-    if (recording := _recording(scene, options)) is not None:
+    where: dict[str, Any] = {"host": host, "port": port, "browser": browser, "playing": not paused}
+    if (recording := _recording(scene, {**options, "beside": beside})) is not None:
         live.view(recording, name=Path(scene).name, **where)
         return
     file = scenefile.load(scene)
-    live.view(file.scene, terminal.settings_of(file, options), name=file.name, **where)
+    settings = terminal.settings_of(file, options)
+    second = None if beside is None else _beside(settings, beside)
+    live.view(file.scene, settings, name=file.name, beside=second, **where)
 
 
 def _recording(path: str, options: dict[str, Any]) -> "Recording | None":
@@ -71,3 +83,22 @@ def _recording(path: str, options: dict[str, Any]) -> "Recording | None":
         return Recording(Path(path))
     run = RunFolder.open(path)
     return Recording(run.trajectory, run.scene, follow=run.record["status"] == "running")
+
+
+def _beside(first: Settings, text: str) -> Settings:
+    """Settings of a second stage: those of the first, with what a text says in their place."""
+    values: dict[str, Any] = {}
+    for word in text.split(","):
+        name, equals, value = word.strip().partition("=")
+        if not equals and name in METHODS:
+            name, value = "method", name
+        try:
+            values[name] = BESIDE[name](value)
+        except (KeyError, ValueError):
+            raise click.BadParameter(
+                f"{word!r} must be a method, or one of {', '.join(BESIDE)} with its value, such as dt=0.001.",
+                param_hint="--beside",
+            ) from None
+    if "method" in values:
+        values["workers"] = None
+    return dataclasses.replace(first, **values)

@@ -34,6 +34,7 @@ from mpsim.engine.solvers.base import Columns, Solver
 from mpsim.engine.solvers.in_place import InPlace
 from mpsim.engine.solvers.methods import capabilities_of, on_ranks, same_bits
 from mpsim.engine.solvers.mpi_ranks import communicator_of, raised_together, ranks_of
+from mpsim.engine.solvers.passes import Pass, frame_in_passes
 from mpsim.features import FEATURES
 from mpsim.measure.run_averages import checked
 from mpsim.scene.recommended import settings_for
@@ -455,6 +456,16 @@ def read_in_place(sim: Simulation, read: Callable[[InPlace], Result]) -> Result:
     It must keep no view of them, write nothing, and be quick: the simulation waits.
     """
     return sim._read_in_place(read)  # pyright: ignore[reportPrivateUsage]
+
+
+def next_frame_in_passes(sim: Simulation) -> list[Pass]:
+    """The passes of the frame that the next `run` would begin with, on a copy: the simulation stays as it is.
+
+    Raises:
+        InputError: for a method or a scene whose frame is not made of an even and an odd pass alone.
+    """
+    coordinator = sim._coordinator  # pyright: ignore[reportPrivateUsage]
+    return frame_in_passes(coordinator.open_solver(), coordinator.scene, coordinator.settings)
 
 
 def _refused_together(settings: Settings | None, comm: object) -> contextlib.AbstractContextManager[None]:

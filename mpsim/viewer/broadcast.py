@@ -15,18 +15,32 @@ from mpsim.viewer.colours import SpeedScale
 
 
 @dataclass(frozen=True)
+class Stage:
+    """What one stage shows.
+
+    Attributes:
+        packed: `wire.pack`.
+        radii: `wire.pack_radii` of its discs, the same object as long as these are.
+    """
+
+    packed: bytes | bytearray
+    radii: bytes
+
+
+@dataclass(frozen=True)
 class Shown:
     """A picture for pages.
 
     Attributes:
         serial: its number, from 1.
-        packed: `wire.pack`.
-        radii: `wire.pack_radii` of its discs, the same object as long as these are.
+        packed, radii: as those of `Stage`, of the first stage or the only one.
+        second: the second stage at the same moment; None: there is none.
     """
 
     serial: int
     packed: bytes | bytearray
     radii: bytes
+    second: Stage | None = None
 
 
 class Audience(Protocol):
@@ -49,37 +63,54 @@ class Broadcast:
         scene: whose discs the pictures show.
 
     Attributes:
+        scene: as given; another one has the same box.
         scale: from speeds to colours, of the pictures that follow.
     """
 
     def __init__(self, audience: Audience, scene: Scene):
         self._audience = audience
-        self._scene = scene
+        self.scene: Scene = scene
         self._serial = 0
-        self._radii: tuple[NDArray[np.float64], bytes] | None = None
+        self._radii: list[tuple[NDArray[np.float64], bytes] | None] = [None, None]
         self._last: dict[str, str] = {}
         self.scale: SpeedScale = SpeedScale(1.0, 2.0)
 
     def forget_radii(self) -> None:
         """The discs are others now, or have other radii."""
-        self._radii = None
+        self._radii = [None, None]
 
     def show(self, state: State, radii: NDArray[np.float64], frame: int, moment: float) -> None:
         """Send a picture of a state."""
-        self.show_in_place(in_place(state, self._scene.box, frame, moment, radii))
+        self.show_in_place(in_place(state, self.scene.box, frame, moment, radii))
 
-    def show_in_place(self, discs: InPlace, colours: NDArray[np.uint8] | None = None) -> None:
-        """Send a picture of discs that a simulation has; no view of them is kept. colours: instead of their speeds'."""
+    def show_in_place(
+        self, discs: InPlace, colours: NDArray[np.uint8] | None = None, second: InPlace | None = None
+    ) -> None:
+        """Send a picture of discs that a simulation has; no view of them is kept.
+
+        Args:
+            discs: of the first stage, or the only one.
+            colours: instead of those of their speeds, on both stages.
+            second: discs of the second stage; None: there is none.
+        """
         self._serial += 1
-        scene, walls = self._scene, discs.box
-        header = wire.Header(self._serial, discs.frame, discs.time, walls, (scene.width, scene.height), self.scale)
-        if self._radii is None or len(self._radii[0]) != len(discs.number):
-            self._radii = discs.radii, wire.pack_radii(discs.radii, header)
-        self._audience.show(Shown(self._serial, wire.pack(header, discs, scene.periodic, colours), self._radii[1]))
+        first = self._stage(0, discs, colours)
+        other = None if second is None else self._stage(1, second, colours)
+        self._audience.show(Shown(self._serial, first.packed, first.radii, other))
+
+    def _stage(self, stage: int, discs: InPlace, colours: NDArray[np.uint8] | None) -> Stage:
+        scene, count = self.scene, len(discs.number)
+        extent = scene.width, scene.height
+        header = wire.Header(self._serial, discs.frame, discs.time, discs.box, extent, self.scale, stage)
+        known = self._radii[stage]
+        if known is None or len(known[0]) != count:
+            known = self._radii[stage] = discs.radii, wire.pack_radii(discs.radii, header)
+        fitting = None if colours is None or len(colours) != count else colours
+        return Stage(wire.pack(header, discs, scene.periodic, fitting), known[1])
 
     def tell_scene(self, name: str, **more: Any) -> None:
         """Send what stays the same from picture to picture: the scene, and what its source has to say beside it."""
-        scene = self._scene
+        scene = self.scene
         wall = scene.moving_wall
         fixed = {
             "version": wire.VERSION,

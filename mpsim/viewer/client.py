@@ -9,7 +9,7 @@ from mpsim.viewer.broadcast import Shown
 MOST_A_SECOND, BURST = 200.0, 400.0
 """Messages that a page may send: a second on average, and at once. It sends one for each picture, and one a key."""
 
-ORDER = ("scene", "status", "timeline", "gauges", "hands", "colours")
+ORDER = ("scene", "status", "timeline", "gauges", "hands", "colours", "pair", "tune", "pass")
 """Kinds of messages, in the order in which they are sent."""
 
 
@@ -36,7 +36,7 @@ class Client:
         self._connection = connection
         self._texts: dict[str, str] = {}
         self._picture: Shown | None = None
-        self._radii: bytes | None = None
+        self._radii: list[bytes | None] = [None, None]  # of each stage
         self._in_flight: int | None = None
         self._last = 0
         self._news = asyncio.Event()
@@ -98,7 +98,13 @@ class Client:
             picture = self._picture
             if picture is not None and self.visible and self._in_flight is None and self._can_show():
                 self._in_flight = self._last = picture.serial  # before anything is waited for
-                if picture.radii is not self._radii:
-                    self._radii = picture.radii
-                    await self._connection.send(picture.radii)
-                await self._connection.send(picture.packed)
+                if picture.second is not None:
+                    await self._send(1, picture.second.radii, picture.second.packed)
+                await self._send(0, picture.radii, picture.packed)  # which the page acknowledges, for both
+
+    async def _send(self, stage: int, radii: bytes, packed: bytes | bytearray) -> None:
+        """Send what one stage shows, its radii before it where they are others."""
+        if radii is not self._radii[stage]:
+            self._radii[stage] = radii
+            await self._connection.send(radii)
+        await self._connection.send(packed)

@@ -89,6 +89,11 @@ class Hands:
         """Remove the checkpoints."""
         self._undo.close()
 
+    @property
+    def mark(self) -> int:
+        """Number of the moment to which "undo" goes back; 0: there is none."""
+        return self._undo.last
+
     def told(self, sim: Simulation) -> dict[str, Any]:
         """What pages are told, as `wire.text_of` takes it."""
         assert self._sliders is not None  # since the beginning

@@ -29,6 +29,7 @@ def view(
     playing: bool = True,
     name: str = "",
     colour: ArrayLike | None = None,
+    beside: Settings | None = None,
     wait: bool = True,
 ) -> "View":
     """Show a simulation as it runs, on a page in the browser.
@@ -49,6 +50,9 @@ def view(
         name: what the page calls it.
         colour: a number for each disc, shape (N,), any unit, NaN for none, to colour them by; None: their speed. An
             array of float64 is read anew at each picture, so that your program can change it.
+        beside: settings of a second stage, which runs the same scene beside the first one, such as
+            Settings(method="event"): the page shows how far both are apart. Its dt is that of `settings` or a whole
+            fraction of it; that of "event" follows. None: no second stage, until the page asks for one.
         wait: return only after Ctrl-C, which closes the view; else at once, with the view open.
 
     The page shows lengths, times and speeds in the scene's own units: [length], [time], [length/time].
@@ -71,7 +75,8 @@ def view(
     'http://127.0.0.1:.../'
     """
     browser, wait = checks.truth("browser", browser), checks.truth("wait", wait)
-    shown = View(source, settings, host=host, port=port, playing=playing, name=name, colour=colour)
+    options: dict[str, Any] = {"host": host, "port": port, "playing": playing, "name": name}
+    shown = View(source, settings, colour=colour, beside=beside, **options)
     try:
         shown.start(browser)
         if wait:
@@ -88,7 +93,7 @@ class View:
     """A page that shows a simulation. `mpsim.view` makes it; leaving a `with` block closes it.
 
     Args:
-        source, settings, host, port, playing, name, colour: as in `mpsim.view`, which also gives their bounds; lengths
+        source, settings, host, port, playing, name, colour, beside: as in `mpsim.view`, with their bounds; lengths
             and times on the page are those of the scene, [length] and [time].
 
     Attributes:
@@ -111,8 +116,13 @@ class View:
         playing: bool = True,
         name: str = "",
         colour: ArrayLike | None = None,
+        beside: Settings | None = None,
     ):
         demand_viewed(source, settings)
+        if beside is not None and not isinstance(beside, Settings):
+            raise InputError(
+                f"beside must be mpsim.Settings; got {type(beside).__name__}. Use Settings(method='event')."
+            )
         if not isinstance(host, str):
             raise InputError(f"host must be a name or an address; got {checks.brief(host)}. Use {HOST!r}.")
         port = checks.whole("port", port, 0, 65535, "0 takes one that is free.")
@@ -122,9 +132,8 @@ class View:
             admission = Admission(host, found.getsockname()[1])
             self._server = Server(found, admission)
             playing = checks.truth("playing", playing)
-            self._session: Source = source_of(
-                source, settings, name=str(name), playing=playing, colour=colour, audience=self._server
-            )
+            options: dict[str, Any] = {"name": str(name), "playing": playing, "colour": colour, "beside": beside}
+            self._session: Source = source_of(source, settings, **options, audience=self._server)
         except BaseException:
             found.close()
             raise

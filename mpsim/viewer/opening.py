@@ -1,5 +1,7 @@
 """From what people ask a view to show to the source that its pages show."""
 
+from typing import Any
+
 from numpy.typing import ArrayLike
 
 from mpsim.core.errors import InputError
@@ -43,6 +45,7 @@ def source_of(
     playing: bool,
     audience: Audience,
     colour: ArrayLike | None = None,
+    beside: Settings | None = None,
 ) -> Source:
     """The source for the pages of a view.
 
@@ -53,7 +56,10 @@ def source_of(
         viewed = Recording(viewed.path)
     if not isinstance(viewed, Recording):
         own = own_colours(colour, viewed.count)
-        return Session(viewed, settings, name=name, playing=playing, colour=own, audience=audience)
+        options: dict[str, Any] = {"name": name, "playing": playing, "colour": own, "beside": beside}
+        return Session(viewed, settings, **options, audience=audience)
+    if beside is not None:
+        raise InputError("beside goes with a scene; got it beside a trajectory, which is only shown. Leave it out.")
     if colour is not None:
         raise InputError(
             "colour goes with a scene or a simulation; got it beside a trajectory, whose discs are coloured by speed. "

@@ -3,37 +3,35 @@
 Pictures are made from the state between two frames.
 """
 
-import contextlib
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.errors import ClosedError, InputError, MpsimError
+from mpsim.core.errors import MpsimError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation, read_in_place
 from mpsim.engine.solvers.in_place import InPlace
-from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.scene.recommended import frames_between_pictures, settings_for
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.viewer import keep, wire
 from mpsim.viewer.broadcast import Audience
 from mpsim.viewer.colouring import Colouring
 from mpsim.viewer.colours import scale_of
+from mpsim.viewer.commands import Commanded, Where
 from mpsim.viewer.counting import Counting, bulk_pressure
 from mpsim.viewer.gauges import Gauges, Meter
-from mpsim.viewer.hands import Hands
-from mpsim.viewer.pace import LOOK, TURN, Allowance, Pace, first_speed
-from mpsim.viewer.source import Source
+from mpsim.viewer.pace import LOOK, TURN, Allowance
 
 PICTURE_SECONDS = 0.8 * LOOK
 """Shortest time between two pictures: a little less than between two looks, or every other one would come too early."""
 
 GAUGE_SECONDS = 0.4
 """Shortest time between two readings of the gauges."""
+
+PAIR_SECONDS = 0.1
+"""Shortest time between two comparisons of two stages."""
 
 FULL_SPEED, WAITING = (1 / 80, 0.5), (1 / 40, 0.1)
 """Part of a core that pictures take at most, sending included, and the longest time between two, which counts more [s].
@@ -42,14 +40,14 @@ As fast as it goes, where each also costs a slice of the run; at other speeds, w
 SLICE_SECONDS = 3e-4
 """Processor time of the slice of a run that a picture needs as fast as it goes."""
 
-READING = 1 / 200, 5.0
-"""The same of the gauges."""
+READING, COMPARING = (1 / 200, 5.0), (1 / 100, 2.0)
+"""The same share and time of the gauges, and of comparisons of two stages."""
 
 LOOK_SECONDS = 0.1
 """Time between two looks at a simulation that the program itself may be running."""
 
 
-class Session(Source):
+class Session(Commanded):
     """One simulation, or a scene that is simulated again and again.
 
     Args:
@@ -58,6 +56,7 @@ class Session(Source):
         name: what it is called on the page.
         playing: whether it begins as soon as somebody watches.
         colour: what discs are coloured by at first, see `Colouring`; None: their speed.
+        beside: settings of a second stage, which runs the same scene; None: there is none, until a page asks for one.
         audience: who is shown it.
 
     Attributes:
@@ -72,28 +71,21 @@ class Session(Source):
         name: str = "",
         playing: bool = True,
         colour: NDArray[np.float64] | None = None,
+        beside: Settings | None = None,
         audience: Audience,
     ):
-        super().__init__(source if isinstance(source, Scene) else source.scene, audience)
-        self._owned = isinstance(source, Scene)
-        self._sim = None if isinstance(source, Scene) else source
-        self._settings = _checked(settings, self._sim, self.scene)
+        super().__init__(source, settings, beside, audience)
         self._name = name
         # of the thread alone
         self._playing = playing
-        self._steps = 0
-        self._note: str | None = None
-        self._pace = Pace(first_speed(frames_between_pictures(self.scene, self._settings)))
         self._meter = Meter(time.perf_counter())
         self._gauges: Gauges | None = None
-        self._over = True  # until there is one
-        self._run = 0
-        self._last: tuple[int, int, int] | None = None  # run, frame and count that were looked at, ...
-        self._shown: tuple[int, int, int] | None = None  # ... that the last picture shows, ...
-        self._gauged: tuple[int, int, int] | None = None  # ... and that the gauges are of
+        self._last: Where | None = None  # that was looked at, ...
+        self._gauged: Where | None = None  # ... that the gauges are of, ...
+        self._compared: Where | None = None  # ... and that both stages were compared at
         self._pictures = Allowance(PICTURE_SECONDS)
         self._readings = Allowance(GAUGE_SECONDS)
-        self._hands = Hands(self._owned)
+        self._comparisons = Allowance(PAIR_SECONDS)
         self._counting = Counting()
         self._colouring = Colouring(colour)
 
@@ -111,18 +103,6 @@ class Session(Source):
         self._over, self._note = True, str(error) or type(error).__name__
         self._tell()
 
-    def _release(self) -> None:
-        with contextlib.suppress(Exception):  # the first error counts
-            self._drop()
-        with contextlib.suppress(OSError):
-            self._hands.close()
-
-    def _drop(self) -> None:
-        """Close a simulation of one's own."""
-        if self._owned and self._sim is not None:
-            self._sim.close()
-            self._sim = None
-
     def _begin(self) -> None:
         """Begin at the start of the scene, or where the given simulation is."""
         self._drop()
@@ -138,8 +118,27 @@ class Session(Source):
         self._broadcast.forget_radii()
         self._over = False
         self._hands.begin(self._sim)
+        self._passes.close()
+        self._forget_moment()
+        if self._owned:
+            self._trade.begin(self.scene, self._settings)
         self._resume()
+        self._tell_trade()
+        self._broadcast.tell_if_new("pass", self._passes.told())
         self._broadcast.tell_if_new("hands", self._hands.told(self._sim))
+
+    def _show_more(self, action: wire.Action) -> None:
+        if action.name == "count":
+            self._counting.wanted = action.values["value"]
+            self._counting.forget()
+        else:
+            self._colouring.choose(action.values["by"], self._demand_simulation("colour"))
+            self._shown = None
+
+    def _renew_gauges(self) -> None:
+        self._gauges = None
+        self._counting.forget()
+        self._colouring.begin()
 
     def _resume(self) -> None:
         """Begin to run from now on: the time before does not count."""
@@ -153,71 +152,8 @@ class Session(Source):
         self._playing, self._steps, self._note, self._over = False, 0, str(error), self._is_over()
         self._tell()
 
-    def _is_over(self) -> bool:
-        """Whether there is no simulation any more that could run on."""
-        try:
-            return self._sim is None or self._sim.count < 0
-        except ClosedError:
-            return True
-
-    def _do(self, action: wire.Action) -> None:
-        match action.name:
-            case "play":
-                self._playing = True
-                self._resume()
-            case "pause":
-                self._playing, self._steps = False, 0
-                self._tell()
-            case "step":
-                self._playing, self._steps = False, min(self._steps + action.values["frames"], wire.MOST_STEPS)
-                self._resume()
-            case "speed":
-                self._pace.speed = action.values["value"]
-                self._resume()
-            case "reset":
-                if not self._owned:
-                    raise InputError(
-                        "reset needs a scene to start from; this view shows a simulation that belongs to a program. "
-                        "Open the view with its scene."
-                    )
-                self._steps = 0
-                self._begin()
-            case "count":
-                self._counting.wanted = action.values["value"]
-                self._counting.forget()
-            case "colour":
-                self._demand_running(action)
-                self._colouring.choose(action.values["by"], self._simulation)
-                self._shown = None
-            case "keep":
-                keep.answer(None if self._over else self._sim, self._name, **action.values)
-            case "hold" | "release" | "add" | "remove" | "change" | "undo":
-                self._by_hand(action)
-            case name:
-                raise InputError(f"a simulation cannot {name}. Send it to the server.")
-
-    def _by_hand(self, action: wire.Action) -> None:
-        """Do what people do to the discs; a refusal is told beside, and stops nothing."""
-        self._demand_running(action)
-        if action.name == "undo":
-            self._broadcast.forget_radii()
-        self._sim = self._hands.do(self._simulation, action, time.perf_counter())
-        self._changed()
-
-    def _demand_running(self, action: wire.Action) -> None:
-        if self._over:
-            raise InputError(f"{action.name} needs a simulation; this one has ended. Reset it.")
-
-    def _changed(self) -> None:
-        """Note that the simulation is another than it was at this frame: energies count from now on."""
-        self._run += 1
-        self._gauges = None
-        self._counting.forget()
-        self._colouring.begin()
-        self._broadcast.tell_if_new("hands", self._hands.told(self._simulation))
-
     def _advance(self) -> None:
-        if not self._over:
+        if not self._over and not self._tuning.running:
             self._run_due()
             self._look()
 
@@ -228,22 +164,22 @@ class Session(Source):
         frames = self._pace.due(now) if self._playing else min(self._steps, 1)
         if not frames:
             return
+        self._close_passes()
         if self._hands.hold_still(self._simulation, time.perf_counter()):
             self._changed()
-        sim, glance = self._simulation, _Glance(self._pace.frames_between_looks, self._look)
-        observers = [*self._colouring.observers(glance.every), glance]
-        report = sim.run(frames=frames, measures=self._counting.measures(sim), observe=observers)
-        self._colouring.end_run(sim)
-        self._pace.note(frames, float(report.frame_seconds.sum()))
-        self._meter.note(report)
-        self._counting.note(report)
+        self._run_frames(frames)
         if self._steps:
             self._steps -= frames
 
-    @property
-    def _simulation(self) -> Simulation:
-        assert self._sim is not None  # or it is over
-        return self._sim
+    def _run_frames(self, frames: int) -> None:
+        looks = self._pace.frames_between_looks
+        measures = self._counting.measures(self._simulation)
+        sim = self._simulation
+        report, seconds = self._trade.run(sim, frames, looks, self._look, measures, self._colouring.observers(looks))
+        self._colouring.end_run(sim)
+        self._pace.note(frames, seconds)
+        self._meter.note(report)
+        self._counting.note(report)
 
     def _look(self) -> None:
         """Make the picture and the gauges that are due, if the simulation has moved since the last ones."""
@@ -258,6 +194,10 @@ class Session(Source):
             self._gauged = where
             self._tell_gauges(*((sim.state, sim.frame, sim.time) if self._owned else _now(sim)))
             self._readings.use(now, time.thread_time() - spent)
+        if self._trade.pair is not None and where != self._compared and not self._comparisons.wait(now, *COMPARING):
+            spent = time.thread_time()
+            self._tell_trade()
+            self._comparisons.use(now, time.thread_time() - spent)
         if asked and where != self._shown and not self._pictures.wait(now, *self._picture_share):
             now, spent = time.perf_counter(), time.thread_time()
             with self._wake:
@@ -270,7 +210,8 @@ class Session(Source):
 
     def _show(self, discs: InPlace) -> None:
         """Send a picture in the colours that were chosen."""
-        self._broadcast.show_in_place(discs, self._colouring.bytes_of(self._simulation, discs))
+        colours = self._colouring.bytes_of(self._simulation, discs)
+        self._broadcast.show_in_place(discs, colours, self._trade.shown())
 
     @property
     def _picture_share(self) -> tuple[float, float]:
@@ -278,7 +219,7 @@ class Session(Source):
         return FULL_SPEED if self._playing and self._pace.speed is None else WAITING
 
     def _seconds_to_next(self) -> float | None:
-        if self._over:
+        if self._over or self._tuning.running:
             return None
         if self._steps:
             return 0.0
@@ -289,6 +230,8 @@ class Session(Source):
             due.append(LOOK_SECONDS)
         if self._last != self._gauged:
             due.append(self._readings.wait(now, *READING))
+        if self._trade.pair is not None and self._last != self._compared:
+            due.append(self._comparisons.wait(now, *COMPARING))
         if self._asked and self._last != self._shown:
             due.append(self._pictures.wait(now, *self._picture_share))
         return min(due, default=None)
@@ -302,6 +245,8 @@ class Session(Source):
             method=self._settings.method,
             dt=self._settings.dt,
             can_reset=self._owned,
+            can_redraw=self._owned and self._given.can_redraw,
+            seed=self._seed,
             command=keep.command(self.scene, self._settings, self._name) if self._owned else None,
         )
         self._broadcast.tell("status", self._status(phase))
@@ -311,7 +256,14 @@ class Session(Source):
         self._broadcast.tell("status", self._status("over" if self._over else "playing" if self._playing else "paused"))
 
     def _status(self, phase: str) -> dict[str, Any]:
-        return {"phase": phase, "speed": self._pace.speed, "note": self._note}
+        remembered = {"can_remember": self._owned, "snapshot": self._snapshot}
+        return {"phase": phase, "speed": self._pace.speed, "note": self._note, **remembered}
+
+    def _tell_trade(self) -> None:
+        """Tell of the second stage, and how both compare."""
+        sim = self._simulation
+        self._compared = (self._run, sim.frame, sim.count)
+        self._broadcast.tell_if_new("pair", self._trade.told(sim))
 
     def _tell_gauges(self, state: State, frame: int, moment: float) -> None:
         if self._gauges is None:  # something has been changed
@@ -322,18 +274,6 @@ class Session(Source):
         rates = self._meter.read(numbers["discs"], time.perf_counter())
         numbers |= self._counting.numbers() | {"bulk_pressure": bulk_pressure(state, self._simulation.scene)}
         self._broadcast.tell("gauges", {"frame": frame, "time": moment, **numbers, **vars(rates), **workers})
-
-
-class _Glance:
-    """Looks at a run on its way, as an observer."""
-
-    def __init__(self, every: int, act: Callable[[], None]):
-        self.every: int = every
-        self._act = act
-
-    def look(self, sim: Simulation, collisions: int) -> None:
-        """Look."""
-        self._act()
 
 
 def _now(sim: Simulation) -> tuple[State, int, float]:
@@ -347,20 +287,3 @@ def _now(sim: Simulation) -> tuple[State, int, float]:
             break
         frame, moment, state = sim.frame, sim.time, sim.state
     return state, frame, moment
-
-
-def _checked(settings: Settings | None, sim: Simulation | None, scene: Scene) -> Settings:
-    """The settings to run with.
-
-    Raises:
-        InputError: for settings beside a simulation, which has its own, and for ranks.
-    """
-    if sim is not None and settings is not None:
-        raise InputError("settings go with a scene; got them beside a simulation, which has its own. Leave them out.")
-    found = sim.settings if sim is not None else settings_for(scene, settings)
-    if capabilities_of(found).on_ranks:
-        raise InputError(
-            f"a view runs in one process; got method {found.method!r}, which runs on ranks. Use method='grid', which "
-            "has the same bits."
-        )
-    return found

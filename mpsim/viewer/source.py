@@ -22,7 +22,7 @@ from mpsim.viewer.broadcast import Audience, Broadcast
 MOST_WAITING = 1000
 """Actions that wait for their turn at most."""
 
-REPLACING = ("play", "pause", "speed", "reset", "hold")
+REPLACING = ("play", "pause", "speed", "reset", "hold", "searching")
 """Actions of which the last one counts, if several follow each other while frames are run."""
 
 CLOSING_SECONDS = 10.0
@@ -114,6 +114,10 @@ class Source(ABC):
             self._thread.join(CLOSING_SECONDS)
 
     # --- the thread
+
+    def _show_scene(self, scene: Scene) -> None:
+        """Show another scene with the same box from now on."""
+        self.scene = self._broadcast.scene = scene
 
     def _live(self) -> None:
         try:

@@ -1,9 +1,7 @@
-"""Changes taken back: a checkpoint before each, so that going back costs no run from the start."""
+"""Back in time: to the moment before a change, or to one that was remembered, from checkpoints."""
 
 import tempfile
-from collections import deque
 from pathlib import Path
-from typing import NamedTuple
 
 from mpsim.core.errors import InputError
 from mpsim.engine.simulation import Simulation
@@ -15,13 +13,68 @@ MOST_BYTES = 2**28
 """Bytes of their checkpoints together at most; of very many discs fewer changes can be taken back."""
 
 
-class _Point(NamedTuple):
-    path: Path
-    size: int
+class Moments:
+    """Moments of one simulation, by number, in a folder of their own that `close` removes.
+
+    >>> from mpsim import Scene
+    >>> sim, moments = Simulation(Scene.random(count=5, packing=0.2, radius=0.5, seed=1)), Moments()
+    >>> moments.keep(7, sim) > 0
+    True
+    >>> for _ in range(2):  # as often as one likes
+    ...     report = sim.run(frames=3)
+    ...     sim = moments.back(7, sim)
+    >>> sim.frame, 7 in moments
+    (0, True)
+    >>> sim.close(); moments.close()
+    """
+
+    def __init__(self) -> None:
+        self._paths: dict[int, Path] = {}
+        self._folder: tempfile.TemporaryDirectory[str] | None = None  # from the first one
+
+    def __contains__(self, number: int) -> bool:
+        return number in self._paths
+
+    def keep(self, number: int, sim: Simulation) -> int:
+        """Remember this moment under a number, in place of the one that had it; returns the bytes that it takes.
+
+        Raises:
+            OutputError: if the checkpoint cannot be written.
+        """
+        if self._folder is None:
+            self._folder = tempfile.TemporaryDirectory(prefix="mpsim-view-")
+        self.forget(number)
+        path = self._paths[number] = sim.save(Path(self._folder.name) / f"{number}.mpsim")
+        return path.stat().st_size
+
+    def back(self, number: int, sim: Simulation) -> Simulation:
+        """The simulation as it was at a moment; the given one is closed.
+
+        Raises:
+            InputError: if that moment is not remembered.
+        """
+        if number not in self._paths:
+            raise InputError("only a moment that is remembered can be gone back to; got none. Reset begins anew.")
+        settings = sim.settings
+        again = Simulation.resume(self._paths[number], workers=settings.workers, start_method=settings.start_method)
+        sim.close()
+        return again
+
+    def forget(self, number: int) -> None:
+        """Forget a moment, if it is remembered."""
+        if (path := self._paths.pop(number, None)) is not None:
+            path.unlink()
+
+    def close(self) -> None:
+        """Forget all, and remove the folder."""
+        self._paths.clear()
+        if self._folder is not None:
+            self._folder.cleanup()
+            self._folder = None
 
 
 class Undo:
-    """Checkpoints of one simulation, in a folder of their own that `close` removes.
+    """The moments before the last changes of one simulation.
 
     >>> from mpsim import Scene
     >>> sim, undo = Simulation(Scene.random(count=5, packing=0.2, radius=0.5, seed=1)), Undo()
@@ -35,12 +88,17 @@ class Undo:
     """
 
     def __init__(self) -> None:
-        self._points: deque[_Point] = deque()
-        self._folder: tempfile.TemporaryDirectory[str] | None = None  # from the first point
+        self._moments = Moments()
+        self._sizes: dict[int, int] = {}  # bytes of each moment, the oldest first
         self._made = 0
 
     def __len__(self) -> int:
-        return len(self._points)
+        return len(self._sizes)
+
+    @property
+    def last(self) -> int:
+        """Number of the last moment; 0 if there is none. No two have the same."""
+        return next(reversed(self._sizes), 0)
 
     def mark(self, sim: Simulation) -> None:
         """Remember this moment; of too many the first ones are forgotten.
@@ -48,18 +106,15 @@ class Undo:
         Raises:
             OutputError: if the checkpoint cannot be written.
         """
-        if self._folder is None:
-            self._folder = tempfile.TemporaryDirectory(prefix="mpsim-view-")
         self._made += 1
-        path = sim.save(Path(self._folder.name) / f"{self._made}.mpsim")
-        self._points.append(_Point(path, path.stat().st_size))
-        while len(self._points) > MOST_POINTS or sum(each.size for each in self._points) > MOST_BYTES:
-            self._points.popleft().path.unlink()
+        self._sizes[self._made] = self._moments.keep(self._made, sim)
+        while len(self._sizes) > MOST_POINTS or sum(self._sizes.values()) > MOST_BYTES:
+            self._forget(next(iter(self._sizes)))
 
     def forget_last(self) -> None:
         """Forget the last moment, after which nothing has been changed."""
-        if self._points:
-            self._points.pop().path.unlink()
+        if self._sizes:
+            self._forget(self.last)
 
     def back(self, sim: Simulation) -> Simulation:
         """The simulation as it was at the last moment, which is then forgotten; the given one is closed.
@@ -67,22 +122,22 @@ class Undo:
         Raises:
             InputError: if there is none.
         """
-        if not self._points:
+        if not self._sizes:
             raise InputError("undo needs a change before; got none that is remembered. Reset goes back to the start.")
-        settings = sim.settings
-        again = Simulation.resume(self._points[-1].path, workers=settings.workers, start_method=settings.start_method)
+        again = self._moments.back(self.last, sim)
         self.forget_last()
-        sim.close()
         return again
 
     def clear(self) -> None:
         """Forget all."""
-        while self._points:
+        while self._sizes:
             self.forget_last()
 
     def close(self) -> None:
         """Forget all, and remove the folder."""
-        self._points.clear()
-        if self._folder is not None:
-            self._folder.cleanup()
-            self._folder = None
+        self._sizes.clear()
+        self._moments.close()
+
+    def _forget(self, number: int) -> None:
+        del self._sizes[number]
+        self._moments.forget(number)

@@ -7,7 +7,7 @@ All numbers are little-endian. A message of bytes begins with HEADER, of 96 byte
       0  4 bytes     "MPSV"
       4  uint8       version of this format
       5  uint8       kind: 1 a picture, 2 radii
-      6  uint16      0
+      6  uint16      stage: 0, or 1 for the second of two
       8  uint32      serial number of the picture, by which the page acknowledges it; of radii 0
      12  uint32      N, number of discs; of radii 1 if they are all equal
      16  uint64      frame of the simulation
@@ -39,8 +39,9 @@ from mpsim.core.errors import InputError
 from mpsim.core.state import Box
 from mpsim.engine import parameters
 from mpsim.engine.solvers.in_place import InPlace
-from mpsim.kernels import layout
 from mpsim.kernels.painting import paint_places
+from mpsim.measure.registry import ERRORS
+from mpsim.scene.settings import CONTACTS, METHODS, PRECISIONS
 from mpsim.viewer.colouring import CHOICES
 from mpsim.viewer.colours import SpeedScale
 
@@ -59,6 +60,9 @@ SLOWEST, QUICKEST = 0.01, 1000.0
 MOST_STEPS = 10_000
 """Frames of the action `step` at most."""
 
+MOST_DIVISIONS = 100
+"""Passes, and frames in one frame of the first stage, of a second stage at most."""
+
 MOST_NUMBER, MOST_WHOLE = 1e100, 10**9
 """Size of a number that a page may send for a place, a velocity or a parameter, and of one that must be whole."""
 
@@ -73,6 +77,7 @@ class Header:
         walls: where they are now [length].
         extent: width and height of the scene [length].
         scale: from speeds to colours.
+        stage: 0, or 1 for the second of two.
     """
 
     serial: int
@@ -81,6 +86,7 @@ class Header:
     walls: Box
     extent: tuple[float, float]
     scale: SpeedScale
+    stage: int = 0
 
 
 class Picture(NamedTuple):
@@ -133,7 +139,7 @@ def pack(
 
 def _header(kind: int, serial: int, count: int, header: Header) -> bytes:
     numbers = (*header.walls, *header.extent, header.scale.usual, header.scale.fastest)
-    return HEADER.pack(MAGIC, VERSION, kind, 0, serial, count, header.frame, header.time, *numbers)
+    return HEADER.pack(MAGIC, VERSION, kind, header.stage, serial, count, header.frame, header.time, *numbers)
 
 
 def pack_radii(radii: NDArray[np.float64], header: Header) -> bytes:
@@ -173,11 +179,11 @@ def _unpacked(message: bytes | bytearray | memoryview, kind: int, size: int) -> 
     """The header of a message of a kind with `size` bytes a disc, and its number of discs."""
     if len(message) < HEADER.size:
         raise InputError(f"a picture must have at least {HEADER.size} bytes; got {len(message)}. Ask for another.")
-    magic, version, found, zero, serial, count, frame, time, *numbers = HEADER.unpack_from(message)
-    if (magic, version, found, zero) != (MAGIC, VERSION, kind, 0):
+    magic, version, found, stage, serial, count, frame, time, *numbers = HEADER.unpack_from(message)
+    if (magic, version, found) != (MAGIC, VERSION, kind) or stage > 1:
         raise InputError(
-            f"a picture must begin with {MAGIC!r}, version {VERSION}, kind {kind} and 0; got {magic!r}, {version}, "
-            f"{found} and {zero}. Use the mpsim that sent it."
+            f"a picture must begin with {MAGIC!r}, version {VERSION}, kind {kind} and stage 0 or 1; got {magic!r}, "
+            f"{version}, {found} and {stage}. Use the mpsim that sent it."
         )
     if len(message) != HEADER.size + size * count:
         raise InputError(
@@ -186,7 +192,7 @@ def _unpacked(message: bytes | bytearray | memoryview, kind: int, size: int) -> 
         )
     x_low, x_high, y_low, y_high, width, height, usual, fastest = numbers
     walls = (x_low, x_high, y_low, y_high)
-    return Header(serial, frame, time, walls, (width, height), SpeedScale(usual, fastest)), count
+    return Header(serial, frame, time, walls, (width, height), SpeedScale(usual, fastest), stage), count
 
 
 # --- what pages say
@@ -216,13 +222,39 @@ def _parameter_value(name: str, value: Any) -> Any:
     if isinstance(value, list) and len(value) == 2:
         return [_number(name, each) for each in value]
     if isinstance(value, str):
-        return checks.choice(name, value, layout.CONTACTS)
+        return checks.choice(name, value, CONTACTS)
     if isinstance(value, int) and not isinstance(value, bool):
         return checks.whole(name, value, -MOST_WHOLE, MOST_WHOLE, "Send a smaller one.")
     return _number(name, value)
 
 
+def _budget(name: str, value: Any) -> float:
+    return checks.between(name, value, 1 / MOST_NUMBER, MOST_NUMBER)
+
+
+def _measure(name: str, value: Any) -> str:
+    return checks.choice(name, value, ERRORS)
+
+
+def _beside(name: str, value: Any) -> dict[str, Any] | None:
+    """What is different in the second stage; None: there is to be none."""
+    if value is None:
+        return None
+    if not isinstance(value, dict) or not value.keys() <= BESIDE.keys():
+        raise InputError(f"{name} must be an object with {', '.join(BESIDE)}, or null; got {checks.brief(value)}.")
+    return {each: BESIDE[each](f"{each} of {name}", found) for each, found in value.items()}
+
+
 _DISC = _whole(0, 2**31 - 1)
+
+BESIDE: Mapping[str, Field] = {
+    "method": lambda name, value: checks.choice(name, value, METHODS),
+    "contact": lambda name, value: checks.choice(name, value, CONTACTS),
+    "precision": lambda name, value: checks.choice(name, value, PRECISIONS),
+    "passes": _whole(1, MOST_DIVISIONS),
+    "frames": _whole(1, MOST_DIVISIONS),
+}
+"""What may be different in a second stage, and what checks it; frames: of it in one frame of the first."""
 
 ACTIONS: Mapping[str, Mapping[str, Field]] = {
     "ack": {"serial": _whole(1, 2**32 - 1)},
@@ -237,6 +269,13 @@ ACTIONS: Mapping[str, Mapping[str, Field]] = {
     # of a recording, see playback.py
     "seek": {"index": _whole(0, 2**31 - 1)},
     "follow": {"value": checks.truth},
+    "pass": {},
+    "snapshot": {},
+    "return": {},
+    "seed": {"value": _whole(0, MOST_WHOLE)},
+    "beside": {"settings": _beside},
+    "tune": {"measure": _measure, "budget": _budget},
+    "stop_tuning": {},
     # by hand, see hands.py; same: it goes on with the action before, and is taken back together with it
     "hold": {"id": _DISC, "x": _number, "y": _number},
     "release": {"vx": _number, "vy": _number},

@@ -58,8 +58,17 @@ class GridSolver(BlockSolver):
         """Column and owner of each disc."""
         x = self.state().position[:, 0].astype(np.float64)
         column = np.clip((x * (self._grid.columns / self._scene.width)).astype(np.int64), 0, self._grid.columns - 1)
+        return Columns(column, self.owners()[column], self._grid.columns)
+
+    def owners(self) -> NDArray[np.int64]:
+        """The worker to whom the next frame gives each column, shape (columns,)."""
         first = self._shares(self._most_workers)[0][:-1]
-        return Columns(column, np.searchsorted(first, column, side="right") - 1, self._grid.columns)
+        return np.searchsorted(first, np.arange(self._grid.columns), side="right") - 1
+
+    @property
+    def has_giants(self) -> bool:
+        """Whether some discs are too large for the grid."""
+        return self._giant_radius(self._radii) is not None
 
     def _deal(self, workers: int) -> None:
         """Assign columns and a slice of the discs to each worker."""

@@ -10,10 +10,11 @@ export function decode(buffer) {
   if (view.getUint8(4) !== VERSION) throw new Error("another version of mpsim runs now: load the page again");
   const kind = view.getUint8(5), count = view.getUint32(12, true);
   if (buffer.byteLength !== HEADER + count * (kind === RADII ? 4 : 5)) throw new Error("a picture was cut");
-  if (kind === RADII) return { kind, radii: new Float32Array(buffer, HEADER, count) };
+  const stage = view.getUint16(6, true);
+  if (kind === RADII) return { kind, stage, radii: new Float32Array(buffer, HEADER, count) };
   const float = (offset) => view.getFloat64(offset, true);
   return {
-    kind, count, serial: view.getUint32(8, true), frame: Number(view.getBigUint64(16, true)), time: float(24),
+    kind, stage, count, serial: view.getUint32(8, true), frame: Number(view.getBigUint64(16, true)), time: float(24),
     walls: [float(32), float(40), float(48), float(56)], extent: [float(64), float(72)],
     usual: float(80), fastest: float(88),
     places: new Uint16Array(buffer, HEADER, 2 * count), colours: new Uint8Array(buffer, HEADER + 4 * count, count),

@@ -14,7 +14,7 @@ const NO_ANSWER = inNotebook
   : "No connection to mpsim. Is it still running? Trying again …";
 
 /** What else is done with a message of a kind, and when the connection is there: other parts of the page add to these. */
-export const takers = { scene: [], hands: [], timeline: [] }, opened = [];
+export const takers = { scene: [], hands: [], timeline: [], status: [], pair: [], tune: [], pass: [] }, opened = [];
 
 export function take(message) {
   if (message.type === "scene") {
@@ -44,9 +44,10 @@ export function take(message) {
 }
 
 export function takeBytes(buffer) {
-  const found = decode(buffer);
-  if (found.kind === RADII) { state.radii = found.radii; return; }
-  state.picture = found;
+  const found = decode(buffer), shown = found.stage ? state.beside : state;
+  if (found.kind === RADII) { shown.radii = found.radii; return; }
+  shown.picture = found;
+  if (found.stage) return; // the picture of the first stage, of the same moment, follows
   send({ do: "ack", serial: found.serial });
   requestDraw();
 }

@@ -34,13 +34,17 @@ export const camera = {
 };
 
 export const stage = $("stage"), discs = $("discs-canvas"), lines = $("lines");
-export let renderer;
-try {
-  if (new URLSearchParams(location.search).get("canvas") === "2d") throw new Error("asked for");
-  renderer = new ByWebGL(discs);
-} catch {
-  renderer = new ByCanvas(discs);
+
+/** Who draws discs on a canvas. */
+export function rendererFor(canvas) {
+  try {
+    if (new URLSearchParams(location.search).get("canvas") === "2d") throw new Error("asked for");
+    return new ByWebGL(canvas);
+  } catch {
+    return new ByCanvas(canvas);
+  }
 }
+export const renderer = rendererFor(discs);
 
 /** Where discs are drawn again, as images: (0, 0) is where they are. */
 export function images(scene) {
@@ -61,7 +65,7 @@ export function draw() {
   const { width, height, ratio } = sharpen(discs);
   sharpen(lines);
   camera.fit(width, height);
-  drawGround(ratio);
+  drawGround(lines, state.picture, ratio);
   renderer.draw(state.picture, state.radii, camera, images(state.scene));
   for (const each of afterDrawing) each();
   const picture = state.picture;
@@ -75,15 +79,15 @@ export function draw() {
 }
 
 /** The box, what stands in it, and what a moving wall has closed off: below the discs, so that they are seen whole. */
-export function drawGround(ratio) {
-  const c = lines.getContext("2d"), scene = state.scene;
+export function drawGround(canvas, picture, ratio) {
+  const c = canvas.getContext("2d"), scene = state.scene;
   c.setTransform(1, 0, 0, 1, 0, 0);
-  c.clearRect(0, 0, lines.width, lines.height);
+  c.clearRect(0, 0, canvas.width, canvas.height);
   if (!scene) return;
   const [left, top] = camera.pixel(0, scene.height), [right, bottom] = camera.pixel(scene.width, 0);
   c.fillStyle = "#fff";
   c.fillRect(left, top, right - left, bottom - top);
-  const walls = state.picture?.walls;
+  const walls = picture?.walls;
   if (scene.wall !== null && walls) {
     const [x, y] = camera.pixel(walls[0], walls[3]), [x2, y2] = camera.pixel(walls[1], walls[2]);
     c.fillStyle = "#9aa3ad";

@@ -111,7 +111,19 @@ ACTIONS = [
     ("change", {"name": "gravity", "value": [0.0, -1.0], "same": True}),
     ("change", {"name": "contact", "value": "push", "same": False}),
     ("change", {"name": "passes", "value": 2, "same": False}),
+    ("pass", {}), ("snapshot", {}), ("return", {}), ("seed", {"value": 0}), ("stop_tuning", {}),
+    ("beside", {"settings": None}), ("beside", {"settings": {"method": "event"}}),
+    ("beside", {"settings": {"frames": 10, "passes": 2, "contact": "push", "precision": "float32"}}),
+    ("tune", {"measure": "pressure", "budget": 0.02}),
 ]  # fmt: skip
+
+
+def test_a_picture_says_of_which_stage_it_is():
+    for stage in (0, 1):
+        message = bytes(packed(header_of(4.0, 4.0, stage=stage), state_of(4, 4.0, 4.0)))
+        assert (message[6], message[7], wire.unpack(message).header.stage) == (stage, 0, stage)
+    with pytest.raises(mpsim.InputError, match="stage 0 or 1; got b'MPSV', 1, 1 and 2"):
+        wire.unpack(message[:6] + b"\x02" + message[7:])
 
 
 @pytest.mark.parametrize(("name", "values"), ACTIONS)
@@ -149,6 +161,13 @@ HOSTILE = [
     '{"do": "change", "name": "gravity", "value": [1, 2, 3], "same": false}',
     '{"do": "change", "name": "gravity", "value": [1, "2"], "same": false}',
     '{"do": "keep", "what": "session.zip"}',
+    '{"do": "searching"}', '{"do": "found", "settings": {}}', '{"do": "seed", "value": -1}',
+    '{"do": "seed", "value": 0.5}',
+    '{"do": "beside"}', '{"do": "beside", "settings": "event"}', '{"do": "beside", "settings": {"workers": 900}}',
+    '{"do": "beside", "settings": {"method": ["event"]}}', '{"do": "beside", "settings": {"frames": 101}}',
+    '{"do": "beside", "settings": {"passes": true}}', '{"do": "tune", "measure": "__class__", "budget": 1}',
+    '{"do": "tune", "measure": "pressure", "budget": 0}', '{"do": "tune", "measure": "pressure", "budget": -1}',
+    '{"do": "tune", "measure": "pressure", "budget": NaN}', '{"do": "tune", "measure": "pressure", "budget": "0.1"}',
     '{"do": "play"}{"do": "play"}', '\x00', '{"do": "\\ud800"}', '{"do": "../../etc/passwd"}',
 ]  # fmt: skip
 """Messages that no page sends."""

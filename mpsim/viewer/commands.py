@@ -1,0 +1,282 @@
+"""What pages may do to a simulation that is watched: play it, change it, go back, begin anew, look into a frame."""
+
+import contextlib
+import dataclasses
+import time
+from abc import abstractmethod
+
+from mpsim.core.errors import ClosedError, InputError
+from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.in_place import in_place
+from mpsim.scene.recommended import frames_between_pictures, settings_for
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+from mpsim.viewer import keep, wire
+from mpsim.viewer.broadcast import Audience
+from mpsim.viewer.hands import Hands
+from mpsim.viewer.pace import Pace, first_speed
+from mpsim.viewer.pair import SNAPSHOT
+from mpsim.viewer.passes import PassView
+from mpsim.viewer.source import Source
+from mpsim.viewer.trading import Trade, demand_one_process
+from mpsim.viewer.tuning import Tuning
+from mpsim.viewer.undo import Moments
+
+Where = tuple[int, int, int]
+"""What a picture or a reading is of: a number that changes with each change by hand, frame, and count of discs."""
+
+
+class Commanded(Source):
+    """A simulation that pages control; `Session` runs and shows it.
+
+    Args:
+        source, settings, beside, audience: as of `Session`.
+    """
+
+    def __init__(
+        self, source: Scene | Simulation, settings: Settings | None, beside: Settings | None, audience: Audience
+    ):
+        super().__init__(source if isinstance(source, Scene) else source.scene, audience)
+        self._owned = isinstance(source, Scene)
+        self._sim = None if isinstance(source, Scene) else source
+        self._settings = _checked(settings, self._sim, self.scene)
+        self._given, self._seed = self.scene, 0
+        self._name = ""
+        # of the thread alone
+        self._playing = False
+        self._steps = 0
+        self._note: str | None = None
+        self._pace = Pace(first_speed(frames_between_pictures(self.scene, self._settings)))
+        self._over = True  # until there is one
+        self._run = 0
+        self._shown: Where | None = None  # what the last picture is of
+        self._hands = Hands(self._owned)
+        self._trade = Trade(_demand_owned(beside, self._owned))
+        self._tuning = Tuning(lambda: self.submit(wire.Action("searching", {})), self._found)
+        self._passes = PassView()
+        self._moments = Moments()
+        self._snapshot: int | None = None  # frame of the moment that is remembered
+
+    def _release(self) -> None:
+        with contextlib.suppress(Exception):  # the first error counts
+            self._drop()
+        self._tuning.stop()
+        self._trade.close()
+        for each in (self._hands, self._moments):
+            with contextlib.suppress(OSError):
+                each.close()
+
+    def _drop(self) -> None:
+        """Close a simulation of one's own."""
+        if self._owned and self._sim is not None:
+            self._sim.close()
+            self._sim = None
+
+    def _is_over(self) -> bool:
+        """Whether there is no simulation any more that could run on."""
+        try:
+            return self._sim is None or self._sim.count < 0
+        except ClosedError:
+            return True
+
+    @property
+    def _simulation(self) -> Simulation:
+        assert self._sim is not None  # or it is over
+        return self._sim
+
+    def _do(self, action: wire.Action) -> None:
+        match action.name:
+            case "play":
+                self._playing = True
+                self._resume()
+            case "pause":
+                self._playing, self._steps = False, 0
+                self._tell()
+            case "step":
+                self._playing, self._steps = False, min(self._steps + action.values["frames"], wire.MOST_STEPS)
+                self._resume()
+            case "speed":
+                self._pace.speed = action.values["value"]
+                self._resume()
+            case "reset":
+                self._demand_scene("reset")
+                self._steps = 0
+                self._begin()
+            case "count" | "colour":
+                self._show_more(action)
+            case "keep":
+                keep.answer(None if self._over else self._sim, self._name, **action.values)
+            case "hold" | "release" | "add" | "remove" | "change" | "undo":
+                self._by_hand(action)
+            case "pass" | "snapshot" | "return" as name:
+                {"pass": self._show_pass, "snapshot": self._remember, "return": self._go_back}[name]()
+            case "seed" | "beside" | "tune" | "stop_tuning" | "searching" | "found":
+                self._choose(action)
+            case name:
+                raise InputError(f"a simulation cannot {name}. Send it to the server.")
+
+    def _by_hand(self, action: wire.Action) -> None:
+        """Do what people do to the discs; a refusal is told beside, and stops nothing."""
+        sim = self._demand_simulation(action.name)
+        if action.name == "undo":
+            self._broadcast.forget_radii()
+        before = self._hands.mark
+        self._sim = self._hands.do(sim, action, time.perf_counter())
+        if action.name == "undo" and before:
+            self._trade.back(before)
+        self._changed(self._hands.mark if self._hands.mark > before else None)
+
+    def _changed(self, mark: int | None = None) -> None:
+        """Note that the simulation is another than it was at this frame: energies count from now on.
+
+        mark: number of the moment before the change, if it is a new one.
+        """
+        self._run += 1
+        self._renew_gauges()
+        self._close_passes()
+        self._trade.changed(self._simulation, mark)
+        self._broadcast.tell_if_new("hands", self._hands.told(self._simulation))
+
+    # --- time
+
+    def _show_pass(self) -> None:
+        """Show the next pass of the frame that is next; after its last one, the frame is done."""
+        self._playing, self._steps = False, 0
+        sim = self._demand_simulation("pass")
+        shown = self._passes.next(sim)
+        if self._passes.is_last:
+            self._run_frames(1)
+            self._passes.demand_end(sim.digest())
+        else:
+            self._shown = self._run, sim.frame, sim.count
+            discs = in_place(shown.state, self.scene.box, sim.frame, sim.time, sim.radii)
+            self._broadcast.show_in_place(discs, second=self._trade.shown())
+        self._tell()
+        self._broadcast.tell_if_new("pass", self._passes.told())
+
+    def _close_passes(self) -> None:
+        """Show the simulation again, and no pass of its next frame."""
+        if self._passes.is_open:
+            self._passes.close()
+            self._shown = None
+            self._broadcast.tell_if_new("pass", self._passes.told())
+
+    def _remember(self) -> None:
+        """Remember this moment, in place of the one before."""
+        sim = self._demand_simulation("snapshot")
+        self._demand_scene("snapshot")
+        self._moments.keep(SNAPSHOT, sim)
+        self._snapshot = sim.frame
+        self._trade.remember()
+        self._tell()
+
+    def _forget_moment(self) -> None:
+        """Remember no moment any more."""
+        self._moments.forget(SNAPSHOT)
+        self._snapshot = None
+
+    def _go_back(self) -> None:
+        """Go back to the moment that is remembered, from which changes by hand can be taken back anew."""
+        self._sim = sim = self._moments.back(SNAPSHOT, self._demand_simulation("return"))
+        self._steps = 0
+        self._hands.begin(sim)
+        self._trade.back(SNAPSHOT)
+        self._broadcast.forget_radii()
+        self._changed()
+        self._resume()
+
+    def _choose(self, action: wire.Action) -> None:
+        """Begin anew with another start or another second stage, or search for other settings."""
+        self._demand_scene(action.name)
+        values = action.values
+        match action.name:
+            case "seed":
+                self._seed = values["value"]
+                self._show_scene(self._given.redrawn(self._seed) if self._seed else self._given)
+            case "beside":
+                self._trade.choose(values["settings"])
+            case "tune":
+                self._tuning.start(self.scene, {values["measure"]: values["budget"]})
+            case "stop_tuning":
+                self._tuning.stop()
+            case "found":
+                same = {"start_method": self._settings.start_method, "on_worker_death": self._settings.on_worker_death}
+                self._settings = dataclasses.replace(values["settings"], **same)
+            case _:  # there is news of the search
+                pass
+        self._broadcast.tell_if_new("tune", self._tuning.told())
+        if action.name in ("seed", "beside", "found"):
+            self._steps = 0
+            self._begin()
+            self._tell_scene("playing" if self._playing else "paused")
+
+    def _found(self, settings: Settings) -> None:
+        """Have settings that the search has found applied. Called by its thread."""
+        self.submit(wire.Action("found", {"settings": settings}))
+
+    def _demand_simulation(self, what: str) -> Simulation:
+        if self._over:
+            raise InputError(f"{what} needs a simulation; this one has ended. Reset it.")
+        return self._simulation
+
+    def _demand_scene(self, what: str) -> None:
+        if not self._owned:
+            raise InputError(
+                f"{what} needs a scene to start from; this view shows a simulation that belongs to a program. "
+                "Open the view with its scene."
+            )
+
+    # --- how it runs
+
+    @abstractmethod
+    def _begin(self) -> None:
+        """Begin at the start of the scene, or where the given simulation is."""
+
+    @abstractmethod
+    def _resume(self) -> None:
+        """Begin to run from now on: the time before does not count."""
+
+    @abstractmethod
+    def _run_frames(self, frames: int) -> None:
+        """Run so many frames."""
+
+    @abstractmethod
+    def _show_more(self, action: wire.Action) -> None:
+        """Count more, or colour discs by something else, from now on."""
+
+    @abstractmethod
+    def _renew_gauges(self) -> None:
+        """Count energies from now on: the simulation is another than it was at this frame."""
+
+    @abstractmethod
+    def _tell(self) -> None:
+        """Tell what it does now."""
+
+    @abstractmethod
+    def _tell_scene(self, phase: str) -> None:
+        """Tell what is shown."""
+
+
+def _checked(settings: Settings | None, sim: Simulation | None, scene: Scene) -> Settings:
+    """The settings to run with.
+
+    Raises:
+        InputError: for settings beside a simulation, which has its own, and for ranks.
+    """
+    if sim is not None and settings is not None:
+        raise InputError("settings go with a scene; got them beside a simulation, which has its own. Leave them out.")
+    return demand_one_process(sim.settings if sim is not None else settings_for(scene, settings))
+
+
+def _demand_owned(beside: Settings | None, owned: bool) -> Settings | None:
+    """Settings of a second stage, as they are given.
+
+    Raises:
+        InputError: for those beside a simulation, whose start is not known, and for ranks.
+    """
+    if beside is not None and not owned:
+        raise InputError(
+            "beside needs a scene, from which both stages start; got it with a simulation. Open the view with its "
+            "scene."
+        )
+    return None if beside is None else demand_one_process(beside)

@@ -1,0 +1,191 @@
+"""Two stages compared: how far the same discs are apart, what each run counted and took, and when they have parted.
+
+Hard discs are chaotic: any difference between two runs grows until nothing that happened to one disc says anything of
+the other. From then on their distance means nothing, and averages alone can be compared.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+from mpsim.core.errors import InputError
+from mpsim.core.state import State
+from mpsim.engine.report import Report
+from mpsim.measure.observables import trajectory_error
+from mpsim.measure.run_averages import refusal
+from mpsim.measure.statistics import Measure, block_average
+from mpsim.scene.scene import Scene
+
+PARTED = 0.5
+"""Distance at which two runs have parted, in diameters, root mean square over all discs: that of a disc that has missed
+a collision. From there on it grows to that of two discs that have nothing to do with each other."""
+
+MOST_BLOCKS = 128
+"""Blocks of a mean at most; then each two become one."""
+
+
+class RunningMean:
+    """The mean of a number along a run, and its error from means over blocks of equal times.
+
+    >>> mean = RunningMean()
+    >>> for value in (1.0, 2.0, 3.0):
+    ...     mean.note(value, duration=0.5)
+    >>> mean.read().value
+    2.0
+    """
+
+    def __init__(self) -> None:
+        self._blocks: list[float] = []
+        self._length = 0.0  # of a block, from the first value on [time]
+        self._sum = self._open_for = 0.0  # of the block that is not yet full
+        self._all = self._duration = 0.0
+
+    def note(self, value: float, duration: float) -> None:
+        """Note the mean over some time; what is not finite is left out.
+
+        Args:
+            value: the mean.
+            duration: of that time [time], > 0.
+        """
+        if not math.isfinite(value) or duration <= 0:
+            return
+        self._length = self._length or duration
+        self._all += value * duration
+        self._duration += duration
+        self._sum += value * duration
+        self._open_for += duration
+        if self._open_for < self._length * (1 - 1e-9):
+            return
+        self._blocks.append(self._sum / self._open_for)
+        self._sum = self._open_for = 0.0
+        if len(self._blocks) >= MOST_BLOCKS:
+            self._blocks = [(a + b) / 2 for a, b in zip(self._blocks[::2], self._blocks[1::2], strict=True)]
+            self._length *= 2
+
+    def read(self) -> Measure:
+        """The mean so far, NaN of nothing; without an error where there are too few blocks."""
+        if not self._duration:
+            return Measure(math.nan, math.nan, 0, settled=False)
+        found = block_average(self._blocks) if self._blocks else Measure(math.nan, math.nan, 0, settled=False)
+        return replace(found, value=self._all / self._duration)
+
+
+class Count:
+    """What one stage has counted and taken.
+
+    Attributes:
+        collisions: contacts resolved.
+        seconds: of computing [s].
+        time: simulated [time].
+        pressure: the mean [force/length].
+    """
+
+    def __init__(self) -> None:
+        self.collisions: int = 0
+        self.seconds: float = 0.0
+        self.time: float = 0.0
+        self.pressure: RunningMean = RunningMean()
+
+    def note(self, report: Report, duration: float) -> None:
+        """Note a run of some simulated time [time]."""
+        self.collisions += report.collisions
+        self.seconds += float(report.frame_seconds.sum())
+        self.time += duration
+        if "pressure" in report.measures:
+            self.pressure.note(report.measures["pressure"].value, duration)
+
+    @property
+    def cost(self) -> float:
+        """Time of computing over simulated time [s/time]; NaN before the first run."""
+        return self.seconds / self.time if self.time else math.nan
+
+
+def measures_of(scene: Scene, count: int) -> tuple[str, ...]:
+    """What both stages measure along their runs: the pressure, where it is defined.
+
+    >>> measures_of(Scene.random(count=5, packing=0.2, radius=0.5), count=5)
+    ('pressure',)
+    """
+    return () if refusal("pressure", scene, count) else ("pressure",)
+
+
+@dataclass(frozen=True)
+class Distance:
+    """How far the same discs are apart.
+
+    Attributes:
+        mean: root mean square over the discs, in diameters of the smallest one.
+        largest: of one disc, likewise.
+        disc: number of that one.
+    """
+
+    mean: float
+    largest: float
+    disc: int
+
+
+class Comparison:
+    """Two stages of one start, from that on.
+
+    Args:
+        scene: of both.
+
+    Attributes:
+        first, second: what each has counted and taken.
+        parted: time at which they were first seen to have parted [time]; None: not yet.
+
+    >>> from mpsim import Scene
+    >>> scene = Scene(width=9, height=9, position=[[2, 2], [5, 5]], velocity=[[1, 0], [0, 1]], radius=0.5)
+    >>> there = State(scene.position + [[0.001, 0.0], [0.0, 0.0]], scene.velocity)
+    >>> comparison = Comparison(scene)
+    >>> round(comparison.look(State(scene.position, scene.velocity), there, time=1.0).largest, 9), comparison.parted
+    (0.001, None)
+    """
+
+    def __init__(self, scene: Scene):
+        self.first: Count = Count()
+        self.second: Count = Count()
+        self.parted: float | None = None
+        self._scene = scene
+
+    def look(self, one: State, other: State, time: float) -> Distance | None:
+        """How far two states of one time are apart; None where that means nothing.
+
+        They have parted for good once they are PARTED diameters apart: whatever the distance is later, it is chance.
+        """
+        try:
+            found = trajectory_error(one, other, self._scene)
+        except InputError:  # no disc is there, or one was added to one of them alone
+            return None
+        diameter = 2 * self._scene.smallest_radius
+        distance = Distance(found.rms / diameter, found.largest / diameter, found.disc)
+        if self.parted is None and distance.mean >= PARTED:
+            self.parted = time
+        return distance if self.parted is None else None
+
+    def read(self, one: State, other: State, time: float) -> dict[str, Any]:
+        """The numbers that a page shows, as `wire.text_of` takes them; NaN and None are shown as dashes.
+
+        `missed` are collisions of the second stage that the first one has not counted; once they have parted, it is a
+        difference of two counts of other collisions, and only its fraction means something.
+        """
+        first, second = self.first, self.second
+        distance = self.look(one, other, time)
+        pressures = first.pressure.read(), second.pressure.read()
+        missed = second.collisions - first.collisions
+        return {
+            "time": time,
+            "distance": None if distance is None else distance.mean,
+            "largest": None if distance is None else distance.largest,
+            "disc": None if distance is None else distance.disc,
+            "parted": self.parted,
+            "collisions": [first.collisions, second.collisions],
+            "missed": missed if self.parted is None else None,
+            "missed_fraction": missed / second.collisions if second.collisions else math.nan,
+            "pressure": [each.value for each in pressures],
+            "pressure_error": [each.error for each in pressures],
+            "pressure_difference": pressures[0].value - pressures[1].value,
+            "difference_error": math.hypot(*(each.error for each in pressures)),
+            "cost": [first.cost, second.cost],
+            "cost_ratio": second.cost / first.cost if first.cost and second.time else math.nan,
+        }

@@ -1,0 +1,123 @@
+// Two stages: the second one, drawn as the first one is, and what became of both since their common start.
+
+import { $, NONE, digits, fontSize, sharpen, state } from "./common.js";
+import { send, takers } from "./link.js";
+import { afterDrawing, camera, drawGround, images, rendererFor, requestDraw } from "./stage.js";
+
+const KEPT = 600; // distances in the chart
+const lines = $("second-lines"), discs = $("second-discs");
+let renderer = null, told = null;
+const history = []; // of [time, distance]
+
+afterDrawing.push(() => {
+  if ($("second").hidden) return;
+  renderer ??= rendererFor(discs);
+  const { ratio } = sharpen(discs);
+  sharpen(lines);
+  drawGround(lines, state.beside.picture, ratio);
+  renderer.draw(state.beside.picture, state.beside.radii, camera, images(state.scene));
+  drawDistance();
+});
+
+// --- the numbers below
+
+const signed = (value) => (value > 0 ? `+${digits(value)}` : digits(value));
+const plusMinus = (value, error) => `${signed(value)}${Number.isFinite(error) && error !== null ? ` ± ${digits(error)}` : ""}`;
+const whole = (value) => (value === null ? NONE : value.toLocaleString("en").replace("-", "−"));
+const percent = (value) => (value === null ? NONE : `${(100 * value).toFixed(1).replace("-", "−")} %`);
+
+/** Name, what it says, and what of it: of what is compared. */
+const NUMBERS = {
+  distance: ["Distance", () => (told.parted === null ? digits(told.distance) : "parted"), () => "diameters, rms"],
+  missed: ["Missed collisions", () => (told.parted === null ? whole(told.missed) : percent(told.missed_fraction)),
+    () => `of ${whole(told.collisions[1])}`],
+  pressure: ["Pressure difference", () => plusMinus(told.pressure_difference, told.difference_error),
+    () => `${digits(told.pressure[0])} and ${digits(told.pressure[1])}`],
+  cost: ["Cost", () => (told.cost_ratio === null ? NONE : `${digits(told.cost_ratio)}×`), () => "of the second over the first"],
+};
+
+for (const [name, [title]] of Object.entries(NUMBERS)) {
+  const box = document.createElement("div");
+  box.innerHTML = `<small></small><b id="trade-${name}"></b><small class="of"></small>`;
+  box.firstChild.textContent = title;
+  if (name === "distance") box.append(Object.assign(document.createElement("canvas"), { id: "trade-chart" }));
+  $("trade").append(box);
+}
+
+/** The distance against time, on a logarithmic scale: chaos is a straight line. */
+function drawDistance() {
+  const canvas = $("trade-chart"), { width, height, ratio } = sharpen(canvas), c = canvas.getContext("2d");
+  c.clearRect(0, 0, width, height);
+  const known = history.filter(([, distance]) => distance > 0);
+  if (known.length < 2) return;
+  const low = Math.min(...known.map(([, each]) => Math.log10(each))), from = known[0][0], to = known.at(-1)[0];
+  const size = fontSize(ratio) * 0.85, x = (time) => ((time - from) / (to - from || 1)) * (width - 2 * ratio) + ratio;
+  const y = (each) => height - ratio - ((Math.log10(each) - low) / (Math.log10(1) - low || 1)) * (height - 2 * ratio);
+  c.strokeStyle = "#0b5394";
+  c.lineWidth = 1.6 * ratio;
+  c.beginPath();
+  known.forEach(([time, each], k) => (k ? c.lineTo(x(time), y(each)) : c.moveTo(x(time), y(each))));
+  c.stroke();
+  c.font = `${size}px system-ui, "DejaVu Sans", sans-serif`;
+  c.fillStyle = "#4d5661";
+  c.textAlign = "right";
+  c.fillText("log", width - ratio, height - 2 * ratio);
+}
+
+/** What a page may still compare. */
+function partedText() {
+  const when = `They have parted for good, at time ${digits(told.parted)}: where a disc is on one stage says nothing of the other. Compare averages only.`;
+  return told.lyapunov_time === null ? when
+    : `${when} A difference grows e-fold in ${digits(told.lyapunov_time)} (the Lyapunov time); even two correct solvers part by ${digits(told.agree_until)}.`;
+}
+
+takers.pair.push((message) => {
+  told = message;
+  const two = message.second !== null;
+  for (const id of ["second", "trade", "first-name"]) $(id).hidden = !two;
+  $("first-name").textContent = message.first;
+  $("second-name").textContent = two ? `${message.second}${message.exact ? ", exact" : ""}` : "";
+  $("beside-note").textContent = message.note ?? (message.skipped
+    ? `${message.skipped} changes by hand were refused by the second stage, where a disc was in the way.` : "");
+  if (!two || message.time === undefined) {
+    history.length = 0;
+    if (!two) state.beside.picture = null;
+    $("parted").hidden = true;
+  } else {
+    if (history.length && message.time < history.at(-1)[0]) history.length = 0;
+    if (message.distance !== null) history.push([message.time, message.distance]);
+    if (history.length > KEPT) history.splice(0, history.length, ...history.filter((_, k) => k % 2));
+    $("parted").hidden = message.parted === null;
+    if (message.parted !== null) $("parted").textContent = partedText();
+  }
+  for (const [name, [, value, of]] of Object.entries(NUMBERS)) {
+    const there = two && message.time !== undefined;
+    $(`trade-${name}`).textContent = there ? value() : NONE;
+    $(`trade-${name}`).dataset.value = there ? message[name] ?? "" : "";
+    $(`trade-${name}`).parentElement.querySelector(".of").textContent = there ? of() : "";
+  }
+  requestDraw();
+});
+
+$("beside-choice").addEventListener("change", (event) => send({ do: "beside", settings: JSON.parse(event.target.value) }));
+
+takers.scene.push((scene) => {
+  for (const id of ["beside-choice", "tune", "tune-budget", "tune-measure"]) $(id).disabled = !scene.can_reset;
+});
+
+// --- the search for settings
+
+let searching = false;
+$("tune-form").addEventListener("submit", (event) => {
+  event.preventDefault();
+  if (searching) send({ do: "stop_tuning" });
+  else if (+$("tune-budget").value > 0) send({ do: "tune", measure: $("tune-measure").value, budget: +$("tune-budget").value });
+});
+
+takers.tune.push(({ phase, text, done, of }) => {
+  searching = phase === "searching";
+  $("tune").textContent = searching ? "Stop" : "Tune";
+  $("tune-text").hidden = phase === "none";
+  $("tune-text").textContent = searching ? `${Math.round((100 * done) / (of || 1))} %: ${text}\nThe stages wait meanwhile.` : text;
+  $("tune-text").dataset.phase = phase;
+});

@@ -1,0 +1,77 @@
+"""One frame of a simulation, shown pass by pass: the even one, the odd one, and which worker resolves what in each."""
+
+from typing import Any
+
+from mpsim.core.errors import InputError
+from mpsim.engine.simulation import Simulation, next_frame_in_passes
+from mpsim.engine.solvers.passes import Pass
+
+
+class PassView:
+    """The passes of the next frame of a simulation, one after the other. The simulation stays as it is meanwhile.
+
+    >>> from mpsim import Scene, Settings
+    >>> view = PassView()
+    >>> with Simulation(Scene.random(count=50, packing=0.4, radius=0.5, seed=1), Settings(method="grid")) as sim:
+    ...     names = [view.next(sim).name, view.next(sim).name]
+    ...     view.is_last
+    True
+    >>> names
+    ['even', 'odd']
+    """
+
+    def __init__(self) -> None:
+        self._passes: list[Pass] = []
+        self._shown = -1
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a pass is shown."""
+        return self._shown >= 0
+
+    @property
+    def is_last(self) -> bool:
+        """Whether the last pass of the frame is shown, after which the discs are where the frame ends."""
+        return self.is_open and self._shown == len(self._passes) - 1
+
+    def next(self, sim: Simulation) -> Pass:
+        """The next pass; after the last one, the first of the frame that is next then.
+
+        Raises:
+            InputError: for a method or a scene without passes.
+        """
+        if not self.is_open or self.is_last:
+            self._passes, self._shown = next_frame_in_passes(sim), -1
+        self._shown += 1
+        return self._passes[self._shown]
+
+    def demand_end(self, digest: str) -> None:
+        """Refuse a frame that has ended otherwise than its last pass; digest: of the simulation after the frame.
+
+        Raises:
+            InputError: if it has, as when the frame was divided into more steps than the one before it.
+        """
+        if self._passes[self._shown].state.digest() != digest:
+            raise InputError(
+                "the passes that were shown must end where the frame does; this frame was divided into other steps "
+                "than the one before. Show the next one."
+            )
+
+    def close(self) -> None:
+        """Show passes no longer."""
+        self._passes, self._shown = [], -1
+
+    def told(self) -> dict[str, Any]:
+        """What pages are told, as `wire.text_of` takes it; name: of the pass, None where none is shown."""
+        if not self.is_open:
+            return {"name": None}
+        shown = self._passes[self._shown]
+        return {
+            "name": shown.name,
+            "number": shown.number + 1,
+            "of": len(self._passes),
+            "contacts": shown.contacts,
+            "columns": shown.columns,
+            "brackets": shown.brackets.tolist(),
+            "owners": shown.owners.tolist(),
+        }

@@ -1,0 +1,73 @@
+"""The search for settings, in a thread of its own, while pages are told how far it is."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from mpsim.core.errors import MpsimError
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import Settings
+from mpsim.studies.tune import tune
+from mpsim.viewer.background import Background, Check
+
+SECONDS = 60.0
+"""Time that a search may take, about."""
+
+
+class Tuning:
+    """One search at a time.
+
+    Args:
+        news: called when there is something new to tell, from the thread of the search.
+        finished: called with the settings that were found, likewise.
+
+    >>> tuning = Tuning(news=lambda: None, finished=print)
+    >>> tuning.told()["phase"]
+    'none'
+    """
+
+    def __init__(self, news: Callable[[], None], finished: Callable[[Settings], None]):
+        self._news, self._finished = news, finished
+        self._work = Background("mpsim view: tune")
+        self._told: dict[str, Any] = {"phase": "none", "text": "", "done": 0, "of": 1}
+
+    @property
+    def running(self) -> bool:
+        """Whether a search is under way."""
+        return self._told["phase"] == "searching"
+
+    def told(self) -> dict[str, Any]:
+        """What pages are told, as `wire.text_of` takes it.
+
+        phase: "none", "searching", "found" or "failed". text: what is done now, the answer, or why there is none.
+        """
+        return dict(self._told)
+
+    def start(self, scene: Scene, budgets: Mapping[str, float]) -> None:
+        """Start a search; one that is under way is given up. budgets: as of `mpsim.tune`."""
+        self.stop()
+        self._told = {"phase": "searching", "text": "preliminary run", "done": 0, "of": 1}
+        self._work.start(lambda check: self._search(scene, budgets, check))
+
+    def stop(self) -> None:
+        """Give a search up, at the next moment at which it reports its progress."""
+        self._work.stop()
+        self._told = {**self._told, "phase": "none"}
+
+    def _search(self, scene: Scene, budgets: Mapping[str, float], check: Check) -> None:
+        def progress(done: int, of: int, what: str) -> None:
+            check()
+            self._tell(phase="searching", text=what, done=done, of=of)
+
+        try:
+            found = tune(scene, budgets, seconds=SECONDS, progress=progress)
+        except MpsimError as error:
+            check()
+            self._tell(phase="failed", text=str(error))
+            return
+        check()
+        self._tell(phase="found", text=str(found))
+        self._finished(found.settings)
+
+    def _tell(self, **values: Any) -> None:
+        self._told = {**self._told, **values}
+        self._news()

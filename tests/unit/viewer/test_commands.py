@@ -1,0 +1,199 @@
+"""What pages do to a session: a second stage, a frame by passes, a moment to go back to, other seeds, a search."""
+
+import time
+
+import pytest
+from support.scenes import gas
+from support.watching import Watcher, do, step_to
+
+import mpsim
+from mpsim.viewer import tuning, wire
+from mpsim.viewer.session import Session
+
+SCENE = gas(300, 0.4)
+GRID = mpsim.Settings(method="grid", contact="push", dt=0.01)
+EVENT = mpsim.Settings(method="event")
+PATIENCE = 60.0
+
+
+@pytest.fixture
+def begin():
+    """Starts paused sessions, and ends them after the test."""
+    open_ones = []
+
+    def started(source=SCENE, settings=GRID, **options):
+        watcher = Watcher()
+        session = Session(source, settings, audience=watcher, playing=False, **options)
+        open_ones.append(session)
+        session.watched_by(1)
+        session.start()
+        watcher.wait(lambda w: w.phase == "paused" and "pair" in w.told)
+        return session, watcher
+
+    yield started
+    for session in open_ones:
+        session.close()
+
+
+def until(holds):
+    end = time.monotonic() + PATIENCE
+    while not holds():
+        assert time.monotonic() < end, "it did not happen"
+        time.sleep(0.002)
+
+
+def picture(watcher):
+    return wire.unpack(watcher.pictures[-1].packed)
+
+
+def alone(frames, settings=GRID):
+    with mpsim.Simulation(SCENE, settings) as sim:
+        sim.run(frames=frames)
+        return sim.digest()
+
+
+def test_both_stages_are_in_one_picture_and_compared(begin):
+    session, watcher = begin(beside=EVENT)
+    step_to(session, watcher, 20)
+    watcher.see(session, lambda w: w.frame == 20)
+    shown = watcher.pictures[-1]
+    first, second = wire.unpack(shown.packed).header, wire.unpack(shown.second.packed).header
+    assert (first.stage, second.stage) == (0, 1)
+    assert (first.frame, first.time) == (second.frame, second.time)
+    watcher.wait(lambda w: w.told["pair"].get("time") == first.time)
+    assert watcher.told["pair"]["second"] == "event"
+    other = session._trade.pair.sim
+    assert (session._sim.digest(), other.digest()) == (alone(20), alone(20, mpsim.Settings(method="event", dt=0.01)))
+
+
+def test_a_page_has_a_second_stage_begin_and_end(begin):
+    session, watcher = begin()
+    step_to(session, watcher, 5)
+    assert watcher.told["pair"]["second"] is None
+    do(session, "beside", settings={"frames": 2})
+    watcher.wait(lambda w: w.told["pair"]["second"] == "grid push dt=0.005")
+    assert session._sim.frame == 0, "both begin at the start"
+    do(session, "beside", settings=None)
+    watcher.wait(lambda w: w.told["pair"]["second"] is None)
+    watcher.see(session, lambda w: w.pictures[-1].second is None)
+
+
+def test_changes_by_hand_and_undo_reach_both(begin):
+    session, watcher = begin(beside=EVENT)
+    step_to(session, watcher, 3)
+    until(lambda: session._trade.pair.sim.frame == 3)
+    before = session._trade.pair.sim.digest()
+    session.submit(wire.Action("change", {"name": "restitution", "value": 0.5, "same": False}))
+    until(lambda: len(session._trade.pair.sim.journal) == 1)
+    step_to(session, watcher, 6)
+    do(session, "undo")
+    until(lambda: session._sim.frame == 3)
+    until(lambda: session._trade.pair.sim.frame == 3)
+    assert session._trade.pair.sim.digest() == before
+    assert not len(session._trade.pair.sim.journal)
+
+
+def test_a_frame_pass_by_pass_ends_where_the_frame_does(begin):
+    session, watcher = begin()
+    step_to(session, watcher, 7)
+    do(session, "pass")
+    watcher.wait(lambda w: w.told["pass"]["name"] == "even")
+    assert session._sim.digest() == alone(7), "the simulation stays as it is"
+    even = picture(watcher)
+    assert even.header.frame == 7
+    for _ in range(3):  # a page that asks is not shown what comes before
+        session.ask()
+        time.sleep(0.02)
+    assert (picture(watcher).position == even.position).all()
+    do(session, "pass")
+    watcher.wait(lambda w: w.told["pass"]["name"] == "odd")
+    until(lambda: session._sim.frame == 8)
+    assert session._sim.digest() == alone(8)
+    assert session._note is None
+    watcher.see(session, lambda w: w.frame == 8)
+    do(session, "step", frames=1)
+    watcher.wait(lambda w: w.told["pass"]["name"] is None)
+    until(lambda: session._sim.frame == 9)
+    assert session._sim.digest() == alone(9)
+
+
+def test_a_pass_that_was_left_is_forgotten(begin):
+    session, watcher = begin()
+    step_to(session, watcher, 7)
+    do(session, "pass")
+    watcher.wait(lambda w: w.told["pass"]["name"] == "even")
+    do(session, "remove", id=3, same=False)
+    watcher.wait(lambda w: w.told["pass"]["name"] is None)
+    watcher.see(session, lambda w: wire.unpack(w.pictures[-1].packed).colour[3] == 255)
+
+
+def test_passes_where_there_are_none_are_refused(begin):
+    session, watcher = begin(settings=mpsim.Settings(method="event", dt=0.01))
+    do(session, "pass")
+    watcher.wait(lambda w: w.told["status"]["note"])
+    assert "method 'event', which has no columns" in watcher.told["status"]["note"]
+
+
+def test_back_to_a_moment_again_and_again_on_both_stages(begin):
+    session, watcher = begin(beside=EVENT)
+    step_to(session, watcher, 4)
+    do(session, "snapshot")
+    watcher.wait(lambda w: w.told["status"]["snapshot"] == 4)
+    for _ in range(2):
+        step_to(session, watcher, 9)
+        do(session, "return")
+        until(lambda: session._sim.frame == 4 and session._trade.pair.sim.frame == 4)
+    assert session._sim.digest() == alone(4)
+    assert session._trade.pair.sim.digest() == alone(4, mpsim.Settings(method="event", dt=0.01))
+    do(session, "reset")
+    watcher.wait(lambda w: w.told["status"]["snapshot"] is None)
+    do(session, "return")
+    watcher.wait(lambda w: w.told["status"]["note"])
+    assert "is remembered" in watcher.told["status"]["note"]
+
+
+def test_other_random_numbers_and_back_to_the_scene(begin):
+    session, watcher = begin()
+    do(session, "seed", value=5)
+    watcher.wait(lambda w: w.told["scene"]["seed"] == 5)
+    with mpsim.Simulation(SCENE.redrawn(5), GRID) as again:
+        assert session._sim.digest() == again.digest() != alone(0)
+    do(session, "seed", value=0)
+    watcher.wait(lambda w: w.told["scene"]["seed"] == 0)
+    assert session._sim.digest() == alone(0)
+
+
+def test_settings_that_were_found_are_applied(begin, monkeypatch):
+    def search(scene, budgets, seconds, progress):
+        progress(1, 2, "halfway")
+        return type("Found", (), {"settings": mpsim.Settings(method="grid", dt=0.02)})()
+
+    monkeypatch.setattr(tuning, "tune", search)
+    session, watcher = begin(beside=EVENT)
+    step_to(session, watcher, 4)
+    do(session, "tune", measure="pressure", budget=0.02)
+    watcher.wait(lambda w: w.told.get("tune", {}).get("phase") == "found")
+    watcher.wait(lambda w: w.told["scene"]["dt"] == 0.02)
+    assert (session._sim.frame, session._sim.settings.dt, session._trade.pair.sim.settings.dt) == (0, 0.02, 0.02)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [("snapshot", {}), ("seed", {"value": 1}), ("beside", {"settings": None}), ("reset", {})],
+    ids=lambda given: given if isinstance(given, str) else "",
+)
+def test_what_needs_a_scene_is_refused_of_a_simulation(begin, name, values):
+    with mpsim.Simulation(SCENE, GRID) as sim:
+        session, watcher = begin(sim, None)
+        do(session, name, **values)
+        watcher.wait(lambda w: w.told["status"]["note"])
+        assert watcher.told["status"]["note"].startswith(f"{name} needs a scene to start from")
+        session.close()
+
+
+def test_a_second_stage_beside_a_simulation_is_refused():
+    with (
+        mpsim.Simulation(SCENE, GRID) as sim,
+        pytest.raises(mpsim.InputError, match=r"beside needs a scene, from which both stages start"),
+    ):
+        Session(sim, beside=EVENT, audience=Watcher())

@@ -1,0 +1,130 @@
+"""Two stages, passes and moments on the page in a real browser, and its numbers beside the library's."""
+
+import base64
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.browser import browser, until
+from support.scenes import gas
+from support.viewing import viewed
+
+import mpsim
+from mpsim import measure
+
+SCENE = gas(300, 0.4)
+GRID = mpsim.Settings(method="grid", contact="push", dt=0.01)
+
+
+@pytest.fixture(scope="module")
+def opened():
+    with browser() as found:
+        yield found
+
+
+@pytest.fixture
+def shown(opened, capsys):
+    """A paused page with the exact solver beside the first stage, and the session behind it."""
+    with viewed(SCENE, GRID, beside=mpsim.Settings(method="event"), playing=False) as view:
+        page, complaints = opened.new_page(viewport={"width": 1280, "height": 800}), []
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.goto(view.address)
+        until(lambda: page.inner_text("#phase") == "paused")
+        yield page, view._session
+        page.close()
+        assert not complaints
+
+
+def value(page, name):
+    return float(page.get_attribute(f"#trade-{name}", "data-value") or "nan")
+
+
+def frame(page):
+    return int(page.get_attribute("#stage", "data-frame") or -1)
+
+
+def drawn(page, canvas):
+    url = page.evaluate(f"document.getElementById('{canvas}').toDataURL()")
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))).convert("RGBA"))
+
+
+def step(page, frames):
+    for _ in range(frames):
+        before = frame(page)
+        page.click("#step")
+        until(lambda before=before: frame(page) == before + 1)
+
+
+def test_the_numbers_are_those_of_both_states(shown):
+    page, session = shown
+    step(page, 3)
+    other = session._trade.pair.sim
+    until(lambda: other.frame == 3)
+    expected = measure.trajectory_error(session._sim.state, other.state, SCENE).rms
+    until(lambda: value(page, "distance") == pytest.approx(expected, rel=1e-12))
+    assert page.inner_text("#first-name") == "grid push dt=0.01"
+    assert page.inner_text("#second-name") == "event, exact"
+    assert not page.is_visible("#parted")
+    first, second = drawn(page, "discs-canvas"), drawn(page, "second-discs")
+    assert first.shape == second.shape
+    assert (first[..., 3] > 0).mean() == pytest.approx((second[..., 3] > 0).mean(), rel=0.02)
+    assert 0 < (np.abs(first.astype(int) - second).max(axis=2) > 60).mean() < 0.05, "nearly the same, and not the same"
+
+
+def test_they_part_and_the_page_says_so(shown):
+    page, session = shown
+    page.keyboard.press("m")
+    page.click("#play")
+    until(lambda: page.is_visible("#parted"))
+    page.click("#play")
+    parted = session._trade.pair.comparison.parted
+    assert parted > 0
+    assert "They have parted for good" in page.inner_text("#parted")
+    assert page.inner_text("#trade-distance") == "parted"
+    assert page.inner_text("#trade-missed").endswith("%"), "averages only"
+    page.select_option("#beside-choice", "null", force=True)
+    until(lambda: not page.is_visible("#second"))
+    assert frame(page) == 0 or until(lambda: frame(page) == 0)
+    assert not page.is_visible("#trade")
+
+
+def test_passes_by_button_and_key(shown):
+    page, session = shown
+    step(page, 2)
+    page.click("#pass")
+    until(lambda: page.get_attribute("#stage", "data-pass") == "even 1/2")
+    until(lambda: "no two brackets share a column" in page.inner_text("#pass-note"))
+    assert session._sim.frame == 2
+    until(lambda: drawn(page, "hand-canvas").any())  # the brackets
+    page.keyboard.press("p")
+    until(lambda: page.get_attribute("#stage", "data-pass") == "odd 2/2")
+    until(lambda: frame(page) == 3)
+    page.keyboard.press(".")
+    until(lambda: page.get_attribute("#stage", "data-pass") == "")
+    until(lambda: not drawn(page, "hand-canvas")[..., 3].any())
+
+
+def test_back_to_a_moment_and_other_seeds(shown):
+    page, session = shown
+    assert page.is_disabled("#return")
+    step(page, 1)
+    page.click("#snapshot")
+    until(lambda: page.is_enabled("#return"))
+    step(page, 2)
+    page.keyboard.press("g")
+    until(lambda: frame(page) == 1)
+    until(lambda: session._trade.pair.sim.frame == 1)
+    page.fill("#seed", "5")
+    page.keyboard.press("Enter")
+    until(lambda: session.scene is not SCENE and frame(page) == 0)
+    assert (session._sim.state.position == SCENE.redrawn(5).position).all()
+
+
+def test_at_390_pixels_nothing_is_cut(opened, capsys):
+    with viewed(SCENE, GRID, beside=mpsim.Settings(method="event"), playing=False) as view:
+        page = opened.new_page(viewport={"width": 390, "height": 844})
+        page.goto(view.address)
+        until(lambda: page.is_visible("#second"))
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        page.close()

@@ -1,0 +1,127 @@
+"""The second stage of a view: it is run beside the first, its errors end it alone, and pages are told of both."""
+
+import math
+
+import pytest
+from support.scenes import gas, simulate
+
+import mpsim
+from mpsim.viewer.trading import Trade, demand_one_process, settings_beside
+
+SCENE = gas(50, 0.2)
+FIRST = mpsim.Settings(method="grid", contact="push", dt=0.01)
+PATIENCE = 60.0
+
+
+class Two:
+    def __init__(self, beside, scene=SCENE):
+        self.sim, self.trade, self.looks = simulate(scene, method="grid", dt=0.01), Trade(None), []
+        self.trade.choose(beside)
+        self.trade.begin(scene, FIRST)
+
+    def run(self, frames, every=4):
+        def look():
+            self.looks.append((self.sim.time, None if self.trade.pair is None else self.trade.pair.sim.time))
+
+        return self.trade.run(self.sim, frames, every, look)
+
+    @property
+    def told(self):
+        return self.trade.told(self.sim)
+
+
+@pytest.fixture
+def two():
+    made = []
+
+    def begin(*given):
+        made.append(Two(*given))
+        return made[-1]
+
+    yield begin
+    for each in made:
+        each.sim.close()
+        each.trade.close()
+
+
+def test_both_stages_are_at_one_time_at_each_look(two):
+    t = two({"method": "event"})
+    report, seconds = t.run(20)
+    assert [first for first, _ in t.looks] == pytest.approx([0.0, 0.04, 0.08, 0.12, 0.16, 0.2])
+    assert all(first == second for first, second in t.looks)
+    assert seconds > float(report.frame_seconds.sum()), "the time of the second stage counts, too"
+    told = t.told
+    assert (told["first"], told["second"], told["exact"], told["time"]) == ("grid push dt=0.01", "event", True, 0.2)
+    assert told["collisions"][0] == report.collisions
+    assert 0 < told["distance"] < 0.1
+    assert math.isfinite(told["cost_ratio"])
+
+
+def test_without_a_second_stage_nothing_is_measured(two):
+    t = two(None)
+    report, seconds = t.run(8)
+    assert seconds == float(report.frame_seconds.sum())
+    assert not report.measures
+    assert (t.told["second"], t.trade.shown()) == (None, None)
+
+
+def test_watching_a_second_stage_changes_no_bit(two):
+    t = two({"method": "event"})
+    t.run(20)
+    with mpsim.Simulation(SCENE, FIRST) as alone:
+        alone.run(frames=20)
+        assert alone.digest() == t.sim.digest()
+
+
+def test_a_second_stage_that_cannot_run_the_scene_is_told_and_the_first_one_runs(two):
+    t = two(mpsim.Settings(dt=0.02))
+    assert t.trade.pair is None
+    assert t.told["note"].startswith("dt of a second stage must be that of the first one, 0.01")
+    t.run(4)
+
+
+def test_an_error_of_the_second_stage_ends_it_alone(two):
+    t = two({"method": "event"})
+    t.trade.pair.sim.close()
+    t.run(8)
+    assert t.sim.frame == 8
+    assert t.trade.pair is None
+    assert t.told["note"].startswith("The second stage has ended: this simulation was closed")
+    t.trade.changed(t.sim, 1)
+    t.trade.remember()
+    t.trade.back(1)
+
+
+def test_changes_and_moments_reach_the_second_stage(two):
+    t = two({"method": "event"})
+    t.run(4)
+    before = t.trade.pair.sim.digest()
+    t.trade.remember()
+    t.sim.kick(3, (1.0, 0.0))
+    t.trade.changed(t.sim, 1)
+    assert t.trade.pair.sim.digest() != before
+    t.trade.back(1)
+    assert t.trade.pair.sim.digest() == before
+    t.trade.back(0)
+    assert t.trade.pair.sim.digest() == before
+
+
+def test_the_lyapunov_time_of_the_scene_is_found_meanwhile(two):
+    t = two({"method": "event"})
+    assert t.told["lyapunov_time"] is None or t.told["lyapunov_time"] > 0
+    t.trade._work.wait(PATIENCE)
+    told = t.told
+    assert 0.1 < told["lyapunov_time"] < 2.0
+    assert told["agree_until"] == pytest.approx(20 * told["lyapunov_time"])
+
+
+def test_what_is_different_beside():
+    first = mpsim.Settings(dt=0.02, method="parallel", workers=2, passes=2)
+    assert settings_beside(first, {"frames": 4}) == mpsim.Settings(dt=0.005, method="parallel", workers=2, passes=2)
+    assert settings_beside(first, {"method": "event"}).workers is None
+    assert settings_beside(first, {"contact": "push", "passes": 1}).contact == "push"
+
+
+def test_ranks_are_refused():
+    with pytest.raises(mpsim.InputError, match=r"a view runs in one process; got method 'mpi'"):
+        demand_one_process(mpsim.Settings(method="mpi"))
