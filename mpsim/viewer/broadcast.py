@@ -79,12 +79,17 @@ class Broadcast:
         """The discs are others now, or have other radii."""
         self._radii = [None, None]
 
-    def show(self, state: State, radii: NDArray[np.float64], frame: int, moment: float) -> None:
-        """Send a picture of a state."""
-        self.show_in_place(in_place(state, self.scene.box, frame, moment, radii))
+    def show(self, state: State, radii: NDArray[np.float64], frame: int, moment: float, *, plain: bool = False) -> None:
+        """Send a picture of a state; plain: as `wire.pack` has it."""
+        self.show_in_place(in_place(state, self.scene.box, frame, moment, radii), plain=plain)
 
     def show_in_place(
-        self, discs: InPlace, colours: NDArray[np.uint8] | None = None, second: InPlace | None = None
+        self,
+        discs: InPlace,
+        colours: NDArray[np.uint8] | None = None,
+        second: InPlace | None = None,
+        *,
+        plain: bool = False,
     ) -> None:
         """Send a picture of discs that a simulation has; no view of them is kept.
 
@@ -92,13 +97,14 @@ class Broadcast:
             discs: of the first stage, or the only one.
             colours: instead of those of their speeds, on both stages.
             second: discs of the second stage; None: there is none.
+            plain: as `wire.pack` has it.
         """
         self._serial += 1
-        first = self._stage(0, discs, colours)
-        other = None if second is None else self._stage(1, second, colours)
+        first = self._stage(0, discs, colours, plain)
+        other = None if second is None else self._stage(1, second, colours, plain)
         self._audience.show(Shown(self._serial, first.packed, first.radii, other))
 
-    def _stage(self, stage: int, discs: InPlace, colours: NDArray[np.uint8] | None) -> Stage:
+    def _stage(self, stage: int, discs: InPlace, colours: NDArray[np.uint8] | None, plain: bool) -> Stage:
         scene, count = self.scene, len(discs.number)
         extent = scene.width, scene.height
         header = wire.Header(self._serial, discs.frame, discs.time, discs.box, extent, self.scale, stage)
@@ -106,7 +112,7 @@ class Broadcast:
         if known is None or len(known[0]) != count:
             known = self._radii[stage] = discs.radii, wire.pack_radii(discs.radii, header)
         fitting = None if colours is None or len(colours) != count else colours
-        return Stage(wire.pack(header, discs, scene.periodic, fitting), known[1])
+        return Stage(wire.pack(header, discs, scene.periodic, fitting, plain=plain), known[1])
 
     def tell_scene(self, name: str, **more: Any) -> None:
         """Send what stays the same from picture to picture: the scene, and what its source has to say beside it."""

@@ -35,8 +35,8 @@ class SpeedScale:
     usual: float
     fastest: float
 
-    def colours(self, discs: InPlace, out: NDArray[np.uint8]) -> None:
-        """Fill in the colour of each disc, in the order of their numbers.
+    def colours(self, discs: InPlace, out: NDArray[np.uint8], *, plain: bool = False) -> None:
+        """Fill in the colour of each disc, in the order of their numbers; plain: by Python, before kernels are loaded.
 
         >>> from mpsim.engine.solvers.in_place import in_place
         >>> speeds, out = np.array([0.0, 1.0, 2.0, 6.0]), np.zeros(4, np.uint8)
@@ -46,7 +46,8 @@ class SpeedScale:
         [0, 112, 223, 254]
         """
         steep = (FASTEST - KNEE) / (self.fastest / self.usual - 1)
-        paint_speeds(discs.vx, discs.vy, discs.number, self.usual, KNEE, steep, FASTEST, out)
+        paint = getattr(paint_speeds, "py_func", paint_speeds) if plain else paint_speeds
+        paint(discs.vx, discs.vy, discs.number, self.usual, KNEE, steep, FASTEST, out)
         if discs.absent is not None:
             out[discs.absent] = ABSORBED
 

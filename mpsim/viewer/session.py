@@ -37,6 +37,9 @@ FULL_SPEED, WAITING = (1 / 80, 0.5), (1 / 40, 0.1)
 """Part of a core that pictures take at most, sending included, and the longest time between two, which counts more [s].
 As fast as it goes, where each also costs a slice of the run; at other speeds, where the run waits for its frames."""
 
+MOST_PLAIN = 50_000
+"""Discs whose first picture is there sooner without kernels."""
+
 SLICE_SECONDS = 3e-4
 """Processor time of the slice of a run that a picture needs as fast as it goes."""
 
@@ -96,7 +99,8 @@ class Session(Commanded):
         if self._owned:
             start = State(self.scene.position, self.scene.velocity, box=self.scene.box)
             self._broadcast.scale = scale_of(start)
-            self._broadcast.show(start, self.scene.radii, 0, 0.0)  # before anything is compiled
+            # before anything is compiled, or loaded
+            self._broadcast.show(start, self.scene.radii, 0, 0.0, plain=self.scene.count <= MOST_PLAIN)
         self._begin()
 
     def _stopped_by(self, error: BaseException) -> None:

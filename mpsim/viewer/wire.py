@@ -108,6 +108,8 @@ def pack(
     discs: InPlace,
     periodic: tuple[bool, bool] = (False, False),
     colours: NDArray[np.uint8] | None = None,
+    *,
+    plain: bool = False,
 ) -> bytearray:
     """A picture as bytes.
 
@@ -115,6 +117,7 @@ def pack(
         header, discs: what it shows.
         periodic: along which axes a disc beyond the border is seen a period away.
         colours: of each disc by number, shape (N,); None: those of the speeds, by header.scale.
+        plain: by Python, some microseconds a disc, as to load the first kernel takes more than half a second.
 
     >>> from mpsim.core.state import State
     >>> from mpsim.engine.solvers.in_place import in_place
@@ -129,9 +132,10 @@ def pack(
     packed[: HEADER.size] = _header(PICTURE, header.serial, count, header)
     places = np.frombuffer(packed, "<u2", 2 * count, HEADER.size)
     painted = np.frombuffer(packed, np.uint8, count, HEADER.size + 4 * count)
-    paint_places(discs.x, discs.y, discs.number, *header.extent, *periodic, STEPS, places)
+    paint = getattr(paint_places, "py_func", paint_places) if plain else paint_places
+    paint(discs.x, discs.y, discs.number, *header.extent, *periodic, STEPS, places)
     if colours is None:
-        header.scale.colours(discs, out=painted)
+        header.scale.colours(discs, out=painted, plain=plain)
     else:
         painted[:] = colours
     return packed

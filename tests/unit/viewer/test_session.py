@@ -250,11 +250,11 @@ def test_pictures_of_a_run_at_full_speed_take_a_small_part_of_it(start, monkeypa
     """The part is that of FULL_SPEED, however slow a picture is."""
     real = wire.pack
 
-    def slow(*arguments):
+    def slow(*arguments, **options):
         end = time.thread_time() + 0.02
         while time.thread_time() < end:
             pass
-        return real(*arguments)
+        return real(*arguments, **options)
 
     monkeypatch.setattr(broadcast.wire, "pack", slow)
     session, watcher = start(gas(50, 0.2), GRID)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.viewing import packed
+from support.viewing import packed, placed
 
 import mpsim
 from mpsim.viewer import wire
@@ -64,6 +64,15 @@ def test_discs_beyond_a_periodic_border_are_shown_a_period_away():
     assert np.abs(found.position - [[3.0, 1.0], [0.5, 4.0], [2.0, 0.0]]).max() < 1e-4
     other = wire.unpack(packed(header_of(4.0, 4.0), state, periodic=(False, True)))
     assert np.abs(other.position - [[0.0, 1.0], [4.0, 0.0], [2.0, 3.5]]).max() < 1e-4
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_a_picture_without_kernels_is_the_same(precision):
+    state, header = state_of(200, 30.0, 2.0, precision), header_of(30.0, 2.0)
+    plain = wire.pack(header, placed(state), plain=True)
+    assert plain == packed(header, state)
+    other = mpsim.State(state.position[::-1].copy(), state.velocity)
+    assert plain != packed(header, other), "negative control"
 
 
 def test_radii_are_one_where_they_are_equal():
