@@ -108,6 +108,11 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module 'mpsim' has no attribute {name!r}")
 
 
+def __dir__() -> list[str]:
+    """What is public."""
+    return sorted([*__all__, "__doc__", "__file__", "__name__", "__path__", "__version__"])
+
+
 __all__ = [
     "BudgetError",
     "BusyError",

@@ -68,7 +68,7 @@ Examples:
 @click.option(
     "--colour",
     "--color",
-    type=click.Choice(["speed", "worker", "parity", "none"]),
+    type=terminal.Choice(["speed", "worker", "parity", "none"]),
     default="speed",
     show_default=True,
     help="worker: who owns a disc's column; parity: even and odd columns.",

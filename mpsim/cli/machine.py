@@ -29,9 +29,13 @@ All of it, with pictures: python scripts/run_bench.py in a checkout.
 )
 @click.option("--frames", type=click.IntRange(1, 100_000), default=500, show_default=True)
 @click.option("--workers", type=click.IntRange(1, terminal.MOST_WORKERS), help="Of parallel; else as many as cores.")
-@click.option("--law", type=click.Choice(LAWS), default="elastic", show_default=True)
+@click.option("--law", type=terminal.Choice(LAWS), default="elastic", show_default=True)
 @click.option(
-    "--precision", type=click.Choice(PRECISIONS), default="float32", show_default=True, help="float32 as in the report."
+    "--precision",
+    type=terminal.Choice(PRECISIONS),
+    default="float32",
+    show_default=True,
+    help="float32 as in the report.",
 )
 @terminal.json_option
 @terminal.quiet_option
@@ -84,7 +88,7 @@ Examples:
 @click.command(epilog=WARMUP_EXAMPLES, short_help="Compile ahead of the first run.")
 @click.argument("scenes", nargs=-1, shell_complete=terminal.complete_scene)
 @terminal.settings_options
-@click.option("--measure", "measures", type=click.Choice(NAMES), multiple=True, help="What runs will measure.")
+@click.option("--measure", "measures", type=terminal.Choice(NAMES), multiple=True, help="What runs will measure.")
 @terminal.json_option
 @terminal.quiet_option
 def warmup(scenes: tuple[str, ...], measures: tuple[str, ...], as_json: bool, quiet: bool, **options: Any) -> None:
@@ -119,7 +123,7 @@ Examples:
 
 
 @click.command(epilog=COMPLETION_EXAMPLES, short_help="Let the shell complete mpsim's words.")
-@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+@click.argument("shell", type=terminal.Choice(["bash", "zsh", "fish"]))
 def completion(shell: str) -> None:
     """Print what SHELL needs to complete commands, options and scenes of mpsim."""
     from click.shell_completion import get_completion_class  # noqa: PLC0415 - only here

@@ -57,12 +57,16 @@ Examples:
 @click.option("--until", type=terminal.Positive("time"), help="Or until this time of the scene.")
 @terminal.settings_options
 @click.option(
-    "--measure", "measures", type=click.Choice(NAMES), multiple=True, help="Something to measure; else as recommended."
+    "--measure",
+    "measures",
+    type=terminal.Choice(NAMES),
+    multiple=True,
+    help="Something to measure; else as recommended.",
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Folder to write the run to.")
 @click.option("--every", type=click.IntRange(1), help="Frames between two of the trajectory; else as recommended.")
 @click.option(
-    "--format", "kind", type=click.Choice(FORMATS), default=FORMATS[0], show_default=True, help="Of the trajectory."
+    "--format", "kind", type=terminal.Choice(FORMATS), default=FORMATS[0], show_default=True, help="Of the trajectory."
 )
 @click.option("--force", is_flag=True, help="Replace the run that is in the folder.")
 @terminal.json_option
@@ -138,7 +142,7 @@ Examples:
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--frames", type=click.IntRange(1), help="So many frames more.")
 @click.option("--until", type=terminal.Positive("time"), help="Or until this time of the scene.")
-@click.option("--method", type=click.Choice(SAME_BITS), help="Another method, with the same bits.")
+@click.option("--method", type=terminal.Choice(SAME_BITS), help="Another method, with the same bits.")
 @click.option("--workers", type=click.IntRange(1, terminal.MOST_WORKERS), help="Processes; they change no bit.")
 @terminal.json_option
 @terminal.quiet_option

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from mpsim.core import atomic, untrusted
-from mpsim.core.errors import InputError, MpsimError, OutputError
+from mpsim.core.errors import InputError, MpsimError, OutputError, reason_of
 from mpsim.core.state import State
 from mpsim.engine import checkpoint, checkpoint_validation
 from mpsim.engine.report import Report
@@ -148,7 +148,7 @@ class RunFolder:
         except (OSError, ValueError, OverflowError, TypeError, KeyError, RecursionError) as error:
             raise InputError(
                 f"the folder of a run must hold {RECORD}; {str(folder)!r} does not "
-                f"({type(error).__name__}: {error!s:.200}). Give a folder that `mpsim run --out` has made."
+                f"({reason_of(error):.200}). Give a folder that `mpsim run --out` has made."
             ) from None
         if found > FORMAT:
             raise InputError(f"{str(folder)!r} is of format {found}; this mpsim reads up to {FORMAT}. Use a newer one.")

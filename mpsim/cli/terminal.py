@@ -12,6 +12,7 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
+from mpsim.core import checks
 from mpsim.core.durations import duration
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.scene import scenefile
@@ -30,15 +31,16 @@ Progress = Callable[[int, int, str], None]
 
 
 class Positive(click.ParamType):
-    """A number above 0; `percent`: perhaps with a per cent sign.
+    """A number above 0; `percent`: perhaps with a per cent sign; `below`: it must be less than this.
 
     >>> Positive(percent=True).convert("1%", None, None)
     0.01
     """
 
-    def __init__(self, what: str = "number", percent: bool = False):
+    def __init__(self, what: str = "number", percent: bool = False, below: float = math.inf):
         self.name = what
         self._percent = percent
+        self._below = below
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """The number that a text stands for."""
@@ -51,8 +53,26 @@ class Positive(click.ParamType):
         if not (math.isfinite(number) and number > 0):
             example = "0.05 or 5%" if self._percent else "0.05"
             self.fail(f"{value!r} must be a number > 0, such as {example}.", param, ctx)
+        if number >= self._below:
+            self.fail(f"{value!r} must be less than {self._below:.0%}. Give a smaller one, such as 5%.", param, ctx)
         # 7 * 0.01 is 0.07 but for rounding
         return float(f"{number:.15g}")
+
+
+class Choice(click.Choice[str]):
+    """One of some words; the error suggests one that is similar.
+
+    >>> Choice(("warn", "substep")).convert("substp", None, None)
+    Traceback (most recent call last):
+        ...
+    click.exceptions.BadParameter: 'substp' is not one of 'warn', 'substep'. Did you mean 'substep'?
+    """
+
+    def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:
+        """The error text for a word that is none of them."""
+        meant = checks.near(value, self.choices)
+        words = super().get_invalid_choice_message(value, ctx)
+        return f"{words} Did you mean {meant!r}?" if meant else words
 
 
 class Interrupted(Exception):  # noqa: N818 - it is no error
@@ -82,18 +102,16 @@ def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
     for option in reversed(
         [
             click.option("--dt", type=Positive("time"), help="Time of one frame."),
-            click.option("--method", type=click.Choice(METHODS), help="How pairs are found; event is exact."),
+            click.option("--method", type=Choice(METHODS), help="How pairs are found; event is exact."),
             click.option("--workers", type=click.IntRange(1, MOST_WORKERS), help="Processes; else as many as cores."),
-            click.option("--contact", type=click.Choice(CONTACTS), help="impact is second order in dt, push first."),
-            click.option("--law", type=click.Choice(LAWS), help="elastic keeps momentum; reflect mirrors velocities."),
-            click.option("--precision", type=click.Choice(PRECISIONS)),
+            click.option("--contact", type=Choice(CONTACTS), help="impact is second order in dt, push first."),
+            click.option("--law", type=Choice(LAWS), help="elastic keeps momentum; reflect mirrors velocities."),
+            click.option("--precision", type=Choice(PRECISIONS)),
             click.option("--passes", type=click.IntRange(1, 1000), help="Times contacts are looked for in a step."),
             click.option("--substeps", type=click.IntRange(1, 1_000_000), help="Steps in each frame."),
-            click.option("--on-fast", type=click.Choice(ON_FAST), help="When discs move too far in a step."),
+            click.option("--on-fast", type=Choice(ON_FAST), help="When discs move too far in a step."),
             click.option("--contact-time", type=Positive("time"), help="Of the guard of event against collapse."),
-            click.option(
-                "--on-worker-death", type=click.Choice(DEATHS), help="restart: continue from a snapshot in memory."
-            ),
+            click.option("--on-worker-death", type=Choice(DEATHS), help="restart: continue from a snapshot in memory."),
         ]
     ):
         command = option(command)

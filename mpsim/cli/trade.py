@@ -1,6 +1,7 @@
 """`mpsim tune` and `mpsim tradeoff`: speed against accuracy, on any scene."""
 
 import dataclasses
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from mpsim.cli.scenes import settings_text
 from mpsim.core import atomic
 from mpsim.core.errors import OutputError
 from mpsim.core.plain import json_text
-from mpsim.measure.registry import ERRORS
+from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.output.tables import UNITS
 from mpsim.scene import scenefile
 from mpsim.studies import tradeoff as tradeoffs
@@ -29,7 +30,7 @@ replicas_option = click.option(
 )
 starts_option = click.option(
     "--starts",
-    type=click.Choice(KINDS),
+    type=terminal.Choice(KINDS),
     help="kind: other starts of the same kind; same: this one, discs displaced by a thousandth of a diameter.",
 )
 contact_time_option = click.option(
@@ -44,7 +45,8 @@ def _budget_options(command: Callable[..., Any]) -> Callable[..., Any]:
     for name in reversed(ERRORS):
         unit = _WORDS.get(UNITS.get(name, ""), "relative: 0.01 or 1%")
         text = f"Largest error of {name.replace('_', ' ')}, {unit}."
-        kind = terminal.Positive("error", percent=True)
+        below = 1.0 if OBSERVABLES[name].error == "relative" else math.inf
+        kind = terminal.Positive("error", percent=True, below=below)
         command = click.option(f"--{name.replace('_', '-')}", name, type=kind, help=text)(command)
     return command
 
@@ -129,7 +131,9 @@ Examples:
 
 @click.command(epilog=TRADEOFF_EXAMPLES, short_help="Measure what settings cost and how wrong they are.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
-@click.option("--measure", "measures", type=click.Choice(ERRORS), multiple=True, help="An error to look at; else all.")
+@click.option(
+    "--measure", "measures", type=terminal.Choice(ERRORS), multiple=True, help="An error to look at; else all."
+)
 @until_option
 @replicas_option
 @starts_option

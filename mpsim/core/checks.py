@@ -126,6 +126,8 @@ def masses(value: Any, count: int) -> NDArray[np.float64] | None:
 def whole(name: str, value: Any, low: int, high: int, remedy: str) -> int:
     """A whole number in [low, high]."""
     if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not low <= int(value) <= high:
+        if isinstance(value, float) and low <= value <= high and value % 1:
+            remedy = f"Give {int(value)} or {int(value) + 1}." if int(value) < high else f"Give {int(value)}."
         raise InputError(f"{name} must be a whole number from {low} to {high}; got {brief(value)}. {remedy}")
     return int(value)
 

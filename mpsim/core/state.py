@@ -28,7 +28,7 @@ NOT_DIGESTED: dict[str, str] = {"box": "it follows from the scene and the time"}
 """What the digest of a state leaves out, and why."""
 
 
-@dataclass(frozen=True, init=False)
+@dataclass(frozen=True, init=False, repr=False)
 class State:
     """All discs at one moment: copies, in the order of the scene's discs.
 
@@ -55,6 +55,8 @@ class State:
     >>> state = State(position=np.array([[1.0, 2.0]]), velocity=np.zeros((1, 2)))
     >>> state.position.tolist(), state.present.tolist()
     ([[1.0, 2.0]], [True])
+    >>> state
+    <State: 1 discs, float64>
     """
 
     position: NDArray[np.floating]
@@ -182,6 +184,16 @@ class State:
                 f"{str(source)!r} holds {sorted(map(str, shapes))} of {sorted(map(str, kinds))}."
             )
         return state
+
+    def __repr__(self) -> str:
+        """A line; the numbers are in the arrays."""
+        count, absent = len(self.position), len(self.present) - int(np.count_nonzero(self.present))
+        words = [f"{count} discs"]
+        words += [f"{absent} absorbed"] if absent else []
+        words += ["with spins"] if self.spin is not None else []
+        if self.box is not None:
+            words.append(f"in {self.box[1] - self.box[0]:g} x {self.box[3] - self.box[2]:g}")
+        return f"<State: {', '.join(words)}, {self.position.dtype}>"
 
 
 class StateInChunks:

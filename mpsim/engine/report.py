@@ -1,6 +1,7 @@
 """Report: timings and counts of one `run`."""
 
 import csv
+import dataclasses
 import io
 import os
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import atomic
 from mpsim.core.errors import OutputError
+from mpsim.core.optional_packages import imported
 from mpsim.core.views import view
 from mpsim.kernels.layout import PHASES
 from mpsim.measure.run_averages import Measures
@@ -73,11 +75,10 @@ class Report:
         """
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        names = [(name, worker) for name in PHASES for worker in range(self.phase_seconds[name].shape[1])]
-        writer.writerow(["frame", "seconds", *(f"{name.replace(' ', '_')}_{worker}" for name, worker in names)])
-        columns = [self.frame_seconds, *(self.phase_seconds[name][:, worker] for name, worker in names)]
+        columns = self._columns()
+        writer.writerow(["frame", *columns])
         numbers = range(first_frame, first_frame + self.frames)
-        writer.writerows(zip(numbers, *(column.tolist() for column in columns), strict=True))
+        writer.writerows(zip(numbers, *(column.tolist() for column in columns.values()), strict=True))
         if path is not None:
             try:
                 atomic.write_text(path, text.getvalue())
@@ -87,6 +88,23 @@ class Report:
                     f"({error.strerror}). Choose another place."
                 ) from error
         return text.getvalue()
+
+    def _columns(self) -> dict[str, NDArray[np.float64]]:
+        """Time of each frame, and each phase of each worker, by the names of columns."""
+        names = [(name, worker) for name in PHASES for worker in range(self.phase_seconds[name].shape[1])]
+        phases = {f"{name.replace(' ', '_')}_{each}": self.phase_seconds[name][:, each] for name, each in names}
+        return {"seconds": self.frame_seconds, **phases}
+
+    def to_pandas(self) -> Any:
+        """The columns of `to_csv` [s] as a pandas.DataFrame; its `attrs["measures"]` hold value, error and samples.
+
+        Raises:
+            OutputError: if pandas is not installed.
+        """
+        pandas = imported("pandas", "a DataFrame", "sweep", "use to_csv")
+        frame = pandas.DataFrame(self._columns(), index=pandas.RangeIndex(1, self.frames + 1, name="frame"))
+        frame.attrs["measures"] = {name: dataclasses.asdict(measure) for name, measure in self.measures.items()}
+        return frame
 
     def plot(self) -> Any:
         """Frame times, and the phases of each worker: who works, who waits. A matplotlib Figure, of no window.

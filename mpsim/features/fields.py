@@ -6,11 +6,17 @@ import numpy as np
 
 from mpsim.core import checks
 from mpsim.core.columns import ACCELERATION, Column
+from mpsim.core.errors import InputError
 from mpsim.features.feature import Feature, Floats, PerDisc, SceneLike, Shapes, lattice_sites
 
 
 def check_gravity(value: Any) -> Floats | None:
     """(gx, gy), checked [length/time^2]."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        raise InputError(
+            f"gravity must be two numbers, along x and y; got {checks.brief(value)}. Downwards it is "
+            f"(0, {-abs(value):g}), in a scene file [0.0, {-abs(float(value))}]."
+        )
     return None if value is None else checks.finite_array("gravity", value, (2,), "(2,)")
 
 

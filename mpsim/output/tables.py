@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mpsim.measure.registry import ERRORS, OBSERVABLES
-from mpsim.measure.statistics import FEWEST_BLOCKS, Measure
+from mpsim.measure.statistics import FEWEST_BLOCKS, RELATIVE_ROUNDING, Measure
 from mpsim.studies import windows
 from mpsim.studies.deviations import FEW_RUNS, RESOLVED, Deviation
 
@@ -72,9 +72,17 @@ def unresolved_text(errors: Iterable[Deviation]) -> str:
     return f"not resolved, below {RESOLVED:g} standard errors{few}"
 
 
+def _value_text(measure: Measure) -> str:
+    """The value with as many digits as its error allows, which is shown with two; six where it says nothing."""
+    value, error = measure.value, measure.error
+    if not (math.isfinite(value) and math.isfinite(error) and error > RELATIVE_ROUNDING * abs(value) > 0):
+        return f"{value:.6g}"
+    return f"{value:.{max(1 - math.floor(math.log10(error)), 0)}f}"
+
+
 def measure_text(measure: Measure) -> str:
     """A measure in words such as "2.24 +- 0.016"; what is not known of its error is said."""
-    value = f"{measure.value:.6g}"
+    value = _value_text(measure)
     if math.isnan(measure.error):
         few = measure.samples < FEWEST_BLOCKS
         return f"{value} ({'too few samples for an error' if few else 'error unknown'})"

@@ -13,6 +13,7 @@ from typing import Any
 from mpsim.core import atomic, checks
 from mpsim.core.deferred_signals import terminated_by_exit
 from mpsim.core.errors import InputError, MpsimError
+from mpsim.core.optional_packages import imported
 from mpsim.core.plain import json_text
 from mpsim.core.views import view
 from mpsim.engine.simulation import Simulation
@@ -128,6 +129,25 @@ class Tradeoff:
         writer.writeheader()
         writer.writerows(row.record() for row in self.rows)
         return _written(text.getvalue(), path)
+
+    def to_pandas(self) -> Any:
+        """The table as a pandas.DataFrame, one line for each candidate; costs [s], errors as `tradeoff` says.
+
+        Raises:
+            OutputError: if pandas is not installed.
+        """
+        pandas = imported("pandas", "a DataFrame", "sweep", "use to_csv")
+        records = [row.record() for row in self.rows]
+        return pandas.DataFrame({name: [record.get(name) for record in records] for name in self.columns})
+
+    def to_xarray(self) -> Any:
+        """The table as an xarray.Dataset, whose dimension `candidate` counts the rows from 0.
+
+        Raises:
+            OutputError: if xarray or pandas is not installed.
+        """
+        imported("xarray", "a Dataset", "sweep", "use to_csv")
+        return self.to_pandas().rename_axis("candidate").to_xarray()
 
     def to_json(self, path: str | Path | None = None) -> str:
         """The table as JSON: each attribute, the rows as plain values; also written to `path`.

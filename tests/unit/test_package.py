@@ -96,3 +96,7 @@ def test_the_installed_command_runs(programs, tmp_path):
     listed = run(programs / "mpsim", "scenes", folder=tmp_path)
     assert len(listed.splitlines()) == len(list((TOP / "mpsim" / "scene" / "named").glob("*.toml")))
     assert "packing 0.4" in run(programs / "mpsim", "show", "gas", folder=tmp_path)
+
+
+def test_dir_shows_what_is_public():
+    assert {name for name in dir(mpsim) if not name.startswith("__")} == set(mpsim.__all__)

@@ -6,6 +6,7 @@ import time
 import warnings
 
 import click
+import pytest
 from support.commands import mpsim_command
 
 import mpsim
@@ -124,3 +125,18 @@ def test_warnings_are_a_line_without_source(monkeypatch):
     monkeypatch.setitem(main.commands, "warn", warn)
     result = mpsim_command("warn")
     assert (result.exit_code, result.stderr) == (0, "Warning: discs overlap\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["run", "gas", "--on-fast", "substp"], "Did you mean 'substep'?"),
+        (["run", "gas", "--measure", "presure"], "Did you mean 'pressure'?"),
+        (["tune", "gas", "--pressure", "200%"], "'200%' must be less than 100%. Give a smaller one, such as 5%."),
+        (["plot", "/nope"], "'/nope' does not (No such file or directory)."),
+    ],
+)
+def test_a_mistake_is_answered_to_the_point(arguments, text):
+    result = mpsim_command(*arguments)
+    assert result.exit_code == 2
+    assert text in result.stderr

@@ -130,3 +130,8 @@ def test_a_file_that_is_no_state_is_refused(tmp_path):
         mpsim.State.load(tmp_path / "code.npz")
     with pytest.raises(mpsim.OutputError, match=r"must be in a folder that can be written to; got .* Choose another"):
         mpsim.State(np.zeros((1, 2)), np.zeros((1, 2))).save(tmp_path / "none" / "a.npz")
+
+
+def test_a_state_prints_as_a_line():
+    state = State(np.zeros((2, 2)), np.zeros((2, 2)), present=np.array([True, False]), box=(0.0, 4.0, 0.0, 3.0))
+    assert repr(state) == "<State: 2 discs, 1 absorbed, in 4 x 3, float64>"

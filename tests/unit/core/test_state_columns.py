@@ -215,7 +215,8 @@ def test_each_array_of_the_block_is_in_a_checkpoint_or_made_anew():
 def test_a_checkpoint_has_every_argument_of_the_scene(tmp_path):
     everything, plain = SCENES["everything rough"].scene(), SCENES["bare"].scene()
     values = {name: getattr(everything, name) for name in inspect.signature(mpsim.Scene).parameters}
-    scene = mpsim.Scene(**values | {"duration": 3.5})
+    own = {"settings": mpsim.Settings(passes=2), "picture_interval": 0.5, "observables": "temperature"}
+    scene = mpsim.Scene(**values | {"duration": 3.5, **own})
     with mpsim.Simulation(scene, mpsim.Settings(method="grid")) as sim:
         path = sim.save(tmp_path / "run")
     with mpsim.Simulation.resume(path) as sim:

@@ -1,6 +1,7 @@
 """Report: shapes and sums of the times, counts, and what ran."""
 
 import csv
+import sys
 
 import numpy as np
 import pytest
@@ -166,3 +167,16 @@ def test_measures_of_no_frames_are_unknown():
         measures = sim.run(frames=0, measures=["pressure", "temperature", "largest_overlap", "energy_drift"]).measures
     assert all(np.isnan(measure.value) for measure in measures.values())
     assert len(measures) == 4
+
+
+def test_a_report_becomes_a_table_of_pandas(monkeypatch):
+    with simulate(gas(20, 0.2)) as sim:
+        report = sim.run(frames=5, measures=["temperature"])
+    frame = report.to_pandas()
+    assert frame.index.tolist() == [1, 2, 3, 4, 5]
+    assert frame["seconds"].tolist() == report.frame_seconds.tolist()
+    assert report.to_csv().splitlines()[0].split(",") == ["frame", *frame.columns]
+    assert frame.attrs["measures"]["temperature"]["value"] == report.measures["temperature"].value
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(mpsim.OutputError, match=r"a DataFrame needs the package pandas.*`, or use to_csv"):
+        report.to_pandas()

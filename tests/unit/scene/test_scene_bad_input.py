@@ -42,7 +42,10 @@ SCENES = {
     "width 0": ({"width": 0}, ["width must be a finite number > 0", "got 0"]),
     "height inf": ({"height": INF}, ["height must be a finite number > 0", "got inf"]),
     "height missing": ({"height": None}, ["height must be a number > 0", "got None"]),
-    "gravity of one number": ({"gravity": -9.8}, ["gravity must have shape (2,)", "()"]),
+    "gravity of one number": (
+        {"gravity": -9.8},
+        ["gravity must be two numbers", "got -9.8. Downwards it is (0,"],
+    ),
     "gravity nan": ({"gravity": (0, NAN)}, ["gravity must be finite", "gravity[1] is nan"]),
     "acceleration shape": ({"acceleration": (0, -1)}, ["acceleration must have shape (2, 2)", "(2,)"]),
     "acceleration inf": ({"acceleration": [[0, 0], [0, INF]]}, ["acceleration must be finite", "[1, 1] is inf"]),
@@ -129,3 +132,19 @@ def test_scenes_in_any_sensible_unit_behave_alike(radius, precision):
             assert sim.run(frames=200).collisions == 1
             ends.append(sim.state.position / unit)
     assert np.allclose(*ends, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        (
+            {"gravity": 9.81},
+            r"gravity must be two numbers, along x and y; got 9.81. Downwards it is \(0, -9.81\), in a",
+        ),
+        ({"count": 5.5}, r"count must be a whole number from 0 to 100000000; got 5.5. Give 5 or 6\."),
+        ({"count": 5.0}, r"got 5.0. Give a number in this range\."),
+    ],
+)
+def test_a_mistake_of_people_is_answered_to_the_point(given, text):
+    with pytest.raises(mpsim.InputError, match=text):
+        mpsim.Scene.random(**{"count": 5, "packing": 0.1, "radius": 0.5, **given})

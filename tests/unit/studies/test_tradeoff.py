@@ -339,3 +339,10 @@ def test_what_the_machine_failed_at_is_tried_again_and_what_the_candidate_failed
     assert tradeoff(scene, [COARSE], until=2, replicas=2, path=path, measures="pressure").rows[0].failure
     monkeypatch.setattr(ensemble, "long_run", run)
     assert tradeoff(scene, [COARSE], until=2, replicas=2, path=path, measures="pressure").rows[0].failure is None
+
+
+def test_the_table_goes_to_pandas_and_xarray(table):
+    frame, data = table.to_pandas(), table.to_xarray()
+    assert tuple(frame.columns) == table.columns
+    assert frame["dt"].tolist() == [row.settings.dt for row in table.rows] == data["dt"].to_numpy().tolist()
+    assert data.sizes == {"candidate": len(table.rows)}
