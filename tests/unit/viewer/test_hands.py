@@ -1,6 +1,5 @@
 """What is done by hand: each action is what was asked for, refused ones change nothing, all are taken back."""
 
-import os
 import tempfile
 
 import numpy as np
@@ -276,13 +275,13 @@ def test_the_sliders_are_those_of_the_scene(table):
     assert table(method="parallel", workers=1).values()["workers"] == 1
 
 
-def test_checkpoints_of_undo_are_gone_in_the_end(table):
-    before = set(os.listdir(tempfile.gettempdir()))
+def test_checkpoints_of_undo_are_gone_in_the_end(table, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))  # where no other view has a folder
     t = table()
     for number in range(20):
         t.do("remove", id=number, same=False)
     assert t.told["undo"] == 16
-    (folder,) = {name for name in set(os.listdir(tempfile.gettempdir())) - before if name.startswith("mpsim-view-")}
-    assert len(os.listdir(os.path.join(tempfile.gettempdir(), folder))) == 16
+    (folder,) = tmp_path.glob("mpsim-view-*")
+    assert len(list(folder.iterdir())) == 16
     t.close()
-    assert folder not in os.listdir(tempfile.gettempdir())
+    assert not folder.exists()

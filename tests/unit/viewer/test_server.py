@@ -338,7 +338,8 @@ def test_the_schema_has_no_action_that_the_server_forgets(view):
         for name in wire.ACTIONS:
             if name not in ("ack", "seek", "follow"):  # the latter are of recordings
                 visitor.socket.send(json.dumps({"do": name, **(values.get(name) or {})}))
-        visitor.hear_until(lambda v: v.frame >= 0 and v.last["status"]["speed"] == 2.0)
+        visitor.say("speed", value=3.0)  # when this is done, all before it are
+        visitor.hear_until(lambda v: v.frame >= 0 and v.last["status"]["speed"] == 3.0)
         assert visitor.last["status"]["note"] is None
 
 
