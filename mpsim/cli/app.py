@@ -51,15 +51,15 @@ def _show_warning(message: Warning | str, category: type[Warning], filename: str
 
 EXAMPLES = """\b
 Examples:
-  mpsim scenes                                     what there is to look at
-  mpsim show gas                                   what a scene is
-  mpsim run gas --until 50 --out run               simulate it; run/ holds what happened
-  mpsim resume run --until 100                     continue it
-  mpsim plot run                                   draw what it recorded
-  mpsim view gas                                   watch it, in the browser
-  mpsim animate gas gas.gif                        or write a film of it
-  mpsim tune gas --pressure 1%                     the cheapest settings that are good to 1 % in pressure
-  mpsim tradeoff gas --out gas.csv                 what settings cost and how wrong they are
+  mpsim scenes                                     list the scenes that come with mpsim
+  mpsim show gas                                   describe a scene
+  mpsim run gas --until 50 --out run               simulate it, and write the results to the folder run
+  mpsim resume run --until 100                     continue this run
+  mpsim plot run                                   draw its results
+  mpsim view gas                                   watch the simulation in the browser
+  mpsim animate gas gas.gif                        write an animation
+  mpsim tune gas --pressure 1%                     find the cheapest settings with at most 1 % error in pressure
+  mpsim tradeoff gas --out gas.csv                 measure cost and error of many settings
 """
 
 
@@ -67,9 +67,9 @@ Examples:
     cls=Commands, epilog=EXAMPLES, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
 )
 @click.version_option(package_name="mpsim", prog_name="mpsim")
-@click.option("-v", "--verbose", is_flag=True, help="Also report what is read and what is decided.")
+@click.option("-v", "--verbose", is_flag=True, help="Also report which files are read and which choices are made.")
 def main(verbose: bool) -> None:
-    """Many moving discs in two dimensions, the same bits on any number of cores.
+    """Simulate many hard discs in two dimensions, with the same bits on any number of cores.
 
     SCENE is the name of a scene that comes with mpsim or a path to a .toml file.
     """

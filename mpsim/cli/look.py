@@ -18,17 +18,17 @@ Examples:
 """
 
 
-@click.command(epilog=PLOT_EXAMPLES, short_help="Draw what a run recorded.")
+@click.command(epilog=PLOT_EXAMPLES, short_help="Draw the results of a run.")
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option(
-    "--out", type=click.Path(path_type=Path), help="Picture to write.  [default: plot.png in the folder, replaced]"
+    "--out", type=click.Path(path_type=Path), help="Image file to write.  [default: plot.png in the folder, replaced]"
 )
 @click.option("--force", is_flag=True, help="Replace an existing file.")
 @terminal.json_option
 def plot(folder: Path, out: Path | None, force: bool, as_json: bool) -> None:
-    """Draw what the run in FOLDER recorded: energy, overlap, collision rate, and the last frame.
+    """Draw the results of the run in FOLDER: energy, overlap, collision rate, and the last frame.
 
-    The run may still be going on.
+    The run may still be in progress.
     """
     from mpsim.output.drawing import save_figure  # noqa: PLC0415 - with matplotlib, see run.py
     from mpsim.output.history import history  # noqa: PLC0415
@@ -59,11 +59,17 @@ Examples:
 @click.command(epilog=ANIMATE_EXAMPLES, short_help="Write an animation.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
 @click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--frames", type=click.IntRange(1, 100_000), help="Pictures; else as many as the scene's duration takes.")
-@click.option("--every", type=click.IntRange(1), help="Frames of the simulation per picture; else as recommended.")
+@click.option(
+    "--frames", type=click.IntRange(1, 100_000), help="Number of pictures; default: to the end of the scene's duration."
+)
+@click.option("--every", type=click.IntRange(1), help="Frames of the simulation per picture; default: the scene's own.")
 @click.option("--fps", type=click.IntRange(1, 50), default=25, show_default=True, help="Pictures per second.")
 @click.option(
-    "--pixels", type=click.IntRange(100, 4000), default=480, show_default=True, help="Longer side of the box."
+    "--pixels",
+    type=click.IntRange(100, 4000),
+    default=480,
+    show_default=True,
+    help="Pixels along the longer side of the box.",
 )
 @click.option(
     "--colour",
@@ -71,7 +77,7 @@ Examples:
     type=terminal.Choice(["speed", "worker", "parity", "none"]),
     default="speed",
     show_default=True,
-    help="worker: who owns a disc's column; parity: even and odd columns.",
+    help="worker: by the worker that owns the disc's column; parity: by even and odd columns.",
 )
 @terminal.settings_options
 @click.option("--force", is_flag=True, help="Replace an existing file.")
@@ -90,7 +96,7 @@ def animate(
     quiet: bool,
     **options: Any,
 ) -> None:
-    """Simulate SCENE and write it to OUT, a .gif, or an .mp4 where ffmpeg is found."""
+    """Simulate SCENE and write an animation to OUT: a .gif, or an .mp4 if ffmpeg is installed."""
     from mpsim.output import animation  # noqa: PLC0415 - with matplotlib, see run.py
 
     terminal.existing_refused(out, force)

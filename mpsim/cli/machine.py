@@ -25,24 +25,30 @@ All of it, with pictures: python scripts/run_bench.py in a checkout.
 
 @click.command(epilog=BENCH_EXAMPLES, short_help="Measure how fast mpsim is here.")
 @click.option(
-    "--count", type=click.IntRange(1, 3000), default=100, show_default=True, help="Discs; all pairs are tried, too."
+    "--count",
+    type=click.IntRange(1, 3000),
+    default=100,
+    show_default=True,
+    help="Number of discs; limited, as one method tests all pairs.",
 )
 @click.option("--frames", type=click.IntRange(1, 100_000), default=500, show_default=True)
-@click.option("--workers", type=click.IntRange(1, terminal.MOST_WORKERS), help="Of parallel; else as many as cores.")
+@click.option(
+    "--workers", type=click.IntRange(1, terminal.MOST_WORKERS), help="Processes of the method parallel; default: cores."
+)
 @click.option("--law", type=terminal.Choice(LAWS), default="elastic", show_default=True)
 @click.option(
     "--precision",
     type=terminal.Choice(PRECISIONS),
     default="float32",
     show_default=True,
-    help="float32 as in the report.",
+    help="The report used float32.",
 )
 @terminal.json_option
 @terminal.quiet_option
 def bench(count: int, frames: int, workers: int | None, law: str, precision: str, as_json: bool, quiet: bool) -> None:
-    """The term-project report's first experiment on this machine: a gas by each method from the same start.
+    """Repeat the first experiment of the term-project report: time each method on the same gas.
 
-    The answers are checked in the same run. Compilation is in no figure.
+    The results are checked in the same run. Times do not include compilation.
     """
     settings = Settings(dt=benchmark.DT, law=law, contact="push", precision=precision, workers=workers)
     with terminal.progress(quiet) as progress:
@@ -88,11 +94,13 @@ Examples:
 @click.command(epilog=WARMUP_EXAMPLES, short_help="Compile ahead of the first run.")
 @click.argument("scenes", nargs=-1, shell_complete=terminal.complete_scene)
 @terminal.settings_options
-@click.option("--measure", "measures", type=terminal.Choice(NAMES), multiple=True, help="What runs will measure.")
+@click.option(
+    "--measure", "measures", type=terminal.Choice(NAMES), multiple=True, help="A measure that later runs will use."
+)
 @terminal.json_option
 @terminal.quiet_option
 def warmup(scenes: tuple[str, ...], measures: tuple[str, ...], as_json: bool, quiet: bool, **options: Any) -> None:
-    """Compile what SCENES need, so that their first run starts at once. The machine code is kept between runs.
+    """Compile the loops that SCENES need, so that their first run starts at once. The result is kept.
 
     A kernel is compiled for each combination of features, so scenes with the same ones share theirs.
     """
@@ -122,10 +130,10 @@ Examples:
 """
 
 
-@click.command(epilog=COMPLETION_EXAMPLES, short_help="Let the shell complete mpsim's words.")
+@click.command(epilog=COMPLETION_EXAMPLES, short_help="Print the completion script of a shell.")
 @click.argument("shell", type=terminal.Choice(["bash", "zsh", "fish"]))
 def completion(shell: str) -> None:
-    """Print what SHELL needs to complete commands, options and scenes of mpsim."""
+    """Print a script with which SHELL completes commands, options and scenes of mpsim."""
     from click.shell_completion import get_completion_class  # noqa: PLC0415 - only here
 
     kind = get_completion_class(shell)

@@ -43,8 +43,8 @@ CHECKPOINT_SECONDS = 30.0
 
 RUN_EXAMPLES = """\b
 Examples:
-  mpsim run gas                                          as long as the scene recommends, and what is measured
-  mpsim run gas --until 50 --out run                     also write it all to the folder run/
+  mpsim run gas                                          with the recommended duration and measures
+  mpsim run gas --until 50 --out run                     until time 50, with results in the folder run/
   mpsim run hopper --frames 2000 --every 20 --out run --format gsd
   mpiexec -n 4 mpsim run gas --method mpi --out run      on the ranks of MPI
   mpsim run my_scene.toml --method parallel --workers 4 --measure pressure --json
@@ -53,22 +53,29 @@ Examples:
 
 @click.command(epilog=RUN_EXAMPLES, short_help="Simulate a scene.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
-@click.option("--frames", type=click.IntRange(1), help=f"How many frames; else the scene's duration, or {FRAMES}.")
-@click.option("--until", type=terminal.Positive("time"), help="Or until this time of the scene.")
+@click.option("--frames", type=click.IntRange(1), help=f"Number of frames; default: the scene's duration, or {FRAMES}.")
+@click.option("--until", type=terminal.Positive("time"), help="Time of the scene at which to stop.")
 @terminal.settings_options
 @click.option(
     "--measure",
     "measures",
     type=terminal.Choice(NAMES),
     multiple=True,
-    help="Something to measure; else as recommended.",
+    help="What to measure; default: the scene's own.",
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Folder to write the run to.")
-@click.option("--every", type=click.IntRange(1), help="Frames between two of the trajectory; else as recommended.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for the results.")
 @click.option(
-    "--format", "kind", type=terminal.Choice(FORMATS), default=FORMATS[0], show_default=True, help="Of the trajectory."
+    "--every", type=click.IntRange(1), help="Write every n-th frame to the trajectory; default: the scene's own."
 )
-@click.option("--force", is_flag=True, help="Replace the run that is in the folder.")
+@click.option(
+    "--format",
+    "kind",
+    type=terminal.Choice(FORMATS),
+    default=FORMATS[0],
+    show_default=True,
+    help="File format of the trajectory.",
+)
+@click.option("--force", is_flag=True, help="Replace an existing run in the folder.")
 @terminal.json_option
 @terminal.quiet_option
 def run(
@@ -84,10 +91,10 @@ def run(
     quiet: bool,
     **options: Any,
 ) -> None:
-    """Simulate SCENE, with what it recommends: length, settings and measures, but for those given here.
+    """Simulate SCENE with its recommended duration, settings and measures. Options replace these.
 
-    With --out, a folder is written: the trajectory for OVITO, tables of times and measures, the last state and a
-    picture of it, and a checkpoint. After Ctrl-C, `mpsim resume` continues it.
+    With --out, the results go to a folder: the trajectory for OVITO, tables of times and measures, the last state, a
+    picture of it, and a checkpoint. After Ctrl-C, `mpsim resume` continues the run.
     """
     with one_voice(options["method"] == "mpi"):  # one rank may lack the file
         if frames is not None and until is not None:
@@ -140,10 +147,12 @@ Examples:
 
 @click.command(epilog=RESUME_EXAMPLES, short_help="Continue a run.")
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--frames", type=click.IntRange(1), help="So many frames more.")
-@click.option("--until", type=terminal.Positive("time"), help="Or until this time of the scene.")
-@click.option("--method", type=terminal.Choice(SAME_BITS), help="Another method, with the same bits.")
-@click.option("--workers", type=click.IntRange(1, terminal.MOST_WORKERS), help="Processes; they change no bit.")
+@click.option("--frames", type=click.IntRange(1), help="Number of further frames.")
+@click.option("--until", type=terminal.Positive("time"), help="Time of the scene at which to stop.")
+@click.option("--method", type=terminal.Choice(SAME_BITS), help="Change to another method with the same bits.")
+@click.option(
+    "--workers", type=click.IntRange(1, terminal.MOST_WORKERS), help="Number of processes; it changes no bit."
+)
 @terminal.json_option
 @terminal.quiet_option
 def resume(
@@ -155,9 +164,9 @@ def resume(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Continue the run in FOLDER, to the same bits as if it had never stopped.
+    """Continue the run in FOLDER. The result has the same bits as a run that never stopped.
 
-    Without --frames or --until it continues to the end that `mpsim run` was asked for.
+    Without --frames or --until, it continues to the end that was given to `mpsim run`.
     """
     if frames is not None and until is not None:
         raise click.UsageError("Give --frames or --until, not both.")

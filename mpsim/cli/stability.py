@@ -14,9 +14,11 @@ Examples:
 """
 
 
-@click.command(epilog=EXAMPLES, short_help="Drive every method through extremes.")
-@click.option("--only", "axes", multiple=True, metavar="AXIS", help="An axis to try, such as step or box; else all.")
-@click.option("--full", is_flag=True, help="Also what takes long: millions of discs, a million frames.")
+@click.command(epilog=EXAMPLES, short_help="Test every method on extreme scenes.")
+@click.option(
+    "--only", "axes", multiple=True, metavar="AXIS", help="What to vary, such as step or box; default: everything."
+)
+@click.option("--full", is_flag=True, help="Include the long trials: millions of discs, a million frames.")
 @click.option("--json", "as_json", is_flag=True, help="Print every outcome as JSON.")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder for JSON and heat maps.")
 @terminal.quiet_option

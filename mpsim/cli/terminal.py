@@ -101,16 +101,24 @@ def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """The settings as options; `settings_of` puts them together."""
     for option in reversed(
         [
-            click.option("--dt", type=Positive("time"), help="Time of one frame."),
-            click.option("--method", type=Choice(METHODS), help="How pairs are found; event is exact."),
-            click.option("--workers", type=click.IntRange(1, MOST_WORKERS), help="Processes; else as many as cores."),
-            click.option("--contact", type=Choice(CONTACTS), help="impact is second order in dt, push first."),
-            click.option("--law", type=Choice(LAWS), help="elastic keeps momentum; reflect mirrors velocities."),
-            click.option("--precision", type=Choice(PRECISIONS)),
-            click.option("--passes", type=click.IntRange(1, 1000), help="Times contacts are looked for in a step."),
+            click.option("--dt", type=Positive("time"), help="Time step of a frame."),
+            click.option("--method", type=Choice(METHODS), help="How colliding pairs are found; event is exact."),
+            click.option(
+                "--workers", type=click.IntRange(1, MOST_WORKERS), help="Processes; default: at most one per core."
+            ),
+            click.option("--contact", type=Choice(CONTACTS), help="impact: second order in dt; push: first order."),
+            click.option(
+                "--law",
+                type=Choice(LAWS),
+                help="elastic conserves momentum; reflect mirrors velocities, as in the report.",
+            ),
+            click.option("--precision", type=Choice(PRECISIONS), help="Of positions and velocities."),
+            click.option("--passes", type=click.IntRange(1, 1000), help="Searches for contacts in each step."),
             click.option("--substeps", type=click.IntRange(1, 1_000_000), help="Steps in each frame."),
-            click.option("--on-fast", type=Choice(ON_FAST), help="When discs move too far in a step."),
-            click.option("--contact-time", type=Positive("time"), help="Of the guard of event against collapse."),
+            click.option("--on-fast", type=Choice(ON_FAST), help="What to do if discs move too far in a step."),
+            click.option(
+                "--contact-time", type=Positive("time"), help="event: impacts so soon after another lose no energy."
+            ),
             click.option("--on-worker-death", type=Choice(DEATHS), help="restart: continue from a snapshot in memory."),
         ]
     ):

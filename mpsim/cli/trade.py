@@ -23,7 +23,9 @@ from mpsim.studies.independent_starts import KINDS
 _WORDS = {"1/time": "per unit of time", "diam.": "in diameters"}
 
 until_option = click.option(
-    "--until", type=terminal.Positive("time"), help="Length of one run; else the scene's duration, or chosen."
+    "--until",
+    type=terminal.Positive("time"),
+    help="Length of a run; default: the scene's duration, or chosen by mpsim.",
 )
 replicas_option = click.option(
     "--replicas", type=click.IntRange(2, 100_000), default=16, show_default=True, help="Runs per candidate."
@@ -31,12 +33,12 @@ replicas_option = click.option(
 starts_option = click.option(
     "--starts",
     type=terminal.Choice(KINDS),
-    help="kind: other starts of the same kind; same: this one, discs displaced by a thousandth of a diameter.",
+    help="kind: new random starts of the same kind; same: this start, discs displaced by a thousandth of a diameter.",
 )
 contact_time_option = click.option(
     "--contact-time",
     type=terminal.Positive("time"),
-    help="Of the exact solver as the reference, where discs come to rest: a model, not exact.",
+    help="Contact time of the reference, if discs come to rest; it is then a model and not exact.",
 )
 
 
@@ -66,7 +68,7 @@ Examples:
 @starts_option
 @contact_time_option
 @click.option(
-    "--seconds", type=terminal.Positive("time"), default=150.0, show_default=True, help="Time it may take, about [s]."
+    "--seconds", type=terminal.Positive("time"), default=150.0, show_default=True, help="Approximate time limit [s]."
 )
 @terminal.json_option
 @terminal.quiet_option
@@ -83,7 +85,7 @@ def tune(
 ) -> None:
     """Find the cheapest settings whose errors on SCENE stay inside every budget.
 
-    Give one budget or more; what has none is free.
+    Give at least one budget. Errors without a budget are not limited.
     """
     asked = {name: budget for name, budget in budgets.items() if budget is not None}
     if not asked:
@@ -129,10 +131,10 @@ Examples:
 """
 
 
-@click.command(epilog=TRADEOFF_EXAMPLES, short_help="Measure what settings cost and how wrong they are.")
+@click.command(epilog=TRADEOFF_EXAMPLES, short_help="Measure cost and error of settings.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
 @click.option(
-    "--measure", "measures", type=terminal.Choice(ERRORS), multiple=True, help="An error to look at; else all."
+    "--measure", "measures", type=terminal.Choice(ERRORS), multiple=True, help="An error to measure; default: all."
 )
 @until_option
 @replicas_option
@@ -143,7 +145,7 @@ Examples:
     type=terminal.Positive("time"),
     default=150.0,
     show_default=True,
-    help="Time that the reference may take, about [s].",
+    help="Approximate time limit of the reference [s].",
 )
 @click.option("--csv", "as_csv", is_flag=True, help="Print CSV.")
 @terminal.json_option
@@ -172,7 +174,7 @@ def tradeoff(
     force: bool,
     quiet: bool,
 ) -> None:
-    """Measure what settings cost on SCENE, and how wrong each is against the exact solver."""
+    """Measure the cost of settings on SCENE, and their errors against the exact solver."""
     if as_csv and as_json:
         raise click.UsageError("Choose one of --csv and --json.")
     if out is not None:

@@ -36,14 +36,19 @@ Examples:
 
 @click.command(epilog=VIEW_EXAMPLES, short_help="Watch a scene run, in the browser.")
 @click.argument("scene", shell_complete=terminal.complete_scene, default="gas")
-@click.option("--host", default="127.0.0.1", show_default=True, help="Where it listens; the default is this machine.")
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Else one that is free.")
-@click.option("--browser/--no-browser", default=True, show_default=True, help="Open it in the browser.")
-@click.option("--paused", is_flag=True, help="Wait for the page's button.")
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to listen on; the default accepts this machine only.",
+)
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port to listen on; default: a free one.")
+@click.option("--browser/--no-browser", default=True, show_default=True, help="Open the page in the browser.")
+@click.option("--paused", is_flag=True, help="Start paused, until the page's play button is pressed.")
 @click.option("--beside", metavar="SETTINGS", help="A second stage: a method, or settings such as dt=0.001,passes=2.")
 @terminal.settings_options
 def view(scene: str, host: str, port: int, browser: bool, paused: bool, beside: str | None, **options: Any) -> None:
-    """Show SCENE (else gas) as it runs, on a page in the browser, until Ctrl-C.
+    """Show SCENE (default: gas) in the browser while it runs, until Ctrl-C.
 
     SCENE may also be the folder of a run or the file of a trajectory: it is shown with a time line, and followed while
     another process writes it. A scene runs while a page shows it. Only this machine can open the page, unless --host is
