@@ -153,7 +153,7 @@ def where_exact_is_cheaper(tables: Mapping[str, mpsim.Tradeoff]) -> str:
     lines = [
         "## Where the exact solver is the cheaper one",
         "",
-        "The error of the best stepped settings at the cost of `event`: whoever wants less does better with `event`.",
+        "The error of the best stepped settings at the cost of `event`. For smaller errors `event` is cheaper.",
         "`~`: along the order that the table shows, at the step that costs as much as `event`. `<`: the errors drown",
         "in noise, so that the table shows no order, and this bounds that of a cheaper setting.",
         "",
