@@ -132,7 +132,7 @@ class Comparison:
 
     Attributes:
         first, second: what each has counted and taken.
-        parted: time at which they were first seen to have parted [time]; None: not yet.
+        parted: time at which they were first seen to have parted, or were predicted to [time]; None: not yet.
 
     >>> from mpsim import Scene
     >>> scene = Scene(width=9, height=9, position=[[2, 2], [5, 5]], velocity=[[1, 0], [0, 1]], radius=0.5)
@@ -148,10 +148,18 @@ class Comparison:
         self.parted: float | None = None
         self._scene = scene
 
-    def look(self, one: State, other: State, time: float) -> Distance | None:
+    def look(self, one: State, other: State, time: float, agree_until: float | None = None) -> Distance | None:
         """How far two states of one time are apart; None where that means nothing.
 
         They have parted for good once they are PARTED diameters apart: whatever the distance is later, it is chance.
+        Discs in a dense packing rarely leave the cages of their neighbours, so their distance may stay below PARTED.
+        Therefore they have also parted from `agree_until` on, unless they are at the same places.
+
+        Args:
+            one: a state.
+            other: the other state.
+            time: of both [time].
+            agree_until: time until which two correct solvers agree, from the Lyapunov time [time]; None: not known.
         """
         try:
             found = trajectory_error(one, other, self._scene)
@@ -161,16 +169,20 @@ class Comparison:
         distance = Distance(found.rms / diameter, found.largest / diameter, found.disc)
         if self.parted is None and distance.mean >= PARTED:
             self.parted = time
+        if agree_until is not None and agree_until <= time and distance.largest > 0:
+            self.parted = agree_until if self.parted is None else min(self.parted, agree_until)
         return distance if self.parted is None else None
 
-    def read(self, one: State, other: State, time: float) -> dict[str, Any]:
+    def read(self, one: State, other: State, time: float, agree_until: float | None = None) -> dict[str, Any]:
         """The numbers that a page shows, as `wire.text_of` takes them; NaN and None are shown as dashes.
+
+        The arguments are those of `look`.
 
         `missed` are collisions of the second stage that the first one has not counted; once they have parted, it is a
         difference of two counts of other collisions, and only its fraction means something.
         """
         first, second = self.first, self.second
-        distance = self.look(one, other, time)
+        distance = self.look(one, other, time, agree_until)
         pressures = first.pressure.read(), second.pressure.read()
         missed = second.collisions - first.collisions
         return {

@@ -202,7 +202,7 @@ class Trade:
             "agree_until": None if found is None else found.horizon,
         }
         if pair is not None:
-            told |= pair.comparison.read(sim.state, pair.sim.state, sim.time)
+            told |= pair.comparison.read(sim.state, pair.sim.state, sim.time, told["agree_until"])
         return told
 
     def _find_divergence(self, check: Check) -> None:

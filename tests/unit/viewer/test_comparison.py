@@ -62,6 +62,30 @@ def test_they_part_once_and_for_good():
     assert (told["distance"], told["missed"], told["parted"]) == (None, None, 2.0)
 
 
+def test_caged_discs_have_parted_when_two_correct_solvers_would_have():
+    """Discs in cages may never be half a diameter apart."""
+    comparison = Comparison(SCENE)
+    assert comparison.look(moved(0.1), START, 2.0, agree_until=2.1) is not None
+    assert comparison.look(moved(0.1), START, 2.2) is not None, "negative control: without the prediction"
+    assert comparison.look(moved(0.1), START, 2.2, agree_until=2.1) is None
+    assert comparison.parted == 2.1
+
+
+def test_a_prediction_that_comes_late_still_counts():
+    comparison = Comparison(SCENE)
+    comparison.look(moved(PARTED), START, 5.0)
+    assert comparison.read(moved(PARTED), START, 6.0, agree_until=2.1)["parted"] == 2.1
+    early = Comparison(SCENE)
+    early.look(moved(PARTED), START, 1.0)
+    assert early.read(moved(PARTED), START, 6.0, agree_until=2.1)["parted"] == 1.0
+
+
+def test_stages_with_the_same_bits_do_not_part():
+    comparison = Comparison(SCENE)
+    assert comparison.look(START, START, 9.0, agree_until=2.1).largest == 0.0
+    assert comparison.parted is None
+
+
 def test_discs_that_one_stage_alone_has_are_not_compared():
     fewer = mpsim.State(SCENE.position[1:], SCENE.velocity[1:])
     comparison = Comparison(SCENE)
