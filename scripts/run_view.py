@@ -23,7 +23,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pages import fill_blocks, made_by
 from rich.console import Console
@@ -40,6 +40,9 @@ from mpsim.viewer.colours import scale_of
 from mpsim.viewer.page_files import page_files
 from mpsim.viewer.server import Server, listening
 from mpsim.viewer.session import Session
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 SIZES = (10, 1_000, 10_000, 100_000, 1_000_000)
 COUNT = 10_000
@@ -226,16 +229,24 @@ def seconds_to_first_picture() -> float:
             process.terminate()
 
 
-def take_pictures(folder: Path) -> list[Path]:
-    """The page of a scene at three sizes, as a browser shows it."""
+@contextlib.contextmanager
+def chromium() -> Iterator["Browser"]:
+    """The browser of this machine, for pictures; needs Playwright."""
     from playwright.sync_api import sync_playwright  # noqa: PLC0415 - only for pictures
 
-    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    found = shutil.which("chromium") or shutil.which("google-chrome")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+def take_pictures(folder: Path) -> list[Path]:
+    """The page of a scene at three sizes, as a browser shows it."""
     found, file = [], scenefile.load("dense")
     with contextlib.redirect_stdout(io.StringIO()):
         view = mpsim.view(file.scene, file.settings, browser=False, wait=False, name=file.name)
-    with view, sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+    with view, chromium() as browser:
         for width, height in WIDTHS.items():
             page = browser.new_page(viewport={"width": width, "height": height})
             page.goto(view.address)
@@ -247,7 +258,6 @@ def take_pictures(folder: Path) -> list[Path]:
             page.screenshot(path=path, full_page=width < 800)
             found.append(path)
             page.close()
-        browser.close()
     return found
 
 

@@ -20,6 +20,9 @@ PARTED = 0.5
 """Distance at which two runs have parted, in diameters, root mean square over all discs: that of a disc that has missed
 a collision. From there on it grows to that of two discs that have nothing to do with each other."""
 
+SATURATED = 0.01
+"""Distance from which on it no longer grows exponentially, in diameters, root mean square over all discs."""
+
 MOST_BLOCKS = 128
 """Blocks of a mean at most; then each two become one."""
 
@@ -146,6 +149,7 @@ class Comparison:
         self.first: Count = Count()
         self.second: Count = Count()
         self.parted: float | None = None
+        self._saturated: float | None = None  # time at which the distance was first seen to be
         self._scene = scene
 
     def look(self, one: State, other: State, time: float, agree_until: float | None = None) -> Distance | None:
@@ -153,7 +157,7 @@ class Comparison:
 
         They have parted for good once they are PARTED diameters apart: whatever the distance is later, it is chance.
         Discs in a dense packing rarely leave the cages of their neighbours, so their distance may stay below PARTED.
-        Therefore they have also parted from `agree_until` on, unless they are at the same places.
+        Therefore they have also parted from `agree_until` on, if they are at least SATURATED diameters apart by then.
 
         Args:
             one: a state.
@@ -169,8 +173,11 @@ class Comparison:
         distance = Distance(found.rms / diameter, found.largest / diameter, found.disc)
         if self.parted is None and distance.mean >= PARTED:
             self.parted = time
-        if agree_until is not None and agree_until <= time and distance.largest > 0:
-            self.parted = agree_until if self.parted is None else min(self.parted, agree_until)
+        if self._saturated is None and distance.mean >= SATURATED:
+            self._saturated = time
+        if agree_until is not None and agree_until <= time and self._saturated is not None:
+            predicted = max(agree_until, self._saturated)
+            self.parted = predicted if self.parted is None else min(self.parted, predicted)
         return distance if self.parted is None else None
 
     def read(self, one: State, other: State, time: float, agree_until: float | None = None) -> dict[str, Any]:

@@ -68,7 +68,7 @@ function drawDistance() {
 function partedText() {
   const when = `They have parted for good, at time ${digits(told.parted)}: where a disc is on one stage says nothing of the other. Compare averages only.`;
   return told.lyapunov_time === null ? when
-    : `${when} A difference grows e-fold in ${digits(told.lyapunov_time)} (the Lyapunov time); even two correct solvers part by ${digits(told.agree_until)}.`;
+    : `${when} A difference grows e-fold in ${digits(told.lyapunov_time)} (the Lyapunov time); two correct solvers agree until about ${digits(told.agree_until)}.`;
 }
 
 takers.pair.push((message) => {

@@ -10,7 +10,7 @@ from support.scenes import gas
 import mpsim
 from mpsim.measure import Measure
 from mpsim.viewer import comparison as module
-from mpsim.viewer.comparison import PARTED, Comparison, Count, RunningMean, measures_of
+from mpsim.viewer.comparison import PARTED, SATURATED, Comparison, Count, RunningMean, measures_of
 
 SCENE = gas(50, 0.2)
 START = mpsim.State(SCENE.position, SCENE.velocity)
@@ -73,6 +73,7 @@ def test_caged_discs_have_parted_when_two_correct_solvers_would_have():
 
 def test_a_prediction_that_comes_late_still_counts():
     comparison = Comparison(SCENE)
+    comparison.look(moved(0.1), START, 1.0)
     comparison.look(moved(PARTED), START, 5.0)
     assert comparison.read(moved(PARTED), START, 6.0, agree_until=2.1)["parted"] == 2.1
     early = Comparison(SCENE)
@@ -80,10 +81,13 @@ def test_a_prediction_that_comes_late_still_counts():
     assert early.read(moved(PARTED), START, 6.0, agree_until=2.1)["parted"] == 1.0
 
 
-def test_stages_with_the_same_bits_do_not_part():
+@pytest.mark.parametrize("distance", [0.0, 0.9 * SATURATED])
+def test_stages_that_still_agree_have_not_parted_whatever_is_predicted(distance):
     comparison = Comparison(SCENE)
-    assert comparison.look(START, START, 9.0, agree_until=2.1).largest == 0.0
+    assert comparison.look(moved(distance), START, 9.0, agree_until=2.1).mean == pytest.approx(distance)
     assert comparison.parted is None
+    assert comparison.look(moved(SATURATED * 1.01), START, 10.0, agree_until=2.1) is None
+    assert comparison.parted == 10.0
 
 
 def test_discs_that_one_stage_alone_has_are_not_compared():
