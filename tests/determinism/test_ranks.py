@@ -13,7 +13,7 @@ import mpsim
 
 DEFAULT = ("bare", "everything", "doors")
 FEATURES = [name for name in CASES if name.startswith("zoo")]
-NUMBERS = [1, 2, *(pytest.param(number, marks=pytest.mark.long) for number in (3, 4, 8))]
+NUMBERS = long_but((1, 2, 3, 4, 8), 2)
 
 
 @cache
@@ -160,7 +160,7 @@ else:
 
 
 @pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")  # whose disc waits
-@pytest.mark.parametrize("name", long_but(["everything", "rough torus", "doors"], "everything", "doors"))
+@pytest.mark.parametrize("name", long_but(["everything", "rough torus", "doors"], "doors"))
 def test_a_checkpoint_goes_from_ranks_to_workers_and_back(name, tmp_path):
     case, whole = CASES[name](), alone(name)["digest"]
     of_ranks, of_one = tmp_path / "ranks.mpsim", tmp_path / "one.mpsim"

@@ -186,6 +186,7 @@ def test_memory_of_a_rank_falls_as_their_number_grows(number, tmp_path, figures)
     assert max(beyond.values()) < AT_A_TIME, beyond
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("memory_given_back")
 @pytest.mark.parametrize("number", [2, pytest.param(4, marks=pytest.mark.long)])
 def test_measures_take_the_memory_of_a_share_and_of_some_discs_at_a_time(number, tmp_path, figures):
@@ -256,7 +257,7 @@ if MPI.COMM_WORLD.rank == 0:
 """
 
 
-@pytest.mark.parametrize("number", [1, 2])
+@pytest.mark.parametrize("number", long_but([1, 2], 2))
 @pytest.mark.parametrize("name", long_but(LARGE, "bare"))
 def test_measures_of_more_than_a_chunk_of_discs_are_those_of_one_process_and_read_a_chunk_at_a_time(name, number):
     """The control: the energy of a state that is read at once, which has the same bits."""

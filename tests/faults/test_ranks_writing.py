@@ -7,7 +7,6 @@ import subprocess
 import pytest
 from support.checkpoints import frame_in
 from support.ranks import on_ranks, told_by_script
-from support.selection import long_but
 
 import mpsim
 
@@ -303,7 +302,8 @@ def whole(tmp_path):
     return frames_of(tmp_path / "whole.xyz")
 
 
-@pytest.mark.parametrize("rank", long_but([0, 1], 1))
+@pytest.mark.long
+@pytest.mark.parametrize("rank", [0, 1])
 def test_a_frame_that_one_rank_cannot_write_is_an_error_on_all_and_is_cut_off(rank, tmp_path, whole):
     done = on_ranks(2, str(tmp_path / "run.xyz"), json.dumps(LATTICE), "full", str(rank), script=FRAMES)
     assert done.code == 0, done.err
@@ -316,7 +316,8 @@ def test_a_frame_that_one_rank_cannot_write_is_an_error_on_all_and_is_cut_off(ra
     assert frames_of(tmp_path / "run.xyz") == whole, "it is written once there is room again"
 
 
-@pytest.mark.parametrize("rank", long_but([0, 1], 1))
+@pytest.mark.long
+@pytest.mark.parametrize("rank", [0, 1])
 def test_a_rank_killed_while_it_writes_costs_the_frame_in_hand(rank, tmp_path, whole):
     """Lines of the other rank are behind those that are missing."""
     path = tmp_path / "run.xyz"

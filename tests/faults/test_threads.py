@@ -305,7 +305,7 @@ def test_asyncio_runs_in_a_thread_and_reads_in_the_loop(method):
     assert (ran, digest) == (3000, digest_after(lattice(20, 20), 3000, method=ALONE[method]))
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", long_but(METHODS, "parallel"))
 def test_garbage_that_another_thread_collects_is_closed_there(method):
     sim = simulate(lattice(9, 9), method=method, workers=2)
     sim.run(frames=2)

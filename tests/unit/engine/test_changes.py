@@ -418,6 +418,7 @@ def test_what_follows_is_what_a_new_simulation_of_the_changed_state_does(words, 
             assert not moved or unchanged.digest() != sim.digest()
 
 
+@pytest.mark.long
 @settings(max_examples=25, deadline=None)
 @given(changes=OF_DISCS)
 def test_the_exact_solver_goes_on_as_a_new_one_from_the_changed_state_but_for_rounding(changes):

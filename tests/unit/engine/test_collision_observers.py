@@ -107,6 +107,7 @@ def test_frames_that_nobody_observed_are_not_in_it():
     assert seen.table.tobytes() == everything.table[(frames <= 10) | (frames > 20)].tobytes()
 
 
+@pytest.mark.long
 def test_discs_that_enter_are_seen_too():
     scene = mpsim.Scene(
         width=10.0, height=4.0, position=[[8.0, 2.0]], velocity=[[0.0, 0.0]], radius=0.5,

@@ -250,7 +250,11 @@ def test_an_interrupt_while_a_disc_enters_lets_it_enter_once(method):
         ({"width": 16, "piston": mpsim.Piston("right", -2, 5)}, 16 - 2 * 1.0 - 0.25),
         ({"width": 12, "absorbing": "right"}, 12 - 0.25),
         ({"width": 12, "boundary": ("periodic", "walls")}, (10 + 8 * 0.9) % 12),
-        ({"width": 12, "boundary": ("periodic", "walls"), "obstacles": mpsim.FixedDisc((2, 30), 0.5)}, 2 - 0.5 - 0.25),
+        pytest.param(
+            {"width": 12, "boundary": ("periodic", "walls"), "obstacles": mpsim.FixedDisc((2, 30), 0.5)},
+            2 - 0.5 - 0.25,
+            marks=pytest.mark.long,
+        ),
     ],
 )
 def test_a_flight_ends_where_it_meets_something_and_the_next_frame_begins_there(features, place):
