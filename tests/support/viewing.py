@@ -52,7 +52,7 @@ class Visitor:
             return "radii"
         self.picture = wire.unpack(message)
         self.pictures += 1
-        if ack:
+        if ack and self.picture.header.stage == 0:  # which stands for both stages
             self.say("ack", serial=self.picture.header.serial)
         return "picture"
 

@@ -175,10 +175,11 @@ def _parsed(path: Path, label: str) -> dict[str, Any]:
 def _sentences(error: pydantic.ValidationError) -> list[str]:
     """One sentence per problem, for the first MOST_PROBLEMS."""
     sentences: list[str] = []
+    listed: set[str] = set()
     found = error.errors(include_url=False)
     for each in found[:MOST_PROBLEMS]:
         location = tuple(word for word in each["loc"] if word not in _KINDS)
-        sentences.append(_at(_path(location), _sentence(location, each["type"], each.get("input"), each)))
+        sentences.append(_at(_path(location), _sentence(location, each["type"], each.get("input"), each, listed)))
     return _some(sentences, len(found))
 
 
@@ -188,13 +189,12 @@ def _some(sentences: list[str], number: int = 0) -> list[str]:
     return [*sentences[:MOST_PROBLEMS], f"and at least {more:,} more."] if more > 0 else sentences
 
 
-def _sentence(location: tuple[int | str, ...], kind: str, value: Any, details: Any) -> str:
+def _sentence(location: tuple[int | str, ...], kind: str, value: Any, details: Any, listed: set[str]) -> str:
+    """What is wrong at a place; listed: tables whose keys a sentence before has listed."""
     name = _path(location[-2:] if location and isinstance(location[-1], int) else location[-1:])
     match kind:
         case "extra_forbidden":
-            keys = _keys_beside(location)
-            near = checks.near(name, keys)
-            hint = f"Did you mean {near!r}?" if near else f"Keys there: {', '.join(keys)}."
+            hint = _hint(name, str(location[0]) if len(location) > 1 else "", listed)
             known = f"{name} must be a key of a scene file; this one is unknown, with the value"
             return f"{known} {checks.brief(value)}. {hint}"
         case "missing":
@@ -209,9 +209,16 @@ def _sentence(location: tuple[int | str, ...], kind: str, value: Any, details: A
     return f"{name}: {details['msg']}; got {checks.brief(value)}."
 
 
-def _keys_beside(location: tuple[int | str, ...]) -> list[str]:
-    """Keys that the table of a key may have."""
-    return _keys_of(str(location[0]) if len(location) > 1 else "")
+def _hint(name: str, level: str, listed: set[str]) -> str:
+    """The key that was meant, or all that there are, once for each level."""
+    keys = _keys_of(level)
+    near = checks.near(name, keys)
+    if near:
+        return f"Did you mean {near!r}?"
+    if level in listed:
+        return "Keys there are those listed above."
+    listed.add(level)
+    return f"Keys there: {', '.join(keys)}."
 
 
 def _keys_of(level: str) -> list[str]:

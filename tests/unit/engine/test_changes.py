@@ -60,7 +60,7 @@ CHANGE = [
     ({"method": "grid"}, ["'method' is fixed from the start", "What can be changed: gravity"]),
     ({"width": 3.0}, ["'width' is fixed from the start"]),
     ({"gravity": (0, NAN)}, ["gravity must be finite", "nan"]),
-    ({"gravity": 9.8}, ["gravity must have shape (2,)"]),
+    ({"gravity": 9.8}, ["gravity must be two numbers, along x and y; got 9.8. Downwards it is (0, -9.8)"]),
     ({"gravity": None}, ["gravity must be two numbers", "got None", "Give (0, 0)"]),
     ({"gravity": [[1], [2, 3]]}, ["gravity must be numbers of shape (2,)", "[[1], [2, 3]]"]),
     ({"contact": [[1], [2, 3]]}, ["contact must be one of", "[[1], [2, 3]]"]),

@@ -128,7 +128,8 @@ WRONG = {
     HEAD.replace("10.0", "1" + "0" * 400): "width must be a number > 0 [length], finite in float64; got "
     "a whole number of 401 digits.",
     HEAD.replace("10.0", "1979-05-27"): "width must be a number > 0 [length]; got datetime.date(1979, 5, 27).",
-    HEAD + "gravity = 3": "gravity must have shape (2,); got shape (). Reshape the array.",
+    HEAD + "gravity = 3": "gravity must be two numbers, along x and y; got 3. Downwards it is (0, -3), "
+    "in a scene file [0.0, -3.0].",
     HEAD + "gravity = [1, 2, 3]": "gravity must have shape (2,); got shape (3,). Reshape the array.",
     HEAD + f"gravity = [1, 1{'0' * 400}]": "gravity[1] must be finite in float64; got a whole number of 401 digits.",
     HEAD + "boundary = 'wall'": "boundary must be one of 'walls', 'periodic'; got 'wall'. Did you mean 'walls'?",
@@ -138,8 +139,8 @@ WRONG = {
     HEAD + "[discs]\nradius = 3": "discs must be a list of tables, [[discs]] for each; got {'radius': 3}.",
     HEAD + "about = 'x'": "about must be a table; got 'x'.",
     HEAD + "[[settings]]\ndt = 1": "settings must be a table; got [{'dt': 1}].",
-    HEAD + "[settings]\nsubsteps = 1.5": "settings.substeps must be a whole number from 1 to 1000000; got 1.5. "
-    "Use dt for the frame and substeps to divide it.",
+    HEAD
+    + "[settings]\nsubsteps = 1.5": "settings.substeps must be a whole number from 1 to 1000000; got 1.5. Give 1 or 2.",
     HEAD + ONE + "velocity = [[1, 2], [3, 4]]": "discs[0].velocity must be one row or 1, one per disc; got 2.",
     HEAD + ONE + "acceleration = [[1, 2], [3, 4]]": "discs[0].acceleration must be one row or 1, one per disc; got 2.",
     HEAD + ONE + "mass = [1, 2]": "discs[0].mass must be one number or 1, one per disc; got 2.",
