@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import gc
 import os
 import re
 import resource
@@ -63,6 +64,7 @@ def refusal_of(scene, method):
 def started_before(method):
     """What is made once and kept: machine code, the fork server, the resource tracker."""
     simulate(lattice(9, 9), method=method, workers=3).close()
+    gc.collect()  # of tests before
     return left()
 
 

@@ -57,7 +57,7 @@ function made(each) {
       output.textContent = textOf(row.each, value);
       post(value);
     });
-    control.addEventListener("change", () => { row.held = false; end(); });
+    control.addEventListener("change", () => { row.held = false; end(); update(row, row.each); });
   }
   return row;
 }

@@ -110,8 +110,23 @@ class Table:
             self.page.click(f"#{panel} summary")
 
 
+@pytest.fixture(scope="module")
+def compiled():
+    """Machine code of what pages change here: no page waits for it."""
+    with mpsim.Simulation(SCENE, GRID) as sim:
+        for change in ({"gravity": (0.0, -1.0)}, {"gravity": (0.0, 0.0), "restitution": 0.9}, {"gravity": (0.0, -1.0)}):
+            sim.run(frames=1)
+            sim.change(**change)
+        sim.run(frames=1)
+    with mpsim.Simulation(SCENE, GRID) as sim:
+        for number in (0, 1):
+            sim.remove(number)
+            sim.run(frames=1)
+            sim.change(gravity=(0.0, -1.0))
+
+
 @pytest.fixture
-def table(opened, capsys):
+def table(opened, compiled, capsys):
     with contextlib.ExitStack() as stack:
 
         def begin(scene=SCENE, settings=GRID, query="", size=(1280, 800), context=None, **options):
