@@ -150,7 +150,7 @@ if comm.rank == 0:
 @pytest.mark.parametrize(
     ("number", "shared"),
     [
-        (1, "shared"),
+        pytest.param(1, "shared", marks=pytest.mark.long),
         (2, "shared"),
         (2, "not shared"),
         pytest.param(3, "shared", marks=pytest.mark.long),

@@ -232,6 +232,7 @@ def triples():
     return mpsim.Scene(width=66, height=48, position=places, velocity=velocity, mass=masses, radius=0.5)
 
 
+@pytest.mark.long
 def test_ties_that_matter_are_broken_alike_in_all_tiles():
     """Who of two is first at an instant changes what becomes of all three; a row of such threes is on a border."""
     scene = triples()
