@@ -86,10 +86,10 @@ def animate(
     rate = checks.whole("pictures_per_second", pictures_per_second, 1, 50, "25 looks smooth.")
     pixels = checks.whole("pixels", pixels, 100, 4000, "480 suits a page.")
     target = checked_target(path)
-    writer = _writer_for(target, rate)
     if colour in ("worker", "parity") and settings.method == "auto":  # which may choose one without columns
         settings = dataclasses.replace(settings, method="parallel")
     with Simulation(scene, settings) as sim, matplotlib.rc_context(fname=STYLE), _bar(frames, progress) as advance:
+        writer = _writer_for(target, rate)
         picture = Picture(sim, pixels, colour)
         with atomic.atomic_write(target) as file, writer.saving(picture.figure, file.name, DPI):
             for number in range(frames):
