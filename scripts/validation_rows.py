@@ -1,0 +1,245 @@
+"""What run_validation.py measures: each row is a number that others have published, and ours by the exact solver.
+
+Discs have mass 1 and diameter 1, and temperatures are 1, unless a row says otherwise.
+"""
+
+import math
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import validation_theory as theory
+
+import mpsim
+from mpsim.measure import Measure, independent_average, kinetic_energy, reference
+
+LI = "Li 2022"
+SHAPES = {
+    "1 : 1": 1.0,
+    "1 : √3/2": math.sqrt(3) / 2,
+    "9 : 8√3/2": 8 * math.sqrt(3) / 2 / 9,
+    "29 : 30√3/2": 30 * math.sqrt(3) / 2 / 29,
+}
+"""Width : height of the boxes, and height over width."""
+
+PRESSURES: dict[tuple[int, str, float], tuple[float, float]] = {
+    (72, "1 : 1", 0.65): (6.901074, 7.1e-5),
+    (72, "1 : 1", 0.68): (8.23631, 34e-5),
+    (72, "1 : 1", 0.70): (8.55170, 59e-5),
+    (72, "1 : √3/2", 0.65): (6.945931, 6.6e-5),
+    (72, "1 : √3/2", 0.70): (9.48035, 18e-5),
+    (72, "9 : 8√3/2", 0.65): (6.895819, 4.4e-5),
+    (72, "9 : 8√3/2", 0.70): (8.21941, 99e-5),
+    (224, "1 : 1", 0.67): (7.979479, 5.8e-5),
+    (870, "1 : 1", 0.67): (7.986779, 2.5e-5),
+    (870, "1 : 1", 0.68): (8.513249, 3.7e-5),
+    (870, "29 : 30√3/2", 0.67): (7.986735, 2.6e-5),
+    (870, "29 : 30√3/2", 0.68): (8.513233, 3.7e-5),
+}
+"""P sigma^2 / kT by discs, box and packing, with standard errors: event-chain Monte Carlo of Li, Nishikawa, Hollmer,
+Carillo, Maggs and Krauth (J. Chem. Phys. 157, 234111, 2022), from the table in their data repository."""
+
+DENSER = (6.996291, 8.9e-5)
+"""Of 72 discs in a square box at packing 0.652, from the same table."""
+
+COLLISIONS = {72: 1e8, 224: 1e8, 870: 2e8}
+"""In the runs of one pressure, by the number of discs."""
+
+STARTS = 4
+PACKINGS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
+COUNT = 1024
+"""Discs in the equation of state."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A number as expected and as found. A control is a number that is wrong, which must be far from what is found."""
+
+    what: str
+    source: str
+    expected: Measure
+    found: Measure
+    control: bool = False
+
+    @property
+    def deviation(self) -> float:
+        """In standard errors of the difference."""
+        return (self.found.value - self.expected.value) / math.hypot(self.found.error, self.expected.error)
+
+
+Rows = Iterator[Row]
+
+
+def known(value: float, error: float = 0.0) -> Measure:
+    """An expected number."""
+    return Measure(value, error, 1)
+
+
+def combined(each: list[Measure]) -> Measure:
+    """Mean of runs of equal length; settled if all are."""
+    error = math.sqrt(sum(one.error**2 for one in each)) / len(each)
+    settled = all(one.settled for one in each)
+    return Measure(float(np.mean([one.value for one in each])), error, len(each), settled)
+
+
+def pressure(
+    count: int, packing: float, shape: float, collisions: float, method: str = "event", step: float = 0.0
+) -> Measure:
+    """P sigma^2 / kT of a periodic gas at rest, over runs with so many collisions in all.
+
+    mpsim's pressure in such a box is kT / area below that of a canonical ensemble, and kT is E / (N - 1).
+    """
+    width = math.sqrt(count * math.pi / 4 / packing / shape)
+    height, temperature = shape * width, count / (count - 1)
+    rate = reference.enskog_rate(min(packing, reference.LARGEST_PACKING))
+    settings = mpsim.Settings(dt=step or 20 / rate, method=method, workers=1)
+    frames = max(round(2 * collisions / STARTS / count / rate / settings.dt), 64)
+    found = []
+    for seed in range(STARTS):
+        scene = mpsim.Scene.lattice(count=count, radius=0.5, width=width, height=height, seed=seed, boundary="periodic")
+        with mpsim.Simulation(scene, settings) as sim:
+            sim.run(frames=frames // 8)
+            found.append(sim.run(frames=frames, measures=["pressure"]).measures["pressure"])
+    mean = combined(found)
+    return Measure(
+        mean.value / temperature + 1 / (width * height), mean.error / temperature, mean.samples, mean.settled
+    )
+
+
+def dense(share: float) -> Rows:
+    """Pressures of Li and others, and what is not theirs."""
+    found = {key: pressure(key[0], key[2], SHAPES[key[1]], share * COLLISIONS[key[0]]) for key in PRESSURES}
+    for (count, shape, packing), published in PRESSURES.items():
+        what = f"P (2R)²/kT, {count} discs, box {shape}, packing {packing}"
+        yield Row(what, LI, known(*published), found[count, shape, packing])
+    yield from dense_controls(share, found[72, "1 : 1", 0.65])
+
+
+def dense_controls(share: float, square: Measure) -> Rows:
+    """What is wrong with 72 discs in a square box at packing 0.65."""
+    published = known(*PRESSURES[72, "1 : 1", 0.65])
+    yield Row("72 discs at packing 0.65, as if published for 0.652", LI, known(*DENSER), square, control=True)
+    other = known(*PRESSURES[72, "1 : √3/2", 0.65])
+    yield Row("box 1 : 1, as if published for 1 : √3/2", LI, other, square, control=True)
+    area = 4 * 0.65 / math.pi / 72
+    naive = Measure((square.value - 72 * area) * 71 / 72 + 72 * area, square.error, STARTS)
+    yield Row("kT = E/N in place of E/(N - 1)", LI, published, naive, control=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mpsim.FastWarning)  # the step is too long: that is the control
+        stepped = pressure(72, 0.65, 1.0, share * 2e6, "grid", 0.02)
+    yield Row("method `grid`, steps of 0.02 (2R)/√kT", LI, published, stepped, control=True)
+
+
+def state(share: float) -> Rows:
+    """The equation of state, with the correction for 1,024 discs."""
+    for packing in PACKINGS:
+        scale = math.pi / 4 / packing
+        one = pressure(COUNT, packing, 1.0, share * 1e8)
+        found = Measure(one.value * scale, one.error * scale, one.samples, one.settled)
+        infinite, shift = theory.bulk(packing), theory.finite_size(packing, COUNT)
+        expected = known(infinite.value + shift, math.hypot(infinite.error, shift**2))
+        yield Row(f"Z, {COUNT} discs, packing {packing}", "virial series", expected, found)
+        if packing == 0.3:
+            what = f"Z at {packing} without the correction for {COUNT} discs"
+            yield Row(what, "virial series", infinite, found, control=True)
+
+
+def two_discs(share: float) -> Rows:
+    """Two discs in a box: closed forms."""
+    exact, found = reference.two_discs(1, 1, 0.2, energy=2), {}
+    for name, seeds in (("pressure", range(24)), ("collision_rate", range(24, 48))):
+        values = []
+        for seed in seeds:
+            with mpsim.Simulation(pair_in_a_box(seed), mpsim.Settings(dt=1.0, method="event", workers=1)) as sim:
+                values.append(sim.run(frames=max(round(share * 20_000), 64), measures=[name]).measures[name].value)
+        found[name] = independent_average(values)
+    force, rate = found["pressure"], found["collision_rate"]
+    yield Row("force on a wall, two discs of radius 0.2 in 1 x 1", "phase space", known(exact.force_x), force)
+    yield Row("collisions per time, two discs of radius 0.2 in 1 x 1", "phase space", known(exact.pair_rate), rate)
+    wider = reference.two_discs(1.01, 1.0, 0.2, energy=2)
+    yield Row("force on a wall of a box 1.01 wide", "phase space", known(wider.force_x), force, control=True)
+
+
+def pair_in_a_box(seed: int) -> mpsim.Scene:
+    """Two discs with energy 2 and a total momentum: opposite velocities of equal size would be a special start."""
+    placed = mpsim.Scene.random(count=2, width=1, height=1, radius=0.2, seed=seed)
+    velocity = np.random.default_rng(seed).normal(size=(2, 2))
+    velocity *= 2 / np.linalg.norm(velocity)
+    return mpsim.Scene(width=1, height=1, radius=0.2, position=placed.position, velocity=velocity)
+
+
+def haff(share: float) -> Rows:
+    """How fast granular gases cool: the slope of 1/sqrt(T), from five collisions per disc on."""
+    packing, starts = 0.05, max(round(share * 64), 8)
+    nu = reference.enskog_rate(packing)
+    for restitution, count, until in ((0.99, 1024, 105.0), (0.95, 256, 25.0)):
+        values = []
+        for seed in range(starts):
+            scene = mpsim.Scene.random(
+                count=count, packing=packing, radius=0.5, seed=seed, boundary="periodic", restitution=restitution
+            )
+            settings = mpsim.Settings(dt=5 / nu, method="event", workers=1)
+            with warnings.catch_warnings(), mpsim.Simulation(scene, settings) as sim:
+                roots = []
+                warnings.simplefilter("ignore", mpsim.GuardWarning)  # one contact in millions
+                for time in (5 / nu, max(share, 0.4) * until / nu):
+                    sim.run(until=time)
+                    roots.append((sim.time, math.sqrt(count / kinetic_energy(sim.state, scene))))
+            values.append((roots[1][1] - roots[0][1]) / (roots[1][0] - roots[0][0]))
+        found = independent_average(values)
+        what = f"d(T^-1/2)/dt, {count} discs, restitution {restitution}, packing {packing}"
+        yield Row(what, "Haff 1983", known(theory.haff_rate(packing, count, restitution)), found)
+        if restitution == 0.99:
+            other = theory.haff_rate(packing, count, 0.989)
+            yield Row("the same for restitution 0.989", "Haff 1983", known(other), found, control=True)
+
+
+def correlations(packing: float, every: float, looks: float, count: int = COUNT, seed: int = 0) -> mpsim.Correlations:
+    """Averages over so many looks, one each `every` mean free times."""
+    scene = mpsim.Scene.random(count=count, packing=packing, radius=0.5, seed=seed, boundary="periodic")
+    step = every / reference.enskog_rate(packing)
+    found = mpsim.Correlations()
+    with mpsim.Simulation(scene, mpsim.Settings(dt=step, method="event", workers=1)) as sim:
+        sim.run(frames=math.ceil(20 / every))
+        sim.run(frames=max(round(looks), 100), observe=found)
+    return found
+
+
+def motion(share: float) -> Rows:
+    """Velocity autocorrelation and diffusion constant."""
+    for packing in (0.1, 0.3, 0.5):
+        short = 0.02
+        velocity = correlations(packing, short, share * 3e4).velocity
+        rate, lag, start = theory.transfer_rate(packing, COUNT), velocity.lag[1], velocity[0].value
+        found = Measure((1 - velocity[1].value / start) / lag, velocity[1].error / start / lag, 1, velocity[1].settled)
+        curved = (1 - theory.decay(short)) / short
+        expected = known(rate * curved, rate * 0.1 * (1 - curved))
+        yield Row(f"(1 - <v(t)·v>/<v²>)/t after {short} mean free times, packing {packing}", "Enskog", expected, found)
+        if packing == 0.3:
+            wrong = known(1.02 * expected.value, expected.error)
+            yield Row("the same, with 2 % more collisions", "Enskog", wrong, found, control=True)
+    dilute = 0.005
+    velocity = correlations(dilute, 0.2, share * 2e4, seed=1).velocity
+    ratio = Measure(
+        velocity[5].value / velocity[0].value, velocity[5].error / velocity[0].value, 1, velocity[5].settled
+    )
+    decayed = known(theory.decay(velocity.lag[5] * theory.transfer_rate(dilute, COUNT)))
+    yield Row(f"<v(t)·v>/<v²> after one mean free time, packing {dilute}", "Boltzmann", decayed, ratio)
+    yield Row("the same, as one exponential", "Boltzmann", known(math.exp(-1.0)), ratio, control=True)
+    constant = correlations(dilute, 0.2, share * 4e4, seed=2).diffusion()
+    first = reference.enskog_diffusion(dilute)
+    tail = 1 / (8 * math.pi * 4 * dilute / math.pi * 2 * first)
+    yield Row(
+        f"diffusion constant, packing {dilute}", "Boltzmann", known(first * theory.diffusion_factor(), tail), constant
+    )
+
+
+GROUPS: dict[str, Callable[[float], Rows]] = {
+    "dense": dense,
+    "state": state,
+    "two": two_discs,
+    "haff": haff,
+    "motion": motion,
+}
+"""By the name of the command line."""
