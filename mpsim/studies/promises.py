@@ -158,18 +158,41 @@ class Hopper(Promise):
         )
         flow, law = (early + late) / 2, self.beverloo()
         steady = Finding("flow, second half of the run [1/time]", early, late, 0.15 * early, "the first half")
-        rough = self.scene.friction > 0
-        within, source = (0.35 * law, "") if rough else (math.inf, ", which is for rough grains")
-        return [Finding("grains per time [1/time]", law, flow, within, f"Beverloo's law of a slot{source}"), steady]
+        what = "grains per time [1/time]"
+        if self.scene.friction > 0:
+            return [Finding(what, law, flow, 0.35 * law, "Beverloo's law of a slot"), steady]
+        most = self.torricelli()
+        source = f"between {law:.4g}, Beverloo's law for rough grains, and {most:.4g}, Torricelli's for a fluid"
+        return [Finding(what, (law + most) / 2, flow, (most - law) / 2, source), steady]
+
+    @property
+    def _funnel(self) -> tuple[float, float, float, float]:
+        """Gap of the funnel, its depth from the rim to the gap, diameter of grains, and their number to the area."""
+        left, right = (self.scene.capsules[[0, -1]][:, [0, 2]]).max(axis=1)[0], self.scene.capsules[-1, [0, 2]].min()
+        heights = self.scene.capsules[0, [1, 3]]
+        diameter = 2 * self.scene.largest_radius
+        packed = 0.8 / (math.pi * diameter**2 / 4)
+        return right - left - 2 * float(self.scene.capsules[0, 4]), float(np.ptp(heights)), diameter, packed
+
+    @property
+    def _gravity(self) -> float:
+        assert self.scene.gravity is not None
+        return -float(self.scene.gravity[1])
 
     def beverloo(self) -> float:
         """1.03 n sqrt(g) (D - 1.4 d)^(3/2) for a gap D and grains d wide, n to the area (Nedderman 1992) [1/time]."""
-        left, right = (self.scene.capsules[[0, -1]][:, [0, 2]]).max(axis=1)[0], self.scene.capsules[-1, [0, 2]].min()
-        diameter = 2 * self.scene.largest_radius
-        gap = right - left - 2 * float(self.scene.capsules[0, 4]) - 1.4 * diameter
-        assert self.scene.gravity is not None
-        packed = 0.8 / (math.pi * diameter**2 / 4)
-        return 1.03 * packed * math.sqrt(-float(self.scene.gravity[1])) * gap**1.5
+        gap, _, diameter, packed = self._funnel
+        return 1.03 * packed * math.sqrt(self._gravity) * (gap - 1.4 * diameter) ** 1.5
+
+    def torricelli(self) -> float:
+        """n (D - d) sqrt(2 g h): all centres that fit fall through from the top of the heap, without loss [1/time].
+
+        h is the height over the gap to which all grains fill the funnel, and the box above it.
+        """
+        gap, depth, diameter, packed = self._funnel
+        above = self.scene.count / packed - depth * (gap + self.scene.width) / 2
+        height = depth + above / self.scene.width
+        return packed * (gap - diameter) * math.sqrt(2 * self._gravity * height)
 
 
 class Brownian(Promise):

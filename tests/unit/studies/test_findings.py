@@ -5,7 +5,9 @@ import math
 import re
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from support.commands import mpsim_command
 from support.selection import long_but
@@ -47,6 +49,31 @@ def test_a_run_that_ends_too_early_does_not_show_it(name):
     else:
         assert not found.consistent
         assert "they differ by more than 0" in str(found)
+
+
+@pytest.mark.parametrize(
+    ("name", "flow", "consistent"),
+    [
+        ("hopper", 30.0, False),
+        ("hopper", 66.8, True),
+        ("hopper", 145.0, False),
+        ("rough-hopper", 20.0, False),
+        ("rough-hopper", 39.5, True),
+        ("rough-hopper", 66.8, False),
+    ],
+)
+def test_a_flow_beyond_the_laws_of_hoppers_is_not_what_they_promise(name, flow, consistent):
+    """Smooth grains pass faster than rough ones, and more slowly than a fluid without friction."""
+    scene = mpsim.Scene.load(name)
+    promise = PROMISES[name](scene, scene.settings)
+    watched = SimpleNamespace(time=0.0, state=SimpleNamespace(image=None))
+    for watched.time in np.linspace(0.0, scene.duration, 301):
+        watched.state.image = np.array([[0.0, -flow * watched.time]])
+        promise.look(watched, 0)
+    rate, steady = promise.findings(watched)
+    assert rate.found == pytest.approx(flow)
+    assert steady.consistent
+    assert rate.consistent is consistent, str(rate)
 
 
 def test_numbers_agree_within_a_difference():
