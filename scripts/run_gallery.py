@@ -75,19 +75,16 @@ def page(scenes: list[SceneFile], folder: str) -> str:
     lines = [
         "# Gallery",
         "",
-        "The scenes that come with mpsim. `mpsim show NAME` prints one, `Scene.load(name)` loads it; each is a small "
-        "file in `mpsim/scene/named/` to copy from. Pictures by `scripts/run_gallery.py`; colours are speeds.",
+        "These scenes come with mpsim. `mpsim show NAME` describes one, and `mpsim.Scene.load(NAME)` loads it. Each is "
+        "a small file in `mpsim/scene/named/`, which you can copy and change. Colours show speeds. The pictures were "
+        "made by `scripts/run_gallery.py`.",
         "",
     ]
     for found in scenes:
         lines += [f"## {found.title}", "", f"`{found.name}`: {oneline(found.text)}", ""]
         lines += [f"**Look for:** {oneline(found.look_for)}", ""]
-        lines += [
-            f"![{found.title}]({folder}/{found.name}.png)",
-            "",
-            f"[as an animation]({folder}/{found.name}.gif)",
-            "",
-        ]
+        lines += [f"![{found.title}, moving]({folder}/{found.name}.gif)", ""]
+        lines += [f"[The same as a still picture]({folder}/{found.name}.png)", ""]
     return "\n".join(lines)
 
 

@@ -20,58 +20,18 @@ runs under --long:
 
 import doctest
 import os
-import re
 import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
+sys.path.append(str(ROOT / "scripts"))
+
+from page_blocks import COMMAND, DRAWING, EXECUTED, Block, blocks_of  # noqa: E402, F401 - tests take them from here
+
 PAGES = sorted([*ROOT.glob("*.md"), *(page for page in (ROOT / "docs").rglob("*.md") if "_build" not in page.parts)])
-
-EXECUTED = ("python", "console", "sh", "toml")
-DRAWING = "text"
-
-FENCE = re.compile(
-    r"(?:<!-- *(?:not run: *(?P<why>.+?)|(?P<long>long)) *-->\n+)?"
-    r"^(?P<ticks>`{3,})(?P<language>[^\n`]*)\n(?P<code>.*?)^(?P=ticks) *$",
-    re.DOTALL | re.MULTILINE,
-)
-COMMAND = re.compile(r"^\$ (?P<command>(?:.*\\\n)*.*)\n(?P<output>(?:(?!\$ ).*\n)*)", re.MULTILINE)
-
-
-@dataclass(frozen=True)
-class Block:
-    """One fenced block: language, text, the line on which the text begins, counted from 0, and why it is not run."""
-
-    language: str
-    code: str
-    line: int
-    why: str | None = None
-    long: bool = False
-
-    @property
-    def file(self) -> str | None:
-        """Name of the file that a block of Python is kept in; None if it is executed."""
-        match = re.match(r"# (\S+\.py)\n", self.code) if self.language == "python" else None
-        return match[1] if match else None
-
-
-def blocks_of(text: str) -> list[Block]:
-    """All fenced blocks but directives of the pages' generator, such as tables of contents."""
-    found = [
-        Block(
-            match["language"].strip(),
-            match["code"],
-            text.count("\n", 0, match.start("code")),
-            match["why"],
-            bool(match["long"]),
-        )
-        for match in FENCE.finditer(text)
-    ]
-    return [block for block in found if not block.language.startswith("{")]
 
 
 def run_blocks(name: str, blocks: Iterable[Block], long: bool = False) -> int:
@@ -146,10 +106,9 @@ def _run(name: str, block: Block, command: str) -> str:
 def _scene(block: Block) -> None:
     from mpsim.scene import scenefile  # noqa: PLC0415 - counting blocks needs no mpsim
 
-    match = re.match(r"# (\S+\.toml)", block.code)
-    path = Path(match[1] if match else "scene.toml")
-    path.write_text(block.code)
-    scenefile.load(path)
+    assert block.file is not None
+    Path(block.file).write_text(block.code)
+    scenefile.load(Path(block.file))
 
 
 def main() -> None:
