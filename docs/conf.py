@@ -77,9 +77,23 @@ def keep_bars(_app: Any, _what: str, _name: str, _of: Any, _options: Any, lines:
             lines[number] = line.replace("|", r"\|")
 
 
+def keep_examples(_app: Any, _command: Any, lines: list[str]) -> None:
+    """Show the examples of a command as literal text, to be copied."""
+    if lines:
+        kept = [line.removeprefix("| ") for line in lines if line.strip() != "|"]
+        lines[:] = [
+            "Examples:",
+            "",
+            ".. code-block:: text",
+            "",
+            *(f"   {line}" for line in kept if line.strip() != "Examples:"),
+        ]
+
+
 def setup(app: Any) -> None:
     """Called by Sphinx."""
     app.connect("autodoc-process-docstring", keep_bars)
+    app.connect("sphinx-click-process-epilog", keep_examples)
     app.connect("source-read", name_tables)
     app.connect("source-read", offer_notebook)
     app.connect("build-finished", write_notebooks)

@@ -81,10 +81,9 @@ def page(scenes: list[SceneFile], folder: str) -> str:
         "",
     ]
     for found in scenes:
-        lines += [f"## {found.title}", "", f"`{found.name}`: {oneline(found.text)}", ""]
-        lines += [f"**Look for:** {oneline(found.look_for)}", ""]
-        lines += [f"![{found.title}, moving]({folder}/{found.name}.gif)", ""]
-        lines += [f"[The same as a still picture]({folder}/{found.name}.png)", ""]
+        lines += [f"## {found.title}", "", f"![{found.title}, moving]({folder}/{found.name}.gif)", ""]
+        lines += [f"`{found.name}`: {oneline(found.text)}", "", f"**Look for:** {oneline(found.look_for)}", ""]
+        lines += [f"[A still picture]({folder}/{found.name}.png)", ""]
     return "\n".join(lines)
 
 

@@ -20,10 +20,10 @@ TOOL = "run_peers"
 
 INTRODUCTION = """# Peers
 
-mpsim and what a user would take instead, on the same scenes: equal discs of mass 1 in a closed square box, without
-gravity, elastic and smooth. The thermal speed v is √kT, the root mean square of *one component* of the velocity; a step
-is given as v·dt in diameters (0.02 here is twice the step on the page of [benchmarks](benchmarks.md)), and a unit of
-time is that in which v covers a diameter. Every engine starts from the same `Scene.random(seed=1)`.
+This page compares mpsim with other engines on the same scenes: equal discs of mass 1 in a closed square box, elastic and
+smooth, without gravity. The thermal speed v is √kT, the root mean square of *one component* of the velocity. A step is
+given as v·dt in diameters; 0.02 here is twice the step on the page of [benchmarks](benchmarks.md). In a unit of time v
+covers one diameter. Every engine starts from the same `Scene.random(seed=1)`. These commands write this page:
 
 <!-- not run: half an hour on two cores, with engines that the tests do not need -->
 ```sh
@@ -31,39 +31,41 @@ pip install -e '.[peers]' && npm install --prefix results/peers @dimforge/rapier
 python scripts/run_peers.py
 ```
 
-writes this page. Each engine runs in a process of its own. Processes take turns: in each turn every engine runs for a
-while, one after another, the yardstick among them, which is the term-project report's algorithm written straight: a
-grid of lists of indices, both orders of each pair. What else runs on the machine shows in its times. Numbers are
-medians over the turns, with quartiles in brackets; "6x" is six times as fast as the yardstick in the same turn. Times
-are those of calls for many frames, without set-up, compilation and warm-up.
+The reference for speed, the *yardstick*, is the algorithm of the term-project report in plain C++: a grid of lists of
+indices, with both orders of each pair. Each engine runs in its own process. The processes take turns: in each turn all
+engines, the yardstick included, run one after another. Other programs on the machine therefore slow all engines alike,
+and the times of the yardstick show this. Numbers are medians over the turns, with quartiles in brackets; "6x" means six
+times as fast as the yardstick in the same turn. Times are those of calls for many frames, without set-up, compilation
+and warm-up.
 """
 
 FRAMES_TEXT = """## A frame
 
-Nanoseconds per disc and frame. Frames of the same dt are not equally good: for that, see [below](#a-unit-of-time).
-Engines with a setting of effort run with the least, where they are quickest. What is marked *early* are times of the
-first half unit of time alone, as long frames leave room for few of them: fewer discs touch then than later.
+The tables show nanoseconds per disc and frame. Frames with the same dt have different errors; for costs at equal errors
+see [below](#a-unit-of-time). Engines with adjustable effort, such as a number of iterations, run with the least, which
+is fastest. *Early* marks engines so slow that they were timed only during the first half unit of time, when fewer discs
+touch than later.
 """
 
 ERRORS_TEXT = """## A unit of time
 
-Steps are not equal, so this is the comparison that counts: what a disc costs per unit of time (µs) with the longest
-step at which the pressure is within 1 % and within 10 %, and how fast the kinetic energy changes then (drift: relative
-change per unit of time). {count:,} discs at packing {packing:g} for errors, {cost_count:,} for costs, one process or
-thread.
+The same step gives different errors in different engines, so this comparison is the fair one. It shows the cost of a
+disc per unit of time (µs) with the longest step that keeps the pressure within 1 %, and within 10 %. *Drift* is the
+relative change of the kinetic energy per unit of time with this step. Errors are those of {count:,} discs at packing
+{packing:g}, costs those of {cost_count:,} discs. Each engine has one process or thread.
 
-- The pressure is the impulse on the four walls over time and perimeter, in runs of {time:g} units from up to {starts}
-  starts after {settle:g} unit to settle. The exact value is that of mpsim's event-driven solver from the same starts,
-  {longer} times as long: {pressure:.4f} ± {scatter:.4f} kT / diameter² (the walls of a small box matter: it is not the
-  bulk's). Errors are relative, ± one standard error from the scatter between starts.
-- Energy that an engine loses or gains is in its error: that is the pressure a user would read.
-- The impulse comes from mpsim's own measure; from the wall's reflections, summed, in the yardstick, NumPy, Taichi and
-  Warp; from the force of the springs, summed over steps, in LAMMPS. In pymunk, Box2D and Rapier walls are bodies of 10⁸
-  disc masses while this is measured: what one gained in a frame is the impulse, and it is brought back to rest and
-  place. In each the difference between opposite walls equals the change of the discs' momentum, to rounding (LAMMPS:
-  but for one step), which a test checks for the engines that are installed.
-- Steps tried: {steps}, from the longest until two in turn are within 1 %. What counts is the longest step from which on
-  all shorter ones tried are within the limit. Settings of effort are each tried: {knobs}.
+- The pressure is the impulse on the four walls, divided by time and perimeter, in runs of {time:g} units from up to
+  {starts} starts, after {settle:g} unit of equilibration. The exact value comes from mpsim's event-driven solver with the
+  same starts and runs {longer} times as long: {pressure:.4f} ± {scatter:.4f} kT / diameter². It differs from the bulk
+  value, because the walls of a small box matter. Errors are relative, ± one standard error from the scatter of starts.
+- If an engine loses or gains energy, its pressure changes; this is part of its error.
+- mpsim measures the impulse itself. For the yardstick, NumPy, Taichi and Warp it is the sum over reflections at the
+  walls, for LAMMPS the sum of the spring forces over steps. In pymunk, Box2D and Rapier the walls are bodies with 10⁸
+  times the mass of a disc during this measurement: the momentum that a wall gains in a frame is the impulse, and the
+  wall is then put back at rest. A test checks for each installed engine that the difference between opposite walls
+  equals the change of the discs' momentum, to rounding (LAMMPS: up to one step).
+- Steps tried: {steps}, from the longest until two in turn are within 1 %. The step in the table is
+  the longest one for which it and all shorter ones are within the limit. Each effort is tried: {knobs}.
 """
 
 

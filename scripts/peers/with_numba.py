@@ -117,7 +117,7 @@ class Engine(Run):
     def run(self, frames: int) -> None:
         dt, width, height, radius = self._numbers
         if not advance(self._discs, self._cells, self._held, dt, frames, width, height, radius, self._walls):
-            raise ArithmeticError(f"a cell holds more than {IN_A_CELL} discs: they overlap deeply; take a shorter step")
+            raise ArithmeticError(f"a cell holds more than {IN_A_CELL} discs: they overlap deeply; use a shorter step")
 
     def state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return self._discs[:, :2].astype(np.float64), self._discs[:, 2:].astype(np.float64)

@@ -93,7 +93,7 @@ class Engine(Run):
             self._gas.frame()
         ti.sync()
         if self._gas.full[None]:
-            raise ArithmeticError(f"a cell holds more than {IN_A_CELL} discs: they overlap deeply; take a shorter step")
+            raise ArithmeticError(f"a cell holds more than {IN_A_CELL} discs: they overlap deeply; use a shorter step")
 
     def state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return self._gas.x.to_numpy().astype(np.float64), self._gas.v.to_numpy().astype(np.float64)

@@ -62,6 +62,20 @@ def test_every_public_name_is_in_the_reference(module, page, site):
     assert [name for name in names if f'id="{name}"' not in text] == []
 
 
+def test_each_page_of_the_tutorial_offers_its_notebook(site):
+    pages = sorted((site / "tutorial").glob("*.html"))
+    assert len(pages) == len(list((ROOT / "docs" / "tutorial").glob("*.md")))
+    for page in pages:
+        (name,) = re.findall(r'href="([^"]+[.]ipynb)"', page.read_text())
+        assert (page.parent / name).is_file(), name
+
+
+def test_examples_of_commands_are_literal_text(site):
+    text = (site / "reference" / "commands.html").read_text()
+    literal = re.findall(r"<pre>(.*?)</pre>", text, re.DOTALL)
+    assert any("mpsim run gas --until 50 --out run      " in re.sub("<.*?>", "", block) for block in literal)
+
+
 def test_pages_that_lead_nowhere_are_errors(tmp_path):
     """Negative control."""
     shutil.copy(ROOT / "docs" / "conf.py", tmp_path)
