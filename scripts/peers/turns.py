@@ -76,7 +76,9 @@ def calibrate(client: Client, effort: Effort) -> int:
         taken = client.run(frames, effort.budget)
     one = taken / frames
     if one * effort.turns > effort.budget:
-        raise FailedError(f"left out: a frame takes {one:.1f} s, and the limit is {effort.budget:.0f} s for {effort.turns} turns")
+        raise FailedError(
+            f"left out: a frame takes {one:.1f} s; the limit is {effort.budget:.0f} s for {effort.turns} turns"
+        )
     return max(1, round(effort.seconds / one))
 
 
@@ -157,7 +159,7 @@ class Known:
         expected = long + max(0.0, long - short) / (more - fewer) * (self.count - more)
         if expected <= effort.budget:
             return ""
-        return f"left out: {self.count:,} discs would take {expected:.0f} s to set up; the limit is {effort.budget:.0f} s"
+        return f"left out: {self.count:,} discs would take {expected:.0f} s to set up; limit {effort.budget:.0f} s"
 
 
 def as_plain(times: Times) -> dict[str, Any]:

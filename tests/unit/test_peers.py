@@ -347,7 +347,7 @@ def test_what_will_not_fit_its_budget_is_left_out():
     known.count = 50_000
     assert known.too_long("pymunk/1", effort) == ""
     known.count = 1_000_000
-    assert known.too_long("pymunk/1", effort) == "left out: 1,000,000 discs would take 102 s to set up; the limit is 10 s"
+    assert known.too_long("pymunk/1", effort) == "left out: 1,000,000 discs would take 102 s to set up; limit 10 s"
 
 
 # --- the page that is there
