@@ -21,8 +21,8 @@ TOOL = "run_peers"
 INTRODUCTION = """# Peers
 
 This page compares mpsim with other engines on the same scenes: equal discs of mass 1 in a closed square box, elastic
-and smooth, without gravity. The thermal speed v is √kT, the root mean square of *one component* of the velocity. A step is
-given as v·dt in diameters; 0.02 here is twice the step on the page of [benchmarks](benchmarks.md). In a unit of time v
+and smooth, without gravity. The thermal speed v is √kT, the root mean square of *one component* of the velocity. A step
+is given as v·dt in diameters; 0.02 here is twice the step on the page of [benchmarks](benchmarks.md). In a unit of time v
 covers one diameter. Every engine starts from the same `Scene.random(seed=1)`. These commands write this page:
 
 <!-- not run: half an hour on two cores, with engines that the tests do not need -->
@@ -56,8 +56,9 @@ relative change of the kinetic energy per unit of time with this step. Errors ar
 
 - The pressure is the impulse on the four walls, divided by time and perimeter, in runs of {time:g} units from up to
   {starts} starts, after {settle:g} unit of equilibration. The exact value comes from mpsim's event-driven solver with
-  the same starts and runs {longer} times as long: {pressure:.4f} ± {scatter:.4f} kT / diameter². It differs from the bulk
-  value, because the walls of a small box matter. Errors are relative, ± one standard error from the scatter of starts.
+  the same starts and runs {longer} times as long: {pressure:.4f} ± {scatter:.4f} kT / diameter². It differs from
+  the bulk value, because the walls of a small box matter. Errors are relative, ± one standard error from the scatter of
+  starts.
 - If an engine loses or gains energy, its pressure changes; this is part of its error.
 - mpsim measures the impulse itself. For the yardstick, NumPy, Taichi and Warp it is the sum over reflections at the
   walls, for LAMMPS the sum of the spring forces over steps. In pymunk, Box2D and Rapier the walls are bodies with 10⁸
