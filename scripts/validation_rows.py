@@ -137,7 +137,7 @@ def state(share: float) -> Rows:
         scale = math.pi / 4 / packing
         one = pressure(COUNT, packing, 1.0, share * 1e8)
         found = Measure(one.value * scale, one.error * scale, one.samples, one.settled)
-        infinite, shift = theory.bulk(packing), theory.finite_size(packing, COUNT)
+        infinite, shift = theory.bulk(packing), reference.finite_size(packing, COUNT)
         expected = known(infinite.value + shift, math.hypot(infinite.error, shift**2))
         yield Row(f"Z, {COUNT} discs, packing {packing}", "virial series", expected, found)
         if packing == 0.3:

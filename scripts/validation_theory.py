@@ -21,16 +21,6 @@ SONINE = 8
 """Polynomials in which distributions of velocities are expanded; the diffusion constant then has six digits."""
 
 
-def finite_size(packing: float, count: int) -> float:
-    """Z of `count` periodic discs less that of infinitely many, -(eta/2N) p''/p' with p = eta Z(eta), to order 1/N.
-
-    Lebowitz & Percus, Phys. Rev. 124, 1673 (1961); for a dilute gas it says that a disc can meet N - 1 others, not N.
-    """
-    step = 1e-3
-    low, middle, high = (eta * reference.compressibility(eta) for eta in (packing - step, packing, packing + step))
-    return -packing / (2 * count) * (high - 2 * middle + low) / step**2 / ((high - low) / (2 * step))
-
-
 def pade(virial: Floats, packing: float, top: int) -> float:
     """The [top / 9 - top] Pade approximant of 1 + sum of virial_k x^k, k = 1 to 9, at x = 2 packing."""
     series, bottom = np.concatenate([[1.0], virial]), 9 - top
@@ -70,7 +60,7 @@ def transfer_rate(packing: float, count: int) -> float:
     relative velocities have the third moment of a fixed energy.
     """
     temperature, bulk_part = count / (count - 1), reference.compressibility(packing) - 1
-    contact = 1 + finite_size(packing, count) / bulk_part
+    contact = 1 + reference.finite_size(packing, count) / bulk_part
     return reference.enskog_rate(packing) * temperature**1.5 * third_moment(2 * (count - 1)) * contact
 
 
@@ -118,7 +108,7 @@ def haff_rate(packing: float, count: int, restitution: float) -> float:
     """d(T^-1/2)/dt of a cooling gas of N discs, T the mean square of one velocity component [1/length].
 
     Haff's law with the collision rate of Enskog and the kurtosis a_2 of the cooling gas (van Noije & Ernst, Granular
-    Matter 1, 57, 1998, eqs. 10 and 18 for two dimensions).
+    Matter 1, 57, 1998) in two dimensions.
     """
     e, d = restitution, 2
     kurtosis = 16 * (1 - e) * (1 - 2 * e**2) / (9 + 24 * d + (8 * d - 41) * e + 30 * (1 - e) * e**2)

@@ -191,20 +191,10 @@ def bulk_of_256(packing):
     return bulk(16, 16, packing, 16, 150_000)
 
 
-def finite_size(packing, count):
-    """Z of `count` periodic discs less that of infinitely many, -(eta/2N) p''/p' with p = eta Z(eta), to order 1/N.
-
-    Lebowitz & Percus, Phys. Rev. 124, 1673 (1961); for a dilute gas it says that a disc can meet N - 1 others, not N.
-    """
-    step = 1e-3
-    low, middle, high = (eta * reference.compressibility(eta) for eta in (packing - step, packing, packing + step))
-    return -packing / (2 * count) * (high - 2 * middle + low) / step**2 / ((high - low) / (2 * step))
-
-
 @pytest.mark.parametrize("packing", [0.1, 0.3])
 def test_pressure_of_a_periodic_gas_is_that_of_the_virial_series(packing, figures):
     found, infinite = bulk_of_256(packing), reference.compressibility(packing)
-    expected = infinite + finite_size(packing, 256)
+    expected = infinite + reference.finite_size(packing, 256)
     assert found.error < 1e-3 * expected
     assert abs(found.value - expected) < 3 * found.error + 2e-4 * expected, f"Z = {found}, expected {expected}"
     wrong = reference.compressibility(1.02 * packing)

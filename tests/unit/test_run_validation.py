@@ -59,7 +59,6 @@ def test_the_bulk_has_the_error_of_its_series(theory):
         assert found.value == pytest.approx(reference.compressibility(packing), rel=1e-12)
     assert theory.bulk(0.3).error < 1e-6
     assert 1e-4 < theory.bulk(0.5).error < 1e-3
-    assert theory.finite_size(0.3, 1024) == pytest.approx(-7.56e-4, abs=1e-6)
 
 
 def test_few_discs_meet_as_in_any_gas_but_for_one_over_n(theory):

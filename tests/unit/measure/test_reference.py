@@ -53,6 +53,14 @@ def test_a_dilute_gas_loses_no_digits():
     assert reference.enskog_rate(0.0) == 0.0
 
 
+def test_few_dilute_discs_have_one_partner_less_each():
+    """Z = 1 + 2 eta (N - 1)/N to first order in the packing."""
+    assert reference.finite_size(0.0, 50) == 0
+    assert reference.finite_size(1e-4, 50) == pytest.approx(-2e-4 / 50, rel=1e-3)
+    assert reference.finite_size(0.3, 500) == pytest.approx(2 * reference.finite_size(0.3, 1000), rel=1e-12)
+    assert reference.finite_size(0.62, 1000) < reference.finite_size(0.6, 1000) < -0.002
+
+
 def test_henderson_is_as_near_as_stated():
     assert reference.henderson(0.3) / reference.compressibility(0.3) - 1 == pytest.approx(0.0003, abs=0.0001)
     assert reference.henderson(0.5) / reference.compressibility(0.5) - 1 == pytest.approx(0.005, abs=0.001)
@@ -210,6 +218,9 @@ def test_published_values():
     [
         (lambda: reference.compressibility(0.63), r"packing must be at most 0\.62 .* got 0\.63"),
         (lambda: reference.contact_value(-0.1), "packing must be a finite number >= 0"),
+        (lambda: reference.finite_size(0.621, 9), r"packing must be at most 0\.62 .* got 0\.621"),
+        (lambda: reference.finite_size(-0.0005, 9), r"packing must be .* got -0\.0005"),
+        (lambda: reference.finite_size(0.3, 1), "count must be"),
         (lambda: reference.henderson(math.nan), "packing must be a finite number"),
         (lambda: reference.enskog_rate(0.3, radius=0), "radius must be a finite number > 0"),
         (lambda: reference.compressibility_from_rate(1.0, 0.5, 0.0), "temperature must be a finite number > 0"),
