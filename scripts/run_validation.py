@@ -67,14 +67,16 @@ def summary(rows: list[Row]) -> str:
     left = sum(not row.control for row in rows) - len(settled)
     probability = chi2_probability(chi2, len(settled))
     words = (
-        f"χ² = {chi2:.1f} for {len(settled)} numbers: probability {probability:.2g} of a larger one. "
+        f"χ² = {chi2:.1f} for {len(settled)} rows; probability of a larger one: {probability:.2g}. "
         f"The largest deviation is {max(abs(row.deviation) for row in settled):.1f} standard errors."
     )
     if left:
-        words += f" {left} whose error is not settled are left out."
+        words += f" Left out because their errors are not settled: {left}."
     controls = [abs(row.deviation) for row in rows if row.control]
     if controls:
-        words += f" Of {len(controls)} controls, {sum(each > FAR for each in controls)} deviate by more than {FAR:g}."
+        words += (
+            f" Controls that deviate by more than {FAR:g}: {sum(each > FAR for each in controls)} of {len(controls)}."
+        )
     return words
 
 

@@ -104,8 +104,8 @@ def test_a_short_run_has_the_published_pressure_and_no_other(script, rows, tmp_p
     assert abs(found.deviation) < 3.5
     assert abs(found.found.deviation(rows.DENSER[0])) > 4, "another packing must fail"
     assert "| 72 discs | Li 2022 | 6.901074(71) | 6." in text
-    assert "for 1 numbers" in text
-    assert "Of 1 controls, 1 deviate by more than 5." in text
+    assert "for 1 rows;" in text
+    assert "Controls that deviate by more than 5: 1 of 1." in text
     assert "minutes of one core" in text
 
 
@@ -118,10 +118,10 @@ def test_chi2_leaves_out_controls_and_errors_that_are_not_known(script, rows):
         rows.Row("control", "", one, Measure(1.4, 0.1, 9), control=True),
     ]
     words = script.summary(made)
-    assert "χ² = 13.0 for 2 numbers: probability 0.0015" in words
+    assert "χ² = 13.0 for 2 rows; probability of a larger one: 0.0015" in words
     assert "largest deviation is 3.0" in words
-    assert "1 whose error is not settled are left out" in words
-    assert "Of 1 controls, 0 deviate" in words
+    assert "errors are not settled: 1." in words
+    assert "more than 5: 0 of 1." in words
 
 
 def test_groups_that_are_not_measured_stay_in_the_file(script, rows, tmp_path, monkeypatch):
