@@ -17,11 +17,11 @@ class Friction(Feature):
 
     argument = "friction"
     numbers: ClassVar[dict[str, tuple[float, str]]] = {
-        "friction": (0.0, "of two discs, >= 0: their tangential impulse over the normal one is at most this; inf"),
-        "wall_friction": (0.0, "of a disc with walls and with what stands in the box, likewise"),
+        "friction": (0.0, "for two discs, >= 0 or inf: the largest ratio of tangential to normal impulse"),
+        "wall_friction": (0.0, "for a disc and walls, obstacles or a piston, >= 0 or inf"),
         "tangential_restitution": (
             0.0,
-            "of contacts that do not slide, -1 (smooth) to 1 (rough): "
+            "for contacts that do not slide, -1 (smooth) to 1 (rough): "
             "minus the ratio of tangential velocity after to before",
         ),
     }

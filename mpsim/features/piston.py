@@ -96,7 +96,7 @@ class PistonFeature(Feature):
         "wall": "left, right, bottom or top",
         "speed": "along x or y, into the box",
         "stop": "coordinate at which it comes to rest",
-        "start": "coordinate at which it begins; left out: at its wall",
+        "start": "coordinate at which it starts; default: at its wall",
     }
     examples: ClassVar[tuple[dict[str, Any], ...]] = (
         {"wall": "left", "speed": 1.0, "stop": 1.0},

@@ -11,8 +11,8 @@ class Restitution(Feature):
     argument = "restitution"
     several = False
     numbers: ClassVar[dict[str, tuple[float, str]]] = {
-        "restitution": (1.0, "of two discs, 0 to 1"),
-        "wall_restitution": (1.0, "of a disc with walls and with what stands in the box"),
+        "restitution": (1.0, "for two discs, 0 to 1"),
+        "wall_restitution": (1.0, "for a disc and walls, obstacles or a piston, 0 to 1"),
     }
 
     def is_in(self, scene: SceneLike) -> bool:

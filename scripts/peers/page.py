@@ -22,8 +22,8 @@ INTRODUCTION = """# Peers
 
 This page compares mpsim with other engines on the same scenes: equal discs of mass 1 in a closed square box, elastic
 and smooth, without gravity. The thermal speed v is √kT, the root mean square of *one component* of the velocity. A step
-is given as v·dt in diameters; 0.02 here is twice the step on the page of [benchmarks](benchmarks.md). In a unit of time v
-covers one diameter. Every engine starts from the same `Scene.random(seed=1)`. These commands write this page:
+is given as v·dt in diameters; 0.02 here is twice the step on the page of [benchmarks](benchmarks.md). In a unit of time
+v covers one diameter. Every engine starts from the same `Scene.random(seed=1)`. These commands write this page:
 
 <!-- not run: half an hour on two cores, with engines that the tests do not need -->
 ```sh

@@ -30,7 +30,9 @@ class EmitterTable(Table):
         Field(description="centre of the new disc [x, y]; of many emitters [[x, y], ...], or a file"),
     ]
     velocity: Annotated[
-        Any, one_or_many(*_EMITTERS, row=(2,)), Field(description="of the new disc [vx, vy], or likewise")
+        Any,
+        one_or_many(*_EMITTERS, row=(2,)),
+        Field(description="of the new disc [vx, vy]; of many emitters [[vx, vy], ...], or a file"),
     ]
     interval: Annotated[
         Any, one_or_many(*_EMITTERS), Field(description="time between two discs; this or every is needed")
@@ -40,9 +42,9 @@ class EmitterTable(Table):
         one_or_many(*reversed(_EMITTERS)),
         Field(description="instead of interval: frames between two discs, so another scene for each dt"),
     ] = None
-    limit: Annotated[Any, one_or_many(*_EMITTERS), Field(description="discs in all; left out: no end")] = None
-    radius: Annotated[Any, one_or_many(*_EMITTERS), Field(description="left out: that of all discs")] = None
-    mass: Annotated[Any, one_or_many(*_EMITTERS), Field(description="left out: 1, if all discs have that")] = None
+    limit: Annotated[Any, one_or_many(*_EMITTERS), Field(description="total number of discs; default: no limit")] = None
+    radius: Annotated[Any, one_or_many(*_EMITTERS), Field(description="default: the radius of all discs")] = None
+    mass: Annotated[Any, one_or_many(*_EMITTERS), Field(description="default: 1, if all discs have mass 1")] = None
 
     _made: list[Emitter] = PrivateAttr(default_factory=list)
 

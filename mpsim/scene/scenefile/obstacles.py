@@ -101,7 +101,7 @@ class LineTable(Table):
     lengths: Annotated[
         Numbers | None,
         array((None,), meaning="(L,)"),
-        Field(description="of many lines that follow each other in points: rows of each, or a file"),
+        Field(description="if points holds several lines: number of points of each, or a file"),
     ] = None
     thickness: Annotated[Any, one_or_many(_LINE), Field(description=">= 0; one for all lines, one each, or a file")] = (
         0.0
@@ -162,7 +162,7 @@ class ObstaclesPart(Part):
             Discriminator(_obstacle_kind),
         ]
     ]
-    description = "what stands in the box"
+    description = "obstacles in the box"
     advice = "discs follow discs and lines follow lines among the obstacles"
 
     def made(self, tables: list[Any], problems: list[Problem]) -> tuple[list[Any], list[int]]:

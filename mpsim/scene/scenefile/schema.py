@@ -83,7 +83,7 @@ def _key_of(each: PerDisc) -> tuple[Any, Any]:
     else:
         rule = array((), (None,), meaning="() or (N,)", unit=each.unit or None)
         forms, otherwise = "one for all, one each, or a file", f"{each.default:g}" if each.default is not None else ""
-    description = "; ".join(filter(None, (each.meaning, forms, otherwise and f"left out: {otherwise}")))
+    description = "; ".join(filter(None, (each.meaning, forms, otherwise and f"default: {otherwise}")))
     default = ... if each.default is None else None
     return Annotated[float | Numbers | None, rule, Field(description=description)], default
 
@@ -99,17 +99,15 @@ class _Places(Table):
         plain(checks.choice, ("random", *LATTICES)),
         Field(description="instead of position: random, square or hexagonal (a lattice)"),
     ] = None
-    count: Annotated[Count | None, Field(description="number of discs; of a lattice also left out: all that fit")] = (
-        None
-    )
+    count: Annotated[Count | None, Field(description="number of discs; default for a lattice: all that fit")] = None
     spacing: Annotated[
-        Spacing | None, Field(description="of a lattice, between neighbours; left out: the widest that holds count")
+        Spacing | None, Field(description="between neighbours of a lattice; default: the widest that fits count discs")
     ] = None
     region: Annotated[
         Region | None,
-        Field(description="[x_low, y_low, x_high, y_high], where the centres lie; left out: the box, a radius inside"),
+        Field(description="[x_low, y_low, x_high, y_high] of the centres; default: the box, a radius inside"),
     ] = None
-    seed: Annotated[Seed, Field(description="of random places and thermal velocities")] = 0
+    seed: Annotated[Seed, Field(description="seed of random positions and thermal velocities")] = 0
 
 
 if TYPE_CHECKING:
@@ -129,7 +127,7 @@ class Discs(_Own):
     velocity: Annotated[
         Numbers | None,
         array((2,), (None, 2), meaning="(2,) or (N, 2)"),
-        Field(description="[vx, vy] for all, one row each, or a file; left out: at rest"),
+        Field(description="[vx, vy] for all, one row each, or a file; default: at rest"),
     ] = None
     temperature: Annotated[
         float | None,
@@ -164,8 +162,8 @@ class _Box(Table):
     """The box of a scene file."""
 
     schema_: Annotated[int, plain(_version), Field(alias="schema", description=f"version of the format, {SCHEMA}")]
-    width: Annotated[Positive | None, Field(description="of the box")] = None
-    height: Annotated[Positive | None, Field(description="of the box")] = None
+    width: Annotated[Positive | None, Field(description="width of the box")] = None
+    height: Annotated[Positive | None, Field(description="height of the box")] = None
     packing: Annotated[
         float | None,
         plain(checks.positive, "(a fraction of the area)"),
@@ -198,17 +196,15 @@ class _SceneTable(_Physics):
         as_in(_SCENE, words=True),
         Field(description='edges at which discs leave: a list of "left", "right", "bottom", "top"'),
     ] = ()
-    duration: Annotated[
-        float | None, as_in(_SCENE), Field(description="how long it should run to show what it is about")
-    ] = None
+    duration: Annotated[float | None, as_in(_SCENE), Field(description="time that a run should last")] = None
     picture_interval: Annotated[
         float | None, as_in(_SCENE), Field(description="time between two pictures of an animation or a trajectory")
     ] = None
     observables: Annotated[
-        Any, as_in(_SCENE, words=True), Field(description="what is worth measuring: a list of names of measures")
+        Any, as_in(_SCENE, words=True), Field(description="recommended measures: a list of names")
     ] = ()
-    about: Annotated[About | None, Field(description="for people")] = None
-    settings: Annotated[SettingsTable | None, Field(description="recommended ones")] = None
+    about: Annotated[About | None, Field(description="title and texts")] = None
+    settings: Annotated[SettingsTable | None, Field(description="recommended settings")] = None
     discs: Annotated[list[Discs], Field(description="groups of discs")] = []  # noqa: RUF012 - pydantic copies it
 
     @model_validator(mode="after")
