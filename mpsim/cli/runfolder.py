@@ -273,7 +273,7 @@ def _demand_leave(folder: Path, force: bool) -> None:
         )
     if not force:
         raise InputError(
-            f"--out holds a run already: {str(folder)!r} is not overwritten. Give another name, --force to replace "
+            f"--out already holds a run: {str(folder)!r} is not overwritten. Give another name, --force to replace "
             f"it, or continue it: mpsim resume {folder}"
         )
 

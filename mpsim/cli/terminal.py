@@ -93,7 +93,7 @@ def existing_refused(path: Path, force: bool) -> None:
     """
     if path.exists() and not force:
         raise click.UsageError(
-            f"{str(path)!r} is there already, and is not overwritten. Give another name, or --force."
+            f"{str(path)!r} exists already, and is not overwritten. Give another name, or --force."
         )
 
 

@@ -130,7 +130,7 @@ def check_target(path: Path) -> int | None:
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if not stat.S_ISREG(mode):
-        raise OSError(errno.EINVAL, "it is no regular file", str(path))
+        raise OSError(errno.EINVAL, "it is not a regular file", str(path))
     if not os.access(path, os.W_OK):
         raise PermissionError(errno.EACCES, "it is protected from writing", str(path))
     return mode & 0o777

@@ -146,7 +146,7 @@ def _present_numbers(solver: Solver, ids: ArrayLike) -> NDArray[np.int64]:
     if (gone := solver.absorbed[numbers]).any():
         raise InputError(
             f"ids must be discs that are there; disc {numbers[gone][0]} has been removed, or has left through an "
-            "absorbing edge. sim.state.present says who is there."
+            "absorbing edge. sim.state.present says which discs are there."
         )
     numbers.flags.writeable = False
     return numbers

@@ -223,11 +223,11 @@ def read(path: str | os.PathLike[str], check: Check, mapped: bool = False) -> Ch
         except _DamagedError as older:
             raise CheckpointError(
                 f"the checkpoint {str(target)!r} must be a whole file that `save` has written; {damage}. The one "
-                f"before, {str(previous)!r}, cannot be used either: {older}. Start anew, or give another path."
+                f"before, {str(previous)!r}, cannot be used either: {older}. Start again, or give another path."
             ) from None
         warnings.warn(
-            f"the checkpoint {str(target)!r} cannot be used: {damage}. Going on from the one before, "
-            f"{str(previous)!r}, at frame {found.run['frame']}. Look after that disk.",
+            f"the checkpoint {str(target)!r} cannot be used: {damage}. Continuing from the previous one, "
+            f"{str(previous)!r}, at frame {found.run['frame']}. Check that disk.",
             CheckpointWarning,
             stacklevel=level_of_caller(),
         )
@@ -398,7 +398,7 @@ def _damage_reported(path: Path) -> Iterator[None]:
             raise
         raise CheckpointError(
             f"the checkpoint {str(path)!r} must be a file that can be read; got: {error.strerror}. It may be whole, so "
-            "the one before it is not taken. Mend that, or give another path."
+            "the previous one is not used. Fix this, or give another path."
         ) from error
 
 
@@ -427,7 +427,7 @@ def _unpacked(path: Path, mapped: bool = False, verified: tuple[int, ...] = ()) 
 
 def _header_of(archive: ArrayFile) -> dict[str, Any]:
     if HEADER not in archive.names:
-        raise ValueError("it is no checkpoint of mpsim")
+        raise ValueError("it is not a checkpoint of mpsim")
     text = archive.read(HEADER)
     if text.dtype != np.uint8 or text.ndim != 1 or text.size > MOST_HEADER:
         raise ValueError("its header is no text of reasonable length")

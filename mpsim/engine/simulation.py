@@ -284,7 +284,7 @@ class Simulation(Changing):
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write everything that the next frame depends on to a file; `resume` goes on with the same bits.
 
-        The file is whole or not there, whenever the process or the machine dies; the one before it is kept as
+        The file is complete or absent, whenever the process or the machine dies; the previous one is kept as
         <path>.previous. No pickle: reading it runs no code.
 
         Raises:
@@ -323,7 +323,7 @@ class Simulation(Changing):
         """A simulation that goes on where `save` was called, with the same bits as if it had never stopped.
 
         Args:
-            path: of the file. If it is damaged, the one before it is taken, with a CheckpointWarning that names both.
+            path: of the file. If it is damaged, the previous one is used, with a CheckpointWarning that names both.
             workers, start_method: as in Settings; they change no bit.
             method: "grid", "parallel" or "mpi", for one that was saved by another of them: they have the same bits.
             comm: as of a new simulation.

@@ -223,7 +223,7 @@ class StepLimits:
             return
         text = solver.once(lambda: pressed(solver, self._scene, self._settings))
         if text and self._settings.on_fast == "error":
-            raise TooFastError(f"{text} on_fast='warn' runs it all the same.")
+            raise TooFastError(f"{text} on_fast='warn' runs it anyway.")
         if text:
             notices.warn(text, FastWarning, self._pressed)
 
@@ -269,7 +269,7 @@ class StepLimits:
             remedy += " or on_fast='substep'"
         text = f"{self._words(speeds, frame)} {remedy}"
         if settings.on_fast == "error":
-            return f"{text}; on_fast='warn' runs it all the same."
+            return f"{text}; on_fast='warn' runs it anyway."
         return f"{text}; method='event' has no such bound."
 
     def _refuse_if_wanted(self, text: str) -> None:

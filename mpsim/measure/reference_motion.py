@@ -289,5 +289,5 @@ def tunnelling_dt(radius: float, speed: float) -> float:
 def _restitution(value: float) -> float:
     restitution = checks.non_negative("restitution", value, "[1]")
     if restitution > 1:
-        raise InputError(f"restitution must be a number from 0 to 1; got {value!r}. Above 1, energy would be made.")
+        raise InputError(f"restitution must be a number from 0 to 1; got {value!r}. Above 1, energy would be created.")
     return restitution

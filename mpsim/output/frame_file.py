@@ -57,7 +57,7 @@ class FrameFile:
         self.last: int = -1
         if mode == "x" and path.exists():
             raise OutputError(
-                f"the trajectory {str(path)!r} is there already, and is not overwritten. Choose another name, or "
+                f"the trajectory {str(path)!r} exists already, and is not overwritten. Choose another name, or "
                 "use mode='w' to replace it, mode='a' to continue it."
             )
         if path.exists() and not path.is_file():
@@ -182,5 +182,5 @@ def unwritable(path: Path, error: OSError) -> OutputError:
     """The error that is raised in place of one of the system."""
     return OutputError(
         f"the trajectory {str(path)!r} must be in a folder that can be written to, with room on its disk; "
-        f"got {error.strerror or error}. What was written before is whole. Choose another place, or make room."
+        f"got {error.strerror or error}. What was written before is complete. Choose another place, or make room."
     )

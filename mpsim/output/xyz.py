@@ -98,7 +98,7 @@ class XyzReader:
         self._offsets, lost = scan(path)
         if lost:
             warnings.warn(
-                f"the trajectory {str(path)!r} ends in the middle of a frame, as a kill leaves it; the last {lost} "
+                f"the trajectory {str(path)!r} ends in the middle of a frame, as after a kill; the last {lost} "
                 f"bytes are not read. Its {len(self)} whole frames are there.",
                 TrajectoryWarning,
                 stacklevel=level_of_caller(),

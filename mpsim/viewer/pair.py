@@ -132,7 +132,7 @@ class Pair:
             if change.what == ADD:
                 raise InputError(
                     f"a second stage must have the discs of the first one; there was no room for one that was added: "
-                    f"{error} Reset begins both anew."
+                    f"{error} Reset restarts both."
                 ) from error
             self.skipped += 1
 

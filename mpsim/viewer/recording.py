@@ -104,7 +104,7 @@ class Recording:
             frame = self._trajectory[index]
         except (OSError, IndexError) as error:
             raise TrajectoryError(
-                f"frame {index} must be in {str(self._path)!r} to be shown; it is there no longer ({error})."
+                f"frame {index} must be in {str(self._path)!r} to be shown; it no longer exists ({error})."
             ) from None
         numbers, count = _numbers_of(frame, self._fewest)
         position = np.zeros((count, 2), frame.position.dtype)

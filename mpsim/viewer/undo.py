@@ -54,7 +54,7 @@ class Moments:
             InputError: if that moment is not remembered.
         """
         if number not in self._paths:
-            raise InputError("only a moment that is remembered can be gone back to; got none. Reset begins anew.")
+            raise InputError("only a moment that is remembered can be gone back to; got none. Reset starts again.")
         settings = sim.settings
         again = Simulation.resume(self._paths[number], workers=settings.workers, start_method=settings.start_method)
         sim.close()

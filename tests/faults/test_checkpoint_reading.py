@@ -108,7 +108,7 @@ def test_damage_leads_to_the_one_before(door, error, tmp_path, monkeypatch):
         return whole(*arguments)
 
     monkeypatch.setattr(place, name, fail_once)
-    with pytest.warns(mpsim.CheckpointWarning, match="Going on from the one before"):
+    with pytest.warns(mpsim.CheckpointWarning, match="Continuing from the previous one"):
         assert frame_in(path) == 2
 
 
@@ -230,7 +230,7 @@ def test_the_header_of_an_array_is_not_evaluated(name, tmp_path):
     path = two(tmp_path / "run")
     member = b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text + bytes(80)
     rewrite_members(path, lambda members: members.update({"solver.position.npy": member}))
-    with pytest.warns(mpsim.CheckpointWarning, match="Going on from the one before"):
+    with pytest.warns(mpsim.CheckpointWarning, match="Continuing from the previous one"):
         assert frame_in(path) == 2
 
 

@@ -310,7 +310,7 @@ def test_a_frame_that_one_rank_cannot_write_is_an_error_on_all_and_is_cut_off(ra
     one, other, frames = done.out.splitlines()
     assert one == other
     assert one.startswith("the trajectory ")
-    assert "got No space left on device. What was written before is whole." in one
+    assert "got No space left on device. What was written before is complete." in one
     assert one.endswith(f" on rank {rank}")
     assert frames == "4"
     assert frames_of(tmp_path / "run.xyz") == whole, "it is written once there is room again"

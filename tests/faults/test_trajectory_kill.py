@@ -39,7 +39,7 @@ def test_cut_at_any_byte_all_whole_frames_are_read(whole, tmp_path):
         assert len(found) == survivors, length
         assert [str(each.message) for each in caught] == (
             [
-                f"the trajectory '{cut}' ends in the middle of a frame, as a kill leaves it; the last {left} bytes are "
+                f"the trajectory '{cut}' ends in the middle of a frame, as after a kill; the last {left} bytes are "
                 f"not read. Its {survivors} whole frames are there."
             ]
             if left

@@ -17,7 +17,7 @@ def test_plot_draws_what_a_run_recorded(tmp_path):
     assert json.loads(mpsim_command("plot", out, "--out", other, "--json").stdout) == {"picture": str(other)}
     refused = mpsim_command("plot", out, "--out", other)
     assert refused.exit_code == 2
-    assert f"'{other}' is there already, and is not overwritten. Give another name, or --force." in refused.stderr
+    assert f"'{other}' exists already, and is not overwritten. Give another name, or --force." in refused.stderr
     assert mpsim_command("plot", out, "--out", other, "--force").exit_code == 0
     for wrong in (tmp_path / "a.xls", tmp_path / "none" / "a.png"):
         refused = mpsim_command("plot", out, "--out", wrong)
@@ -34,7 +34,7 @@ def test_animate_writes_an_animation_once(tmp_path):
         assert film.n_frames == 3
     refused = mpsim_command("animate", "gas", path, *few)
     assert refused.exit_code == 2
-    assert "is there already, and is not overwritten. Give another name, or --force." in refused.stderr
+    assert "exists already, and is not overwritten. Give another name, or --force." in refused.stderr
     again = mpsim_command("animate", "gas", path, *few, "--force", "--json")
     assert json.loads(again.stdout) == {"animation": str(path), "pictures": 3, "bytes": path.stat().st_size}
 

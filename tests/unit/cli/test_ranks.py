@@ -100,7 +100,7 @@ def test_what_the_folder_refuses_is_told_once_and_all_ranks_end(tmp_path):
     file.write_text("of somebody")
     before = contents(there)
     cases = {
-        f"--out holds a run already: '{there}' is not overwritten": (2, [*short, "mpi", "--out", there]),
+        f"--out already holds a run: '{there}' is not overwritten": (2, [*short, "mpi", "--out", there]),
         f"another one is writing to '{held}' at this moment": (2, [*short, "mpi", "--out", held, "--force"]),
         f"folder that can be written to, with room on its disk; got '{file}/run'": (
             1,

@@ -94,7 +94,7 @@ def test_a_run_that_is_there_is_not_overwritten_unasked(tmp_path):
     refused = mpsim_command("run", "gas", *SHORT, "--out", out)
     assert refused.exit_code == 2
     assert refused.stderr == (
-        f"Error: --out holds a run already: '{out}' is not overwritten. Give another name, --force to replace it, or "
+        f"Error: --out already holds a run: '{out}' is not overwritten. Give another name, --force to replace it, or "
         f"continue it: mpsim resume {out}\n"
     )
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before

@@ -63,7 +63,7 @@ def test_a_disc_that_becomes_fast_is_told_once():
 
 
 def test_error_refuses_before_the_run_and_during_it():
-    with pytest.raises(mpsim.TooFastError, match=r"1.2 times its radius .* on_fast='warn' runs it all the same"):
+    with pytest.raises(mpsim.TooFastError, match=r"1.2 times its radius .* on_fast='warn' runs it anyway"):
         mpsim.Simulation(pair(6.0), mpsim.Settings(dt=0.1, on_fast="error"))
     with mpsim.Simulation(pair(0.5, side=60.0), mpsim.Settings(dt=0.01, method="grid", on_fast="error")) as sim:
         sim.run(frames=40)

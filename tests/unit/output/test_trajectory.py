@@ -308,7 +308,7 @@ def test_a_file_that_is_there_is_not_overwritten_unasked(path):
     before = path.read_bytes()
     with pytest.raises(
         mpsim.OutputError,
-        match=r"is there already, and is not overwritten. .* mode='w' to replace it, mode='a' to continue",
+        match=r"exists already, and is not overwritten. .* mode='w' to replace it, mode='a' to continue",
     ):
         mpsim.Trajectory.write(path)
     assert path.read_bytes() == before

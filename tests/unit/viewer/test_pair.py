@@ -128,7 +128,7 @@ def test_a_disc_without_room_on_the_second_stage_ends_the_pair(two):
     occupied = t.second.state.position[0]
     t.first.add(occupied, (0.0, 0.0))
     t.pair._taken = 1  # as if the second stage had not had the first change
-    with pytest.raises(mpsim.InputError, match=r"there was no room for one that was added: .* Reset begins both anew"):
+    with pytest.raises(mpsim.InputError, match=r"there was no room for one that was added: .* Reset restarts both"):
         t.take()
 
 

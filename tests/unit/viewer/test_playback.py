@@ -122,7 +122,7 @@ def test_a_file_that_is_damaged_meanwhile_pauses_with_the_reason(tmp_path, capsy
         visitor.hear_until(lambda v: v.frame == 2 and v.last["status"]["note"] is None)
         path.unlink()
         visitor.say("seek", index=3)
-        visitor.hear_until(lambda v: "it is there no longer" in (v.last["status"]["note"] or ""))
+        visitor.hear_until(lambda v: "it no longer exists" in (v.last["status"]["note"] or ""))
         path.write_text("")
         visitor.say("seek", index=5)
         visitor.hear_until(lambda v: v.last["timeline"]["count"] == 0)
