@@ -12,62 +12,101 @@ import warnings
 from pathlib import Path
 
 import matplotlib
+import numpy as np
+from gallery_marks import INK, MARKS, Mark
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from PIL import Image
 from rich.console import Console
 
 import mpsim
-from mpsim.output.animation import DPI, STYLE, Picture, animate
-from mpsim.scene.recommended import settings_for
+from mpsim.output.animation import STYLE, Picture
+from mpsim.output.colour_scale import scale_of_run
+from mpsim.output.drawing import BEHIND_COLOUR, SOLID_COLOUR
+from mpsim.scene.recommended import frames_between_pictures, settings_for
 from mpsim.scene.scenefile import SceneFile, load, names
+from mpsim.studies.findings import promise_of
+from mpsim.studies.promises import Promise
 
-LENGTHS = {
-    "brownian": 20.0, "channel": 20.0, "cooling": 60.0, "cradle": 20.0, "dense": 5.0, "galton": 45.0, "gas": 10.0,
-    "growth": 12.0, "hopper": 12.0, "mixture": 10.0, "pi": 12.0, "piston": 200.0,
-    "rough-hopper": 12.0, "rough-sediment": 16.0, "sediment": 8.0,
-}  # fmt: skip
-"""Time of each scene that is shown; what there is to see happens in it."""
+WHOLE = ("brownian", "cooling", "cradle", "galton", "growth", "pi", "piston", "rough-sediment", "sediment")
+"""Scenes that are shown to the end of their duration; of the others as many pictures, at their own interval."""
 
-OTHERWISE = 10.0
+PICTURES = 120
+"""Pictures of an animation, and pictures in a second: ten seconds."""
+RATE = 12
 
-PICTURES = 32
-"""Pictures of an animation: under three seconds."""
-
-PIXELS = 220
+PIXELS = 260
 STILL_PIXELS = 400
-COLOURS = 16
-"""Colours of an animation: fewer than 256 halve the file and hardly show."""
+SIZE = 3_000_000
+"""Largest size of an animation [bytes]."""
 
 console = Console()
 
 
+def frames_between(found: SceneFile, settings: mpsim.Settings) -> int:
+    """Frames of the simulation between two pictures."""
+    every = frames_between_pictures(found.scene, settings) or 1
+    if found.name in WHOLE and found.scene.duration:
+        every = max(every, round(found.scene.duration / settings.dt / (PICTURES - 1)))
+    return every
+
+
 def show(found: SceneFile, folder: Path) -> None:
-    """Write <name>.gif and <name>.png, the state at two thirds of the time."""
-    length = LENGTHS.get(found.name, OTHERWISE)
-    settings = settings_for(found.scene, None)
-    every = max(round(length / settings.dt / PICTURES), 1)
-    path = folder / f"{found.name}.gif"
-    animate(found.scene, settings, path, PICTURES, every=every, pictures_per_second=12, pixels=PIXELS, progress=False)
-    shrink(path)
-    with mpsim.Simulation(found.scene, settings) as sim, matplotlib.rc_context(fname=STYLE):
-        sim.run(frames=every * PICTURES * 2 // 3)
-        picture = Picture(sim, STILL_PIXELS)
-        picture.update()
-        picture.figure.savefig(folder / f"{found.name}.png", dpi=DPI)
-    with Image.open(folder / f"{found.name}.png") as still:
-        still.convert("RGB").quantize(64).save(folder / f"{found.name}.png", optimize=True)
+    """Write <name>.gif, and <name>.png: the last picture where the whole is shown, else that at two thirds."""
+    scene, settings = found.scene, settings_for(found.scene, None)
+    every = frames_between(found, settings)
+    number = PICTURES
+    if scene.duration:
+        number = min(number, int(scene.duration / (every * settings.dt) + 1e-9) + 1)
+    still = number - 1 if found.name in WHOLE else number * 2 // 3
+    promise, mark = promise_of(found.name, scene, settings), MARKS.get(found.name)
+    scale = scale_of_run(scene, settings, number, every)
+    images: list[Image.Image] = []
+    with mpsim.Simulation(scene, settings) as sim, matplotlib.rc_context(fname=STYLE):
+        film, large = (Picture(sim, pixels, scale=scale) for pixels in (PIXELS, STILL_PIXELS))
+        for shown in range(number):
+            if shown:
+                sim.run(frames=every, observe=promise.observers if promise else [])
+            images.append(drawn(film, sim, promise, mark))
+            if shown == still:
+                image = drawn(large, sim, promise, mark)
+                image.quantize(palette=palette(256), dither=Image.Dither.NONE).save(
+                    folder / f"{found.name}.png", optimize=True
+                )
+    save(images, folder / f"{found.name}.gif")
 
 
-def shrink(path: Path) -> None:
-    """Write a GIF again with fewer colours, the same for all its pictures."""
-    with Image.open(path) as film:
-        duration = film.info["duration"]
-        frames = []
-        for number in range(getattr(film, "n_frames", 1)):
-            film.seek(number)
-            frames.append(film.convert("RGB"))
-    palette = frames[len(frames) // 2].quantize(COLOURS)
-    small = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    small[0].save(path, save_all=True, append_images=small[1:], duration=duration, loop=0, optimize=True)
+def drawn(picture: Picture, sim: mpsim.Simulation, promise: Promise | None, mark: Mark | None) -> Image.Image:
+    """The picture of this moment, with its mark."""
+    picture.update()
+    over = mark(picture.axes, sim, promise) if mark and promise and sim.frame else []
+    canvas = FigureCanvasAgg(picture.figure)
+    canvas.draw()
+    image = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())
+    for each in over:
+        each.remove()
+    return image
+
+
+def palette(colours: int) -> Image.Image:
+    """Most of the colours for the scale, so that no bands show in it, the others for greys and what is drawn over."""
+    scale = matplotlib.colormaps["viridis"](np.linspace(0, 1, colours * 3 // 4))[:, :3]
+    ink = [to_rgb(each) for each in (INK, SOLID_COLOUR, BEHIND_COLOUR)]
+    greys = np.linspace(0, 1, colours - len(scale) - len(ink))[:, None].repeat(3, axis=1)
+    found = Image.new("P", (1, 1))
+    found.putpalette(np.rint(255 * np.concatenate([scale, ink, greys])).astype(np.uint8).tobytes())
+    return found
+
+
+def save(images: list[Image.Image], path: Path) -> None:
+    """Write a GIF whose pictures share one palette; with fewer colours if it is too large otherwise."""
+    durations = [1000 // RATE] * (len(images) - 1) + [2000]
+    for colours in (128, 64, 32):
+        few = palette(colours)
+        small = [image.quantize(palette=few, dither=Image.Dither.NONE) for image in images]
+        small[0].save(path, save_all=True, append_images=small[1:], duration=durations, loop=0)
+        if path.stat().st_size < SIZE:
+            return
 
 
 def page(scenes: list[SceneFile], folder: str) -> str:
@@ -76,7 +115,8 @@ def page(scenes: list[SceneFile], folder: str) -> str:
         "# Gallery",
         "",
         "These scenes come with mpsim. `mpsim show NAME` describes one, and `mpsim.Scene.load(NAME)` loads it. Each is "
-        "a small file in `mpsim/scene/named/`, which you can copy and change. Colours show speeds. The pictures were "
+        "a small file in `mpsim/scene/named/`, which you can copy and change. Colours show speeds: the scale spans the "
+        "2nd to the 98th percentile of the whole animation, and arrows show that speeds lie outside. The pictures were "
         "made by `scripts/run_gallery.py`.",
         "",
     ]

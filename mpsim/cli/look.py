@@ -51,6 +51,7 @@ def plot(folder: Path, out: Path | None, force: bool, as_json: bool) -> None:
 ANIMATE_EXAMPLES = """\b
 Examples:
   mpsim animate gas gas.gif
+  mpsim animate galton galton.gif --until 20 --fps 12
   mpsim animate hopper hopper.mp4 --frames 300 --every 4      (needs ffmpeg or mpsim[film])
   mpsim animate dense passes.gif --colour parity --method parallel --workers 2
 """
@@ -62,6 +63,7 @@ Examples:
 @click.option(
     "--frames", type=click.IntRange(1, 100_000), help="Number of pictures; default: to the end of the scene's duration."
 )
+@click.option("--until", type=float, help="Time of the last picture, in place of --frames.")
 @click.option("--every", type=click.IntRange(1), help="Frames of the simulation per picture; default: the scene's own.")
 @click.option("--fps", type=click.IntRange(1, 50), default=25, show_default=True, help="Pictures per second.")
 @click.option(
@@ -87,6 +89,7 @@ def animate(
     scene: str,
     out: Path,
     frames: int | None,
+    until: float | None,
     every: int | None,
     fps: int,
     pixels: int,
@@ -103,7 +106,7 @@ def animate(
     animation.checked_target(out)  # before the scene is made, which may take a while
     file = scenefile.load(scene)
     settings = terminal.settings_of(file, options)
-    frames, every = animation.pictures_of(file.scene, settings, frames, every)
+    frames, every = animation.pictures_of(file.scene, settings, frames, every, until)
     try:
         with terminal.progress(quiet) as progress:
             animation.animate(

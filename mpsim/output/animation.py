@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import itertools
+import math
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -24,6 +25,7 @@ from mpsim.core.errors import InputError, OutputError
 from mpsim.core.state import State
 from mpsim.engine.simulation import Simulation
 from mpsim.output import ffmpeg
+from mpsim.output.colour_scale import ColourScale, scale_of, scale_of_run, speeds_of
 from mpsim.output.drawing import STYLE, closed_off, draw_discs, new_figure, with_images
 from mpsim.scene.recommended import frames_between_pictures, settings_for
 from mpsim.scene.scene import Scene
@@ -52,8 +54,12 @@ def animate(
     pixels: int = PIXELS,
     colour: str | None = "speed",
     progress: bool | Callable[[int, int], None] = True,
+    until: float | None = None,
 ) -> Path:
     """Simulate a scene and write it as an animation.
+
+    By speed, the ends of the colour bar are the 2nd and the 98th percentile of all its pictures, and arrows show that
+    speeds lie outside. The scene is simulated twice for this: before the first picture, and as the pictures are drawn.
 
     Args:
         scene, settings: what is simulated and how; settings None: those that the scene recommends, or the defaults.
@@ -67,6 +73,8 @@ def animate(
             even or odd, so that one sees the passes (both need a method with columns, `grid` or `parallel`;
             `auto` then stands for the latter); None: one colour for all.
         progress: show a progress bar, if standard error is a terminal; or a function, called as progress(done, of).
+        until: time of the last picture [time], > 0, in place of `frames`; without `every` too, MOST_PICTURES at most
+            are spread evenly over it.
 
     Returns:
         The path that was written.
@@ -82,7 +90,7 @@ def animate(
     True
     """
     settings = settings_for(scene, settings)
-    frames, every = pictures_of(scene, settings, frames, every)
+    frames, every = pictures_of(scene, settings, frames, every, until)
     rate = checks.whole("pictures_per_second", pictures_per_second, 1, 50, "25 looks smooth.")
     pixels = checks.whole("pixels", pixels, 100, 4000, "480 suits a page.")
     target = checked_target(path)
@@ -90,7 +98,8 @@ def animate(
         settings = dataclasses.replace(settings, method="parallel")
     with Simulation(scene, settings) as sim, matplotlib.rc_context(fname=STYLE), _bar(frames, progress) as advance:
         writer = _writer_for(target, rate)
-        picture = Picture(sim, pixels, colour)
+        scale = scale_of_run(scene, settings, frames, every) if colour == "speed" else None
+        picture = Picture(sim, pixels, colour, scale)
         with atomic.atomic_write(target) as file, writer.saving(picture.figure, file.name, DPI):
             for number in range(frames):
                 if number:
@@ -101,18 +110,32 @@ def animate(
     return target
 
 
-def pictures_of(scene: Scene, settings: Settings, frames: int | None, every: int | None) -> tuple[int, int]:
+def pictures_of(
+    scene: Scene, settings: Settings, frames: int | None, every: int | None, until: float | None = None
+) -> tuple[int, int]:
     """Number of pictures of an animation, and frames between two, with what the scene recommends where None is given.
 
     Raises:
-        InputError: if one is out of range.
+        InputError: if one is out of range, or if both frames and until are given.
 
     >>> pictures_of(Scene.load("pi"), Settings(dt=0.01), None, None)
     (211, 20)
+    >>> pictures_of(Scene.load("pi"), Settings(dt=0.01), None, None, until=20.0)
+    (101, 20)
     """
+    if until is not None:
+        if frames is not None:
+            raise InputError(
+                f"until must not come with frames; got until={until!r} and frames={frames!r}. Leave one out."
+            )
+        until = checks.positive("until", until, "[time]")
     if every is None:
         every = frames_between_pictures(scene, settings) or 1
+        if until is not None:
+            every = max(every, math.ceil(until / settings.dt / (MOST_PICTURES - 1) - 1e-9))
     every = checks.whole("every", every, 1, 10**9, "1 shows every frame.")
+    if until is not None:
+        frames = int(until / (every * settings.dt) + 1e-9) + 1
     if frames is None:
         lasting = None if scene.duration is None else int(scene.duration / (every * settings.dt) + 1e-9) + 1
         frames = PICTURES if lasting is None else min(lasting, MOST_PICTURES)
@@ -153,11 +176,22 @@ def _writer_for(target: Path, rate: int) -> AbstractMovieWriter:
 class Picture:
     """The figure of a simulation, brought up to date before each frame of the animation.
 
-    Colours of speeds span those of nearly all discs of the start. Discs that have left through an absorbing edge are
-    hidden.
+    Discs that have left through an absorbing edge are hidden.
+
+    Args:
+        sim: what is shown.
+        pixels: length of the longer side of the box.
+        colour: as in `animate`.
+        scale: of the speeds; None: that of the speeds now.
     """
 
-    def __init__(self, sim: Simulation, pixels: int = PIXELS, colour: str | None = "speed"):
+    def __init__(
+        self,
+        sim: Simulation,
+        pixels: int = PIXELS,
+        colour: str | None = "speed",
+        scale: ColourScale | None = None,
+    ):
         if colour is not None:
             checks.choice("colour", colour, KINDS)
         scene = self._scene = sim.scene
@@ -166,25 +200,27 @@ class Picture:
         flat = scene.width > FLAT * scene.height
         size = (0.4, 1.4) if flat else (1.2, 0.5)  # what title and colour bar need
         self.figure: Figure = new_figure(scene.width * inches + size[0], scene.height * inches + size[1])
-        self._axes = self.figure.add_subplot()
-        self._kind = KINDS[colour](sim, self._axes) if colour is not None else None
+        self.axes: Axes = self.figure.add_subplot()
+        self._kind = KINDS[colour](sim, self.axes, scale) if colour is not None else None
         self._discs = self._draw(scene.position, sim.radii)
         where = {"location": "bottom", "shrink": 0.6, "aspect": 40} if flat else {"location": "right", "shrink": 0.8}
         if self._kind is not None:
-            bar = self.figure.colorbar(self._discs, ax=self._axes, label=self._kind.label, **where)
+            bar = self.figure.colorbar(
+                self._discs, ax=self.axes, label=self._kind.label, extend=self._kind.extend, **where
+            )
             if self._kind.ticks is not None:
                 bar.set_ticks(list(self._kind.ticks), labels=list(self._kind.ticks.values()))
-        self._title = self._axes.set_title("time 0.00")
+        self._title = self.axes.set_title("time 0.00")
         self._closed = closed_off(scene, 0.0)
         if self._closed is not None:
-            self._axes.add_patch(self._closed)
+            self.axes.add_patch(self._closed)
         self.figure.draw_without_rendering()
         # The layout is found once; solving it again for each picture would take most of the time.
         self.figure.set_layout_engine("none")
 
     def _draw(self, position: NDArray[np.floating], radii: NDArray[np.float64]) -> EllipseCollection:
         """New discs: the sizes of a collection cannot change."""
-        discs = draw_discs(self._axes, position, self._scene, radii=radii)
+        discs = draw_discs(self.axes, position, self._scene, radii=radii)
         if self._kind is not None:
             discs.set_array(np.zeros(len(radii)))
             discs.set_cmap(self._kind.colours)
@@ -214,13 +250,9 @@ class _Speed:
 
     label, ticks, colours = "speed [length/time]", None, "viridis"
 
-    def __init__(self, sim: Simulation, axes: Axes):
-        scene = sim.scene
-        speeds = np.hypot(*scene.velocity.T)
-        moving = [float(np.hypot(*np.asarray(emitter.velocity))) for emitter in scene.emitters]
-        typical = float(np.quantile(speeds, 0.9)) if len(speeds) else 0.0
-        fastest = max(1.5 * typical, *moving, 1e-300) if moving else max(1.5 * typical or 1.0, 1e-300)
-        self.limits = (0.0, fastest)
+    def __init__(self, sim: Simulation, axes: Axes, scale: ColourScale | None):
+        low, high, self.extend = scale or scale_of(speeds_of(sim))
+        self.limits = (low, high)
 
     def values(self, sim: Simulation, state: State) -> NDArray[np.floating]:
         return np.hypot(*state.velocity.T)
@@ -229,9 +261,9 @@ class _Speed:
 class _Worker:
     """Colour by the worker that owns a disc's column."""
 
-    label = "worker"
+    label, extend = "worker", "neither"
 
-    def __init__(self, sim: Simulation, axes: Axes):
+    def __init__(self, sim: Simulation, axes: Axes, scale: ColourScale | None):
         sim.columns()  # which refuses methods without columns
         workers = 1 + len(sim.pids)
         self.limits = (-0.5, workers - 0.5)
@@ -246,10 +278,10 @@ class _Worker:
 class _Parity:
     """Colour by whether the column of a disc is even or odd, over the columns of the start."""
 
-    label, limits, ticks = "column of the disc", (-0.5, 1.5), {0: "even", 1: "odd"}
+    label, limits, ticks, extend = "column of the disc", (-0.5, 1.5), {0: "even", 1: "odd"}, "neither"
     colours = ListedColormap(["#56B4E9", "#D55E00"])
 
-    def __init__(self, sim: Simulation, axes: Axes):
+    def __init__(self, sim: Simulation, axes: Axes, scale: ColourScale | None):
         number = sim.columns().number
         for column in range(number):
             edges = sim.scene.width / number * np.array([column, column + 1])

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from mpsim.output.colour_scale import scale_of
 from mpsim.output.drawing import MOST_DISCS, STYLE, closed_off, draw_discs, marker_of, new_figure, save_figure
 from mpsim.output.frames import Frame
 from mpsim.scene.scene import Scene
@@ -59,7 +60,8 @@ def draw_frame(axes: Axes, frame: Frame, scene: Scene) -> None:
     speeds = np.hypot(*frame.velocity[::step].astype(np.float64).T)
     discs.set_array(speeds)
     discs.set_cmap("viridis")
-    discs.set_clim(0, max(1.5 * float(np.quantile(speeds, 0.9)) if len(speeds) else 0.0, 1e-300))
+    scale = scale_of(speeds)
+    discs.set_clim(scale.low, scale.high)
     closed = closed_off(scene, frame.time)
     if closed is not None:
         axes.add_patch(closed)
@@ -67,7 +69,7 @@ def draw_frame(axes: Axes, frame: Frame, scene: Scene) -> None:
         {"location": "bottom", "shrink": 0.6, "aspect": 40} if scene.width > 2.5 * scene.height else TALL
     )
     figure = axes.figure.figure  # the whole one, where the axes are in one of its subfigures
-    figure.colorbar(discs, ax=axes, label="speed [length/time]", **where)
+    figure.colorbar(discs, ax=axes, label="speed [length/time]", extend=scale.outside, **where)
     shown = f"{len(speeds):,} of " if step > 1 else ""
     axes.set_title(f"time {frame.time:.4g}, {shown}{len(frame.position):,} discs")
 

@@ -98,27 +98,35 @@ class Galton(Promise):
 
     def findings(self, sim: Simulation) -> list[Finding]:
         """Balls in the bins, and the shape of the heap."""
-        x, y = sim.state.position[~sim.absorbed].T
         limit = sum(emitter.limit or 0 for emitter in self.scene.emitters)
-        inside = y < 6
-        x = x[inside]
-        spread = float(x.std())
+        x = self.binned(sim)
+        counts, curve = self.heap(x)
+        off = float(np.abs(counts - curve).sum() / 2 / len(x))
+        fastest = float(np.abs(sim.state.velocity).max())
+        return [
+            Finding("balls in the bins [1]", limit, float(len(x)), 0, "what the emitters let in"),
+            Finding("speed of the fastest ball [length/time]", 0.0, fastest, 1.0, "all have come to rest"),
+            Finding("middle of the heap [length]", self.scene.width / 2, float(x.mean()), 0.7, "symmetry"),
+            Finding("balls beside the binomial curve [fraction]", 0.0, off, 0.15, "binomial of the same width"),
+        ]
+
+    @staticmethod
+    def binned(sim: Simulation) -> NDArray[np.floating]:
+        """Where the balls in the bins are, shape (n,) [length]."""
+        x, y = sim.state.position[~sim.absorbed].T
+        return x[y < 6]
+
+    def heap(self, x: NDArray[np.floating]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Balls in each bin, one wide, and an even binomial distribution with the same spread; shape (width,) each."""
         counts, _ = np.histogram(x, np.arange(0, self.scene.width + 1))
-        # Of an even binomial distribution with this spread; bins are one wide.
+        spread = float(x.std())
         steps = round(4 * spread**2)
         places = np.arange(steps + 1)
         logs = np.array([math.lgamma(steps + 1) - math.lgamma(k + 1) - math.lgamma(steps - k + 1) for k in places])
         binomial = np.exp(logs - steps * math.log(2))
         cells = np.floor(places - steps / 2 + self.scene.width / 2).astype(int)
-        curve = np.bincount(np.clip(cells, 0, len(counts) - 1), binomial, len(counts)) * len(x)
-        off = float(np.abs(counts - curve).sum() / 2 / len(x))
-        fastest = float(np.abs(sim.state.velocity).max())
-        return [
-            Finding("balls in the bins [1]", limit, float(inside.sum()), 0, "what the emitters let in"),
-            Finding("speed of the fastest ball [length/time]", 0.0, fastest, 1.0, "all have come to rest"),
-            Finding("middle of the heap [length]", self.scene.width / 2, float(x.mean()), 0.7, "symmetry"),
-            Finding("balls beside the binomial curve [fraction]", 0.0, off, 0.15, "binomial of the same width"),
-        ]
+        curve = np.bincount(np.clip(cells, 0, len(counts) - 1), binomial, len(counts)) * float(len(x))
+        return counts, np.asarray(curve, np.float64)
 
 
 class Growth(Promise):
