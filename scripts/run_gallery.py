@@ -99,7 +99,7 @@ def palette(colours: int) -> Image.Image:
 
 
 def save(images: list[Image.Image], path: Path) -> None:
-    """Write a GIF whose pictures share one palette; if it is too large, with fewer colours, then with fewer pictures."""
+    """Write a GIF whose pictures share one palette; if it is too large, with fewer colours or pictures."""
     for step, colours in ((1, 128), (1, 64), (2, 96), (3, 64)):
         shown, few = images[::step], palette(colours)
         small = [image.quantize(palette=few, dither=Image.Dither.NONE) for image in shown]
