@@ -61,10 +61,11 @@ def _curve(axes: Axes, times: Any, found: Any, law: tuple[Any, Any], label: str,
     inset = axes.inset_axes((0.58, 0.68, 0.4, 0.3), zorder=9)
     inset.plot(*law, color=LAW, linewidth=1, linestyle="--")
     inset.plot(times, found, color=INK, linewidth=1.5)
-    inset.set(xlim=(0, end), xticks=[], yticks=[])
+    inset.set(xlim=(0, end), xticks=[], yscale="log")
+    inset.tick_params(left=False, labelleft=False, which="both")
     inset.set_title(label, fontsize=7, y=0.68, pad=0)
     inset.grid(False)
-    inset.set_facecolor("#FFFFFFE0")
+    inset.set_facecolor("#FFFFFFFF")
     return [inset]
 
 
@@ -73,7 +74,7 @@ def haff(axes: Axes, sim: mpsim.Simulation, promise: Promise) -> Sequence[Artist
     times, found = promise.series
     end = promise.scene.duration or 1.0
     law = np.linspace(0, end, 200)
-    return _curve(axes, times, found, (law, found[0] / (1 + law / 9) ** 2), "T; dashed: Haff", end)
+    return _curve(axes, times, found, (law, found[0] / (1 + law / 9) ** 2), "log T; dashed: Haff", end)
 
 
 MARKS: dict[str, Mark] = {

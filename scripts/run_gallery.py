@@ -28,8 +28,11 @@ from mpsim.scene.scenefile import SceneFile, load, names
 from mpsim.studies.findings import promise_of
 from mpsim.studies.promises import Promise
 
-WHOLE = ("brownian", "cooling", "cradle", "galton", "growth", "pi", "piston", "rough-sediment", "sediment")
+WHOLE = ("brownian", "cooling", "cradle", "galton", "growth", "pi", "piston", "rough-sediment")
 """Scenes that are shown to the end of their duration; of the others as many pictures, at their own interval."""
+
+STILLS = {"sediment": 0.4}
+"""Where in the animation a still is taken, if not at two thirds: grains that still move."""
 
 PICTURES = 120
 """Pictures of an animation, and pictures in a second: ten seconds."""
@@ -52,13 +55,13 @@ def frames_between(found: SceneFile, settings: mpsim.Settings) -> int:
 
 
 def show(found: SceneFile, folder: Path) -> None:
-    """Write <name>.gif, and <name>.png: the last picture where the whole is shown, else that at two thirds."""
+    """Write <name>.gif, and <name>.png: the last picture where the whole is shown, else one of the course."""
     scene, settings = found.scene, settings_for(found.scene, None)
     every = frames_between(found, settings)
     number = PICTURES
     if scene.duration:
         number = min(number, int(scene.duration / (every * settings.dt) + 1e-9) + 1)
-    still = number - 1 if found.name in WHOLE else number * 2 // 3
+    still = number - 1 if found.name in WHOLE else round(STILLS.get(found.name, 0.67) * number)
     promise, mark = promise_of(found.name, scene, settings), MARKS.get(found.name)
     scale = scale_of_run(scene, settings, number, every)
     images: list[Image.Image] = []
