@@ -70,37 +70,42 @@ def words(text: str, folder: Path) -> list[dict[str, Any]]:
 
 
 def cells_of(block: Block) -> list[dict[str, Any]]:
-    """The cells of one block; those of a block that takes long carry the tag `long`."""
+    """The cells of one block, with the tags `long`, and `raises-exception` where the page shows an error."""
     if block.why or block.language == DRAWING:
         return [{"cell_type": "markdown", "metadata": {}, "source": f"```{block.language}\n{block.code}```"}]
     return [
         {
             "cell_type": "code",
             "execution_count": None,
-            "metadata": {"tags": ["long"]} if block.long else {},
+            "metadata": {"tags": tags} if tags else {},
             "outputs": [],
             "source": source.rstrip(),
         }
-        for source in sources(block)
+        for source, fails in sources(block)
+        for tags in [["long"] * block.long + ["raises-exception"] * fails]
     ]
 
 
-def sources(block: Block) -> list[str]:
-    """What the cells of a block that is run contain. A cell shows its last value, so it ends where one is shown."""
+def sources(block: Block) -> list[tuple[str, bool]]:
+    """What the cells of a block that is run contain, and whether each ends with an error, as the page shows it.
+
+    A cell shows its last value, so it ends where the page shows one.
+    """
     if block.file:
-        return [f"%%writefile {block.file}\n{block.code}"]
+        return [(f"%%writefile {block.file}\n{block.code}", False)]
     if block.language == "sh":
-        return [f"%%bash\nset -e\n{block.code}"]
+        return [(f"%%bash\nset -e\n{block.code}", False)]
     if block.language == "console":
-        return [f"!{match['command']}" for match in COMMAND.finditer(block.code)]
+        return [(f"!{match['command']}", False) for match in COMMAND.finditer(block.code)]
     if ">>>" not in block.code:
-        return [block.code]
-    found = [""]
+        return [(block.code, False)]
+    found, begun = [], ""
     for example in doctest.DocTestParser().get_examples(block.code):
-        found[-1] += example.source
+        begun += example.source
         if example.want:
-            found.append("")
-    return [source for source in found if source]
+            found.append((begun, example.exc_msg is not None))
+            begun = ""
+    return [*found, (begun, False)] if begun else found
 
 
 def write(pages: list[Path], folder: Path) -> list[Path]:

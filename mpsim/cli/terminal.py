@@ -92,9 +92,7 @@ def existing_refused(path: Path, force: bool) -> None:
         click.UsageError: naming the file.
     """
     if path.exists() and not force:
-        raise click.UsageError(
-            f"{str(path)!r} exists already, and is not overwritten. Give another name, or --force."
-        )
+        raise click.UsageError(f"{str(path)!r} exists already, and is not overwritten. Give another name, or --force.")
 
 
 def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:

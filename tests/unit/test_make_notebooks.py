@@ -31,6 +31,10 @@ of ink](dot.png)
 ...     a += k
 >>> a
 2
+>>> 1 / 0
+Traceback (most recent call last):
+    ...
+ZeroDivisionError: division by zero
 >>> b = a
 ```
 
@@ -79,6 +83,7 @@ def test_blocks_become_cells_that_do_the_same(script, sample):
     cells = script.notebook_of(sample)["cells"]
     assert [cell["source"] for cell in cells if cell["cell_type"] == "code"] == [
         "a = 1\nfor k in range(2):\n    a += k\na",
+        "1 / 0",
         "b = a",
         "!echo one",
         "!echo two; \\\n  echo three",
@@ -89,6 +94,7 @@ def test_blocks_become_cells_that_do_the_same(script, sample):
     assert [cell["source"] for cell in cells if "long" in cell["metadata"].get("tags", [])] == [
         "%%bash\nset -e\necho four"
     ]
+    assert [cell["source"] for cell in cells if "raises-exception" in cell["metadata"].get("tags", [])] == ["1 / 0"]
     assert "```sh\nexit 1\n```" in [cell["source"] for cell in cells if cell["cell_type"] == "markdown"]
 
 

@@ -109,9 +109,7 @@ def test_a_table_that_is_there_is_not_overwritten_unasked(asked, tmp_path):
     (tmp_path / "a.csv").write_text("weeks of work")
     result = mpsim_command("tradeoff", "cradle", "--out", str(tmp_path / "a.csv"))
     assert result.exit_code == 2
-    assert (
-        f"'{tmp_path}/a.csv' exists already, and is not overwritten. Give another name, or --force." in result.stderr
-    )
+    assert f"'{tmp_path}/a.csv' exists already, and is not overwritten. Give another name, or --force." in result.stderr
     assert ((tmp_path / "a.csv").read_text(), asked) == ("weeks of work", {})
     assert mpsim_command("tradeoff", "cradle", "--out", str(tmp_path / "a.csv"), "--force").exit_code == 0
     assert (tmp_path / "a.csv").read_text().startswith("method,")
