@@ -41,6 +41,7 @@ from mpsim.core.errors import (
     TooFastError,
     TrajectoryError,
     TrajectoryWarning,
+    UnknownArgumentError,
     WorkerDied,
     WorkerStalled,
 )
@@ -156,6 +157,7 @@ __all__ = [
     "TrajectoryError",
     "TrajectoryWarning",
     "Tuned",
+    "UnknownArgumentError",
     "View",
     "WorkerDied",
     "WorkerStalled",

@@ -1,5 +1,7 @@
 """Whether every public name of mpsim has a complete type: pyright --verifytypes, on the package as it is installed.
 
+Also whether pyright refuses misspelt words, such as `Settings(method="gird")`.
+
 python scripts/check_types.py          counts them, and names each that lacks one; exit code 1 unless none does
 
 Pyright looks at installed packages only. So the package is copied into a virtual environment of its own, which sees
@@ -14,6 +16,7 @@ import sys
 import sysconfig
 import tempfile
 import venv
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +25,16 @@ TOP = Path(__file__).parents[1]
 LEFT_OUT = ("mpsim.kernels.", "mpsim.cli.")
 """Kernels take whatever the compiler makes of their arguments: hints would say nothing that it heeds. Commands are
 called by their words, not imported."""
+
+
+MISSPELT = {
+    'mpsim.Settings(method="gird")': True,
+    'mpsim.Settings(law="elastisch")': True,
+    'mpsim.Settings(metod="grid")': True,
+    "mpsim.Scene.random(cout=100, radius=0.5, packing=0.2)": True,
+    'mpsim.Settings(method="grid", law="elastic", contact="push", precision="float32", on_fast="substep")': False,
+}
+"""Lines of a program, and whether pyright must refuse them."""
 
 
 def install(folder: Path) -> Path:
@@ -41,19 +54,35 @@ def incomplete(report: dict[str, Any]) -> tuple[int, list[dict[str, Any]]]:
     return len(symbols), [each for each in symbols if not each["isTypeKnown"] or each["isTypeAmbiguous"]]
 
 
+def misjudged(folder: Path, run: Callable[..., dict[str, Any]]) -> list[str]:
+    """Lines of MISSPELT that pyright accepts though it must refuse them, or the other way round."""
+    program = folder / "misspelt.py"
+    program.write_text("\n".join(["import mpsim", *MISSPELT]))
+    refused = {each["range"]["start"]["line"] for each in run(str(program))["generalDiagnostics"]}
+    return [text for line, (text, wrong) in enumerate(MISSPELT.items(), start=1) if (line in refused) != wrong]
+
+
 def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         programs = install(Path(folder, "environment"))
-        command = [sys.executable, "-m", "pyright", "--verifytypes", "mpsim", "--ignoreexternal", "--outputjson"]
         path = f"{programs}{os.pathsep}{os.environ['PATH']}"
         environment = os.environ | {"PATH": path, "VIRTUAL_ENV": str(programs.parent)}
-        done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-    number, missing = incomplete(json.loads(done.stdout))
+
+        def run(*words: str) -> dict[str, Any]:
+            command = [sys.executable, "-m", "pyright", *words, "--outputjson"]
+            done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+            return json.loads(done.stdout)
+
+        number, missing = incomplete(run("--verifytypes", "mpsim", "--ignoreexternal"))
+        wrong = misjudged(Path(folder), run)
     for each in missing:
         reasons = "; ".join(found["message"].splitlines()[0] for found in each["diagnostics"])
         print(f"{each['name']}: {reasons or 'its type holds one that is not complete'}")
     print(f"{number - len(missing)} of {number} public names have a complete type")
-    return 0 if number and not missing else 1
+    for text in wrong:
+        print(f"misjudged: {text}")
+    print(f"{len(MISSPELT) - len(wrong)} of {len(MISSPELT)} lines with and without a misspelt word judged rightly")
+    return 0 if number and not missing and not wrong else 1
 
 
 if __name__ == "__main__":

@@ -22,10 +22,11 @@ from rich.progress import track
 
 import mpsim
 from mpsim.measure import Measure, fit_order, independent_average, kinetic_energy, reference
+from mpsim.scene.settings import Contact
 
 PACKINGS = (0.3, 0.5)
 STEPS = (0.2, 0.1, 0.05, 0.02)
-CANDIDATES = (("push", 1), ("impact", 1), ("impact", 2))
+CANDIDATES: tuple[tuple[Contact, int], ...] = (("push", 1), ("impact", 1), ("impact", 2))
 COUNT = 100
 SPEED_COUNTS = (100, 10_000, 1_000_000)
 SPEED_PACKING = 0.4

@@ -27,6 +27,7 @@ from run_bench import machine
 import mpsim
 from mpsim.core.cores import usable_cores
 from mpsim.measure import Measure, reference
+from mpsim.scene.settings import MethodName
 
 COUNT = 64
 PACKINGS = (0.02, 0.3, 0.6)
@@ -37,7 +38,7 @@ LENGTHS = {"short": 200.0, "long": 2000.0}
 BEFORE = 50.0
 """Collisions of each disc before a run counts."""
 
-METHODS = {"event": ("short", "long"), "grid": ("short",)}
+METHODS: dict[MethodName, tuple[str, ...]] = {"event": ("short", "long"), "grid": ("short",)}
 STEPS = {0.02: 0.2, 0.3: 0.05, 0.6: 0.02}
 """Of `grid` by packing, where a diameter, kT and the mass are 1."""
 
@@ -68,7 +69,7 @@ console = Console()
 class Cell(NamedTuple):
     """One kind of run. collisions: of each disc."""
 
-    method: str
+    method: MethodName
     packing: float
     boundary: str
     collisions: float

@@ -13,6 +13,7 @@ import validation_theory as theory
 
 import mpsim
 from mpsim.measure import Measure, independent_average, kinetic_energy, reference
+from mpsim.scene.settings import MethodName
 
 LI = "Li 2022"
 SHAPES = {
@@ -84,7 +85,7 @@ def combined(each: list[Measure]) -> Measure:
 
 
 def pressure(
-    count: int, packing: float, shape: float, collisions: float, method: str = "event", step: float = 0.0
+    count: int, packing: float, shape: float, collisions: float, method: MethodName = "event", step: float = 0.0
 ) -> Measure:
     """P sigma^2 / kT of a periodic gas at rest, over runs with so many collisions in all.
 

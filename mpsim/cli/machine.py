@@ -12,7 +12,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.kernels.compiling import compiled_kernels
 from mpsim.measure.registry import NAMES
 from mpsim.scene import scenefile
-from mpsim.scene.settings import LAWS, PRECISIONS, Settings
+from mpsim.scene.settings import LAWS, PRECISIONS, Law, Precision, Settings
 from mpsim.studies import benchmark
 
 BENCH_EXAMPLES = """\b
@@ -45,7 +45,9 @@ All of it, with pictures: python scripts/run_bench.py in a checkout.
 )
 @terminal.json_option
 @terminal.quiet_option
-def bench(count: int, frames: int, workers: int | None, law: str, precision: str, as_json: bool, quiet: bool) -> None:
+def bench(
+    count: int, frames: int, workers: int | None, law: Law, precision: Precision, as_json: bool, quiet: bool
+) -> None:
     """Repeat the first experiment of the term-project report: time each method on the same gas.
 
     The results are checked in the same run. Times do not include compilation.

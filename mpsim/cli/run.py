@@ -28,7 +28,7 @@ from mpsim.output.tables import measure_text
 from mpsim.scene import scenefile
 from mpsim.scene.recommended import frames_between_pictures
 from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings
+from mpsim.scene.settings import MethodName, Settings
 from mpsim.studies.findings import found_by, promise_of
 from mpsim.studies.promises import Promise
 
@@ -159,7 +159,7 @@ def resume(
     folder: Path,
     frames: int | None,
     until: float | None,
-    method: str | None,
+    method: MethodName | None,
     workers: int | None,
     as_json: bool,
     quiet: bool,
@@ -345,7 +345,7 @@ def summary(part: dict[str, Any], report: Report, sim: Simulation) -> Iterator[s
     """Summary of a run, line by line."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        yield f"{report!r}"[1:-1].removeprefix("Report: ")
+        yield report.summary
     compiling = f"{part['compile_seconds']:.2f} s compiling, " if part["compile_seconds"] else ""
     yield (
         f"frame {sim.frame}, time {sim.time:g}, {sim.count} discs; {part['wall_seconds']:.2f} s in all, of them "

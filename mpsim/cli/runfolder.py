@@ -30,6 +30,7 @@ from mpsim.output.first_rank import FirstRank
 from mpsim.output.frame_file import FORMATS
 from mpsim.output.trajectory import Trajectory
 from mpsim.scene.scene import Scene
+from mpsim.scene.settings import MethodName
 
 FORMAT = 1
 RECORD = "run.json"
@@ -170,7 +171,7 @@ class RunFolder:
         return self.path / Path(self.record["trajectory"]).name  # in this folder, whatever the record says
 
     @property
-    def method(self) -> str:
+    def method(self) -> MethodName:
         """The method of the run so far."""
         return self.record["settings"]["method"]
 

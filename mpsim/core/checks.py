@@ -1,16 +1,21 @@
 """All checks of user input: finite first, then dtype, shape, range. Texts: name, rule, value, remedy."""
 
 import difflib
+import functools
+import inspect
 import math
 import numbers
 import reprlib
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core.errors import InputError
+from mpsim.core.errors import InputError, UnknownArgumentError
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: str) -> NDArray[np.float64]:
@@ -174,9 +179,57 @@ def choice(name: str, value: Any, allowed: Iterable[str]) -> str:
     words = list(allowed)
     if value in words:
         return str(value)
+    raise InputError(_must_be_one_of(name, value, words))
+
+
+def _must_be_one_of(name: str, value: Any, words: Iterable[str]) -> str:
     meant = near(value, words)
     hint = f" Did you mean {meant!r}?" if meant else ""
-    raise InputError(f"{name} must be one of {', '.join(map(repr, words))}; got {brief(value)}.{hint}")
+    return f"{name} must be one of {', '.join(map(repr, words))}; got {brief(value)}.{hint}"
+
+
+def names_of(function: Callable[..., Any]) -> tuple[str, ...]:
+    """The names of the arguments that may be given by keyword.
+
+    >>> names_of(lambda frames, /, until, *rest, dt=1.0, **others: None)
+    ('until', 'dt')
+    """
+    by_keyword = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    parameters = inspect.signature(function).parameters.values()
+    return tuple(each.name for each in parameters if each.kind in by_keyword and each.name not in ("self", "cls"))
+
+
+def known_names(*further: Callable[..., Any]) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """A decorator: keywords that a function does not have raise UnknownArgumentError, which suggests a similar one.
+
+    Args:
+        further: functions whose arguments it takes as well, as `**others`.
+
+    >>> @known_names()
+    ... def draw(*, colour): ...
+    >>> draw(color="red")
+    Traceback (most recent call last):
+        ...
+    mpsim.UnknownArgumentError: an argument of draw must be one of 'colour'; got 'color'. Did you mean 'colour'?
+    """
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        kinds = [each.kind for each in inspect.signature(function).parameters.values()]
+        if inspect.Parameter.VAR_KEYWORD in kinds and not further:
+            return function  # which checks them itself
+        names = tuple(dict.fromkeys(name for each in (function, *further) for name in names_of(each)))
+        what = f"an argument of {function.__qualname__.removesuffix('.__init__')}"
+
+        @functools.wraps(function)
+        def door(*args: P.args, **kwargs: P.kwargs) -> R:
+            for name in kwargs:
+                if name not in names:
+                    raise UnknownArgumentError(_must_be_one_of(what, name, names))
+            return function(*args, **kwargs)
+
+        return door
+
+    return decorate
 
 
 def number(name: str, value: Any, rule: str) -> float:

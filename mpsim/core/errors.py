@@ -51,6 +51,10 @@ class InputError(MpsimError, ValueError):
     """A scene, a setting or an argument breaks a rule; nothing was changed."""
 
 
+class UnknownArgumentError(InputError, TypeError):
+    """A keyword is the name of no argument. It is a TypeError too, as Python raises it in such a case."""
+
+
 class SceneFileError(InputError):
     """A scene file breaks rules.
 

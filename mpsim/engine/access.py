@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
+from mpsim.core import checks
 from mpsim.core.errors import BusyError, ForkedError
 from mpsim.engine.notices import Notices
 
@@ -208,6 +209,7 @@ def exclusive(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S,
     """A method that changes a simulation: for the process that made it, and one thread at a time."""
     what = f"{method.__name__.strip('_')}()"
 
+    @checks.known_names()
     @functools.wraps(method)
     def door(self: S, *args: P.args, **kwargs: P.kwargs) -> R:
         access, use = self._access, Use(what)

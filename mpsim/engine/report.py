@@ -120,16 +120,21 @@ class Report:
     def _repr_html_(self) -> str:
         return view("report_html", self)
 
-    def __repr__(self) -> str:
+    @property
+    def summary(self) -> str:
+        """Counts and times in one line, without the measures."""
         workers = f" on {self.workers} workers" if self.workers > 1 else ""
         if not self.frames:
-            return f"<Report: 0 frames by {self.method}{workers}>"
+            return f"0 frames by {self.method}{workers}"
         median = np.median(self.frame_seconds) * 1e6
         compiled = f"{self.compile_seconds:.1f} s of compiling before, " if self.compile_seconds else ""
         return (
-            f"<Report: {self.frames} frames by {self.method}{workers}, "
-            f"median {median:.3g} us a frame, {compiled}{self.collisions} collisions>"
+            f"{self.frames} frames by {self.method}{workers}, "
+            f"median {median:.3g} us a frame, {compiled}{self.collisions} collisions"
         )
+
+    def __repr__(self) -> str:
+        return f"<Report: {', '.join([self.summary, *(f'{name} {each!r}' for name, each in self.measures.items())])}>"
 
 
 def phase_seconds(nanoseconds: NDArray[np.int64]) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:

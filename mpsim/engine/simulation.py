@@ -70,6 +70,7 @@ class Simulation(Changing):
     (100, 1.0, 100, 'grid')
     """
 
+    @checks.known_names()
     def __init__(self, scene: Scene, settings: Settings | None = None, *, comm: object = None):
         chosen = scene.settings if settings is None and isinstance(scene, Scene) else settings
         with _refused_together(chosen, comm):

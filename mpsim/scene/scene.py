@@ -86,6 +86,7 @@ class Scene(HasDiscs, Recommends):
     _capsule_index: CapsuleIndex | None = None
     _overlaps: tuple[tuple[Any, ...], str] | None = None  # likewise
 
+    @checks.known_names()
     def __init__(
         self,
         *,
@@ -364,6 +365,7 @@ class Scene(HasDiscs, Recommends):
         )
 
     @classmethod
+    @checks.known_names(__init__)
     def random(
         cls,
         *,
@@ -429,6 +431,7 @@ class Scene(HasDiscs, Recommends):
         return made.redraw_with(functools.partial(_drawn_again, cls.random, kind, seed))
 
     @classmethod
+    @checks.known_names(__init__)
     def lattice(
         cls,
         *,

@@ -1,17 +1,26 @@
 """Settings: how a scene is simulated."""
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 from mpsim.core import checks
 from mpsim.kernels import layout
 
-METHODS = ("naive", "grid", "parallel", "event", "mpi", "auto")
+MethodName = Literal["naive", "grid", "parallel", "event", "mpi", "auto"]
+Law = Literal["elastic", "reflect"]
+Contact = Literal["impact", "push"]
+Precision = Literal["float32", "float64"]
+OnWorkerDeath = Literal["raise", "restart"]
+StartMethod = Literal["fork", "spawn", "forkserver"]
+OnFast = Literal["warn", "substep", "error"]
+
+METHODS: tuple[MethodName, ...] = get_args(MethodName)
 LAWS = tuple(layout.LAWS)
 CONTACTS = tuple(layout.CONTACTS)
-PRECISIONS = ("float32", "float64")
-DEATHS = ("raise", "restart")
-START_METHODS = ("fork", "spawn", "forkserver")
-ON_FAST = ("warn", "substep", "error")
+PRECISIONS: tuple[Precision, ...] = get_args(Precision)
+DEATHS: tuple[OnWorkerDeath, ...] = get_args(OnWorkerDeath)
+START_METHODS: tuple[StartMethod, ...] = get_args(StartMethod)
+ON_FAST: tuple[OnFast, ...] = get_args(OnFast)
 
 MOST_WORKERS = 1024
 """More worker processes than this is taken for a mistake: no machine that mpsim runs on has so many cores."""
@@ -66,17 +75,17 @@ class Settings:
     """
 
     dt: float = 0.01
-    method: str = "auto"
+    method: MethodName = "auto"
     workers: int | None = None
-    law: str = "elastic"
-    contact: str = "impact"
+    law: Law = "elastic"
+    contact: Contact = "impact"
     passes: int = 1
     substeps: int = 1
-    precision: str = "float64"
-    start_method: str | None = None
+    precision: Precision = "float64"
+    start_method: StartMethod | None = None
     unguarded: bool = False
-    on_worker_death: str = "raise"
-    on_fast: str = "warn"
+    on_worker_death: OnWorkerDeath = "raise"
+    on_fast: OnFast = "warn"
     contact_time: float | None = None
 
     def __post_init__(self) -> None:
@@ -97,3 +106,6 @@ class Settings:
             object.__setattr__(self, "contact_time", checks.positive("contact_time", self.contact_time, "[time]"))
         if self.start_method is not None:
             checks.choice("start_method", self.start_method, START_METHODS)
+
+
+Settings.__init__ = checks.known_names()(Settings.__init__)

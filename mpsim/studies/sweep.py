@@ -28,6 +28,7 @@ _NO_PICKLE = re.compile("pickle|serializ|get attribute", re.IGNORECASE)
 """In texts of errors of executors that could not send something."""
 
 
+@checks.known_names()
 def sweep(
     function: Callable[..., Any] | Scene | str,
     grid: Mapping[str, Iterable[Any]],

@@ -179,6 +179,7 @@ def label(settings: Settings) -> str:
     return " ".join([*words, f"dt={settings.dt:.3g}"])
 
 
+@checks.known_names()
 def tradeoff(
     scene: Scene,
     candidates: Iterable[Settings] | None = None,

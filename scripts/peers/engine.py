@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +60,7 @@ class Plan:
     """
 
     dt: float
-    precision: str = "float32"
+    precision: Literal["float32", "float64"] = "float32"
     threads: int = 1
     counting: bool = False
     knob: int = 0

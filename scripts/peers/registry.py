@@ -5,6 +5,7 @@ import importlib.util
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from types import ModuleType
+from typing import Literal
 
 from peers import with_cpp, with_rapier
 from peers.engine import NotThereError
@@ -39,7 +40,7 @@ class Peer:
     threads: tuple[int, ...] = (1,)
     knobs: tuple[int, ...] = (0,)
     knob: str = ""
-    precision: str = "float32"
+    precision: Literal["float32", "float64"] = "float32"
     accuracy: bool = True
     steps: bool = True
 

@@ -4,14 +4,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mpsim
+from mpsim.scene.settings import Contact, MethodName
 from peers.engine import Plan, Run, Start
 
 
 class Engine(Run):
     """A simulation with contact `impact`, the default."""
 
-    contact = "impact"
-    method = ""
+    contact: Contact = "impact"
+    method: MethodName | None = None
 
     def __init__(self, start: Start, plan: Plan):
         scene = mpsim.Scene(
@@ -51,10 +52,10 @@ class Engine(Run):
 class Push(Engine):
     """A simulation with contact `push`, the report's."""
 
-    contact = "push"
+    contact: Contact = "push"
 
 
 class Exact(Engine):
     """The exact solver."""
 
-    method = "event"
+    method: MethodName | None = "event"

@@ -26,7 +26,7 @@ from mpsim.engine.solvers.snapshots import Shapes, Snapshot
 from mpsim.engine.solvers.speed_limit import SpeedLimit
 from mpsim.engine.solvers.speeds import Speeds
 from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings
+from mpsim.scene.settings import MethodName, Settings
 
 Result = TypeVar("Result")
 
@@ -42,7 +42,7 @@ class Choice:
         comm: the communicator of a method that runs on ranks; None: all ranks.
     """
 
-    method: str
+    method: MethodName
     workers: tuple[int, ...]
     remark: str = ""
     comm: Any = None

@@ -1,6 +1,7 @@
 """Report: shapes and sums of the times, counts, and what ran."""
 
 import csv
+import re
 import sys
 
 import numpy as np
@@ -83,6 +84,13 @@ def test_the_text_of_a_report_and_of_a_simulation_say_what_ran():
         report = sim.run(frames=3)
         assert repr(sim) == "<Simulation: 1000 discs by parallel, frame 3, time 1.5>"
     assert repr(report).startswith("<Report: 3 frames by parallel on 2 workers, median ")
+
+
+def test_the_text_of_a_report_has_its_measures_with_their_errors():
+    with simulate(gas(20, 0.2), method="grid") as sim:
+        report = sim.run(frames=400, measures=["collision_rate"])
+    assert repr(report) == f"<Report: {report.summary}, collision_rate {report.measures['collision_rate']!r}>"
+    assert re.search(r"collision_rate \d+\.\d+\([<>]?\d+\)>$", repr(report))
 
 
 def test_a_report_tells_how_long_kernels_were_compiled_before_it(monkeypatch):

@@ -1,11 +1,14 @@
 """Settings are checked and immutable."""
 
 import dataclasses
+from typing import get_args
 
 import pytest
 from support.refusals import assert_says
 
 import mpsim
+from mpsim.engine.solvers.methods import METHODS as SOLVERS
+from mpsim.scene import settings
 
 NAN, INF = float("nan"), float("inf")
 
@@ -39,6 +42,35 @@ def test_bad_settings_are_refused(case):
     with pytest.raises(mpsim.InputError) as caught:
         mpsim.Settings(**change)
     assert_says(caught, parts)
+
+
+def test_types_name_the_words_that_settings_accept():
+    words = {name: set(get_args(getattr(settings, name))) for name in ("MethodName", "Law", "Contact")}
+    assert words == {"MethodName": {*SOLVERS, "auto"}, "Law": set(settings.LAWS), "Contact": set(settings.CONTACTS)}
+
+
+UNKNOWN = {
+    "Settings": (lambda: mpsim.Settings(metod="grid"), "an argument of Settings", "'metod'", "'method'"),
+    "Scene.random": (lambda: mpsim.Scene.random(cout=9), "an argument of Scene.random", "'cout'", "'count'"),
+    "of Scene": (
+        lambda: mpsim.Scene.random(count=9, radius=0.5, packing=0.2, gravty=(0, -1)),
+        "an argument of Scene.random",
+        "'gravty'",
+        "'gravity'",
+    ),
+    "Scene": (lambda: mpsim.Scene(postion=[[1, 1]]), "an argument of Scene", "'postion'", "'position'"),
+    "Simulation": (lambda: mpsim.Simulation(seting=None), "an argument of Simulation", "'seting'", "'settings'"),
+    "tune": (lambda: mpsim.tune(max_eror={}), "an argument of tune", "'max_eror'", "'max_error'"),
+}
+
+
+@pytest.mark.parametrize("case", UNKNOWN)
+def test_an_unknown_keyword_is_refused_with_the_one_that_was_meant(case):
+    call, what, got, meant = UNKNOWN[case]
+    with pytest.raises(mpsim.UnknownArgumentError) as caught:
+        call()
+    assert_says(caught, [f"{what} must be one of", f"got {got}. Did you mean {meant}?"])
+    assert isinstance(caught.value, TypeError), "as Python raises it"
 
 
 def test_settings_are_immutable_and_equal_by_value():
