@@ -320,6 +320,8 @@ def main() -> int:
         console.print(f"run_bench: {error}", style="red", highlight=False, soft_wrap=True)
         return 2 if isinstance(error, mpsim.InputError | OSError) else 1
     results["seconds"] = time.perf_counter() - started
+    same = "the report's" if settings.law == "reflect" else "the report has reflect"
+    console.print(f"Collision law: {settings.law} ({same}); contact: {settings.contact}")
     show(results, options.out)
     save(results, settings, machine_now, options.out)
     console.print(f"{time.perf_counter() - started:.1f} s; tables and pictures are in {options.out}/")
