@@ -16,11 +16,12 @@ from mpsim.core.errors import InputError
 from mpsim.engine.columns import columns_of
 from mpsim.engine.solvers.base import NewDiscs, Solver
 from mpsim.features import FEATURES, feature
+from mpsim.features.obstacles import Polyline
 from mpsim.scene.scene import Scene
 
 Floats = NDArray[np.float64]
 
-SET, KICK, REMOVE, ADD, PARAMETERS = "set", "kick", "remove", "add", "change"
+SET, KICK, REMOVE, ADD, PARAMETERS, WALL = "set", "kick", "remove", "add", "change", "add_wall"
 """What a change can be: each is called as the method of a simulation that makes it."""
 
 
@@ -30,7 +31,7 @@ class Change(NamedTuple):
     Attributes:
         frame: frames done when it was made.
         time: then [time].
-        what: SET, KICK, REMOVE, ADD or PARAMETERS.
+        what: SET, KICK, REMOVE, ADD, PARAMETERS or WALL.
         values: the arguments of that method by name, those that were given: arrays and plain values.
     """
 
@@ -126,6 +127,24 @@ def checked_remove(place: Place, ids: ArrayLike) -> Change:
     return place.change(REMOVE, {"ids": _present_numbers(place.solver, ids)})
 
 
+def checked_wall(place: Place, start: Scene, points: ArrayLike, thickness: float) -> Change:
+    """`Simulation.add_wall`, checked; start: the scene at the start, whose emitters and piston must keep their room."""
+    wall = Polyline(points, thickness)
+    values = {"points": np.array(wall.points), "thickness": wall.thickness}
+    with_wall(place.scene, values)
+    for each in FEATURES:
+        each.check(with_wall(start, values))
+    discs, here = place.solver.discs(), np.flatnonzero(~place.solver.absorbed)
+    position, radius = discs.position[here].astype(np.float64), discs.radius[here]
+    if (found := place.scene.changed(obstacles=wall).deepest(position, radius)) is not None:
+        number, at = here[found.disc], tuple(position[found.disc].tolist())
+        raise InputError(
+            f"a wall must be clear of all discs; got disc {number} at {at}, {found.depth:.3g} inside it with radius "
+            f"{radius[found.disc]:g}. Put it elsewhere, or move the disc first."
+        )
+    return place.change(WALL, values)
+
+
 def _present_numbers(solver: Solver, ids: ArrayLike) -> NDArray[np.int64]:
     """Numbers of discs that are there, each once, shape (K,)."""
     count = solver.count
@@ -173,7 +192,12 @@ def _check_room(place: Place, numbers: NDArray[np.int64], position: Floats) -> N
         each.check_room(scene, new)
 
 
-# --- what it makes of discs ----------------------------------------------------------------------------------------
+# --- what it makes of the scene, and of discs ------------------------------------------------------------------------
+
+
+def with_wall(scene: Scene, values: Mapping[str, Any]) -> Scene:
+    """A scene after a wall has been added, of which a change of the kind WALL has the values."""
+    return scene.changed(obstacles=(*scene.obstacles, Polyline(**values)))
 
 
 def edited(discs: NewDiscs, change: Change) -> NewDiscs:

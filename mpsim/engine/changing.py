@@ -181,10 +181,38 @@ class Changing:
             )
         self._coordinator.change_parameters(place.change(changes.PARAMETERS, plain(given)))
 
+    @exclusive
+    def add_wall(self, points: ArrayLike, thickness: float = 0.0) -> None:
+        """Put up a wall between two frames: one more Polyline among the obstacles of `scene`.
+
+        The first obstacle of a scene makes the simulation load other kernels, compiled once on each machine. Measures
+        that mean nothing in a scene with obstacles are NaN for a run in which a wall is put up.
+
+        Args:
+            points: its corners, shape (K, 2), K >= 2 [length], in the box; neighbours differ.
+            thickness: of the wall, >= 0 [length].
+
+        Raises:
+            InputError: naming the argument, its rule and the value received, also where it leaves a disc, an emitter or
+                the piston no room; then nothing is changed.
+
+        >>> from mpsim import Scene, Simulation
+        >>> scene = Scene(width=8, height=4, position=[[2, 2]], velocity=[[1, 0]], radius=0.5)
+        >>> with Simulation(scene) as sim:
+        ...     sim.add_wall([(4, 0), (4, 4)])
+        ...     report = sim.run(frames=300)
+        ...     sim.scene.obstacles, sim.state.velocity.tolist()
+        ((Polyline(points=((4.0, 0.0), (4.0, 4.0)), thickness=0.0),), [[-1.0, 0.0]])
+        """
+        coordinator = self._coordinator
+        coordinator.open_solver().demand_alike("the wall", (points, thickness))
+        place, start = self._place("add_wall"), coordinator.start_of_all[0]
+        coordinator.add_wall(changes.checked_wall(place, start, points, thickness))
+
     @property
     @reading
     def journal(self) -> Journal:
-        """What the simulation started from, and every change by set, kick, remove, add and change since, in order.
+        """What the simulation started from, and every change by set, kick, remove, add, change and add_wall, in order.
 
         A checkpoint holds it, so that of a resumed simulation begins where the first one did. `journal.save` writes it,
         and `Simulation.replay` runs it again, with the same bits. On ranks all ask for it; one of them saves it.

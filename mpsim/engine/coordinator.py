@@ -23,7 +23,7 @@ from mpsim.core.errors import (
 from mpsim.core.state import Discs, StateInChunks
 from mpsim.engine.access import Access
 from mpsim.engine.batch_size import BatchSizer
-from mpsim.engine.changes import REMOVE, Change, edited
+from mpsim.engine.changes import REMOVE, Change, edited, with_wall
 from mpsim.engine.emission import Emission, Insert, Progress
 from mpsim.engine.journal import Changed, parameters_after
 from mpsim.engine.notices import Once
@@ -387,11 +387,18 @@ class Coordinator:
 
     def change_parameters(self, change: Change) -> None:
         """Change parameters of scene or settings, and note it in the journal."""
-        solver, notices, given = self.solver, self._access.notices, change.values
-        origin, box = solver.origin, None
-        if moves_origin(given):
-            origin, box = Origin(change.frame, change.time), solver.state_between(0, 0).box
-        scene, settings = in_force(self.scene, self.settings, given, box)
+        origin, box = self.solver.origin, None
+        if moves_origin(change.values):
+            origin, box = Origin(change.frame, change.time), self.solver.state_between(0, 0).box
+        self._take_over(change, *in_force(self.scene, self.settings, change.values, box), origin)
+
+    def add_wall(self, change: Change) -> None:
+        """Add a wall that has been checked, and note it in the journal."""
+        self._take_over(change, with_wall(self.scene, change.values), self.settings, self.solver.origin)
+
+    def _take_over(self, change: Change, scene: Scene, settings: Settings, origin: Origin) -> None:
+        """Continue under the scene and settings that a change has made, and note it in the journal."""
+        solver, notices = self.solver, self._access.notices
         check_precision(scene, settings)
         emission = self.emission.under(scene, settings, solver.frame, solver.time)
         limits = self.step_limits.under(scene, settings, origin.frame)

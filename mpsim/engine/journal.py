@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 
 from mpsim.core import atomic, checks, untrusted
 from mpsim.core.errors import InputError, OutputError, reason_of
-from mpsim.engine.changes import ADD, KICK, PARAMETERS, REMOVE, SET, Change
+from mpsim.engine.changes import ADD, KICK, PARAMETERS, REMOVE, SET, WALL, Change, with_wall
 from mpsim.engine.parameters import in_force
 from mpsim.engine.solvers.base import Origin
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
-KINDS = (SET, KICK, REMOVE, ADD, PARAMETERS)
+KINDS = (SET, KICK, REMOVE, ADD, PARAMETERS, WALL)
 
 JOURNAL = "journal"
 """Name of the array of a checkpoint that holds what has been changed; only where something has."""
@@ -47,8 +47,8 @@ class Journal:
 
     Attributes:
         scene, settings: at the start.
-        changes: each with `frame` and `time` at which it was made, `what` it was ("set", "kick", "remove", "add" or
-            "change", the method that was called), and its `values`, the arguments by name.
+        changes: each with `frame` and `time` at which it was made, `what` it was ("set", "kick", "remove", "add",
+            "change" or "add_wall", the method that was called), and its `values`, the arguments by name.
         frame: the last one; `replay` ends there.
         digest: of the state then.
 
@@ -256,6 +256,8 @@ def parameters_after(
             scene, settings = in_force(scene, settings, values, None)
         if each.what == REMOVE and not scene.loses_discs:
             scene = scene.changed(has_gaps=True)
+        if each.what == WALL:
+            scene = with_wall(scene, each.values)
     if piston is not None and scene.piston is not None:
         scene = scene.changed(piston=dataclasses.replace(scene.piston, start=piston))
     return scene, settings

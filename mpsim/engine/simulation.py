@@ -108,7 +108,7 @@ class Simulation(Changing):
 
     @property
     def scene(self) -> Scene:
-        """The scene as it was given, with what `change` has changed since; discs added since are not in it."""
+        """The scene as it was given, with what `change` and `add_wall` have changed; without discs added since."""
         return self._coordinator.scene
 
     @property

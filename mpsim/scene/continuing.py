@@ -13,6 +13,7 @@ from mpsim.core.state import State
 from mpsim.features import FEATURES
 from mpsim.features.emitters import check_emitters
 from mpsim.features.fields import check_gravity
+from mpsim.features.obstacles import check_obstacles
 from mpsim.features.piston import check_piston
 
 
@@ -58,6 +59,8 @@ def change_to(scene: Any, values: Mapping[str, Any]) -> None:
             scene.gravity = check_gravity(value)
         elif name == "emitters":
             scene.emitters = check_emitters(value)
+        elif name == "obstacles":
+            scene.obstacles = check_obstacles(value, scene.width, scene.height)
         elif name == "has_gaps":
             scene.has_gaps = value
         elif name == "piston":

@@ -1,7 +1,7 @@
-"""What people do to a simulation on the page: discs are dragged, thrown, added and removed, parameters changed.
+"""What people do to a simulation on the page: drag, add and remove discs, draw walls, change parameters.
 
-All of it goes through the doors of the simulation (`set`, `add`, `remove`, `change`), so that the journal has it. What
-these refuse becomes a note for the page; the simulation is then as it was.
+All of it goes through the doors of the simulation (`set`, `add`, `remove`, `add_wall`, `change`), so that the journal
+has it. What these refuse becomes a note for the page; the simulation is then as it was.
 """
 
 import contextlib
@@ -28,6 +28,12 @@ HOLD_SECONDS = 3.0
 
 MOST_ADDED = 10_000
 """Discs that pages may add to one simulation."""
+
+MOST_WALLS = 1000
+"""Walls that pages may draw in one simulation: the page is told all of them at each one."""
+
+THICKNESS = 0.5
+"""Thickness of a wall that is drawn, in radii of a disc of the middle size: enough to be seen on a projector."""
 
 REFUSALS = (InputError, BusyError, OutputError)
 """Errors that leave the simulation as it was: for the page, a note."""
@@ -70,18 +76,20 @@ class Hands:
         self._undo = Undo()
         self._held: _Held | None = None
         self._last: tuple[Any, ...] = ()  # the action that "same" goes on with
-        self._added = 0
+        self._added = self._walls = 0
         self._sliders: Sliders | None = None
         self._acts: Mapping[str, Callable[..., None]] = {
             "release": self._release,
             "add": self._add,
             "remove": self._remove,
+            "wall": self._wall,
             "change": self._change,
         }
 
     def begin(self, sim: Simulation) -> None:
         """Begin with another simulation."""
-        self._held, self._last, self._added, self.note = None, (), 0, None
+        self._held, self._last, self.note = None, (), None
+        self._added = self._walls = 0
         self._undo.clear()
         self._sliders = Sliders(sim)
 
@@ -214,6 +222,17 @@ class Hands:
         if self._held is not None and self._held.disc == id:
             self._held = None
         sim.remove([id])
+
+    def _wall(self, sim: Simulation, ax: float, ay: float, bx: float, by: float) -> None:
+        if self._walls >= MOST_WALLS:
+            raise InputError(f"pages may draw at most {MOST_WALLS:,} walls; got one more. Reset the view.")
+        radius, length = _typical(sim.radii, sim.absorbed), math.hypot(bx - ax, by - ay)
+        if length < 2 * radius:
+            raise InputError(
+                f"a wall must be at least as long as a disc is wide, {2 * radius:.4g}; got {length:.4g}. Drag further."
+            )
+        sim.add_wall([(ax, ay), (bx, by)], THICKNESS * radius)
+        self._walls += 1
 
     def _change(self, sim: Simulation, name: str, value: Any) -> None:
         sim.change(**{name: value})  # type: ignore[misc]  # one of Parameters, checked by wire

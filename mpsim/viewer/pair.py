@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from mpsim.core.errors import ClosedError, InputError, MpsimError
-from mpsim.engine.changes import ADD, PARAMETERS, Change
+from mpsim.engine.changes import ADD, PARAMETERS, WALL, Change
 from mpsim.engine.parameters import OF_SETTINGS
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
@@ -109,7 +109,7 @@ class Pair:
             changes: all of its journal.
 
         Raises:
-            InputError: if a disc that was added finds no room here: then discs have other numbers from now on.
+            InputError: if a disc that was added, or a wall, finds no room here: both would be of different scenes.
         """
         self.follow(first)
         for change in list(changes)[self._taken :]:
@@ -129,10 +129,10 @@ class Pair:
         except ClosedError:
             raise
         except MpsimError as error:
-            if change.what == ADD:
+            if change.what in (ADD, WALL):
                 raise InputError(
-                    f"a second stage must have the discs of the first one; there was no room for one that was added: "
-                    f"{error} Reset restarts both."
+                    "a second stage must have the discs and walls of the first one; there was no room for one that was "
+                    f"added: {error} Reset restarts both."
                 ) from error
             self.skipped += 1
 

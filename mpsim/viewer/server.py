@@ -161,7 +161,7 @@ class Server(Pages):
         if name not in FILMS:
             return await asyncio.wrap_future(self._source.keep(name))
         make, kind = FILMS[name]
-        return keep.Kept(await asyncio.to_thread(make, self._film.pictures(), self._source.scene), kind)
+        return keep.Kept(await asyncio.to_thread(make, self._film.pictures(), self._source.drawn), kind)
 
     def _response(self, status: int, body: bytes, kind: str, host: str) -> Any:
         policy = (

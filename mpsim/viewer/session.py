@@ -188,6 +188,9 @@ class Session(Commanded):
     def _look(self) -> None:
         """Make the picture and the gauges that are due, if the simulation has moved since the last ones."""
         sim, now = self._simulation, time.perf_counter()
+        if sim.scene.obstacles is not self._broadcast.scene.obstacles:  # a wall was drawn, or taken back
+            self._broadcast.scene = sim.scene
+            self._tell_scene("playing" if self._playing else "paused")
         where = self._last = (self._run, sim.frame, sim.count)
         with self._wake:
             charged, self._charged = self._charged, 0.0

@@ -285,6 +285,7 @@ ACTIONS: Mapping[str, Mapping[str, Field]] = {
     "release": {"vx": _number, "vy": _number},
     "add": {"x": _number, "y": _number, "same": checks.truth},
     "remove": {"id": _DISC, "same": checks.truth},
+    "wall": {"ax": _number, "ay": _number, "bx": _number, "by": _number},
     "change": {"name": _parameter, "value": _parameter_value, "same": checks.truth},
     "undo": {},
 }

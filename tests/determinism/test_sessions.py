@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.scenes import simulate
 from support.selection import long_but
-from support.sessions import METHODS, STEPS, play, stage
+from support.sessions import METHODS, STEPS, play, room, stage
 from support.tiles import always_tiled
 
 import mpsim
@@ -126,6 +126,30 @@ def test_a_session_that_is_saved_and_resumed_has_the_same_bits(words, after, tmp
         journal = again.journal
     with mpsim.Simulation.replay(journal) as third:
         assert third.digest() == journal.digest
+
+
+@pytest.mark.parametrize("words", long_but(METHODS, "grid"))
+def test_walls_have_the_same_bits_on_any_number_of_workers_resumed_and_replayed(words, tmp_path):
+    found, scene = [], room()
+    for workers in (1, 2, 3):
+        method = METHODS[words]["method"]
+        settings = METHODS[words] | {"workers": workers, "method": "parallel" if method == "grid" else method}
+        with simulate(scene, dt=DT, **settings) as sim:
+            for y in (5.0, 4.0):
+                sim.run(frames=9)
+                sim.add_wall([(2.0, scene.height - y), (7.0, scene.height - 2.0)], thickness=0.2)
+            sim.run(frames=1)
+            path = sim.save(tmp_path / f"run{workers}")
+            sim.run(frames=90)
+            found.append(sim.digest())
+            journal = sim.journal
+    with mpsim.Simulation.resume(path, workers=2 if "naive" not in words else None) as again:
+        again.run(frames=90)
+        found += [again.digest(), mpsim.Simulation.replay(again.journal.save(tmp_path / "session.toml")).digest()]
+    assert set(found) == {journal.digest}
+    with simulate(scene, dt=DT, **METHODS[words]) as control:
+        control.run(frames=109)
+        assert control.digest() != journal.digest, "discs have met the walls"
 
 
 @pytest.mark.parametrize("words", long_but(METHODS, *FAST))

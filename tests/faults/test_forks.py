@@ -112,6 +112,7 @@ DOORS = {
     "kick": lambda sim: sim.kick(0, (0.5, 0.0)),
     "remove": lambda sim: sim.remove(0),
     "change": lambda sim: sim.change(passes=2),
+    "add_wall": lambda sim: sim.add_wall([(0.1, 0.1), (0.2, 0.1)]),
     "journal": lambda sim: sim.journal,
     "origin": lambda sim: sim.origin,
     "save": lambda sim: sim.save("/dev/null/never"),

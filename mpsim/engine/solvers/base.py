@@ -324,8 +324,9 @@ class Solver(ABC):
     def adopt(self, scene: Scene, settings: Settings, choice: Choice, origin: Origin) -> None:
         """Continue from here under another scene and settings, with the same discs.
 
-        Other may be numbers of the scene, what moves its wall and its emitters, and whether discs can be absent; dt,
-        contact, passes, substeps, workers of the settings. Where dt or the wall's speed is another, the origin is now.
+        Other may be numbers of the scene, what moves its wall and its emitters, its obstacles, and whether discs can be
+        absent; dt, contact, passes, substeps, workers of the settings. Where dt or the wall's speed is another, the
+        origin is now.
 
         Raises:
             InputError, ResourceError, WorkerDied, WorkerStalled: as `assume` and `add`.

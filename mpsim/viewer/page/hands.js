@@ -1,10 +1,11 @@
-// Hands: discs are dragged, thrown, added and removed, by pointer or by keys. What is refused is said on the stage.
+// Hands: discs are dragged, thrown, added and removed, and walls drawn, by pointer or by keys. What is refused is said on
+// the stage.
 
 import { $, ABSORBED, bound, state } from "./common.js";
 import { send, takers } from "./link.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
 
-const TOOLS = { h: "hand", a: "add", b: "brush", x: "remove" };
+const TOOLS = { h: "hand", a: "add", b: "brush", x: "remove", w: "wall" };
 const NEAR = 12; // pixels of the screen beside a disc that still mean it
 const EVERY = 33; // ms between two messages of a gesture: two hundred a second are read
 const TRAIL = 90; // ms of the pointer's way that make the velocity of a throw
@@ -97,6 +98,28 @@ function addAt(place) {
   if (gesture) [gesture.last, gesture.sent] = [place, true];
 }
 
+/** An end of a wall: on the edge of the box, if that is as near as a pointer can tell. */
+function endOfWall(place) {
+  return place.map((each, axis) => {
+    const at = bound(each, 0, state.picture.extent[axis]);
+    return Math.abs(each - at) <= gesture.reach ? at : each;
+  });
+}
+
+let building = null;
+function build() {
+  const [ax, ay] = gesture.from, [bx, by] = gesture.to;
+  send({ do: "wall", ax, ay, bx, by });
+  clearTimeout(building);
+  building = setTimeout(() => say("The wall is being put up … the first time, loops are compiled for up to half a minute", 60), 1000);
+}
+function built() {
+  if (building === null) return;
+  clearTimeout(building);
+  building = null;
+  say("");
+}
+
 /** Begin at a place; returns whether the tool has something to do there. */
 function begin(place, reach) {
   if (tool === "hand") {
@@ -106,6 +129,9 @@ function begin(place, reach) {
     gesture = { tool, disc, off, place, trail: [[performance.now(), ...place]] };
     hold();
     gesture.again = setInterval(hold, 1000); // or the simulation lets it go, as when the page is closed
+  } else if (tool === "wall") {
+    gesture = { tool, reach };
+    gesture.from = gesture.to = endOfWall(place);
   } else {
     gesture = { tool, sent: false, gone: new Set() };
     if (tool === "remove") removeAt(place); else addAt(place);
@@ -124,6 +150,7 @@ function go(place) {
   if (!gesture) return;
   if (gesture.tool === "brush") brush(place);
   else if (gesture.tool === "remove") erase(place);
+  else if (gesture.tool === "wall") { gesture.to = endOfWall(place); requestDraw(); }
   else if (gesture.tool === "hand") {
     const now = performance.now();
     gesture.place = place;
@@ -134,7 +161,8 @@ function go(place) {
   }
 }
 
-/** End a gesture; a disc that is held leaves with a velocity [length/time], else with that of the pointer. */
+/** End a gesture. A disc that is held leaves with a velocity [length/time], else with that of the pointer; a wall is built
+ *  without a velocity, and with one it is forgotten. */
 function end(velocity) {
   if (!gesture) return;
   if (gesture.tool === "hand") {
@@ -144,7 +172,7 @@ function end(velocity) {
     send({ do: "hold", id: gesture.disc, x: at[0], y: at[1] });
     const [vx, vy] = velocity ?? pointerVelocity();
     send({ do: "release", vx, vy });
-  }
+  } else if (gesture.tool === "wall" && !velocity) build();
   gesture = null;
   requestDraw();
 }
@@ -235,10 +263,10 @@ stage.addEventListener("keydown", (event) => {
 });
 
 function press() {
-  if (gesture) { end([0, 0]); return; }
+  if (gesture) { end(gesture.tool === "wall" ? null : [0, 0]); return; }
   if (tool === "add") addAt(cross);
   else if (tool === "remove") removeAt(cross);
-  else begin(cross, Infinity);
+  else begin(cross, tool === "wall" ? 0 : Infinity);
   if (gesture?.tool === "hand") { // the cross goes to the disc, and both move together
     cross = gesture.place = placeOf(gesture.disc);
     gesture.off = [0, 0];
@@ -255,15 +283,17 @@ function throwBy(arrow) {
 // --- what is said and drawn
 
 let silence = null;
-export function say(text) {
+export function say(text, seconds = NOTE_SECONDS) {
   $("hand-note").textContent = text;
   $("hand-note").hidden = !text;
   clearTimeout(silence);
-  silence = setTimeout(() => { $("hand-note").hidden = true; }, NOTE_SECONDS * 1000);
+  silence = setTimeout(() => { $("hand-note").hidden = true; }, seconds * 1000);
 }
 
 let first = true;
+takers.scene.push(built);
 takers.hands.push((message) => {
+  built();
   state.hands = message;
   $("undo").disabled = !message.undo;
   $("undo").title = message.undo === null ? "This simulation belongs to a program: only that can start it anew."
@@ -283,6 +313,15 @@ afterDrawing.push(() => {
       [c.lineWidth, c.strokeStyle] = [width * ratio, colour];
       c.beginPath();
       c.arc(x, y, radiusOf(gesture.disc) * camera.scale + 3 * ratio, 0, 7);
+      c.stroke();
+    }
+  }
+  if (gesture?.tool === "wall") {
+    for (const [width, colour] of [[7, "#fff"], [4, "#d55e00"]]) {
+      [c.lineWidth, c.strokeStyle, c.lineCap] = [width * ratio, colour, "round"];
+      c.beginPath();
+      c.moveTo(...camera.pixel(...gesture.from));
+      c.lineTo(...camera.pixel(...gesture.to));
       c.stroke();
     }
   }

@@ -63,6 +63,17 @@ def free_place(sim, radius=0.5):
             return place
 
 
+def draw_wall(t):
+    """A wall right before one of the discs, the first that has room for it; what is said in the end."""
+    for place, velocity in zip(t.sim.state.position, t.sim.state.velocity, strict=True):
+        ahead = velocity / np.hypot(*velocity)
+        ends = place + 0.63 * ahead + np.outer([0.51, -0.51], (-ahead[1], ahead[0]))
+        note = t.do("wall", **dict(zip(("ax", "ay", "bx", "by"), ends.ravel().tolist(), strict=True)))
+        if note is None:
+            break
+    return note
+
+
 @pytest.mark.parametrize("method", CONTACTS)
 def test_a_disc_is_held_where_the_pointer_is_and_thrown(table, method):
     t = table(**CONTACTS[method])
@@ -152,12 +163,24 @@ def test_pages_can_add_so_many_discs_and_no_more(table, monkeypatch):
     assert t.sim.count == 5
 
 
+def test_pages_can_draw_so_many_walls_and_no_more(table, monkeypatch):
+    monkeypatch.setattr(hands_module, "MOST_WALLS", 2)
+    t = table()
+    for _ in range(2):
+        assert draw_wall(t) is None
+    assert "pages may draw at most 2 walls" in draw_wall(t)
+    assert [line.thickness for line in t.sim.scene.obstacles] == [0.25, 0.25]
+
+
 REFUSED = [
     ("hold", {"id": 99, "x": 1.0, "y": 1.0}, "id must be the number of a disc, from 0 to 49; got 99"),
     ("hold", {"id": 3, "x": -4.0, "y": 1.0}, "one radius from the walls"),
     ("hold", {"id": 3, "x": 1e99, "y": 1.0}, "one radius from the walls"),
     ("add", {"x": 1e99, "y": 1.0, "same": False}, "one radius from the walls"),
     ("remove", {"id": 50, "same": False}, "got 50. There are 50 discs"),
+    ("wall", {"ax": 1.0, "ay": 0.0, "bx": 1.0, "by": 0.9}, "as long as a disc is wide, 1; got 0.9. Drag further."),
+    ("wall", {"ax": 1.0, "ay": 0.0, "bx": 1.0, "by": -9.0}, "must lie in the box"),
+    ("wall", {"ax": 0.0, "ay": 0.0, "bx": 14.0, "by": 14.0}, "a wall must be clear of all discs; got disc"),
     ("change", {"name": "dt", "value": -1.0, "same": False}, "dt must be a finite number > 0"),
     ("change", {"name": "dt", "value": [1.0, 2.0], "same": False}, "dt must be"),
     ("change", {"name": "gravity", "value": 3.0, "same": False}, "gravity must"),
@@ -201,6 +224,7 @@ ACTIONS = {
         (t.do("change", name="gravity", value=[0.0, -pull], same=pull > 1), t.sim.run(frames=3)) for pull in (1.0, 2.0)
     ],
     "dt": lambda t: t.do("change", name="dt", value=0.005, same=False),
+    "wall": draw_wall,
     "losses": lambda t: t.do("change", name="restitution", value=0.5, same=False),
 }  # fmt: skip
 

@@ -119,6 +119,8 @@ def compiled():
             sim.change(**change)
         sim.run(frames=1)
     with mpsim.Simulation(SCENE, GRID) as sim:
+        sim.add_wall([(0, 0), (1, 0)])
+    with mpsim.Simulation(SCENE, GRID) as sim:
         for number in (0, 1):
             sim.remove(number)
             sim.run(frames=1)
@@ -255,6 +257,39 @@ def test_discs_are_added_by_click_and_brush_and_removed(table):
     t.page.click("#undo")
     until(lambda: t.sim.count == 4 and t.page.is_disabled("#undo"))
     assert t.what() == []
+    assert t.complaints == []
+
+
+def test_a_wall_is_drawn_by_pointer_and_keys_refused_on_a_disc_and_taken_back(table):
+    t = table()
+    t.page.click("#tool-wall")
+    t.drag((7, 12.1), (7, 4))
+    until(lambda: len(t.sim.scene.obstacles) == 1)
+    (wall,) = t.sim.scene.obstacles
+    assert np.allclose(wall.points, [(7, 12), (7, 4)], atol=0.05)
+    assert wall.points[0][1] == 12, "an end beside the edge is on it"
+    until(lambda: t.page.evaluate("import('./common.js').then(({state}) => state.scene.capsules.length)") == 1)
+    picture = np.asarray(Image.open(io.BytesIO(t.page.screenshot())).convert("RGB"), int)
+    x, y = t.pixel(7, 8)
+    assert picture[int(y), int(x)].tolist() == [0x3A, 0x3F, 0x45], "and it is drawn there"
+    for end, said in (
+        ((16, 7), "a wall must be clear of all discs; got disc 1"),
+        ((9.2, 6), "as long as a disc is wide"),
+    ):
+        t.drag((9, 6), end)
+        until(lambda said=said: said in t.text("hand-note"))
+    t.keys("k", "ArrowUp", "ArrowUp", "ArrowUp", "ArrowUp", "ArrowUp", "Enter", *["ArrowRight"] * 9)
+    assert len(t.sim.scene.obstacles) == 1, "nothing before the second end"
+    t.keys("Enter")
+    until(lambda: len(t.sim.scene.obstacles) == 2)
+    (ax, ay), (bx, by) = t.sim.scene.obstacles[1].points
+    assert ay == by > 6.5
+    assert (ax, bx > ax + 1) == (10, True)
+    t.keys("Enter", "ArrowRight", "Escape")
+    assert t.what() == ["add_wall", "add_wall"], "Escape forgets a wall that has one end"
+    t.keys("z", "z")
+    until(lambda: t.sim.scene.obstacles == () and t.page.is_disabled("#undo"))
+    until(lambda: t.page.evaluate("import('./common.js').then(({state}) => state.scene.capsules.length)") == 0)
     assert t.complaints == []
 
 

@@ -72,6 +72,19 @@ def test_a_program_does_the_same(words, tmp_path):
     assert "AssertionError: another version of mpsim" in wrong.stderr, "negative control"
 
 
+def test_a_program_and_a_scene_have_the_walls_that_were_drawn(tmp_path):
+    scene = mpsim.Scene(width=8, height=4, position=[[2, 2]], velocity=[[1, 0]], radius=0.5)
+    with simulate(scene, method="grid") as sim:
+        sim.add_wall([(4, 0), (4, 4)], thickness=0.25)
+        sim.run(frames=200)
+        text, digest = keep.program(sim, "").content.decode(), sim.digest()
+        unpacked(keep.scene_now(sim, ""), tmp_path)
+    assert "    sim.add_wall(points=[[4.0, 0.0], [4.0, 4.0]], thickness=0.25)\n" in text
+    assert digest in text
+    exec(text, {})  # which ends by comparing digests
+    assert scenefile.load(tmp_path / "scene.toml").scene.obstacles == (mpsim.Polyline([(4, 0), (4, 4)], 0.25),)
+
+
 def test_the_program_of_a_named_scene_names_it(tmp_path):
     with mpsim.Simulation(mpsim.Scene.load("gas"), mpsim.Settings(method="grid", dt=0.02)) as sim:
         text = keep.program(played(sim), "gas").content.decode()

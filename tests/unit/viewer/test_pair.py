@@ -132,6 +132,22 @@ def test_a_disc_without_room_on_the_second_stage_ends_the_pair(two):
         t.take()
 
 
+def test_a_wall_is_on_both_stages_and_ends_the_pair_where_a_disc_is_in_the_way(two):
+    t = two()
+    t.run(3)
+    place = free_place(t.first, t.second)
+    t.first.add_wall([place, place + np.array([0.1, 0.0])])
+    t.take()
+    t.run(20)
+    assert t.first.scene.obstacles == t.second.scene.obstacles != ()
+    assert t.distance() < 0.05
+    t.first.remove(0)
+    t.first.add_wall([t.second.state.position[0], t.second.state.position[0] + [0.1, 0.0]])
+    t.pair._taken = 2  # as if the second stage had not had the removal
+    with pytest.raises(mpsim.InputError, match=r"a wall must be clear of all discs; got disc 0 .* Reset restarts both"):
+        t.take()
+
+
 def test_what_the_second_stage_refuses_is_skipped_and_counted(two):
     t = two()
     t.run(3)

@@ -151,6 +151,34 @@ def test_reset_goes_back_to_the_start(start):
     assert session._sim.digest() == first
 
 
+def test_a_wall_that_is_drawn_is_shown_and_gone_after_undo_and_reset(start):
+    scene, wall = gas(50, 0.2), {"ax": 2.0, "ay": 0.0, "bx": 2.0, "by": 14.0}
+    scene = mpsim.Scene(
+        width=20, height=scene.height, position=scene.position + np.array([4, 0]), velocity=scene.velocity, radius=0.5
+    )
+    with mpsim.Simulation(scene, GRID) as alone:
+        alone.run(frames=5)
+        alone.add_wall([(2, 0), (2, 14)], thickness=0.25)
+        alone.run(frames=200)
+        expected = alone.digest()
+    session, watcher = start(scene, GRID, playing=False)
+    step_to(session, watcher, 5)
+    for way in ("undo", "reset"):
+        assert watcher.told["scene"]["capsules"] == []
+        do(session, "wall", **wall)
+        watcher.wait(lambda w: w.told["scene"]["capsules"] == [[2.0, 0.0, 2.0, 14.0, 0.125]])
+        assert session.drawn.obstacles == session._sim.scene.obstacles
+        step_to(session, watcher, 205)
+        if way == "undo":
+            assert session._sim.digest() == expected, "with a page as without"
+        do(session, way)
+        watcher.wait(lambda w: w.told["scene"]["capsules"] == [])
+        assert watcher.told["status"]["phase"] == "paused"
+        assert session._sim.scene.obstacles == ()
+    do(session, "wall", **(wall | {"by": 99.0}))
+    watcher.wait(lambda w: "must lie in the box" in (w.told["hands"]["note"] or ""))
+
+
 def test_a_simulation_of_the_program_is_shown_and_stays_its_own(start):
     with mpsim.Simulation(gas(50, 0.3), GRID) as sim:
         sim.run(frames=5)
