@@ -8,7 +8,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 
 import mpsim
-from mpsim.studies.promises import Galton, Promise
+from mpsim.studies.promises import Cooling, Galton, Hopper, Promise
 
 INK, LAW = "#D55E00", "#000000"
 PLAIN = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5}
@@ -44,7 +44,7 @@ def heap(axes: Axes, sim: mpsim.Simulation, promise: Promise) -> Sequence[Artist
 def passed(axes: Axes, sim: mpsim.Simulation, promise: Promise) -> Sequence[Artist]:
     """Grains that have come through the gap."""
     times, numbers = promise.series
-    late = times >= 2
+    late = times >= Hopper.STEADY
     if np.count_nonzero(late) < 2:
         return []
     flow = (numbers[-1] - numbers[late][0]) / (times[-1] - times[late][0])
@@ -70,11 +70,18 @@ def _curve(axes: Axes, times: Any, found: Any, law: tuple[Any, Any], label: str,
 
 
 def haff(axes: Axes, sim: mpsim.Simulation, promise: Promise) -> Sequence[Artist]:
-    """The temperature, and the law of Haff with t0 = 9."""
+    """The temperature, and Haff's law."""
     times, found = promise.series
     end = promise.scene.duration or 1.0
     law = np.linspace(0, end, 200)
-    return _curve(axes, times, found, (law, found[0] / (1 + law / 9) ** 2), "log T; dashed: Haff", end)
+    return _curve(
+        axes,
+        times,
+        found,
+        (law, found[0] / (1 + law / cast(Cooling, promise).haff_time) ** 2),
+        "log T; dashed: Haff",
+        end,
+    )
 
 
 MARKS: dict[str, Mark] = {

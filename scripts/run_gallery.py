@@ -20,7 +20,7 @@ from PIL import Image
 from rich.console import Console
 
 import mpsim
-from mpsim.output.animation import STYLE, Picture
+from mpsim.output.animation import STYLE, Picture, pictures_until
 from mpsim.output.colour_scale import scale_of_run
 from mpsim.output.drawing import BEHIND_COLOUR, SOLID_COLOUR
 from mpsim.scene.recommended import frames_between_pictures, settings_for
@@ -60,7 +60,7 @@ def show(found: SceneFile, folder: Path) -> None:
     every = frames_between(found, settings)
     number = PICTURES
     if scene.duration:
-        number = min(number, int(scene.duration / (every * settings.dt) + 1e-9) + 1)
+        number = min(number, pictures_until(scene.duration, every, settings))
     still = number - 1 if found.name in WHOLE else round(STILLS.get(found.name, 0.67) * number)
     promise, mark = promise_of(found.name, scene, settings), MARKS.get(found.name)
     scale = scale_of_run(scene, settings, number, every)

@@ -21,13 +21,9 @@ SONINE = 8
 """Polynomials in which distributions of velocities are expanded; the diffusion constant then has six digits."""
 
 
-def pade(virial: Floats, packing: float, top: int) -> float:
-    """The [top / 9 - top] Pade approximant of 1 + sum of virial_k x^k, k = 1 to 9, at x = 2 packing."""
-    series, bottom = np.concatenate([[1.0], virial]), 9 - top
-    rows = range(top + 1, 10)
-    matrix = np.array([[series[k - j] if k >= j else 0.0 for j in range(1, bottom + 1)] for k in rows])
-    below = np.concatenate([[1.0], np.linalg.solve(matrix, -series[top + 1 :])])
-    above = np.convolve(series, below)[: top + 1]
+def compressibility(virial: Floats, packing: float, top: int) -> float:
+    """Z by the [top / 9 - top] Pade approximant of a series."""
+    above, below = reference.pade(virial.tolist(), top)
     return float(np.polyval(above[::-1], 2 * packing) / np.polyval(below[::-1], 2 * packing))
 
 
@@ -38,12 +34,12 @@ def bulk(packing: float) -> Measure:
     coefficients that are not known.
     """
     virial = np.array(reference.VIRIAL)
-    value = pade(virial, packing, 4)
-    parts = [value - pade(virial, packing, 5)]
+    value = compressibility(virial, packing, 4)
+    parts = [value - compressibility(virial, packing, 5)]
     for index, error in enumerate(VIRIAL_ERRORS):
         other = virial.copy()
         other[index] += error
-        parts.append(pade(other, packing, 4) - value)
+        parts.append(compressibility(other, packing, 4) - value)
     return Measure(value, float(np.linalg.norm(parts)), 1)
 
 

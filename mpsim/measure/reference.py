@@ -7,6 +7,7 @@ gases out of equilibrium, are in `reference_motion`.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -109,6 +110,29 @@ def finite_size(packing: float, count: int) -> float:
     places = (packing - step, packing, packing + step)
     low, middle, high = (eta * (1 + 2 * eta * _at_contact(eta)) for eta in places)
     return -packing / (2 * count) * (high - 2 * middle + low) / step**2 / ((high - low) / (2 * step))
+
+
+def pade(virial: Sequence[float], top: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Numerator and denominator of the [top / K - top] Pade approximant of Z, lowest power of x = 2 packing first [1].
+
+    Args:
+        virial: coefficients of x to x^K in the series of Z [1].
+        top: degree of the numerator, 0 to K - 1.
+
+    Raises:
+        InputError: if top is not a whole number in that range.
+
+    Source: Z = P/Q agrees with the series through x^K, which is a linear system for Q.
+
+    >>> [each.tolist() for each in pade((1.0, 1.0), 1)]  # 1 + x + x^2 is 1 / (1 - x) so far
+    [[1.0, 0.0], [1.0, -1.0]]
+    """
+    series, order = np.array([1.0, *virial]), len(virial)
+    top = checks.whole("top", top, 0, order - 1, "Half as many as there are coefficients do well.")
+    bottom = order - top
+    matrix = [[series[k - j] if k >= j else 0.0 for j in range(1, bottom + 1)] for k in range(top + 1, order + 1)]
+    below = np.concatenate([[1.0], np.linalg.solve(np.array(matrix), -series[top + 1 :])])
+    return np.convolve(series, below)[: top + 1], below
 
 
 def contact_value(packing: float) -> float:
@@ -437,14 +461,9 @@ def _pade() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
     Z = P/Q with P of degree 4 and Q of degree 5 agrees with the series through x^9, so g = (Z - 1)/x = (P - Q)/(x Q).
     """
-    series = np.array([1.0, *VIRIAL])
-    top, bottom = 4, 5
-    rows = range(top + 1, top + bottom + 1)
-    matrix = np.array([[series[k - j] if k >= j else 0.0 for j in range(1, bottom + 1)] for k in rows])
-    below = np.concatenate([[1.0], np.linalg.solve(matrix, -series[rows.start : rows.stop])])
-    product = np.convolve(series, below)
+    above, below = pade(VIRIAL, 4)
     difference = -below
-    difference[: top + 1] += product[: top + 1]
+    difference[: len(above)] += above
     return difference[1:], below
 
 

@@ -135,9 +135,9 @@ def pictures_of(
             every = max(every, math.ceil(until / settings.dt / (MOST_PICTURES - 1) - 1e-9))
     every = checks.whole("every", every, 1, 10**9, "1 shows every frame.")
     if until is not None:
-        frames = int(until / (every * settings.dt) + 1e-9) + 1
+        frames = pictures_until(until, every, settings)
     if frames is None:
-        lasting = None if scene.duration is None else int(scene.duration / (every * settings.dt) + 1e-9) + 1
+        lasting = None if scene.duration is None else pictures_until(scene.duration, every, settings)
         frames = PICTURES if lasting is None else min(lasting, MOST_PICTURES)
     return checks.whole("frames", frames, 1, 100_000, "Ask for at least one picture."), every
 
@@ -163,6 +163,15 @@ def checked_target(path: str | os.PathLike[str]) -> Path:
             f"({error.strerror}). Make the folder, or choose another path."
         ) from None
     return target
+
+
+def pictures_until(end: float, every: int, settings: Settings) -> int:
+    """Pictures from time 0 to `end` [time], with so many frames between two.
+
+    >>> pictures_until(1.0, every=20, settings=Settings(dt=0.01))
+    6
+    """
+    return int(end / (every * settings.dt) + 1e-9) + 1
 
 
 def _writer_for(target: Path, rate: int) -> AbstractMovieWriter:

@@ -250,10 +250,15 @@ class Cooling(Promise):
         times, temperatures = self.series
         early = times <= self.EARLY
         slope = float(np.polyfit(times[early], 1 / np.sqrt(temperatures[early]), 1)[0])
-        radius = self.scene.largest_radius
-        rate = enskog_rate(self.scene.packing, radius, float((self.scene.velocity**2).mean()))
-        expected = 4 / ((1 - self.scene.restitution**2) * rate)
+        expected = self.haff_time
         return [Finding("t0 of Haff's law [time]", expected, 1 / slope, 0.1 * expected, "Haff 1983, rate of Enskog")]
+
+    @property
+    def haff_time(self) -> float:
+        """t0 of Haff's law [time]."""
+        scene = self.scene
+        rate = enskog_rate(scene.packing, scene.largest_radius, float((scene.velocity**2).mean()))
+        return 4 / ((1 - scene.restitution**2) * rate)
 
 
 class Compression(Promise):
