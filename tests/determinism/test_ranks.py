@@ -214,7 +214,7 @@ with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="mpi"),
     try:
         mpsim.Trajectory.write(path, comm=comm)
     except mpsim.OutputError as error:
-        tell(f"refused: {'is there already' in str(error)}")
+        tell(f"refused: {'exists already' in str(error)}")
 """
 
 
