@@ -46,6 +46,7 @@ from mpsim.core.errors import (
     WorkerStalled,
 )
 from mpsim.core.state import State
+from mpsim.core.units import Units
 from mpsim.core.version import __version__ as __version__
 from mpsim.engine.collision_observers import Collisions, Sensor
 from mpsim.engine.report import Report
@@ -157,6 +158,7 @@ __all__ = [
     "TrajectoryError",
     "TrajectoryWarning",
     "Tuned",
+    "Units",
     "UnknownArgumentError",
     "View",
     "WorkerDied",

@@ -30,8 +30,9 @@ def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: 
     if not finite.all():
         bad = np.argwhere(~finite)
         at = tuple(int(index) for index in bad[0])
+        where = list(at) if at else ""
         raise InputError(
-            f"{name} must be finite; {name}{list(at)} is {array[at]} ({len(bad)} such values). "
+            f"{name} must be finite; {name}{where} is {array[at]} ({len(bad)} such values). "
             "Correct them, or leave them out."
         )
     if array.size == 0 and shape[:1] in ((None,), (0,)):  # an empty list has lost its second axis

@@ -1,0 +1,206 @@
+"""Units: the numbers of a scene in SI, and back."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, get_args, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+
+BOLTZMANN = 1.380649e-23
+"""Boltzmann's constant [J/K], exact by the definition of the kelvin (SI brochure, 9th edition, 2019)."""
+
+Quantity = Literal[
+    "length",
+    "area",
+    "mass",
+    "time",
+    "rate",
+    "velocity",
+    "acceleration",
+    "momentum",
+    "force",
+    "energy",
+    "temperature",
+    "pressure",
+    "diffusion",
+    "viscosity",
+    "wave_number",
+    "number_density",
+]
+
+_POWERS: dict[str, tuple[int, int, int]] = {
+    "length": (1, 0, 0),
+    "area": (2, 0, 0),
+    "mass": (0, 1, 0),
+    "time": (0, 0, 1),
+    "rate": (0, 0, -1),
+    "velocity": (1, 0, -1),
+    "acceleration": (1, 0, -2),
+    "momentum": (1, 1, -1),
+    "force": (1, 1, -2),
+    "energy": (2, 1, -2),
+    "temperature": (2, 1, -2),
+    "pressure": (0, 1, -2),
+    "diffusion": (2, 0, -1),
+    "viscosity": (0, 1, -1),
+    "wave_number": (-1, 0, 0),
+    "number_density": (-2, 0, 0),
+}
+"""Powers of length, mass and time in each quantity."""
+
+_TIME_FROM: dict[str, Callable[[float, float, float], float]] = {
+    "time": lambda length, mass, time: time,
+    "velocity": lambda length, mass, velocity: length / velocity,
+    "acceleration": lambda length, mass, acceleration: math.sqrt(length / acceleration),
+    "energy": lambda length, mass, energy: length * math.sqrt(mass / energy),
+    "temperature": lambda length, mass, temperature: length * math.sqrt(mass / temperature / BOLTZMANN),
+}
+"""The unit of time that follows from another unit."""
+
+
+@dataclass(frozen=True, init=False)
+class Units:
+    """What the numbers of a scene are in SI: the size of one unit of length, of mass and of time. Immutable.
+
+    mpsim has no units of its own. A scene becomes a physical one when three units are chosen; all others follow.
+    Give length, mass, and one of the other five: in SI, what 1 in the scene stands for.
+
+    | quantity | unit in the scene | in SI |
+    |---|---|---|
+    | length, area | [length], [length^2] | m, m^2 |
+    | mass | [mass] | kg |
+    | time, rate (of collisions, a spin) | [time], [1/time] | s, 1/s |
+    | velocity, acceleration | [length/time], [length/time^2] | m/s, m/s^2 |
+    | momentum, force | [mass length/time], [mass length/time^2] | kg m/s, N |
+    | energy | [mass length^2/time^2] | J |
+    | temperature, which is kT in a scene | [mass length^2/time^2] | K |
+    | pressure of two dimensions | [mass/time^2] | N/m = J/m^2 |
+    | diffusion (a constant of diffusion) | [length^2/time] | m^2/s |
+    | viscosity of two dimensions | [mass/time] | Pa s m |
+    | wave_number, number_density | [1/length], [1/length^2] | 1/m, 1/m^2 |
+
+    Args:
+        length: one unit of length [m], > 0.
+        mass: one unit of mass [kg], > 0.
+        time: one unit of time [s], > 0.
+        velocity: or one unit of velocity [m/s], > 0.
+        acceleration: or one unit of acceleration [m/s^2], > 0: 9.81 where gravity in the scene is (0, -1).
+        energy: or one unit of energy [J], > 0.
+        temperature: or the temperature at which kT is one unit of energy [K], > 0.
+
+    Attributes:
+        length, mass, time: the three units [m], [kg], [s].
+
+    Raises:
+        InputError: naming the argument, its rule and the value received.
+
+    >>> grains = Units(length=0.01, mass=0.01, acceleration=9.81)  # of 1 cm and 10 g, under gravity
+    >>> round(grains.time, 4), round(grains.to_si(1.0, "velocity"), 3)
+    (0.0319, 0.313)
+    >>> grains.from_si([0.0, -9.81], "acceleration").round(12).tolist()
+    [0.0, -1.0]
+    >>> argon = Units(length=3.4e-10, mass=6.634e-26, temperature=120.0)
+    >>> f"{argon.time:.3g} s", f"{argon.to_si(2.5, 'temperature'):.0f} K"
+    ('2.15e-12 s', '300 K')
+    """
+
+    length: float
+    mass: float
+    time: float
+
+    @checks.known_names()
+    def __init__(
+        self,
+        *,
+        length: float,
+        mass: float,
+        time: float | None = None,
+        velocity: float | None = None,
+        acceleration: float | None = None,
+        energy: float | None = None,
+        temperature: float | None = None,
+    ):
+        length, mass = checks.positive("length", length, "[m]"), checks.positive("mass", mass, "[kg]")
+        values = (time, velocity, acceleration, energy, temperature)
+        given = {name: value for name, value in zip(_TIME_FROM, values, strict=True) if value is not None}
+        if len(given) != 1:
+            raise InputError(
+                f"the unit of time must follow from one of {', '.join(_TIME_FROM)}; "
+                f"got {' and '.join(given) or 'none of them'}. Give one of them, in SI."
+            )
+        ((name, value),) = given.items()
+        value = checks.positive(name, value, "in SI")
+        vars(self).update(length=length, mass=mass, time=_TIME_FROM[name](length, mass, value))
+        for quantity in get_args(Quantity):
+            size = self._size(quantity)
+            if not 0 < size < math.inf:
+                raise InputError(
+                    f"length, mass and {name} must give units that fit float64; one unit of {quantity} is {size:g} in "
+                    f"SI, with length={length:g}, mass={mass:g} and {name}={value:g}. Give less extreme ones."
+                )
+
+    def _size(self, quantity: str) -> float:
+        """One unit of a quantity, in SI; infinite or 0 beyond float64."""
+        with np.errstate(all="ignore"):
+            size = float(np.prod(np.array([self.length, self.mass, self.time]) ** np.array(_POWERS[quantity], float)))
+        return size / BOLTZMANN if quantity == "temperature" else size
+
+    @overload
+    def to_si(self, value: float, quantity: Quantity) -> float: ...
+    @overload
+    def to_si(self, value: Sequence[Any] | NDArray[Any], quantity: Quantity) -> NDArray[np.float64]: ...
+    def to_si(self, value: ArrayLike, quantity: Quantity) -> float | NDArray[np.float64]:
+        """A number of the scene, in SI.
+
+        Args:
+            value: in units of the scene: a number, or an array of any shape.
+            quantity: what it is, such as "velocity", as in the table above.
+
+        Returns:
+            A float, or an array of the same shape [SI].
+
+        Raises:
+            InputError: for a quantity that is not in the table, or a value that is not finite, here or in SI.
+
+        >>> Units(length=0.01, mass=0.01, time=1.0).to_si([[1.0, 2.0]], "velocity").tolist()
+        [[0.01, 0.02]]
+        """
+        size = self._size(checks.choice("quantity", quantity, get_args(Quantity)))
+        return _changed(value, "value in SI", lambda array: array * size)
+
+    @overload
+    def from_si(self, value: float, quantity: Quantity) -> float: ...
+    @overload
+    def from_si(self, value: Sequence[Any] | NDArray[Any], quantity: Quantity) -> NDArray[np.float64]: ...
+    def from_si(self, value: ArrayLike, quantity: Quantity) -> float | NDArray[np.float64]:
+        """A number in SI, in units of the scene.
+
+        Args:
+            value: in SI: a number, or an array of any shape; a temperature in K.
+            quantity: what it is, such as "velocity", as in the table above.
+
+        Returns:
+            A float, or an array of the same shape [units of the scene].
+
+        Raises:
+            InputError: for a quantity that is not in the table, or a value that is not finite, here or in the scene.
+
+        >>> Units(length=0.01, mass=0.01, time=1.0).from_si(1.0, "length")
+        100.0
+        """
+        size = self._size(checks.choice("quantity", quantity, get_args(Quantity)))
+        return _changed(value, "value in units of the scene", lambda array: array / size)
+
+
+def _changed(value: ArrayLike, name: str, change: Callable[[Any], Any]) -> Any:
+    """A checked value, changed: a float if it has no axes. name: of what comes out."""
+    array = checks.finite_array("value", value, (None,) * checks.dimensions(value), "(...), a number or an array")
+    with np.errstate(over="ignore"):
+        found = change(array)
+    found = checks.finite_array(name, found, found.shape, "(...)")
+    return found if found.ndim else float(found)
