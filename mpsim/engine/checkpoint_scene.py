@@ -25,7 +25,8 @@ def scene_parts(scene: Scene) -> tuple[dict[str, Any], Arrays]:
     lattice = scene.on_lattice
     names = ARRAYS if lattice is None else (*PER_DISC, *VECTORS)
     arrays = {name: np.asarray(value) for name in names if (value := getattr(scene, name)) is not None}
-    plain |= {feature.argument: feature.to_plain(scene) for feature in FEATURES if not feature.is_numeric}
+    given = [each for each in FEATURES if not each.is_numeric and each.argument in vars(scene)]
+    plain |= {feature.argument: feature.to_plain(scene) for feature in given}
     plain |= {name: value for name, (default, _) in NUMBERS.items() if (value := getattr(scene, name)) != default}
     if scene.duration is not None:
         plain["duration"] = scene.duration
@@ -47,7 +48,8 @@ def scene_from(plain: dict[str, Any], arrays: Arrays) -> Scene:
         **plain,
         **{name: value if value.ndim else value.item() for name, value in arrays.items()},
     }
-    values |= {each.argument: each.from_plain(plain[each.argument]) for each in FEATURES if not each.is_numeric}
+    given = [each for each in FEATURES if not each.is_numeric and each.argument in plain]
+    values |= {each.argument: each.from_plain(plain[each.argument]) for each in given}
     if "settings" in values:
         values["settings"] = Settings(**values["settings"])
     lattice = values.pop("lattice", None)

@@ -12,7 +12,7 @@ from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.features import FEATURES
 from mpsim.features.edges import kinds_of
 from mpsim.features.radii import has_radii
-from mpsim.measure.driving import acceleration_bound
+from mpsim.measure.driving import acceleration_bound, thermal_speed
 from mpsim.scene.scene import Scene
 
 FEW_GIANTS = 8
@@ -96,12 +96,13 @@ def _rms_momentum(scene: Scene) -> float:
 def typical_momentum(scene: Scene, dt: float) -> float:
     """What impulses are counted in: a momentum like those that discs have or come to have [mass length/time], > 0.
 
-    The largest of the mean at the start, that of a fall through the box, and those of discs that emitters or a wall set
-    in motion. Where nothing can move by itself: of a disc that moves its radius in a step of dt [time].
+    The largest of the mean at the start, that of a fall through the box, and those of discs that emitters a wall or a
+    thermostat set in motion. Where nothing can move by itself: of a disc that moves its radius in a step of dt [time].
     """
     mass = float(scene.mass.mean()) if scene.count and scene.mass is not None else 1.0
     fall = math.sqrt(acceleration_bound(scene) * max(scene.width, scene.height))
-    speeds = [fall] if (wall := scene.moving_wall) is None else [fall, abs(wall.speed)]
+    speeds = [fall, thermal_speed(scene)]
+    speeds += [] if (wall := scene.moving_wall) is None else [abs(wall.speed)]
     momenta = [_rms_momentum(scene)]
     if scene.emitters:
         masses = np.array([1.0 if emitter.mass is None else emitter.mass for emitter in scene.emitters])

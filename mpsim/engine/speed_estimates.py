@@ -1,4 +1,4 @@
-"""How fast discs will become: after a fall, in equilibrium, from emitters, pushed by a wall."""
+"""How fast discs will become: after a fall, in equilibrium, from emitters, pushed by a wall, in a heat bath."""
 
 import math
 from dataclasses import replace
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mpsim.engine.solvers.speeds import Speeds, estimated_collision_rate, sides_at
-from mpsim.measure.driving import acceleration_bound
+from mpsim.measure.driving import acceleration_bound, thermal_speed
 from mpsim.scene.scene import Scene
 
 
@@ -64,3 +64,9 @@ def speeds_of_pushed(speeds: Speeds, scene: Scene) -> Speeds:
         return Speeds()
     speed = (1 + scene.wall_restitution) * abs(wall.speed)
     return Speeds(speed=speed, limit=speeds.smallest, when=f"pushed by the {wall.name}")
+
+
+def speeds_in_bath(speeds: Speeds, scene: Scene) -> Speeds:
+    """Speed of the fastest of so many discs of the mean mass in equilibrium with a thermostat: sqrt(2 ln(N) kT / m)."""
+    speed = thermal_speed(scene) * math.sqrt(2 * max(math.log(max(scene.count, 1)), 1.0))
+    return Speeds(speed=speed, limit=speeds.smallest, when="at the temperature of the heat bath")

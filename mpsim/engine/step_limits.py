@@ -25,6 +25,7 @@ from mpsim.engine.solvers.speed_limit import SpeedLimit
 from mpsim.engine.solvers.speeds import Speeds, sides_at, speeds_at_start
 from mpsim.engine.speed_estimates import (
     speeds_after_fall,
+    speeds_in_bath,
     speeds_in_equilibrium,
     speeds_of_emitters,
     speeds_of_pushed,
@@ -143,6 +144,8 @@ class StepLimits:
         scene = self._scene
         speeds = speeds_at_start(scene)
         ahead = [speeds, speeds_after_fall(speeds, scene), speeds_of_emitters(scene), speeds_of_pushed(speeds, scene)]
+        if scene.count:
+            ahead.append(speeds_in_bath(speeds, scene))
         if LAWS[self._settings.law].exchanges_energy:
             ahead.append(speeds_in_equilibrium(speeds, scene))
         return next(filter(None, (self._complaint(each, 0) for each in ahead)), None)

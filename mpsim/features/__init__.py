@@ -10,8 +10,20 @@ from mpsim.features.obstacles import OBSTACLES, FixedDisc, Polyline
 from mpsim.features.piston import PISTON, Piston
 from mpsim.features.radii import Radii
 from mpsim.features.restitution import Restitution
+from mpsim.features.thermostat import Thermostat, ThermostatFeature
 
-__all__ = ["FEATURES", "NUMBERS", "PER_DISC", "VECTORS", "Emitter", "Feature", "FixedDisc", "Piston", "Polyline"]
+__all__ = [
+    "FEATURES",
+    "NUMBERS",
+    "PER_DISC",
+    "VECTORS",
+    "Emitter",
+    "Feature",
+    "FixedDisc",
+    "Piston",
+    "Polyline",
+    "Thermostat",
+]
 
 FEATURES: tuple[Feature, ...] = (
     Radii(),
@@ -24,6 +36,7 @@ FEATURES: tuple[Feature, ...] = (
     Absorption(),
     Emitters(),
     Friction(),
+    ThermostatFeature(),
 )
 
 NUMBERS: dict[str, tuple[float, str]] = {name: each for feature in FEATURES for name, each in feature.numbers.items()}

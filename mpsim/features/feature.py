@@ -38,6 +38,7 @@ class SceneLike(Protocol):
     tangential_restitution: float
     spin: Floats | None
     boundary: tuple[str, str]
+    thermostat: Any
     emitters: tuple[Any, ...]
     absorbing: tuple[str, ...]
 
@@ -160,6 +161,9 @@ class Feature:
         drives: what sets discs at rest in motion, for the text that asks for such a thing.
         relief: what makes room for discs that are pressed, for the text of the warning.
         invalidates: measures that it makes meaningless.
+        draws: whether it draws random numbers while the scene runs.
+        heats: whether it changes the energy of discs, contacts aside.
+        on_tiles: whether `event` can do it on several workers.
         excludes: whether it keeps discs out of regions of the box.
         adds_discs, removes_discs: whether the number of discs grows, or falls, while the scene runs.
         columns: numbers that it has of each disc, as `mpsim.core.columns` declares them; a scene with the feature has
@@ -180,6 +184,9 @@ class Feature:
     drives: ClassVar[str] = ""
     relief: ClassVar[str] = ""
     invalidates: ClassVar[tuple[Invalidation, ...]] = ()
+    draws: ClassVar[bool] = False
+    heats: ClassVar[bool] = False
+    on_tiles: ClassVar[bool] = True
     excludes: ClassVar[bool] = False
     adds_discs: ClassVar[bool] = False
     removes_discs: ClassVar[bool] = False
@@ -241,6 +248,14 @@ class Feature:
         """Its value in a scene that starts from a state of a run of this one, whose walls are at `box` [length]."""
         return self.of(scene)
 
+    def redrawn(self, scene: SceneLike, variation: str) -> Any:
+        """Its value in a scene of the same kind with other random numbers, which follow from a text."""
+        return self.of(scene)
+
+    def thermal_speed(self, scene: SceneLike) -> float:
+        """Speed along one axis that it gives to discs [length/time]."""
+        return 0.0
+
     # --- the shared block
 
     def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
@@ -249,6 +264,9 @@ class Feature:
 
     def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
         """Fill in what does not depend on the number of discs. margin: distance of centres from walls [length]."""
+
+    def begin(self, scene: SceneLike, arrays: dict[str, Any], dt: float, first_frame: int) -> None:
+        """Fill in what depends on the length of frames, dt [time], and on the frame from which they are counted."""
 
     def wall_now(self, scene: SceneLike, arrays: dict[str, Any]) -> float | None:
         """Coordinate of its wall after the steps done so far, as the kernels have it; None without a wall [length]."""

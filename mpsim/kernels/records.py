@@ -99,6 +99,17 @@ CONTROL = _record(
 """The record `control`: what the coordinator commands, and how far the frames have come."""
 
 
+THERMOSTAT = _record(
+    [
+        ("probability", np.float64),  # that a disc gets a new velocity before a frame
+        ("temperature", np.float64),  # kT [mass length^2/time^2]
+        ("seed", np.int64),
+        ("first_frame", np.int64),  # from which the steps of `control` are counted
+    ]
+)
+"""A thermostat."""
+
+
 def message_in(precision: DTypeLike, radii: bool, spins: bool, images: bool) -> np.dtype[Any]:
     """The record of a disc that goes from one rank to another.
 

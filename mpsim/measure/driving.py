@@ -43,6 +43,16 @@ def has_losses(scene: Scene) -> bool:
     return is_inelastic(scene) or scene.dissipates
 
 
+def is_heated(scene: Scene) -> bool:
+    """Whether a thermostat or a thermal wall changes the energy of discs."""
+    return any(each.heats and each.is_in(scene) for each in FEATURES)
+
+
+def thermal_speed(scene: Scene) -> float:
+    """Speed along one axis that thermostats and thermal walls give to discs; 0 without any [length/time]."""
+    return max(each.thermal_speed(scene) for each in FEATURES)
+
+
 def adds_discs(scene: Scene) -> bool:
     """Whether discs enter while the scene runs."""
     return any(each.adds_discs and each.is_in(scene) for each in FEATURES)
@@ -54,6 +64,6 @@ def removes_discs(scene: Scene) -> bool:
 
 
 def conserves_energy(scene: Scene) -> bool:
-    """Whether the kinetic energy is constant: no fields, moving walls or losses, and always the same discs."""
+    """Whether the kinetic energy is constant: no fields, moving walls, heating or losses, always the same discs."""
     driven = acceleration_bound(scene) > 0 or scene.moving_wall is not None or has_losses(scene)
-    return not driven and not adds_discs(scene) and not removes_discs(scene)
+    return not driven and not is_heated(scene) and not adds_discs(scene) and not removes_discs(scene)

@@ -1,6 +1,6 @@
 """A scene that continues from a state of a run of it: what the discs that are present have by then."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import chain
 from typing import Any
 
@@ -38,6 +38,7 @@ def move_to_state(scene: Any, state: State) -> None:
             if column.given and column.in_state and (values := getattr(state, column.name)) is not None:
                 shape = column.rows(count)
                 setattr(scene, column.name, checks.finite_array(column.name, values, shape, f"{shape}"))
+    vary(scene, lambda: f"state {state.digest()}")
     _keep(scene, state.present)
     low, high = scene.limits(scene.radius)
     inside = np.clip(position[state.present], low, high)
@@ -46,6 +47,13 @@ def move_to_state(scene: Any, state: State) -> None:
     scene.start_anew(np.where(moved <= rounding, inside, position[state.present]), velocity[state.present])
     for array in (scene.position, scene.velocity):
         array.flags.writeable = False
+
+
+def vary(scene: Any, variation: Callable[[], str]) -> None:
+    """Give a scene, a copy that nothing else refers to, other random numbers for its run, which follow from a text."""
+    for feature in FEATURES:
+        if feature.draws and feature.is_in(scene):
+            setattr(scene, feature.argument, feature.redrawn(scene, variation()))
 
 
 def change_to(scene: Any, values: Mapping[str, Any]) -> None:

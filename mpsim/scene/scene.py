@@ -25,9 +25,10 @@ from mpsim.features.friction import check_friction
 from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles
 from mpsim.features.piston import Piston, check_piston
 from mpsim.features.radii import check_radius
-from mpsim.features.restitution import Restitution
+from mpsim.features.thermostat import Thermostat, check_thermostat
 from mpsim.scene import placement, starts, walls
-from mpsim.scene.continuing import change_to, move_to_state
+from mpsim.scene.brief import brief
+from mpsim.scene.continuing import change_to, move_to_state, vary
 from mpsim.scene.discs import HasDiscs, start_of
 from mpsim.scene.lattice import Lattice, demand_equal_discs, demand_sites, demand_whole_box
 from mpsim.scene.overlaps import overlaps_in_words
@@ -63,6 +64,7 @@ class Scene(HasDiscs, Recommends):
         emitters: Emitter objects, which add discs while the scene runs.
         absorbing: edges, of "left", "right", "bottom", "top", at which discs leave for good.
         piston: one wall that moves.
+        thermostat: a Thermostat, which gives discs new velocities at random.
         duration: recommended length of a run [time], > 0. This and the following are no part of the digest.
         settings: recommended Settings, which a run has if it is given none; None: the defaults.
         picture_interval: recommended time between two pictures of an animation or a trajectory [time], > 0.
@@ -80,6 +82,7 @@ class Scene(HasDiscs, Recommends):
     wall_friction: float = 0.0
     tangential_restitution: float = 0.0
     spin: NDArray[np.float64] | None = None
+    thermostat: Thermostat | None = None
     has_gaps: bool = False  # discs have been removed from the simulation whose scene this is
     _redraw: Callable[[int], "Scene"] | None = None
     _capsules: tuple[tuple[Obstacle, ...], NDArray[np.float64]] | None = None  # with what they were made from
@@ -109,6 +112,7 @@ class Scene(HasDiscs, Recommends):
         emitters: Sequence[Emitter] | Emitter = (),
         absorbing: Sequence[str] | str = (),
         piston: Piston | None = None,
+        thermostat: Thermostat | None = None,
         duration: float | None = None,
         settings: Settings | None = None,
         picture_interval: float | None = None,
@@ -130,6 +134,7 @@ class Scene(HasDiscs, Recommends):
         self.emitters: tuple[Emitter, ...] = check_emitters(emitters)
         self.absorbing: tuple[str, ...] = check_edges(absorbing, self.boundary)
         self.piston: Piston | None = check_piston(piston, self.boundary, self.width, self.height, self.absorbing)
+        vars(self).update(check_thermostat(thermostat))
         vars(self).update(check_recommended(duration, settings, picture_interval, observables))
         starts.demand_room(self.largest_radius, self.width, self.height, self.boundary)
         if self.on_lattice is None:  # whose discs are inside by construction
@@ -246,7 +251,7 @@ class Scene(HasDiscs, Recommends):
         return self
 
     def redrawn(self, seed: int) -> "Scene":
-        """Another start of the same kind: drawn at random like this one, with other random numbers.
+        """Another start of the same kind: drawn at random like this one, with other random numbers in its run, too.
 
         Args:
             seed: which one, >= 0; the same seed gives the same start.
@@ -265,7 +270,9 @@ class Scene(HasDiscs, Recommends):
                 "another start needs a scene that was drawn at random, by Scene.random, Scene.lattice or a scene file "
                 f"with random places or velocities; got {self!r}, whose discs were given. Make other starts yourself."
             )
-        return self._redraw(seed)
+        other = self._redraw(seed)
+        vary(other, lambda: f"start {seed}")
+        return other
 
     @property
     def periodic(self) -> tuple[bool, bool]:
@@ -312,7 +319,7 @@ class Scene(HasDiscs, Recommends):
         """The same scene with the positions, velocities and spins of a state, to continue from there.
 
         Absorbed discs are left out, with all that they have of their own. The piston starts where the state has
-        it. Image flags start at 0.
+        it. Image flags start at 0. A thermostat gets another seed, which follows from its own and the state.
 
         Args:
             state: of as many discs as the scene has, absorbed ones included. Coordinates may be beyond a wall by the
@@ -348,21 +355,7 @@ class Scene(HasDiscs, Recommends):
         return view("scene_png", self)
 
     def __repr__(self) -> str:
-        radii = f"radius {self.largest_radius:g}"
-        if np.ndim(self.radius):
-            radii = f"radii {self.radii.min(initial=np.inf):g} to {self.radii.max(initial=0):g}"
-        extras = [each.brief(self) for each in sorted(FEATURES, key=lambda each: each.several)]
-        extras += [f"{name} {getattr(self, name):g}" for name in Restitution.numbers if getattr(self, name) < 1]
-        axes = "".join(axis for axis, wraps in zip("xy", self.periodic, strict=True) if wraps)
-        extras += [f"periodic {axes}"] if axes else []
-        low, high = self.walls_at(0.0)
-        size = " x ".join(f"{side:g}" for side in high - low)
-        if (high - low).tolist() != [self.width, self.height]:
-            size += f" of {self.width:g} x {self.height:g}"
-        return (
-            f"<Scene: {self.count} discs of {radii} in {size}, "
-            f"packing {self.packing:.3g}{''.join(', ' + text for text in extras if text)}>"
-        )
+        return brief(self)
 
     @classmethod
     @checks.known_names(__init__)

@@ -268,12 +268,14 @@ def _speed_of_fall(scene: Scene) -> float:
 
 
 def _speed_to_come(scene: Scene) -> float:
-    """Typical speed, including discs of emitters and a moving wall [length/time]."""
+    """Typical speed, including discs of emitters, a moving wall and a heat bath [length/time]."""
     speeds = [typical_speed(scene), *(float(np.hypot(*np.array(each.velocity))) for each in scene.emitters)]
     if driving.adds_discs(scene):
         speeds.append(math.sqrt(2 * driving.gravity_strength(scene) * 2 * scene.largest_radius))
     if (wall := scene.moving_wall) is not None and scene.count:
         speeds.append(abs(wall.speed))
+    if scene.count:
+        speeds.append(math.sqrt(2) * driving.thermal_speed(scene))
     return max(speeds)
 
 

@@ -15,7 +15,7 @@ from mpsim.core.errors import InputError
 from mpsim.core.state import State
 from mpsim.engine.report import Report
 from mpsim.kernels.layout import PHASES
-from mpsim.measure.driving import adds_discs, has_losses, removes_discs
+from mpsim.measure.driving import adds_discs, has_losses, is_heated, removes_discs
 from mpsim.measure.observables import has_periodic_field
 from mpsim.scene.scene import Scene
 
@@ -150,14 +150,12 @@ def _or_nan(function: Any, state: State, scene: Scene) -> float:
 
 def _why_energy_changes(scene: Scene) -> str | None:
     """Why kinetic and potential energy together are not constant; None if they are."""
-    if scene.moving_wall is not None:
-        return "a wall moves"
-    if has_losses(scene):
-        return "contacts take energy"
-    if adds_discs(scene):
-        return "discs enter"
-    if removes_discs(scene):
-        return "discs leave"
-    if has_periodic_field(scene):
-        return "discs fall through a periodic edge"
-    return None
+    reasons = {
+        "a wall moves": scene.moving_wall is not None,
+        "a thermostat heats or cools": is_heated(scene),
+        "contacts take energy": has_losses(scene),
+        "discs enter": adds_discs(scene),
+        "discs leave": removes_discs(scene),
+        "discs fall through a periodic edge": has_periodic_field(scene),
+    }
+    return next((reason for reason, holds in reasons.items() if holds), None)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import mpsim
-from mpsim import Emitter, FixedDisc, Piston, Polyline
+from mpsim import Emitter, FixedDisc, Piston, Polyline, Thermostat
 from support.scenes import lattice
 
 FRAMES, DT = 24, 1 / 16
@@ -253,6 +253,11 @@ SCENES: dict[str, Pinned] = {
         },
         midway=_added(7.25, 3.375, radius=0.375, mass=2.0, spin=-2.0),
         acts=lambda state: _crossed(0)(state) and _spun(state),
+    ),
+    "thermostat": Pinned(
+        {"thermostat": Thermostat(16.0, 0.5, seed=2**60 + 3), "mass": EVERYTHING["mass"]},
+        {"substeps": 2},
+        acts=lambda state: np.abs(state.velocity).max() > 6,
     ),
 }
 """By name. A periodic axis, a piston and so on are arrays of their own to the kernels."""

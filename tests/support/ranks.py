@@ -151,6 +151,11 @@ CASES = {
         everything(), {"dt": 0.02, "passes": 2, "substeps": 2}, 40, ("contact_rate", "largest_overlap")
     ),
     "rough torus": lambda: Case(rough_torus(), {"dt": 0.05}, 60),
+    "heated": lambda: Case(
+        gas(700, 0.4, seed=3, boundary="periodic", mass=(0.5, 2.0) * 350, thermostat=mpsim.Thermostat(1.5, 2.0)),
+        {"dt": 0.05, "substeps": 2},
+        60,
+    ),
     "push": lambda: Case(gas(700, 0.6, seed=3), {"dt": 0.05, "contact": "push"}, 60),
     "corner": lambda: Case(corner(), {"dt": 0.05, "precision": "float32"}, 400, ("pressure", "contact_rate")),
     "wandering": lambda: Case(wandering(), {"dt": 0.05, "precision": "float32"}, 600),

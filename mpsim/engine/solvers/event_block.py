@@ -11,6 +11,7 @@ from mpsim.engine.solvers.event_scene import refuse_overlap
 from mpsim.engine.solvers.event_tiles import WHOLE, Tiling, lay_out, packed, specs_of, tiling_of
 from mpsim.engine.workers.arrays import ArraySpec
 from mpsim.engine.workers.shared import SharedBlock
+from mpsim.features import FEATURES
 from mpsim.features.radii import has_radii
 from mpsim.kernels import collision_log
 from mpsim.kernels.events import records, solver, state
@@ -36,6 +37,7 @@ class Plan(NamedTuple):
         units: of sums of impulses and of virials [mass length/time], [mass length^2/time].
         contact_time: of the guard [time].
         crushing_speed: of a disc that a wall crushes [length/time]; None without a wall that moves.
+        first_frame: from which frames are counted.
         workers: at most, the coordinator included.
         logging: whether collisions are logged.
     """
@@ -45,6 +47,7 @@ class Plan(NamedTuple):
     units: tuple[float, float]
     contact_time: float
     crushing_speed: float | None
+    first_frame: int
     workers: int
     logging: bool
 
@@ -99,6 +102,8 @@ class Plan(NamedTuple):
 
     def _tiling(self, count: int) -> Tiling:
         """The tiles for so many discs."""
+        if not all(feature.on_tiles for feature in FEATURES if feature.is_in(self.scene)):
+            return WHOLE
         cells = event_snapshot.cells_for(self.scene, count)
         return tiling_of(count, cells, self.scene.periodic, self.workers)
 
@@ -112,5 +117,6 @@ class Plan(NamedTuple):
 
     def _given(self, count: int) -> dict[str, Any]:
         """What features are given besides arrays of the block."""
-        of_scene = event_features.given(self.scene, event_snapshot.cells_for(self.scene, count))
+        cells = event_snapshot.cells_for(self.scene, count)
+        of_scene = event_features.given(self.scene, cells, self.dt, self.first_frame)
         return {"contact_time": self.contact_time, "crushing_speed": self.crushing_speed, **of_scene}

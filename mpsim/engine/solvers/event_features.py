@@ -9,13 +9,20 @@ from mpsim.core.columns import EXITS, in_state
 from mpsim.core.state import State
 from mpsim.features.capsules import lists_of_cells
 from mpsim.features.obstacles import OBSTACLES
+from mpsim.features.thermostat import probability_of
 from mpsim.kernels.events.features.capsules import Capsules
 from mpsim.scene.scene import Scene
 
 
-def given(scene: Scene, cells: tuple[int, int]) -> dict[str, Any]:
-    """Arrays and records by their names in `hooks.Features`, for so many columns and rows of cells."""
-    return {"capsules": _capsules(scene, cells)} if len(scene.capsules) else {}
+def given(scene: Scene, cells: tuple[int, int], dt: float, first_frame: int) -> dict[str, Any]:
+    """Arrays and records by their names in `hooks.Features`, for so many columns and rows of cells.
+
+    dt: length of a frame [time]. first_frame: from which frames are counted.
+    """
+    found: dict[str, Any] = {"capsules": _capsules(scene, cells)} if len(scene.capsules) else {}
+    if (bath := scene.thermostat) is not None:
+        found["thermostat"] = (probability_of(bath, dt), bath.temperature, bath.seed, first_frame)
+    return found
 
 
 def absorbed_in(found: dict[str, NDArray[Any]], count: int) -> NDArray[np.bool_]:

@@ -12,7 +12,7 @@ from mpsim.features.edges import kinds_of
 from mpsim.kernels import layout
 from mpsim.kernels.events.boundary import COARSE
 from mpsim.kernels.events.cells import worst_overlap
-from mpsim.measure.driving import gravity_strength
+from mpsim.measure.driving import gravity_strength, thermal_speed
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -138,13 +138,14 @@ def _time_of_a_radius(scene: Scene, dt: float) -> float:
 
 
 def _typical_speed(scene: Scene) -> float:
-    """Speed of a typical disc, of one that has fallen its radius, or of one that is emitted [length/time]."""
+    """Speed of a typical disc, or of one that has fallen its radius, is emitted, or is in a heat bath [length/time]."""
     squares = float((scene.velocity**2).sum(axis=1).mean()) if scene.count else 0.0
     smallest = scene.smallest_radius
     speeds = [
         math.sqrt(squares + gravity_strength(scene) * smallest),
         *(math.hypot(*np.array(each.velocity)) for each in scene.emitters),
         0.0 if scene.moving_wall is None else abs(scene.moving_wall.speed),
+        thermal_speed(scene),
     ]
     return max(speeds)
 

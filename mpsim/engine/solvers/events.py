@@ -470,8 +470,8 @@ class EventSolver(Solver):
     @property
     def _plan(self) -> Plan:
         """What says which arrays a block has now."""
-        guards = self._contact_time, self._crushing_speed
-        return Plan(self._scene, self._settings.dt, self._units, *guards, self._most_workers, self.logging)
+        guards, first = (self._contact_time, self._crushing_speed), self.origin.frame
+        return Plan(self._scene, self._settings.dt, self._units, *guards, first, self._most_workers, self.logging)
 
 
 @contextlib.contextmanager

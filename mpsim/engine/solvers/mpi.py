@@ -165,7 +165,8 @@ class MpiSolver(OnRanks):
 
     def _configure(self) -> None:
         """Write what follows from what is simulated now."""
-        self._held().configure(Present(self._radii, self._grid, None, self.substeps, self._speed_limit))
+        now = Present(self._radii, self._grid, None, self.substeps, self._speed_limit, self.origin.frame)
+        self._held().configure(now)
 
     def _held(self) -> Part:
         assert self._part is not None  # likewise

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from mpsim.engine.feature_arrays import typical_momentum, wall_limits
 from mpsim.engine.solvers.speed_limit import SpeedLimit
 from mpsim.engine.workers.arrays import Grid
+from mpsim.features import FEATURES
 from mpsim.features.edges import EDGES
 from mpsim.features.radii import has_radii
 from mpsim.kernels import layout
@@ -25,6 +26,7 @@ class Present(NamedTuple):
         giant: radius above which discs are kept out of it [length]; None: there are no such discs.
         substeps: steps of a frame.
         speed_limit: when a disc is too fast.
+        first_frame: from which frames and steps are counted.
     """
 
     radii: NDArray[np.float64]
@@ -32,6 +34,7 @@ class Present(NamedTuple):
     giant: float | None
     substeps: int
     speed_limit: SpeedLimit
+    first_frame: int
 
 
 def configure(arrays: dict[str, Any], scene: Scene, settings: Settings, now: Present) -> None:
@@ -50,6 +53,8 @@ def configure(arrays: dict[str, Any], scene: Scene, settings: Settings, now: Pre
     parameters.wall_bounce = scene.wall_restitution if settings.contact == "impact" else 0.0
     parameters.tally_scale = _tally_scale(scene, settings)
     parameters.fast = now.speed_limit.square(dt, common, smallest, settings.precision)
+    for feature in FEATURES:
+        feature.begin(scene, arrays, settings.dt, now.first_frame)
     prepare_first_step(arrays)
     if "giants" in arrays:
         arrays["giants"][0] = np.inf if now.giant is None else now.giant

@@ -20,12 +20,12 @@ import math
 import numpy as np
 
 from mpsim.kernels.collision_log import begin_span, is_full
-from mpsim.kernels.compiling import compiled, inlined
+from mpsim.kernels.compiling import compiled, inlined, linked
 from mpsim.kernels.events.boundary import is_wall
 from mpsim.kernels.events.calendar import begin_turn, due, earliest, fit_lap, shift_times
 from mpsim.kernels.events.cells import cell_of, cross, leave_store, link_cells, particle_of
 from mpsim.kernels.events.features.gravity import component
-from mpsim.kernels.events.features.hooks import is_crushed
+from mpsim.kernels.events.features.hooks import end_frame, is_changed, is_crushed
 from mpsim.kernels.events.flight import advance_to, is_finite
 from mpsim.kernels.events.impacts import collide, hit_surface, hit_wall
 from mpsim.kernels.events.ordering import is_disordered, order_in_space
@@ -178,6 +178,26 @@ def write_totals(totals, store):
     totals.collisions = store.counter.pairs
 
 
+@linked
+def change_velocities(time, frame, store, box, features):
+    """At the time at which so many frames have ended: change discs, then predict what follows from all changes."""
+    clock = store.clock
+    clock.now = max(time - clock.origin, clock.now)
+    for i in range(store.disc.shape[0]):
+        end_frame(i, particle_of(i, store), clock.now, frame, store, features)
+    for i in range(store.disc.shape[0]):
+        if is_changed(i, particle_of(i, store), frame, features):
+            begin_event(store.event[i].cell, store.region, box)
+            predict(np.int64(i), clock.now, np.int64(-1), True, store, box, features)
+
+
+@inlined
+def after_frame(thermostat, time, frame, store, box, features):
+    """`change_velocities`, where there is something that does."""
+    if thermostat is not None:
+        change_velocities(time, frame, store, box, features)
+
+
 @compiled
 def advance_frames(store, box, features, dt, frames, max_events, stop, progress, seen, times, totals, timespec):
     """Play so many frames of length dt [time] more: (frames finished, status, particle).
@@ -202,6 +222,7 @@ def advance_frames(store, box, features, dt, frames, max_events, stop, progress,
             return frame, STOPPED, particle
         if status != REACHED:
             return frame, status, particle
+        after_frame(features.thermostat, until, progress.frame + 1, store, box, features)
         times[frame] = progress.spent
         if frame < totals.shape[0]:
             write_totals(totals[frame], store)

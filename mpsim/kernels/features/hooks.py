@@ -22,10 +22,11 @@ from mpsim.kernels.features import (
     masses,
     piston,
     radii,
+    thermostat,
 )
 from mpsim.kernels.optional import any_present
 
-FEATURES = (acceleration, masses, boundary, absorption, piston, radii, capsules, friction, collisions)
+FEATURES = (acceleration, masses, boundary, absorption, piston, radii, capsules, friction, thermostat, collisions)
 """Their FIELDS are those of `Features`: of each the name of its array, or the class of a record of several,
 or None: of the log of collisions, each worker has its own."""
 
@@ -86,6 +87,12 @@ def special_borders(features):
 
 
 # --- the points of a step, in their order -------------------------------------------------------------------------
+
+
+@inlined
+def begin_step(discs, low, high, features, control):
+    """Before anything is asked of the discs of a slice: what gives them other velocities."""
+    thermostat.begin_step(features.thermostat, discs, low, high, features, control)
 
 
 @inlined

@@ -5,7 +5,7 @@ import math
 from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.features.acceleration import accelerate
 from mpsim.kernels.features.collisions import on_walls
-from mpsim.kernels.features.hooks import after_flight, after_move, before_move, special_borders
+from mpsim.kernels.features.hooks import after_flight, after_move, before_move, begin_step, special_borders
 from mpsim.kernels.frame.flight import BLOCK, flight_of, fly
 from mpsim.kernels.frame.speed_limit import end_where_fast
 from mpsim.kernels.frame.walls import count_impulses
@@ -144,6 +144,7 @@ def accelerate_and_fly(discs, low, high, accelerated, features, parameters, cont
 @linked
 def move_block(discs, low, high, features, parameters, control, mine, tally):
     """Advance some discs of a slice. Returns whether all of them are finite."""
+    begin_step(discs, low, high, features, control)
     end_where_fast(discs, low, high, parameters, control, mine)
     before_move(discs, low, high, features, parameters, control)
     accelerated = any_present(features.gravity, features.acceleration)

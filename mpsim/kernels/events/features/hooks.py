@@ -23,11 +23,12 @@ from mpsim.kernels.events.features import (
     piston,
     properties,
     restitution,
+    thermostat,
 )
 from mpsim.kernels.events.records import MOVING_WALL
 from mpsim.kernels.optional import copy_entry, copy_row, swap_entries, swap_rows
 
-FEATURES = (gravity, properties, restitution, friction, images, absorption, piston, capsules, collisions)
+FEATURES = (gravity, properties, restitution, friction, images, absorption, piston, capsules, thermostat, collisions)
 
 Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
 """What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it."""
@@ -160,6 +161,18 @@ def on_surface(i, nx, ny, normal_change, store, box, features):
 def leave(i, store, features):
     """Once disc i, whose stored state is current, has touched a wall that lets it out."""
     absorption.leave(features.exits, store.disc[i], i)
+
+
+@inlined
+def end_frame(i, particle, now, frame, store, features):
+    """When so many frames have ended, at the time `now`: what changes disc i, a particle of the scene."""
+    thermostat.heat(features.thermostat, i, particle, now, frame, store, features)
+
+
+@inlined
+def is_changed(i, particle, frame, features):
+    """Whether `end_frame` has changed disc i, so that its events are to be predicted anew."""
+    return thermostat.is_heated(features.thermostat, i, particle, frame, features)
 
 
 @inlined

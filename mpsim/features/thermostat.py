@@ -1,0 +1,139 @@
+"""A thermostat: discs get new velocities at random, drawn from the distribution of Maxwell at a temperature."""
+
+# pyright: reportUnnecessaryIsInstance=false
+# The argument is checked when the program runs as well, for callers without a type checker.
+
+import hashlib
+import math
+from dataclasses import dataclass, replace
+from decimal import Decimal, localcontext
+from typing import Any, ClassVar
+
+import numpy as np
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+from mpsim.features.feature import Feature, Invalidation, SceneLike, Shapes
+from mpsim.kernels.records import THERMOSTAT
+
+MOST_SEED = 2**63 - 1
+
+
+@dataclass(frozen=True)
+class Thermostat:
+    """The thermostat of Andersen (J. Chem. Phys. 72, 2384, 1980): discs exchange energy with a heat bath.
+
+    Between two frames each disc gets, with the probability 1 - exp(-rate dt), a new velocity from the distribution of
+    Maxwell at the temperature: each component is normal, of variance temperature / mass. So the mean energy of an
+    elastic gas relaxes to that of the temperature as exp(-rate t), and momentum is not conserved. Spins stay.
+
+    Args:
+        temperature: kT of the bath, the mean of m v_x^2 [mass length^2/time^2], > 0.
+        rate: new velocities per disc and time [1/time], > 0.
+        seed: of the random numbers, >= 0. They follow from the seed, the number of the disc and that of the frame.
+
+    Raises:
+        InputError: naming the argument, its rule and the value received.
+
+    >>> Thermostat(temperature=2, rate=0.5)
+    Thermostat(temperature=2.0, rate=0.5, seed=0)
+    """
+
+    temperature: float
+    rate: float
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        unit = "[mass length^2/time^2]"
+        temperature = checks.positive("temperature of a Thermostat", self.temperature, unit)
+        object.__setattr__(self, "temperature", temperature)
+        object.__setattr__(self, "rate", checks.positive("rate of a Thermostat", self.rate, "[1/time]"))
+        given: Any = self.seed  # None in a file without one
+        given = 0 if given is None else given
+        seed = checks.whole("seed of a Thermostat", given, 0, MOST_SEED, "Any whole number will do.")
+        object.__setattr__(self, "seed", seed)
+
+
+def check_thermostat(thermostat: Any) -> dict[str, Any]:
+    """What a scene keeps of the argument, by name: nothing without one, so that its digest stays what it was."""
+    if thermostat is None:
+        return {}
+    if not isinstance(thermostat, Thermostat):
+        raise InputError(f"thermostat must be an mpsim.Thermostat; got {checks.brief(thermostat)}.")
+    return {"thermostat": thermostat}
+
+
+def probability_of(thermostat: Thermostat, dt: float) -> float:
+    """Of a new velocity in a frame of length dt [time], 1 - exp(-rate dt), to the same bits on every machine."""
+    with localcontext(prec=40):
+        number = Decimal(thermostat.rate) * Decimal(dt)
+        return float(1 - (-number).exp() if number > Decimal("1e-20") else number)
+
+
+class ThermostatFeature(Feature):
+    """The argument `thermostat`."""
+
+    argument = "thermostat"
+    kinds: ClassVar[tuple[type[Any], ...]] = (Thermostat,)
+    several = False
+    meaning = "new velocities from a heat bath"
+    keys: ClassVar[dict[str, str]] = {
+        "temperature": "kT of the bath, > 0",
+        "rate": "new velocities per disc and time, > 0",
+        "seed": "of the random numbers; default: 0",
+    }
+    examples: ClassVar[tuple[dict[str, Any], ...]] = ({"temperature": 1.0, "rate": 1.0},)
+    drives = "a thermostat"
+    draws = True
+    heats = True
+    on_tiles = False
+    invalidates: ClassVar[tuple[Invalidation, ...]] = (
+        Invalidation(
+            ("energy_drift", "momentum_drift"),
+            "a thermostat, which changes energy and momentum",
+            "Measure 'temperature' or 'kinetic_energy', which should be constant on average.",
+        ),
+        Invalidation(
+            ("pressure_virial",),
+            "a thermostat, as the virial takes the kinetic energy for constant",
+            "Use 'pressure_xx' and 'pressure_yy', which sample it.",
+        ),
+    )
+
+    def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
+        """What its kernel needs to know."""
+        return {} if self.of(scene) is None else {"thermostat": (THERMOSTAT, ())}
+
+    def begin(self, scene: SceneLike, arrays: dict[str, Any], dt: float, first_frame: int) -> None:
+        """Write it."""
+        thermostat: Thermostat | None = self.of(scene)
+        if thermostat is not None:
+            record = arrays["thermostat"]
+            record.probability = probability_of(thermostat, dt)
+            record.temperature = thermostat.temperature
+            record.seed, record.first_frame = thermostat.seed, first_frame
+
+    def redrawn(self, scene: SceneLike, variation: str) -> Thermostat | None:
+        """The same with another seed, which follows from its own."""
+        thermostat: Thermostat | None = self.of(scene)
+        if thermostat is None:
+            return None
+        digest = hashlib.blake2b(f"{thermostat.seed} {variation}".encode(), digest_size=8).digest()
+        return replace(thermostat, seed=int.from_bytes(digest, "little") >> 1)
+
+    def thermal_speed(self, scene: SceneLike) -> float:
+        """Root mean square of one component for a disc of the mean mass."""
+        thermostat: Thermostat | None = self.of(scene)
+        if thermostat is None:
+            return 0.0
+        mass = float(scene.mass.mean()) if scene.mass is not None and scene.count else 1.0
+        return math.sqrt(thermostat.temperature / mass)
+
+    def description(self, scene: SceneLike) -> str:
+        """Temperature, rate and seed."""
+        thermostat: Thermostat = self.of(scene)
+        return f"temperature {thermostat.temperature:g}, rate {thermostat.rate:g}, seed {thermostat.seed}"
+
+    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
+        """One that gives a disc in a hundred a new velocity in a frame of dt = 0.01."""
+        return {"a thermostat": Thermostat(1.0, 1.0)}
