@@ -3,10 +3,10 @@
 python scripts/run_exact.py                                          all of them, some ten minutes on two cores
 python scripts/run_exact.py table --discs 10000 --workers 1 2 4      other sizes, more workers
 
-table    collisions per second, in docs/exact.md. Packing 0.4, no walls that move. `as one` is one worker without tiles.
+table    collisions per second, in docs/exact.md. Packing 0.4, no walls that move. `undivided`: one worker, no tiles.
          Each kind takes its turn, in one process.
-halos    what is done twice, and how often tiles differ, by width of the halo and length of a window: counts, no clock
-cradle   windows played again where a blow crosses all tiles at once: the scene of the tutorial's page, and its table
+halos    events simulated twice, and how often tiles disagree, by width of the halo and length of a window
+cradle   windows repeated because an impact crosses all tiles at once: the scene and the table of the tutorial's page
 """
 
 import argparse
@@ -87,7 +87,7 @@ def gas(discs: int) -> mpsim.Scene:
 def rows(discs: int, workers: list[int]) -> list[str]:
     """A row of the table for each kind."""
     scene = gas(discs)
-    kinds = {"as one": (1, False)} | {f"{each} worker{'s' * (each > 1)}": (each, True) for each in workers}
+    kinds = {"undivided": (1, False)} | {f"{each} worker{'s' * (each > 1)}": (each, True) for each in workers}
     runners = {name: Runner(scene, *kind) for name, kind in kinds.items()}
     rates: dict[str, list[Rate]] = {name: [] for name in kinds}
     for _ in range(TURNS):
@@ -95,7 +95,7 @@ def rows(discs: int, workers: list[int]) -> list[str]:
             rates[name].append(runner.turn())
     for runner in runners.values():
         runner.sim.close()
-    alone = np.array([rate.collisions for rate in rates["as one"]])
+    alone = np.array([rate.collisions for rate in rates["undivided"]])
     lines = []
     for name, each in rates.items():
         millions = np.array([rate.collisions for rate in each]) / 1e6
@@ -112,7 +112,8 @@ def rows(discs: int, workers: list[int]) -> list[str]:
 def table(discs: Sequence[int], workers: list[int]) -> list[str]:
     """Collisions per second."""
     lines = [
-        "| discs | | million collisions a second | of as one | windows | again | as one |",
+        "| discs | | million collisions per second | relative to undivided | windows | repeated "
+        "| simulated undivided |",
         "|---|---|---|---|---|---|---|",
     ]
     return lines + [line for each in discs for line in rows(each, workers)]
@@ -137,7 +138,7 @@ def halo_rows(discs: int) -> list[str]:
             for place, length in enumerate(LENGTHS):
                 differed[place] += [not tiles.play(length * once, halo).agreed for halo in HALOS]
         tiled = f"{discs:,} discs, {len(tiles.edges)} tiles, {number} windows"
-    lines = [f"| {tiled} | events done twice | {' | '.join(f'{each:.1%}' for each in twice)} | |"]
+    lines = [f"| {tiled} | events simulated twice | {' | '.join(f'{each:.1%}' for each in twice)} | |"]
     for length, counts in zip(LENGTHS, differed, strict=True):
         bad = np.flatnonzero(counts)
         never = str(HALOS[bad[-1] + 1]) if len(bad) and bad[-1] + 1 < len(HALOS) else f"over {HALOS[-1]}"
@@ -149,7 +150,7 @@ def halo_rows(discs: int) -> list[str]:
 def halos(discs: Sequence[int]) -> list[str]:
     """Shares of windows in which tiles differ, by width of the halo."""
     return [
-        f"| | collisions / discs | {' | '.join(f'halo {halo}' for halo in HALOS)} | never from |",
+        f"| | collisions / discs | {' | '.join(f'halo {halo}' for halo in HALOS)} | no disagreement from |",
         "|---" * (len(HALOS) + 3) + "|",
         *(line for each in discs for line in halo_rows(each)),
     ]
@@ -167,7 +168,7 @@ def cradle_of(page: Path) -> mpsim.Scene:
 
 def cradle(scene: mpsim.Scene) -> list[str]:
     """Windows of a scene in which a blow crosses all tiles at once."""
-    lines = ["| tiles | windows | again in halves | by one worker | digest |", "|---|---|---|---|---|"]
+    lines = ["| tiles | windows | repeated in halves | simulated by one worker | digest |", "|---|---|---|---|---|"]
     for tiling in TILINGS:
         with divided(*tiling):
             sim = mpsim.Simulation(scene, mpsim.Settings(dt=0.05, method="event", workers=1))

@@ -248,7 +248,7 @@ def model_table(model: Model) -> list[str]:
         told = [f"{model.efficiency(discs, ranks):.2f}" for ranks in (16, 256, 4096)]
         lines.append(f"| {discs:.0e} | {' | '.join(told)} | {most:,} |")
     weak = [f"{model.efficiency(1e7 * ranks, ranks):.2f}" for ranks in (16, 256, 4096)]
-    return [*lines, f"| 1e+07 a rank | {' | '.join(weak)} | |"]
+    return [*lines, f"| 1e+07 per rank | {' | '.join(weak)} | |"]
 
 
 def efficiencies(found: dict[str, list[tuple[float, Sent]]]) -> dict[int, NDArray[np.float64]]:
@@ -278,21 +278,24 @@ def draw(model: Model, points: dict[int, dict[int, NDArray[np.float64]]], path: 
             for at, (middle, low, high) in points.get(int(discs), {}).items():
                 axes.errorbar(at, middle, [[middle - low], [high - middle]], color=colour, marker="o", zorder=3)
         weak = [2**each for each in range(18)]
-        label = "10,000,000 discs a rank"
+        label = "10,000,000 discs per rank"
         axes.plot(
             weak, [model.efficiency(1e7 * each, each) for each in weak], color="black", linestyle="--", label=label
         )
         axes.set(xscale="log", xlabel="ranks", ylabel="parallel efficiency", ylim=(0, 1.05))
-        axes.set_title("Efficiency of ranks: marks, measured; lines, the model")
+        axes.set_title("Efficiency of ranks: measured (dots) and model (lines)")
         figure.legend(loc="outside right center")
         save_figure(figure, path)
 
 
 def report(sizes: list[int], picture: Path) -> str:
     """All tables, in Markdown, and the picture."""
-    times = ["| discs | | ns a disc and frame | times as fast as grid | as one rank | time over 2 workers |"]
+    times = [
+        "| discs | | ns per disc and frame | speed relative to grid | speed relative to one rank "
+        "| time relative to 2 workers |"
+    ]
     times += ["|---|---|---|---|---|---|"]
-    counts = ["| discs | a frame, of one rank | formula | counted |", "|---|---|---|---|"]
+    counts = ["| discs | per frame and rank | formula | measured |", "|---|---|---|---|"]
     disc, step, exchange, points = 0.0, math.inf, math.inf, {}
     for discs in sizes:
         found = measured(discs)
@@ -307,9 +310,10 @@ def report(sizes: list[int], picture: Path) -> str:
     model = Model(disc, step, Network(), exchange)
     draw(model, points, picture)
     said = (
-        f"A disc takes {model.disc * 1e9:.1f} ns, the calls of a step {model.step * 1e6:.0f} µs (one rank less grid), "
-        f"those of an exchange {model.exchange * 1e6:.0f} µs (two ranks less the rest); a message "
-        f"{model.network.latency * 1e6:g} µs and {model.network.bandwidth / 1e9:g} GB/s."
+        f"Model: {model.disc * 1e9:.1f} ns per disc; {model.step * 1e6:.0f} µs per step for calls (one rank "
+        f"minus grid); {model.exchange * 1e6:.0f} µs per exchange for calls (two ranks minus everything else); "
+        f"{model.network.latency * 1e6:g} µs per message and {model.network.bandwidth / 1e9:g} GB/s (assumed). "
+        "Efficiency:"
     )
     rows = ["| discs | 16 ranks | 256 | 4,096 | ranks at 50 % efficiency |", "|---|---|---|---|---|"]
     shown = f"![efficiency against ranks](pictures/{PICTURE})"

@@ -254,9 +254,9 @@ def summary(cells: list[dict[str, Any]], missing: list[str], marks: int) -> str:
     named = f"Tests: {'; '.join(f'`{each}`' for each in tests)}, at commit {', '.join(commits)}."
     said = [named if tests else "Installed; no tests were run."]
     if marks:
-        said.append(f"Digests: those of {len(SCENES)} scenes, with features and without; one letter, the same bits.")
+        said.append(f"Digests of {len(SCENES)} scenes, with and without features: the same letter means the same bits.")
     if cells and marks == 1:
-        said.append("All are the same, whatever the version of the compiler: found, not promised.")
+        said.append("All are the same, whatever the version of the compiler. This is a finding, not a promise.")
     if differing := disagreements(cells):
         said.append(f"**Digests differ that must not**: {'; '.join(differing)}.")
     if missing:

@@ -54,7 +54,11 @@ def test_a_resumed_run_has_the_bits_of_one_that_never_stopped(method, workers, t
     )
     assert_same_bits(state, dense("naive" if method == "naive" else "grid"), f"resumed by {method}")
     figures.note(
-        "R1", f"{method} on {workers}", "digest after 3 resumes, on 1, 2 and 3 workers", "that of one run", "the same"
+        "R1",
+        f"{method} on {workers}",
+        "digest after 3 resumes, on 1, 2 and 3 workers",
+        "that of an uninterrupted run",
+        "the same",
     )
 
 
@@ -148,7 +152,11 @@ def test_an_exact_run_is_resumed_with_the_same_bits(name, tmp_path, figures):
         assert_same_bits(sim.state, expected, name)
     assert first.collisions + second.collisions == whole.collisions > 200
     figures.note(
-        "R2", "event", f"digest after a resume: {name}", "that of one run", f"the same, {whole.collisions} collisions"
+        "R2",
+        "event",
+        f"digest after a resume: {name}",
+        "that of an uninterrupted run",
+        f"the same, {whole.collisions} collisions",
     )
 
 
@@ -215,7 +223,7 @@ def forget_emitters(arrays, run):
     run["emission"] = {name: [0] * len(values) for name, values in run["emission"].items()}
 
 
-def forget_who_left(arrays, run):
+def forget_absorbed_discs(arrays, run):
     arrays["exits"][:] = 0
 
 
@@ -227,7 +235,7 @@ def forget_radii(arrays, run):
     arrays["radii"][arrays["radii"] < 0.5] = 0.45
 
 
-def forget_the_next_borders(arrays, run):
+def forget_the_next_cell_borders(arrays, run):
     arrays["disc"][:, 6] += 1e-3
 
 
@@ -237,10 +245,10 @@ def forget_the_next_borders(arrays, run):
     [
         ("piston", forget_the_number_of_substeps),
         ("emitters", forget_emitters),
-        ("absorbing", forget_who_left),
+        ("absorbing", forget_absorbed_discs),
         ("", forget_the_last_digits),
         ("radii", forget_radii),
-        ("exact", forget_the_next_borders),
+        ("exact", forget_the_next_cell_borders),
     ],
 )
 def test_whatever_a_checkpoint_forgets_changes_the_bits(words, forget, tmp_path, monkeypatch, figures):
@@ -264,9 +272,9 @@ def test_whatever_a_checkpoint_forgets_changes_the_bits(words, forget, tmp_path,
     figures.note(
         "R3",
         settings["method"],
-        f"control: a checkpoint that would {forget.__name__.replace('_', ' ')}",
-        "other bits",
-        "other bits",
+        f"control: a checkpoint without {forget.__name__.removeprefix('forget_').replace('_', ' ')}",
+        "different bits",
+        "different bits",
     )
 
 
@@ -321,5 +329,9 @@ def test_a_thousand_frames_after_a_dense_checkpoint_agree_on_any_number_of_worke
             sim.run(frames=1000, checkpoint=tmp_path / "other", checkpoint_every=73)
             assert_same_bits(sim.state, expected, f"on {workers} workers")
     figures.note(
-        "R1", "parallel on 1, 2, 3, 8", "20,000 discs, 1000 frames after a resume", "that of one run", "the same"
+        "R1",
+        "parallel on 1, 2, 3, 8",
+        "20,000 discs, 1000 frames after a resume",
+        "that of an uninterrupted run",
+        "the same",
     )

@@ -61,7 +61,9 @@ def test_a_run_that_is_resumed_on_other_numbers_of_workers_has_the_same_bits(wor
     state, collisions = in_parts(scene_of(name), tmp_path / "run", (7, 6, 11), workers)
     assert_same_bits(state, expected, f"{name} on {workers}")
     assert collisions == report.collisions > COUNT
-    figures.note("R1", f"event on {workers}", f"digest after 2 resumes: {name}", "that of one run", "the same")
+    figures.note(
+        "R1", f"event on {workers}", f"digest after 2 resumes: {name}", "that of an uninterrupted run", "the same"
+    )
 
 
 def test_a_box_that_was_divided_is_resumed_as_a_whole_and_the_other_way_round(tmp_path):

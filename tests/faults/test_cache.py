@@ -125,7 +125,7 @@ def test_many_first_runs_at_once_on_one_cold_cache_agree(tmp_path, figures):
     for outcome in outcomes:
         assert_clean(outcome)
     assert len({outcome.out for outcome in outcomes}) == 1
-    figures.note("R16", "grid", "8 first runs at once on one cold cache", "one digest, no complaint", "one digest")
+    figures.note("R16", "grid", "8 first runs at the same time, empty cache", "one digest, no warning", "one digest")
 
 
 COMPILING = """

@@ -124,7 +124,7 @@ def assert_always_whole(results, figures, what):
             "R4",
             "grid",
             f"kill -9 {what[name]} of a write",
-            "a whole checkpoint, no warning",
+            "a complete checkpoint, no warning",
             f"{len(frames)} of {len(frames)}",
         )
     assert set(results["line"][0]) == {2, 3}, "no kill came after the renaming"
@@ -206,8 +206,8 @@ def test_a_full_disk_is_an_error_and_the_checkpoint_of_before_is_kept(free, figu
         "R5",
         "grid",
         f"a disk of 128 KiB of which {9 + free // 4096} pages are free",
-        "an error; the one before is kept",
-        "so",
+        "an error; the previous one is kept",
+        "as expected",
     )
 
 

@@ -40,7 +40,7 @@ def test_a_file_cut_short_anywhere_leads_to_the_one_before(tmp_path, figures):
         assert outcome_of(path) == -1
     path.write_bytes(whole)
     assert outcome_of(path) == 3
-    figures.note("R6", "grid", "a file cut short", "the one before, and a warning", f"{len(cuts)} of {len(cuts)}")
+    figures.note("R6", "grid", "a truncated file", "the previous one, and a warning", f"{len(cuts)} of {len(cuts)}")
 
 
 def flipped(path, places, figures):
@@ -58,13 +58,13 @@ def flipped(path, places, figures):
         else:
             assert found == 2, f"byte {place}"
     assert harmless < len(places) / 3
-    return f"{len(places) - harmless} times the one before, {harmless} times the same content"
+    return f"{len(places) - harmless} times the previous one, {harmless} times the same content"
 
 
 def test_a_flipped_bit_anywhere_changes_nothing_or_leads_to_the_one_before(tmp_path, figures):
     path = two(tmp_path / "run")
     found = flipped(path, range(0, path.stat().st_size, 13), figures)
-    figures.note("R6", "grid", "one bit flipped, in every 13th byte", "the same content, or the one before", found)
+    figures.note("R6", "grid", "one bit flipped, in every 13th byte", "the same content, or the previous one", found)
 
 
 @pytest.mark.long
@@ -75,7 +75,7 @@ def test_a_flipped_bit_in_every_byte_changes_nothing_or_leads_to_the_one_before(
     for frames in (2, 3):
         saved(path, lattice(3, 3), frames=frames, method=method)
     found = flipped(path, range(path.stat().st_size), figures)
-    figures.note("R6", method, "one bit flipped, in every byte", "the same content, or the one before", found)
+    figures.note("R6", method, "one bit flipped, in every byte", "the same content, or the previous one", found)
 
 
 def test_a_file_of_a_newer_format_is_refused_by_number_and_not_passed_over(tmp_path):

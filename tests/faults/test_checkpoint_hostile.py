@@ -276,7 +276,8 @@ def test_a_random_value_anywhere_is_refused_or_runs(method, tmp_path, figures):
     assert_clean(outcome)
     refused, ran, failed = map(int, outcome.out.split())
     assert refused > 300
-    figures.note("R7", method, "a random value in a random array, the digest right", "refused, runs, or says why not",
+    figures.note("R7", method, "a random value in a random array, with a correct digest",
+                 "refused, or runs, or an error of mpsim",
                  f"{refused} refused, {ran} ran, {failed} ended by an error of mpsim, 0 crashes")  # fmt: skip
 
 

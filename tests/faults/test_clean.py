@@ -57,7 +57,13 @@ def test_only_blocks_of_dead_owners_are_removed(tmp_path, dead_pid, figures):
     assert not stale.exists()
     assert all(path.exists() for path in others)
     assert shared.remove_stale_blocks(tmp_path) == []
-    figures.note("R12", "", "blocks of dead owners among others", "they alone go", f"1 gone, {len(others)} kept")
+    figures.note(
+        "R12",
+        "",
+        "blocks of dead owners, among other blocks",
+        "only they are removed",
+        f"1 removed, {len(others)} kept",
+    )
 
 
 def test_a_lock_tells_of_an_owner_whose_number_means_nothing_here(tmp_path, dead_pid):
@@ -154,7 +160,7 @@ def test_mpsim_clean_removes_what_a_killed_program_and_its_helper_leave(living, 
         "parallel on 2",
         "coordinator, worker and resource tracker killed at once",
         "`mpsim clean` removes the block",
-        "so",
+        "as expected",
     )
 
 

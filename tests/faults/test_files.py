@@ -211,8 +211,10 @@ def test_four_threads_save_one_scene_file_at_once(tmp_path, monkeypatch, figures
         texts[scene] = (tmp_path / "source.toml").read_bytes()
     found = rounds_that_fail(lambda path, scene: scene.save(path), scenes, tmp_path / "gas.toml")
     control = rounds_that_fail(lambda path, scene: overwriting(path, texts[scene]), scenes, tmp_path / "other.toml")
-    figures.note("R18", "-", "four threads save one scene file, 60 rounds", "no error, a whole file", f"{60 - found}")
-    figures.note("R18", "-", "control: drafts under one name", "errors", f"{control} rounds fail")
+    figures.note(
+        "R18", "-", "four threads save one scene file, 60 rounds", "no error, a complete file", f"{60 - found}"
+    )
+    figures.note("R18", "-", "control: temporary files under one name", "errors", f"{control} rounds fail")
     assert (found, control > 0) == (0, True)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["gas.toml", "other.toml", "source.toml"]
 

@@ -152,7 +152,13 @@ def test_damaged_scene_files(request, tmp_path, figures):
     times = executions(request)
     good = count_good(times, 1, trial)
     assert 0 < good < times, "neither is every damage harmless nor every file refused"
-    figures.note("F1", "scenes", f"{times} damaged scene files", "nothing but SceneFileError", f"{good} still scenes")
+    figures.note(
+        "F1",
+        "scenes",
+        f"{times} damaged scene files",
+        "no other error than SceneFileError",
+        f"{good} still valid scenes",
+    )
 
 
 def checkpoints(folder):
@@ -222,7 +228,9 @@ def test_damaged_checkpoints(request, tmp_path, figures):
     times = executions(request)
     good = without_compilation(damage_checkpoints, tmp_path, times)
     assert good < times / 10, "a digest lets hardly any damage pass"
-    figures.note("F2", "runs", f"{times} damaged checkpoints", "nothing but CheckpointError", f"{good} still whole")
+    figures.note(
+        "F2", "runs", f"{times} damaged checkpoints", "no other error than CheckpointError", f"{good} still valid"
+    )
 
 
 @pytest.mark.timeout(2400)
@@ -231,7 +239,9 @@ def test_forged_checkpoints(request, tmp_path, figures):
     times = executions(request)
     good = without_compilation(forge_checkpoints, tmp_path, times)
     assert 0 < good < times
-    figures.note("F3", "runs", f"{times} forged checkpoints", "nothing but CheckpointError", f"{good} sound states")
+    figures.note(
+        "F3", "runs", f"{times} forged checkpoints", "no other error than CheckpointError", f"{good} valid states"
+    )
 
 
 def test_the_fuzzer_sees_what_escapes():

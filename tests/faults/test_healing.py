@@ -91,7 +91,13 @@ def test_a_run_that_forgot_to_rewind_would_be_noticed(monkeypatch, figures):
 
     repeat_until_killed(experiment, lambda: 0.15, most=2)
     assert found[-1] != expected
-    figures.note("R9", "parallel on 3", "control: measures that do not go back", "other measures", "other measures")
+    figures.note(
+        "R9",
+        "parallel on 3",
+        "control: measures that do not return to the snapshot",
+        "different measures",
+        "different measures",
+    )
 
 
 PHASES = ["move", "sort", "even columns", "odd columns", "wait"]

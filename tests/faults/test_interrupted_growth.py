@@ -64,4 +64,4 @@ def test_an_interrupt_at_any_moment_of_a_growth_does_no_harm(figures):
     outcome = run_script(SCRIPT.format(method="parallel", attempts=2000, step=1e-6), bound=500, warm=True)
     assert_clean(outcome)
     deed = "Ctrl-C at 2000 moments while discs are added"
-    figures.note("R8", "parallel on 2", deed, "a whole state or a closed simulation", "2000 of 2000")
+    figures.note("R8", "parallel on 2", deed, "a complete state or a closed simulation", "2000 of 2000")

@@ -66,8 +66,8 @@ def test_sigterm_writes_a_checkpoint_that_goes_on_with_the_same_bits(method, sta
         "R8",
         f"{method}, {start}",
         f"SIGTERM to {to}",
-        "exit 143, a checkpoint, the same bits on",
-        f"so, at frame {frame}",
+        "exit code 143, a checkpoint, the same bits when resumed",
+        f"as expected, at frame {frame}",
     )
 
 

@@ -45,6 +45,6 @@ def test_snapshots_of_a_hundred_thousand_discs_take_no_more_than_two_percent(fig
         control, _, _ = snapshot_part(sim, 5)
     assert control > 0.02
     figures.note(
-        "R11", "parallel on 2", "part of the time that snapshots of 100,000 discs take", "at most 2 %",
+        "R11", "parallel on 2", "fraction of the time spent on snapshots of 100,000 discs", "at most 2 %",
         f"{100 * part:.2f} %, {number} of {1000 * each:.2g} ms", f"as often as possible: {100 * control:.0f} %",
     )  # fmt: skip

@@ -141,8 +141,8 @@ def test_nothing_stays_of_many_simulations(request, figures):
     figures.note(
         "R23",
         "all methods",
-        f"{simulations} simulations of nine lives, memory over the last {simulations - settled}",
-        "nothing stays",
+        f"{simulations} simulations used in nine ways, memory over the last {simulations - settled}",
+        "no growth",
         f"{words}; {growth} MiB more",
     )
 

@@ -20,7 +20,10 @@ class Figures:
 
     def write(self, path: Path) -> None:
         """Write all rows, sorted by check, with date, commit and command."""
-        lines = ["| check | solver | quantity | expected | found | must fail, and does |", "|---|---|---|---|---|---|"]
+        lines = [
+            "| check | solver | quantity | expected | found | negative control (must fail) |",
+            "|---|---|---|---|---|---|",
+        ]
         lines += [f"| {' | '.join(row)} |" for row in sorted(self.rows, key=_order)]
         git = ["git", "describe", "--always", "--dirty"]
         commit = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()

@@ -112,7 +112,7 @@ def test_the_table_of_halos_has_shares_that_fall_with_their_width(script, tmp_pa
     monkeypatch.setattr(script, "LENGTHS", (0.5, 3.0))
     monkeypatch.setattr(script, "IN_WINDOWS", 12_000)
     rows = run(script, monkeypatch, tmp_path / "exact.md", "halos", "--discs", "3000")
-    assert [row[1] for row in rows] == ["events done twice", "0.5", "3"]
+    assert [row[1] for row in rows] == ["events simulated twice", "0.5", "3"]
     twice = [float(each.rstrip("%")) for each in rows[0][2:5]]
     assert 0 < twice[0] < twice[1] < twice[2] < 60
     assert rows[0][0] == "3,000 discs, 2 tiles, 4 windows"
@@ -139,7 +139,7 @@ def test_a_page_without_a_cradle_is_refused(script, tmp_path):
 def test_the_table_of_speeds_has_a_row_for_each_kind(script, tmp_path, monkeypatch):
     monkeypatch.setattr(script, "SECONDS", 0.01)
     rows = run(script, monkeypatch, tmp_path / "exact.md", "table", "--discs", "3000", "--workers", "2")
-    assert [row[1] for row in rows] == ["as one", "2 workers"]
+    assert [row[1] for row in rows] == ["undivided", "2 workers"]
     assert rows[0][4:] == ["0", "0", "0"]
     assert int(rows[1][4]) > 0, "windows"
 
