@@ -64,6 +64,7 @@ from mpsim.studies.tuned import Tuned
 
 if TYPE_CHECKING:
     from mpsim.output.animation import animate
+    from mpsim.output.still import draw
     from mpsim.output.trajectory import Trajectory
     from mpsim.viewer.live import View, view
     from mpsim.viewer.notebook import live
@@ -71,6 +72,7 @@ if TYPE_CHECKING:
 
 _LATE = {
     "animate": "mpsim.output.animation",
+    "draw": "mpsim.output.still",
     "live": "mpsim.viewer.notebook",
     "Trajectory": "mpsim.output.trajectory",
     "View": "mpsim.viewer.live",
@@ -165,6 +167,7 @@ __all__ = [
     "WorkerDied",
     "WorkerStalled",
     "animate",
+    "draw",
     "findings",
     "live",
     "measure",

@@ -25,8 +25,8 @@ from window_picture import window
 import mpsim
 from mpsim.engine.workers.arrays import Grid, grid_for
 from mpsim.kernels.layout import PHASES
-from mpsim.output.animation import DPI, STYLE, Picture
-from mpsim.output.drawing import draw_discs, new_figure
+from mpsim.output.drawing import STYLE, draw_discs, new_figure
+from mpsim.output.moving_picture import DPI, Picture
 from mpsim.scene.scenefile import load
 
 PAGES = Path(__file__).parents[1] / "docs"

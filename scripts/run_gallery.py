@@ -20,9 +20,10 @@ from PIL import Image
 from rich.console import Console
 
 import mpsim
-from mpsim.output.animation import STYLE, Picture, pictures_until
+from mpsim.output.animation import pictures_until
 from mpsim.output.colour_scale import scale_of_run
-from mpsim.output.drawing import BEHIND_COLOUR, SOLID_COLOUR
+from mpsim.output.drawing import LIGHT, STYLE
+from mpsim.output.moving_picture import Picture
 from mpsim.scene.recommended import frames_between_pictures, settings_for
 from mpsim.scene.scenefile import SceneFile, load, names
 from mpsim.studies.findings import promise_of
@@ -94,7 +95,7 @@ def drawn(picture: Picture, sim: mpsim.Simulation, promise: Promise | None, mark
 def palette(colours: int) -> Image.Image:
     """Most of the colours for the scale, so that no bands show in it, the others for greys and what is drawn over."""
     scale = matplotlib.colormaps["viridis"](np.linspace(0, 1, colours * 3 // 4))[:, :3]
-    ink = [to_rgb(each) for each in (INK, SOLID_COLOUR, BEHIND_COLOUR)]
+    ink = [to_rgb(each) for each in (INK, LIGHT.solid, LIGHT.behind)]
     greys = np.linspace(0, 1, colours - len(scale) - len(ink))[:, None].repeat(3, axis=1)
     found = Image.new("P", (1, 1))
     found.putpalette(np.rint(255 * np.concatenate([scale, ink, greys])).astype(np.uint8).tobytes())

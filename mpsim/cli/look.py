@@ -1,7 +1,7 @@
 """`mpsim plot` and `mpsim animate`: what there is to see."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
@@ -14,14 +14,17 @@ from mpsim.scene import scenefile
 PLOT_EXAMPLES = """\b
 Examples:
   mpsim plot run                    writes run/plot.png
-  mpsim plot run --out story.pdf --force
+  mpsim plot run -o story.pdf --force
 """
 
 
 @click.command(epilog=PLOT_EXAMPLES, short_help="Draw the results of a run.")
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option(
-    "--out", type=click.Path(path_type=Path), help="Image file to write.  [default: plot.png in the folder, replaced]"
+    "--out",
+    "-o",
+    type=click.Path(path_type=Path),
+    help="Picture to write: .png, .pdf, .svg or another format.  [default: plot.png in the folder, replaced]",
 )
 @click.option("--force", is_flag=True, help="Replace an existing file.")
 @terminal.json_option
@@ -30,13 +33,13 @@ def plot(folder: Path, out: Path | None, force: bool, as_json: bool) -> None:
 
     The run may still be in progress.
     """
-    from mpsim.output.drawing import save_figure  # noqa: PLC0415 - with matplotlib, see run.py
+    from mpsim.output.drawing import checked_picture, save_figure  # noqa: PLC0415 - with matplotlib, see run.py
     from mpsim.output.history import history  # noqa: PLC0415
     from mpsim.output.recorder import read_table  # noqa: PLC0415
 
     found = RunFolder.open(folder)
     if out is not None:
-        terminal.existing_refused(out, force)
+        terminal.existing_refused(checked_picture(out), force)
     table, frames = read_table(found[MEASURES]), found.frames
     if not len(frames) or not len(table["time"]):
         raise InputError(
@@ -52,6 +55,7 @@ ANIMATE_EXAMPLES = """\b
 Examples:
   mpsim animate gas gas.gif
   mpsim animate galton galton.gif --until 20 --fps 12
+  mpsim animate cooling cooling.gif --seconds 8 --scale log --theme dark
   mpsim animate hopper hopper.mp4 --frames 300 --every 4      (needs ffmpeg or mpsim[film])
   mpsim animate dense passes.gif --colour parity --method parallel --workers 2
 """
@@ -63,7 +67,13 @@ Examples:
 @click.option(
     "--frames", type=click.IntRange(1, 100_000), help="Number of pictures; default: to the end of the scene's duration."
 )
-@click.option("--until", type=float, help="Time of the last picture, in place of --frames.")
+@click.option("--until", type=terminal.Positive("time"), help="Time of the last picture, in place of --frames.")
+@click.option(
+    "--seconds",
+    type=terminal.Positive("seconds"),
+    help="How long the animation lasts, in place of --frames; its pictures are spread over the time to --until or "
+    "the scene's duration.",
+)
 @click.option("--every", type=click.IntRange(1), help="Frames of the simulation per picture; default: the scene's own.")
 @click.option("--fps", type=click.IntRange(1, 50), default=25, show_default=True, help="Pictures per second.")
 @click.option(
@@ -81,6 +91,14 @@ Examples:
     show_default=True,
     help="worker: by the worker that owns the disc's column; parity: by even and odd columns.",
 )
+@click.option(
+    "--scale",
+    type=terminal.Choice(["linear", "log"]),
+    default="linear",
+    show_default=True,
+    help="How speeds become colours; log tells slow discs apart where speeds span decades.",
+)
+@click.option("--theme", type=terminal.Choice(["light", "dark"]), default="light", show_default=True)
 @terminal.settings_options
 @click.option("--force", is_flag=True, help="Replace an existing file.")
 @terminal.json_option
@@ -90,10 +108,13 @@ def animate(
     out: Path,
     frames: int | None,
     until: float | None,
+    seconds: float | None,
     every: int | None,
     fps: int,
     pixels: int,
     colour: str,
+    scale: Literal["linear", "log"],
+    theme: str,
     force: bool,
     as_json: bool,
     quiet: bool,
@@ -106,7 +127,7 @@ def animate(
     animation.checked_target(out)  # before the scene is made, which may take a while
     file = scenefile.load(scene)
     settings = terminal.settings_of(file, options)
-    frames, every = animation.pictures_of(file.scene, settings, frames, every, until)
+    frames, every = animation.pictures_of(file.scene, settings, frames, every, until, seconds, fps)
     try:
         with terminal.progress(quiet) as progress:
             animation.animate(
@@ -118,11 +139,16 @@ def animate(
                 pictures_per_second=fps,
                 pixels=pixels,
                 colour=None if colour == "none" else colour,
+                scale=scale,
+                theme=theme,
                 progress=False if progress is None else lambda done, of: progress(done, of, "pictures"),
             )
     except KeyboardInterrupt:
         raise terminal.Interrupted(f"Interrupted; {str(out)!r} was not written.") from None
+    size = out.stat().st_size
     if as_json:
-        click.echo(json_text({"animation": str(out), "pictures": frames, "bytes": out.stat().st_size}))
+        click.echo(
+            json_text({"animation": str(out), "pictures": frames, "seconds": round(frames / fps, 3), "bytes": size})
+        )
     else:
-        click.echo(f"written: {out}, {frames} pictures, {out.stat().st_size / 1000:.0f} kB")
+        click.echo(f"written: {out}, {frames} pictures, {frames / fps:.3g} s, {size / 1000:.0f} kB")

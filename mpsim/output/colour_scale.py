@@ -16,58 +16,82 @@ SAMPLE = 5_000
 """Discs of one picture that enter the scale of a run at most."""
 
 
+SCALES = ("linear", "log")
+
+ScaleName = Literal["linear", "log"]
+
+
 class ColourScale(NamedTuple):
-    """Ends of a colour bar, and at which of them values lie outside, in matplotlib's words."""
+    """Ends of a colour bar, at which of them values lie outside, in matplotlib's words; log: it is logarithmic."""
 
     low: float
     high: float
     outside: Literal["neither", "both", "min", "max"] = "neither"
+    log: bool = False
 
 
-def scale_of(values: ArrayLike) -> ColourScale:
+def percentile_scale(values: ArrayLike, kind: ScaleName = "linear") -> ColourScale:
     """The scale from the 2nd to the 98th percentile of values, of any shape; NaN are left out.
 
-    Where these percentiles are equal, it spans all values; where all values are equal, it begins at 0 or ends there.
+    Its ends are two of the values; of 50 or fewer, the least and the greatest.
 
-    >>> scale_of([*range(101)])
-    ColourScale(low=2.0, high=98.0, outside='both')
-    >>> scale_of([3.0, 3.0])
-    ColourScale(low=0.0, high=3.0, outside='neither')
+    Where these percentiles are equal, it spans all values; where all values are equal, it begins at 0 or ends there.
+    A logarithmic one has its ends from the values > 0; where these are fewer than two different ones, it is linear.
+
+    >>> percentile_scale([*range(101)])
+    ColourScale(low=2.0, high=98.0, outside='both', log=False)
+    >>> percentile_scale([3.0, 3.0])
+    ColourScale(low=0.0, high=3.0, outside='neither', log=False)
+    >>> percentile_scale([0.0, 0.1, 10.0], "log")
+    ColourScale(low=0.1, high=10.0, outside='min', log=True)
     """
     found = np.asarray(values, np.float64).ravel()
     found = found[np.isfinite(found)]
+    if kind == "log" and len(np.unique(found[found > 0])) > 1:
+        scale = percentile_scale(found[found > 0])
+        below = scale.outside in ("both", "min") or float(found.min()) <= 0
+        above = scale.outside in ("both", "max")
+        return ColourScale(scale.low, scale.high, _outside(below, above), log=True)
     if not len(found):
         return ColourScale(0.0, 1.0)
     least, most = float(found.min()), float(found.max())
-    low, high = (float(each) for each in np.percentile(found, PERCENTILES))
+    low, high = (
+        float(np.percentile(found, each, method=method))
+        for each, method in zip(PERCENTILES, ("lower", "higher"), strict=True)
+    )
     if low == high:
         low, high = least, most
     if low == high:
         low, high = min(low, 0.0), max(high, 0.0)
     high = high if high > low else 1.0
-    below, above = least < low, most > high
-    outside = "both" if below and above else "min" if below else "max" if above else "neither"
-    return ColourScale(low, high, outside)
+    return ColourScale(low, high, _outside(least < low, most > high))
 
 
-def speeds_of(sim: Simulation) -> NDArray[np.float64]:
-    """Speeds of the discs that have not been absorbed, shape (n,) [length/time]."""
-    return np.hypot(*sim.state.velocity[~sim.absorbed].astype(np.float64).T)
+def _outside(below: bool, above: bool) -> Literal["neither", "both", "min", "max"]:
+    return "both" if below and above else "min" if below else "max" if above else "neither"
 
 
-def scale_of_run(scene: Scene, settings: Settings, pictures: int, every: int) -> ColourScale:
+def sampled(values: NDArray[np.floating]) -> NDArray[np.floating]:
+    """At most SAMPLE of the values of one picture, evenly spread, for the scale of many pictures."""
+    return values[:: max(-(-len(values) // SAMPLE), 1)]
+
+
+def scale_of_run(
+    scene: Scene, settings: Settings, pictures: int, every: int, kind: ScaleName = "linear"
+) -> ColourScale:
     """The scale of the speeds of all pictures of an animation: the run is simulated once for it.
 
     Args:
         scene, settings: what is simulated and how.
         pictures: number of pictures, >= 1; the first shows the start.
         every: frames from one picture to the next, >= 1.
+        kind: "linear" or "log".
     """
-    kept: list[NDArray[np.float64]] = []
+    found: list[NDArray[np.floating]] = []
     with Simulation(scene, settings) as sim:
         for number in range(pictures):
             if number:
                 sim.run(frames=every)
-            speeds = speeds_of(sim)
-            kept.append(speeds[:: max(-(-len(speeds) // SAMPLE), 1)])
-    return scale_of(np.concatenate(kept))
+            state = sim.state
+            found.append(sampled(np.hypot(*state.velocity[state.present].astype(np.float64).T)))
+    return percentile_scale(np.concatenate(found), kind)

@@ -1,30 +1,80 @@
 """A scene as a picture: discs at true radius, their images at periodic edges, what stands in it, walls that move."""
 
+import io
 import os
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, PatchCollection
+from matplotlib.colorbar import Colorbar
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import atomic
-from mpsim.core.errors import OutputError
+from mpsim.core.errors import InputError, OutputError
+from mpsim.core.state import Box
+from mpsim.output.colour_scale import ColourScale
 from mpsim.scene.scene import Scene
 
 STYLE = Path(__file__).with_name("mpsim.mplstyle")
 
 DISC_COLOUR = "#56B4E9"
-SOLID_COLOUR = "#444444"
 MOST_DISCS = 50_000
 """Discs that a still shows at most: more would take long, and be smaller than its pixels."""
 
-BEHIND_COLOUR = "#BBBBBB"
+NO_VALUE = "#CCCCCC"
+"""Of a disc whose number is NaN."""
+
+FLAT = 2.5
+"""Ratio of width to height from which the colour bar lies below the box."""
+
+ENDINGS = (".png", ".pdf", ".svg", ".eps", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
+"""Of files that pictures are written to."""
+
+
+@dataclass(frozen=True)
+class Theme:
+    """Colours of what is not a disc.
+
+    Attributes:
+        ground, ink: of the paper, and of lines and words on it.
+        solid: of obstacles. behind: of the region behind a wall that moves. edge: around each disc.
+    """
+
+    ground: str
+    ink: str
+    solid: str
+    behind: str
+    edge: str
+
+    @property
+    def style(self) -> dict[Any, Any]:
+        """Matplotlib's names for the first two."""
+        grounds = dict.fromkeys(("figure.facecolor", "axes.facecolor", "savefig.facecolor"), self.ground)
+        inks = ("text.color", "axes.edgecolor", "axes.labelcolor", "axes.titlecolor", "xtick.color", "ytick.color")
+        return grounds | dict.fromkeys(inks, self.ink)
+
+
+LIGHT = Theme(ground="white", ink="black", solid="#444444", behind="#BBBBBB", edge="#00000060")
+DARK = Theme(ground="#15181E", ink="#E6E6E6", solid="#8C929E", behind="#343A46", edge="#FFFFFF50")
+
+THEMES = {"light": LIGHT, "dark": DARK}
+
+
+class ShownFigure(Figure):
+    """A figure that a notebook shows, without a backend of its own."""
+
+    def _repr_png_(self) -> bytes:
+        file = io.BytesIO()
+        self.savefig(file, format="png")
+        return file.getvalue()
 
 
 def marker_of(points: int) -> str:
@@ -32,10 +82,10 @@ def marker_of(points: int) -> str:
     return "." if points <= 100 else ""
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """A figure of the given size [inch] in mpsim's style, bound to no window."""
-    with matplotlib.rc_context(fname=STYLE):
-        return Figure(figsize=(width, height))
+def new_figure(width: float, height: float, theme: Theme = LIGHT) -> Figure:
+    """A figure of the given size [inch] in mpsim's style, bound to no window; a notebook shows it."""
+    with matplotlib.rc_context(theme.style, fname=STYLE):
+        return ShownFigure(figsize=(width, height))
 
 
 def with_images(position: ArrayLike, scene: Scene) -> NDArray[np.float64]:
@@ -57,7 +107,12 @@ def with_images(position: ArrayLike, scene: Scene) -> NDArray[np.float64]:
 
 
 def draw_discs(
-    axes: Axes, position: ArrayLike, scene: Scene, colours: Any = DISC_COLOUR, radii: NDArray[np.float64] | None = None
+    axes: Axes,
+    position: ArrayLike,
+    scene: Scene,
+    colours: Any = DISC_COLOUR,
+    radii: NDArray[np.floating] | None = None,
+    theme: Theme = LIGHT,
 ) -> EllipseCollection:
     """Discs at true radius in their box, with what stands in it; no ticks, the frame is dotted where it is periodic.
 
@@ -67,12 +122,13 @@ def draw_discs(
         scene: box, what stands in it, and radii where none are given.
         colours: one, or one for each disc.
         radii: shape (N,) [length].
+        theme: colours of obstacles, and around discs.
 
     Returns:
         The discs, to be moved: `set_offsets(with_images(position, scene))`.
     """
     if not axes.collections:
-        _draw_box(axes, scene)
+        _draw_box(axes, scene, theme)
     diameters = 2 * np.asarray(scene.radii if radii is None else radii)
     # Sizes and colours repeat, so that each image has those of its disc.
     discs = EllipseCollection(
@@ -84,13 +140,13 @@ def draw_discs(
         offset_transform=axes.transData,
     )
     discs.set_facecolor(colours)
-    discs.set_edgecolor("#00000060")
+    discs.set_edgecolor(theme.edge)
     discs.set_linewidth(0.3)
     axes.add_collection(discs)
     return discs
 
 
-def _draw_box(axes: Axes, scene: Scene) -> None:
+def _draw_box(axes: Axes, scene: Scene, theme: Theme) -> None:
     axes.set(xlim=(0, scene.width), ylim=(0, scene.height), aspect="equal", xticks=[], yticks=[])
     axes.grid(False)
     for side, axis in (("left", 0), ("right", 0), ("bottom", 1), ("top", 1)):
@@ -110,39 +166,86 @@ def _draw_box(axes: Axes, scene: Scene) -> None:
             shapes.append(Polygon([a - across, b - across, b + across, a + across]))
     if shapes:
         # The line is what remains of a wall without thickness.
-        axes.add_collection(PatchCollection(shapes, facecolor=SOLID_COLOUR, edgecolor=SOLID_COLOUR, linewidth=1))
+        axes.add_collection(PatchCollection(shapes, facecolor=theme.solid, edgecolor=theme.solid, linewidth=1))
 
 
-def closed_off(scene: Scene, time: float) -> Rectangle | None:
-    """The region of the box behind a moving wall at a time, as a shape to be drawn; None if all walls are at rest.
+def colour_discs(discs: EllipseCollection, values: NDArray[Any], scale: ColourScale) -> None:
+    """Colour discs by numbers, one each, shape (N,), on a scale; NaN: no number, which is grey."""
+    discs.set_cmap(matplotlib.colormaps["viridis"].with_extremes(bad=NO_VALUE))
+    discs.set_norm((LogNorm if scale.log else Normalize)(scale.low, scale.high))
+    discs.set_array(on_scale(values, scale))
+
+
+def on_scale(values: NDArray[Any], scale: ColourScale) -> Any:
+    """Numbers as a collection takes them: on a logarithmic scale, 0 is a number below its lower end."""
+    return np.ma.masked_invalid(np.maximum(values, scale.low / 2) if scale.log else values)
+
+
+def colour_bar(
+    axes: Axes, discs: EllipseCollection, scene: Scene, label: str, outside: Literal["neither", "both", "min", "max"]
+) -> Colorbar:
+    """The colour bar of discs, beside the box; below it, where that is flat."""
+    where: dict[str, Any] = {"location": "right", "shrink": 0.8, "aspect": 25}
+    if scene.width > FLAT * scene.height:
+        where = {"location": "bottom", "shrink": 0.6, "aspect": 40}
+    figure = axes.figure.figure  # the whole one, where the axes are in one of its subfigures
+    return figure.colorbar(discs, ax=axes, label=label, extend=outside, **where)
+
+
+def closed_off(scene: Scene, walls: Box | None, theme: Theme = LIGHT) -> Rectangle | None:
+    """The region of the box behind a wall that moves, as a shape to be drawn; None if all walls are at rest.
+
+    Args:
+        scene: the whole box.
+        walls: where they are now, as `State.box` has it; None: unknown.
+        theme: has its colour.
 
     >>> half = {"width": 4, "height": 2, "position": [[1, 1]], "velocity": [[0, 0]], "radius": 0.5}
-    >>> closed_off(Scene(**half), time=9.0) is None
+    >>> closed_off(Scene(**half), (0.0, 4.0, 0.0, 2.0)) is None
     True
     """
     wall = scene.moving_wall
-    if wall is None:
+    if wall is None or walls is None:
         return None
-    low, high = (0.0, wall.at(time)) if wall.speed > 0 else (wall.at(time), (scene.width, scene.height)[wall.axis])
+    length, place = (scene.width, scene.height)[wall.axis], walls[wall.edge]
+    low, high = (place, length) if wall.edge % 2 else (0.0, place)
     if wall.axis == 0:
-        return Rectangle((low, 0), high - low, scene.height, color=BEHIND_COLOUR)
-    return Rectangle((0, low), scene.width, high - low, color=BEHIND_COLOUR)
+        return Rectangle((low, 0), high - low, scene.height, color=theme.behind)
+    return Rectangle((0, low), scene.width, high - low, color=theme.behind)
+
+
+def checked_picture(path: str | os.PathLike[str]) -> Path:
+    """The path of a picture, after making sure that its ending is that of a format that can be written.
+
+    Raises:
+        InputError: for another ending.
+
+    >>> checked_picture("story.pdf").name
+    'story.pdf'
+    """
+    target = Path(path)
+    if target.suffix.lower() not in ENDINGS:
+        raise InputError(
+            f"a picture's path must end in one of {', '.join(ENDINGS)}; got {str(target)!r}. "
+            f"Use {target.stem}.png, or {target.stem}.pdf for print."
+        )
+    return target
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> Path:
     """Write a figure in mpsim's style, in the format of the path's ending.
 
     Raises:
+        InputError: for an ending of no format that can be written.
         OutputError: if it cannot be written.
     """
-    target = Path(path)
+    target = checked_picture(path)
     try:
         with matplotlib.rc_context(fname=STYLE), atomic.atomic_write(target) as file:
-            figure.savefig(file.name, format=target.suffix.removeprefix("."))
-    except (OSError, ValueError) as error:  # ValueError: an ending that matplotlib cannot write
-        reason = getattr(error, "strerror", None) or error
+            figure.savefig(file.name, format=target.suffix.lower().removeprefix("."))
+    except OSError as error:
         raise OutputError(
-            f"a picture must be a file that can be written, such as a .png; got {str(target)!r} ({reason}). "
+            f"a picture must be a file that can be written, such as a .png; got {str(target)!r} ({error.strerror}). "
             "Choose another place."
         ) from error
     return target

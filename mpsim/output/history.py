@@ -1,6 +1,5 @@
 """The record of a run as pictures: energy, overlap, collision rate along the run, and the final state."""
 
-import math
 import os
 from pathlib import Path
 from typing import Any
@@ -11,13 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mpsim.output.colour_scale import scale_of
-from mpsim.output.drawing import MOST_DISCS, STYLE, closed_off, draw_discs, marker_of, new_figure, save_figure
+from mpsim.output.drawing import STYLE, marker_of, new_figure, save_figure
 from mpsim.output.frames import Frame
+from mpsim.output.still import draw
 from mpsim.scene.scene import Scene
 
-TALL: dict[str, Any] = {"location": "right", "shrink": 0.7, "aspect": 30}
-"""Where the colour bar of a box lies that is not flat."""
+TALL, LOW = 1.25, 0.45
+"""Ratio of height to width from which a box is drawn beside the curves, and below which it is drawn under them."""
 
 
 def history(table: dict[str, NDArray[np.float64]], scene: Scene, last: Frame, title: str) -> Figure:
@@ -30,9 +29,7 @@ def history(table: dict[str, NDArray[np.float64]], scene: Scene, last: Frame, ti
         title: of the whole.
     """
     with matplotlib.rc_context(fname=STYLE):
-        figure = new_figure(10, 6.4)
-        panels = figure.subplots(2, 2)
-        energy, rate, overlap, place = panels.flat
+        figure, energy, rate, overlap, place = _panels(scene.height / scene.width)
         time = table["time"]
         line: dict[str, Any] = {"marker": marker_of(len(time))}
         energy.plot(time, table["kinetic_energy"], color="#0072B2", **line)
@@ -48,43 +45,39 @@ def history(table: dict[str, NDArray[np.float64]], scene: Scene, last: Frame, ti
         overlap.legend(loc="upper left", fontsize=9)
         for axes in (energy, rate, overlap):
             axes.set_xlabel("time")
-        draw_frame(place, last, scene)
+        draw(last, scene, ax=place)
         figure.suptitle(title)
     return figure
 
 
-def draw_frame(axes: Axes, frame: Frame, scene: Scene) -> None:
-    """The discs of a frame, coloured by speed."""
-    step = max(math.ceil(len(frame.position) / MOST_DISCS), 1)
-    discs = draw_discs(axes, frame.position[::step], scene, radii=frame.radius[::step])
-    speeds = np.hypot(*frame.velocity[::step].astype(np.float64).T)
-    discs.set_array(speeds)
-    discs.set_cmap("viridis")
-    scale = scale_of(speeds)
-    discs.set_clim(scale.low, scale.high)
-    closed = closed_off(scene, frame.time)
-    if closed is not None:
-        axes.add_patch(closed)
-    where: dict[str, Any] = (
-        {"location": "bottom", "shrink": 0.6, "aspect": 40} if scene.width > 2.5 * scene.height else TALL
-    )
-    figure = axes.figure.figure  # the whole one, where the axes are in one of its subfigures
-    figure.colorbar(discs, ax=axes, label="speed [length/time]", extend=scale.outside, **where)
-    shown = f"{len(speeds):,} of " if step > 1 else ""
-    axes.set_title(f"time {frame.time:.4g}, {shown}{len(frame.position):,} discs")
-
-
 def final_picture(scene: Scene, last: Frame, path: str | os.PathLike[str]) -> Path:
-    """The last frame of a run as a PNG.
+    """The last frame of a run as a picture, in the format of the path's ending.
 
     Raises:
-        OutputError: if it cannot be written.
+        InputError, OutputError: as `save_figure`.
     """
-    with matplotlib.rc_context(fname=STYLE):
-        longer = max(scene.width, scene.height)
-        figure = new_figure(max(6 * scene.width / longer, 2) + 1.2, max(6 * scene.height / longer, 1) + 0.9)
-        draw_frame(figure.add_subplot(), last, scene)
-    return save_figure(figure, path)
+    return save_figure(draw(last, scene), path)
+
+
+def _panels(shape: float) -> tuple[Figure, Axes, Axes, Axes, Axes]:
+    """A figure for a box of so many heights to its width, with axes for three curves and for the box."""
+    if shape > TALL:
+        height = 8.4
+        wide = max(height / shape, 1.6) + 1.6
+        figure = new_figure(5.4 + wide, height)
+        grid = figure.add_gridspec(3, 2, width_ratios=[5.4, wide])
+        curves, place = [grid[row, 0] for row in range(3)], grid[:, 1]
+    elif shape < LOW:
+        low = max(11 * shape, 0.8) + 1.4
+        figure = new_figure(11, 3 + low)
+        grid = figure.add_gridspec(2, 3, height_ratios=[3, low])
+        curves, place = [grid[0, column] for column in range(3)], grid[1, :]
+    else:
+        figure = new_figure(10, 6.4)
+        grid = figure.add_gridspec(2, 2)
+        curves, place = [grid[0, 0], grid[0, 1], grid[1, 0]], grid[1, 1]
+    energy, rate, overlap = (figure.add_subplot(each) for each in curves)
+    return figure, energy, rate, overlap, figure.add_subplot(place)
 
 
 def _from_zero(axes: Axes, values: NDArray[np.float64], room: float = 1.15) -> None:

@@ -492,6 +492,6 @@ def test_a_picture_has_the_format_of_its_ending(ending, tmp_path):
 
 @pytest.mark.parametrize("name", ["a", "a.unknown"])
 def test_a_picture_without_a_format_is_refused(name, tmp_path):
-    with pytest.raises(mpsim.OutputError, match="is not supported"):
+    with pytest.raises(mpsim.InputError, match=r"a picture's path must end in one of .png, .pdf, "):
         picture(tmp_path / name)
     assert not list(tmp_path.iterdir())

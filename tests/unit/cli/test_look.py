@@ -3,8 +3,11 @@
 import json
 import sys
 
+import pytest
 from PIL import Image
 from support.commands import SHORT, mpsim_command
+
+import mpsim
 
 
 def test_plot_draws_what_a_run_recorded(tmp_path):
@@ -19,24 +22,67 @@ def test_plot_draws_what_a_run_recorded(tmp_path):
     assert refused.exit_code == 2
     assert f"'{other}' exists already, and is not overwritten. Give another name, or --force." in refused.stderr
     assert mpsim_command("plot", out, "--out", other, "--force").exit_code == 0
-    for wrong in (tmp_path / "a.xls", tmp_path / "none" / "a.png"):
-        refused = mpsim_command("plot", out, "--out", wrong)
-        assert refused.exit_code == 1
-        assert "a picture must be a file that can be written, such as a .png; got " in refused.stderr
+    refused = mpsim_command("plot", out, "-o", tmp_path / "none" / "a.png")
+    assert refused.exit_code == 1
+    assert "a picture must be a file that can be written, such as a .png; got " in refused.stderr
+    for ending, begin in ((".svg", b"<?xml"), (".pdf", b"%PDF"), (".PNG", b"\x89PNG")):
+        assert mpsim_command("plot", out, "-o", tmp_path / f"b{ending}").exit_code == 0
+        assert (tmp_path / f"b{ending}").read_bytes().startswith(begin)
+
+
+@pytest.mark.parametrize("name", ["a.xls", "a", "a.rgba"])
+def test_a_picture_of_no_known_format_is_refused_before_any_work(name, tmp_path):
+    out = tmp_path / "run"
+    mpsim_command("run", "gas", *SHORT, "--out", out)
+    refused = mpsim_command("plot", out, "-o", tmp_path / name)
+    assert refused.exit_code == 2
+    assert "a picture's path must end in one of .png, .pdf, .svg, .eps, " in refused.stderr
+    assert f"'{tmp_path}/{name}'. Use a.png, or a.pdf for print." in refused.stderr
+    assert not (tmp_path / name).exists()
+
+
+def test_the_picture_of_a_tall_box_has_the_box_beside_the_curves(tmp_path):
+    for name, sides in (("tall", (4, 12)), ("flat", (24, 4))):
+        scene = mpsim.Scene(
+            width=sides[0], height=sides[1], position=[[1, 1], [3, 3]], velocity=[[1, 0], [0, 1]], radius=0.5
+        )
+        scene.save(tmp_path / f"{name}.toml")
+        mpsim_command("run", tmp_path / f"{name}.toml", "--method", "naive", *SHORT, "--out", tmp_path / name)
+        mpsim_command("plot", tmp_path / name)
+        with Image.open(tmp_path / name / "plot.png") as picture:
+            assert (picture.size[0] < picture.size[1] * 1.2) == (name == "tall")
 
 
 def test_animate_writes_an_animation_once(tmp_path):
     path = tmp_path / "a.gif"
     few = ("--frames", 3, "--every", 5, "--pixels", 100, "--method", "grid", "--quiet")
     result = mpsim_command("animate", "gas", path, *few, "--colour", "parity")
-    assert result.stdout == f"written: {path}, 3 pictures, {path.stat().st_size / 1000:.0f} kB\n"
+    assert result.stdout == f"written: {path}, 3 pictures, 0.12 s, {path.stat().st_size / 1000:.0f} kB\n"
     with Image.open(path) as film:
         assert film.n_frames == 3
     refused = mpsim_command("animate", "gas", path, *few)
     assert refused.exit_code == 2
     assert "exists already, and is not overwritten. Give another name, or --force." in refused.stderr
     again = mpsim_command("animate", "gas", path, *few, "--force", "--json")
-    assert json.loads(again.stdout) == {"animation": str(path), "pictures": 3, "bytes": path.stat().st_size}
+    assert json.loads(again.stdout) == {
+        "animation": str(path),
+        "pictures": 3,
+        "seconds": 0.12,
+        "bytes": path.stat().st_size,
+    }
+
+
+def test_an_animation_has_a_length_and_a_theme(tmp_path):
+    path = tmp_path / "a.gif"
+    few = ("--fps", 5, "--pixels", 100, "--method", "grid", "--quiet", "--theme", "dark", "--scale", "log")
+    result = mpsim_command("animate", "gas", path, "--seconds", 0.6, "--until", 1, *few, "--json")
+    assert json.loads(result.stdout)["pictures"] == 3
+    for option in (("--seconds", 0), ("--seconds", "nan"), ("--until", -1), ("--fps", 0), ("--theme", "blue")):
+        refused = mpsim_command("animate", "gas", tmp_path / "b.gif", *option)
+        assert refused.exit_code == 2
+        assert f"Invalid value for '{option[0]}'" in refused.stderr
+    refused = mpsim_command("animate", "gas", tmp_path / "b.gif", "--seconds", 2, "--frames", 5)
+    assert (refused.exit_code, "frames must not come with until or seconds" in refused.stderr) == (2, True)
 
 
 def test_what_cannot_be_animated_is_told_before_any_picture(tmp_path, monkeypatch, ctrl_c):

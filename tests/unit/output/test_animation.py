@@ -1,12 +1,20 @@
 """Animations by speed, worker and parity."""
 
+import base64
+
 import numpy as np
 import pytest
+from IPython.core.formatters import DisplayFormatter
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from support.scenes import gas, lattice, simulate
 
 import mpsim
 from mpsim.engine.workers.arrays import grid_for
-from mpsim.output.animation import Picture
+from mpsim.output import animation, moving_picture
+from mpsim.output.colour_scale import percentile_scale
+from mpsim.output.drawing import DARK, LIGHT
+from mpsim.output.moving_picture import Picture, kept, moment_of
 
 
 def test_columns_are_those_that_the_workers_are_given():
@@ -78,3 +86,52 @@ def test_progress_of_an_animation_can_be_watched(tmp_path):
     settings = mpsim.Settings(method="grid")
     mpsim.animate(gas(5, 0.1), settings, tmp_path / "a.gif", 3, pixels=100, progress=lambda *now: seen.append(now))
     assert seen == [(1, 3), (2, 3), (3, 3)]
+
+
+def test_a_scene_is_simulated_once_and_the_scale_is_that_of_all_pictures(tmp_path, monkeypatch):
+    made, shown = [], []
+    simulation, show = animation.Simulation, Picture.show
+    monkeypatch.setattr(animation, "Simulation", lambda *given: made.append(given) or simulation(*given))
+    monkeypatch.setattr(Picture, "show", lambda self, moment: shown.append((self, moment)) or show(self, moment))
+    scene, settings = gas(30, 0.2), mpsim.Settings(method="grid", dt=0.01)
+    mpsim.animate(scene, settings, tmp_path / "a.gif", 4, every=20, pixels=100, progress=False)
+    assert len(made) == 1
+    picture, moments = shown[0][0], [moment for _, moment in shown]
+    with simulation(scene, settings) as sim:
+        for number, moment in enumerate(moments):
+            assert moment.time == pytest.approx(0.2 * number)
+            assert (moment.position == sim.state.position.astype(np.float32)).all()
+            sim.run(frames=20)
+    assert picture._discs.get_clim() == percentile_scale(np.concatenate([moment.values for moment in moments]))[:2]
+
+
+def test_moments_are_kept_in_a_file_where_they_are_large(monkeypatch):
+    with simulate(gas(30, 0.2), method="grid") as sim:
+        moment = moment_of(sim, "speed")
+    for most in (moving_picture.IN_MEMORY, 10):
+        monkeypatch.setattr(moving_picture, "IN_MEMORY", most)
+        with kept(moment._replace(time=float(time)) for time in range(3)) as again:
+            found = list(again)
+        assert [each.time for each in found] == [0, 1, 2]
+        assert all((each.values == moment.values).all() and each.walls == moment.walls for each in found)
+
+
+def test_a_dark_picture_is_dark_and_its_words_are_light():
+    with simulate(gas(5, 0.1), method="grid") as sim:
+        for theme, dark in ((LIGHT, False), (DARK, True)):
+            picture = Picture(sim, 100, theme=theme)
+            picture.update()
+            canvas = FigureCanvasAgg(picture.figure)
+            canvas.draw()
+            assert (int(np.asarray(canvas.buffer_rgba())[0, 0, 0]) < 60) == dark
+            assert (sum(to_rgb(picture._title.get_color())) > 2) == dark
+
+
+def test_a_notebook_shows_an_animation(tmp_path, monkeypatch):
+    path = mpsim.animate(gas(5, 0.1), mpsim.Settings(method="grid"), tmp_path / "a.gif", 2, pixels=100, progress=False)
+    formatter = DisplayFormatter()
+    text = formatter.format(path)[0]["text/html"]
+    assert base64.b64decode(text.split("base64,")[1].split('"')[0]) == path.read_bytes()
+    assert "text/html" not in formatter.format(path.with_suffix(".gone"))[0]
+    monkeypatch.setattr(animation, "MOST_SHOWN", 10)
+    assert "text/html" not in formatter.format(path)[0], "too large for the output of a cell"

@@ -1,0 +1,282 @@
+"""One picture of discs at one moment: a state, a frame of a trajectory, a simulation as it is now, or a start."""
+
+# pyright: reportUnnecessaryIsInstance=false
+# Arguments are checked when the program runs as well, for callers without a type checker.
+
+import contextlib
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection
+from matplotlib.colors import is_color_like
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+from mpsim.core.state import Box, State, present_in
+from mpsim.engine.simulation import Simulation
+from mpsim.output.colour_scale import SCALES, ScaleName, percentile_scale
+from mpsim.output.drawing import (
+    FLAT,
+    MOST_DISCS,
+    STYLE,
+    closed_off,
+    colour_bar,
+    colour_discs,
+    draw_discs,
+    new_figure,
+)
+from mpsim.output.frames import Frame
+from mpsim.scene.scene import Scene
+
+INCHES = 6.0
+"""Longer side of the box in a figure of its own."""
+
+MOST_LABELS = 2_000
+"""Discs with labels at most: more could not be read."""
+
+LUMINANCE, DARK = np.array([0.299, 0.587, 0.114]), 0.5
+"""Weights of red, green and blue in the luminance of a colour, and the luminance below which its label is white."""
+
+FONT_SIZES = (4.0, 11.0)
+"""Smallest and largest labels [points]."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """The discs that a picture shows, in the order of their numbers. Absorbed discs are not among them.
+
+    Attributes:
+        scene: box, and what stands in it.
+        walls: where the walls are; None: unknown.
+        time: of the moment [time]; None: unknown.
+        here: which discs of the state these are: an index of arrays of one row per disc.
+        number: their numbers, shape (N,).
+        position, velocity: shape (N, 2) [length], [length/time].
+        radius, mass: shape (N,) [length], [mass].
+        spin: shape (N,) [1/time]; None: smooth discs.
+        given: discs that the state has, absorbed ones included.
+    """
+
+    scene: Scene
+    walls: Box | None
+    time: float | None
+    here: Any
+    number: NDArray[np.int64]
+    position: NDArray[np.floating]
+    velocity: NDArray[np.floating]
+    radius: NDArray[np.float64]
+    mass: NDArray[np.float64]
+    spin: NDArray[np.floating] | None
+    given: int
+
+
+KINDS: dict[str, tuple[str, Callable[[Shown], Any]]] = {
+    "speed": ("speed [length/time]", lambda shown: np.hypot(*shown.velocity.astype(np.float64).T)),
+    "radius": ("radius [length]", lambda shown: shown.radius),
+    "mass": ("mass [mass]", lambda shown: shown.mass),
+    "spin": ("angular velocity [1/time]", lambda shown: shown.spin),
+}
+"""What discs can be coloured by, with the words of the colour bar."""
+
+
+@checks.known_names()
+def draw(
+    state: State | Frame | Simulation | Scene,
+    scene: Scene | None = None,
+    *,
+    colour: str | ArrayLike | None = "speed",
+    colour_label: str | None = None,
+    scale: ScaleName = "linear",
+    labels: bool | Sequence[object] | NDArray[Any] = False,
+    ax: Axes | None = None,
+) -> Figure:
+    """Draw discs at true radius in their box, with obstacles and walls that move, by matplotlib.
+
+    Absorbed discs are not drawn; of more than 50,000 discs, every second, every third ... is, and the title says so.
+
+    Args:
+        state: what is drawn: a State; a frame of a Trajectory; a Simulation, as it is now; or a Scene, as it starts.
+        scene: the scene of a State, which has radii and obstacles; of a frame, without it only its own box is drawn. A
+            Simulation and a Scene have their own.
+        colour: "speed", "radius", "mass" or "spin"; a number for each disc, shape (N,), NaN where a disc has none; a
+            colour of matplotlib, such as "tab:blue", for all discs; None: one colour for all.
+        colour_label: words beside the colour bar of such numbers; None: none, or what the colour stands for.
+        scale: "linear" or "log": how numbers become colours. The ends of the colour bar are the 2nd and the 98th
+            percentile of what is drawn, and arrows show that there is more.
+        labels: True: the number of each disc; or a text or number for each, N of them; at most 2,000.
+        ax: where to draw; None: a figure of its own.
+
+    Returns:
+        The whole matplotlib Figure, bound to no window. A notebook shows it; `savefig` writes it; its `axes[0]` is the
+        box, in coordinates of the scene [length].
+
+    Raises:
+        InputError: for a State without a scene, an array, or labels, of another length, and other words.
+
+    >>> import mpsim
+    >>> scene = mpsim.Scene.random(count=5, packing=0.2, radius=0.5, seed=1)
+    >>> figure = mpsim.draw(scene, colour=[0, 1, 2, 3, 4], colour_label="number", labels=True)
+    >>> [text.get_text() for text in figure.axes[0].texts]
+    ['0', '1', '2', '3', '4']
+    """
+    shown = _shown_by(state, scene)
+    scale = checks.choice("scale", scale, SCALES)  # pyright: ignore[reportAssignmentType]
+    values, words = _numbers(colour, shown)
+    texts = _texts(labels, shown)
+    if ax is not None and not isinstance(ax, Axes):
+        raise InputError(f"ax must be an Axes of matplotlib; got {type(ax).__name__}. Leave it out, or make one.")
+    with contextlib.nullcontext() if ax is not None else matplotlib.rc_context(fname=STYLE):
+        axes = _own_axes(shown.scene) if ax is None else ax
+        step = max(math.ceil(len(shown.number) / MOST_DISCS), 1)
+        discs = draw_discs(axes, shown.position[::step], shown.scene, radii=shown.radius[::step])
+        if values is not None:
+            found = percentile_scale(values[::step], scale)
+            colour_discs(discs, values[::step], found)
+            words = words if colour_label is None else str(colour_label)
+            colour_bar(axes, discs, shown.scene, words, found.outside)
+        elif isinstance(colour, str):
+            discs.set_facecolor(colour)
+        closed = closed_off(shown.scene, shown.walls)
+        if closed is not None:
+            axes.add_patch(closed)
+        axes.set_title(_title(shown, step))
+        if texts is not None:
+            _write(axes, shown, discs, texts)
+    return axes.figure.figure
+
+
+def _own_axes(scene: Scene) -> Axes:
+    """Axes in a figure of their own, of the shape of the box."""
+    longer = max(scene.width, scene.height)
+    room = (0.0, 1.4) if scene.width > FLAT * scene.height else (1.3, 0.6)  # for title and colour bar
+    width, height = (INCHES * side / longer for side in (scene.width, scene.height))
+    return new_figure(max(width, 1.6) + room[0], max(height, 0.5) + room[1]).add_subplot()
+
+
+def _title(shown: Shown, step: int) -> str:
+    number = len(shown.number)
+    words = f"{number:,} discs" if step == 1 else f"{math.ceil(number / step):,} of {number:,} discs"
+    words = "1 disc" if number == 1 else words
+    return words if shown.time is None else f"time {shown.time:.4g}, {words}"
+
+
+def _shown_by(state: object, scene: object) -> Shown:
+    """What there is to see of what was given."""
+    if scene is not None and not isinstance(scene, Scene):
+        raise InputError(f"scene must be an mpsim.Scene; got {type(scene).__name__}. Use Scene.load, or Scene(...).")
+    if isinstance(state, Scene | Simulation):
+        if scene is not None:
+            raise InputError(f"scene must be left out with a {type(state).__name__}, which has its own; got {scene!r}.")
+        return _start_of(state) if isinstance(state, Scene) else _now_of(state)
+    if isinstance(state, Frame):
+        return _moment_of(state, scene or _empty(state))
+    if not isinstance(state, State):
+        raise InputError(
+            "state must be a State, a frame of a Trajectory, a Simulation or a Scene; "
+            f"got {type(state).__name__}. Use sim.state."
+        )
+    if scene is None:
+        raise InputError(
+            f"scene must be given with a State, which has no radii; got {state!r} alone. Use draw(state, scene), or "
+            "draw(sim) while the simulation is open."
+        )
+    if len(state.position) != scene.count:
+        raise InputError(
+            f"scene must have as many discs as the state; got {scene.count} and {len(state.position)}. Discs that were "
+            "added or entered are known to the simulation: use draw(sim), or a frame of a Trajectory."
+        )
+    return _of(state, scene, scene.radii, scene.masses, None)
+
+
+def _of(state: State, scene: Scene, radius: Any, mass: Any, time: float | None) -> Shown:
+    here, given = present_in(state), len(state.position)
+    spin = None if state.spin is None else state.spin[here]
+    return Shown(
+        scene, state.box, time, here, np.arange(given)[here], state.position[here], state.velocity[here],
+        np.asarray(radius)[here], np.asarray(mass)[here], spin, given,
+    )  # fmt: skip
+
+
+def _start_of(scene: Scene) -> Shown:
+    state = State(scene.position, scene.velocity, spin=scene.spin, box=scene.box)
+    return _of(state, scene, scene.radii, scene.masses, None)
+
+
+def _now_of(sim: Simulation) -> Shown:
+    return _of(sim.state, sim.scene, sim.radii, sim.masses, sim.time)
+
+
+def _moment_of(frame: Frame, scene: Scene) -> Shown:
+    """A frame, which may hold less than a state does: what it lacks is an error where it is needed."""
+    state, known = frame.state, frame.known
+    mass = known.get("mass", np.ones(len(frame.position)))
+    shown = _of(state, scene, frame.radius, mass, known.get("time"))
+    return replace(shown, number=frame.ids)
+
+
+def _empty(frame: Frame) -> Scene:
+    """The box of a frame, with nothing in it."""
+    (width, height), (left, low) = frame.box, frame.origin
+    boundary = ["periodic" if wraps else "walls" for wraps in frame.periodic]
+    none, small = np.zeros((0, 2)), min(width, height) / 4
+    return Scene(width=left + width, height=low + height, position=none, velocity=none, radius=small, boundary=boundary)
+
+
+def _numbers(colour: Any, shown: Shown) -> tuple[NDArray[np.float64] | None, str]:
+    """The number of each disc to colour it by, and what it is called; None: all discs have one colour."""
+    if colour is None or (isinstance(colour, str) and colour not in KINDS and is_color_like(colour)):
+        return None, ""
+    if isinstance(colour, str):
+        label, numbers = KINDS[checks.choice("colour", colour, KINDS)]
+        values = numbers(shown)
+        if values is None:
+            raise InputError(f"colour must not be {colour!r} of smooth discs, which do not spin. Use 'speed'.")
+        return np.asarray(values, np.float64), label
+    try:
+        given = np.asarray(colour, np.float64)
+    except (TypeError, ValueError):
+        given = np.zeros(())
+    if given.shape != (shown.given,):
+        raise InputError(
+            f"colour must be one of {', '.join(map(repr, KINDS))}, a colour of matplotlib, or an array of "
+            f"{shown.given} numbers, one for each disc; got {checks.brief(colour)}."
+        )
+    return given[shown.here], ""
+
+
+def _texts(labels: Any, shown: Shown) -> list[str] | None:
+    """The label of each disc that is shown."""
+    if labels is False or labels is None:
+        return None
+    rule = f"True, or {shown.given} texts or numbers, one for each disc"
+    if labels is not True and (isinstance(labels, str) or not isinstance(labels, Sequence | np.ndarray)):
+        raise InputError(f"labels must be {rule}; got {checks.brief(labels)}.")
+    if labels is not True and len(labels) != shown.given:
+        raise InputError(f"labels must be {rule}; got {len(labels)}.")
+    if len(shown.number) > MOST_LABELS:
+        raise InputError(
+            f"labels must be for at most {MOST_LABELS:,} discs; got {len(shown.number):,}. Leave them out, or label "
+            "the discs of a smaller scene."
+        )
+    if labels is True:
+        return [str(number) for number in shown.number.tolist()]
+    return [str(labels[row]) for row in np.arange(shown.given)[shown.here]]
+
+
+def _write(axes: Axes, shown: Shown, discs: EllipseCollection, texts: list[str]) -> None:
+    """Write labels on discs, in black or white, as large as fits the smaller ones."""
+    figure = axes.figure.figure
+    figure.draw_without_rendering()  # which finds the colours, and the size of the box
+    luminance = np.resize(np.asarray(discs.get_facecolor())[:, :3] @ LUMINANCE, len(texts))
+    points = 72 / figure.dpi * axes.bbox.width / shown.scene.width * 2 * float(np.median(shown.radius, axis=0))
+    size = float(np.clip(1.4 * points / max(2, 2, *map(len, texts)), *FONT_SIZES))
+    for (x, y), text, light in zip(shown.position.tolist(), texts, luminance, strict=True):
+        ink = "white" if light < DARK else "black"
+        axes.text(x, y, text, color=ink, fontsize=size, ha="center", va="center", clip_on=True)
