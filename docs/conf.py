@@ -1,5 +1,6 @@
 """How Sphinx makes these pages: `sphinx-build -W docs docs/_build`. Nothing is fetched from elsewhere."""
 
+import inspect
 import sys
 from pathlib import Path
 from typing import Any
@@ -77,6 +78,30 @@ def keep_bars(_app: Any, _what: str, _name: str, _of: Any, _options: Any, lines:
             lines[number] = line.replace("|", r"\|")
 
 
+class Written(str):
+    """A type as it is written in the source, which signatures show without quotes."""
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
+def shorten_signature(
+    _app: Any, what: str, _name: str, of: Any, _options: Any, signature: str | None, returns: str | None
+) -> tuple[str | None, str | None] | None:
+    """Show types as they are written, such as ArrayLike, instead of spelled out."""
+    if what not in ("class", "function", "method") or not signature:
+        return None
+    found = inspect.signature(of)
+    given = [each for each in found.parameters.values() if each.name not in ("self", "cls")]
+    shown = [
+        each.replace(annotation=Written(each.annotation)) if isinstance(each.annotation, str) else each
+        for each in given
+    ]
+    if isinstance(found.return_annotation, str) and what != "class":
+        returns = found.return_annotation
+    return str(found.replace(parameters=shown, return_annotation=inspect.Signature.empty)), returns
+
+
 def keep_examples(_app: Any, _command: Any, lines: list[str]) -> None:
     """Show the examples of a command as literal text, to be copied."""
     if lines:
@@ -93,6 +118,7 @@ def keep_examples(_app: Any, _command: Any, lines: list[str]) -> None:
 def setup(app: Any) -> None:
     """Called by Sphinx."""
     app.connect("autodoc-process-docstring", keep_bars)
+    app.connect("autodoc-process-signature", shorten_signature)
     app.connect("sphinx-click-process-epilog", keep_examples)
     app.connect("source-read", name_tables)
     app.connect("source-read", offer_notebook)

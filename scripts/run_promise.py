@@ -23,6 +23,7 @@ from promise_scenes import CASES, Case
 from run_bench import machine
 
 import mpsim
+from mpsim.core.digits import with_error
 from mpsim.scene import scenefile
 from mpsim.studies.ensemble import Ensemble
 from mpsim.studies.independent_starts import StartsGiven
@@ -135,7 +136,7 @@ def cell(row: dict[str, Any]) -> str:
     """One answer in a few words."""
     if row["verdict"] == "verified":
         mark = "" if row["inside"] else " **outside**"
-        return f"{row['settings']}: {100 * row['checked']:.2g} ± {100 * row['checked_error']:.1g} %{mark}"
+        return f"{row['settings']}: {with_error(100 * row['checked'], 100 * row['checked_error'])} %{mark}"
     if row["verdict"] == "exact":
         return "event (exact)"
     reason = row["words"].split(": ", 1)[-1]

@@ -14,6 +14,7 @@ import click
 from mpsim.cli import clean, look, machine, run, scenes, stability, trade, view
 from mpsim.cli.terminal import INTERRUPTED, Compiling, Interrupted
 from mpsim.core.errors import InputError, MpsimError
+from mpsim.core.progress import above
 from mpsim.kernels.compile_notice import announced_by
 
 
@@ -44,7 +45,9 @@ class Commands(click.Group):
 
 def _show_warning(message: Warning | str, category: type[Warning], filename: str, lineno: int, *_: Any) -> None:
     if issubclass(category, UserWarning):
-        click.echo(f"Warning: {message}", err=True)
+        text = f"Warning: {message}"
+        if not above(text):
+            click.echo(text, err=True)
     else:
         click.echo(warnings.formatwarning(message, category, filename, lineno), err=True)
 

@@ -12,7 +12,7 @@ import click
 
 from mpsim.cli import terminal
 from mpsim.cli.ranks import interrupts_agreed, one_voice
-from mpsim.cli.runfolder import CHECKPOINT, MEASURES, PICTURE, STATE, TIMINGS, RunFolder, part_of
+from mpsim.cli.runfolder import AVERAGES, CHECKPOINT, MEASURES, PICTURE, STATE, TIMINGS, RunFolder, part_of
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.core.errors import MpsimError
 from mpsim.core.plain import json_text
@@ -245,7 +245,8 @@ def _advance(
         return
     for line in [*summary(folder.record["parts"][-1], report, sim), *_found(watched, folder.record["scene"], sim)]:
         click.echo(line)
-    names = (folder.record["trajectory"], MEASURES, TIMINGS, STATE, PICTURE)
+    averages = [AVERAGES] if report.measures else []
+    names = (folder.record["trajectory"], MEASURES, *averages, TIMINGS, STATE, PICTURE)
     written = first_rank.once(lambda: len(folder.frames))
     click.echo(f"written to {folder.path}/: {', '.join(names)}; {written} frames in the trajectory")
 

@@ -4,6 +4,7 @@ run.json            scene, settings, versions, and what each part of the run did
 checkpoint.mpsim    from which `mpsim resume` continues
 trajectory.xyz      (or .gsd) frames, for OVITO and mpsim.Trajectory
 measures.csv        energy, overlap and collision rate along the run
+averages.csv        averages of the measures asked for, with their errors, of each part of the run
 timings.csv         time of each frame, phase and worker, of the parts that came to their end
 final.npz, final.png    the last state
 
@@ -11,8 +12,10 @@ Where ranks of MPI share the run, all of them make the same calls, and the first
 """
 
 import contextlib
+import csv
 import dataclasses
 import fcntl
+import io
 import json
 import os
 import platform
@@ -32,6 +35,9 @@ from mpsim.output.trajectory import Trajectory
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import MethodName
 
+AVERAGED = ("measure", "value", "error", "samples", "settled", "upper", "from_frame", "to_frame")
+"""Columns of the averages: a `Measure` each, over the frames after from_frame up to to_frame."""
+
 FORMAT = 1
 RECORD = "run.json"
 
@@ -43,6 +49,7 @@ MOST_TIMINGS = 2**32
 
 CHECKPOINT = "checkpoint.mpsim"
 MEASURES = "measures.csv"
+AVERAGES = "averages.csv"
 TIMINGS = "timings.csv"
 STATE = "final.npz"
 PICTURE = "final.png"
@@ -51,6 +58,7 @@ _ALL = (
     CHECKPOINT,
     f"{CHECKPOINT}.previous",
     MEASURES,
+    AVERAGES,
     TIMINGS,
     STATE,
     PICTURE,
@@ -223,6 +231,8 @@ class RunFolder:
                 number = len(self.record["parts"])
                 timings, old = (self[TIMINGS] if not old else self[f"timings-{number}.csv"]), ""
             atomic.write_text(timings, old + lines if old else table)
+            if averages := averages_of(self.record["parts"]):
+                atomic.write_text(self[AVERAGES], averages)
         except OSError as error:
             raise _unwritable(self.path, error) from error
         state.save(self[STATE])
@@ -250,6 +260,22 @@ def part_of(sim: Simulation, report: Report, wall_seconds: float, compile_second
         "block_bytes": report.block_bytes,
         "measures": {name: dataclasses.asdict(measure) for name, measure in report.measures.items()},
     }
+
+
+def averages_of(parts: list[dict[str, Any]]) -> str:
+    """The averages of all parts of a run as CSV, a line for each measure of each part; "" where none was asked for."""
+    rows = [
+        {**part, "measure": name, **values}
+        for part in parts
+        if isinstance(part, dict) and isinstance(part.get("measures"), dict)  # others, a record may hold by mistake
+        for name, values in part["measures"].items()
+        if isinstance(values, dict)
+    ]
+    text = io.StringIO()
+    writer = csv.DictWriter(text, AVERAGED, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue() if rows else ""
 
 
 def versions() -> dict[str, str]:

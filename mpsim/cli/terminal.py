@@ -3,7 +3,6 @@
 import dataclasses
 import math
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +12,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from mpsim.core import checks
-from mpsim.core.durations import duration
+from mpsim.core.progress import Show, above, shown
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.scene import scenefile
 from mpsim.scene.recommended import settings_for
@@ -22,12 +21,6 @@ from mpsim.scene.settings import CONTACTS, DEATHS, LAWS, METHODS, MOST_WORKERS, 
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, that of a shell."""
-
-SPARSE = 10.0
-"""Seconds between two lines of progress without a terminal."""
-
-Progress = Callable[[int, int, str], None]
-"""Called as progress(done, of, what)."""
 
 
 class Positive(click.ParamType):
@@ -163,61 +156,13 @@ _QUIET = f"{__name__}.quiet"
 
 
 @contextmanager
-def progress(quiet: bool) -> Iterator[Progress | None]:
-    """A bar on a terminal, a line now and then elsewhere, nothing under --quiet. On standard error."""
+def progress(quiet: bool) -> Iterator[Show | None]:
+    """Shows progress on standard error; nothing under --quiet."""
     if quiet:
         yield None
-    elif sys.stderr.isatty():
-        with _bar() as bar:
-            yield bar
     else:
-        yield _Lines()
-
-
-@contextmanager
-def _bar() -> Iterator[Progress]:
-    from rich import progress as rich_progress  # noqa: PLC0415 - only on a terminal
-    from rich.console import Console  # noqa: PLC0415
-    from rich.table import Column  # noqa: PLC0415
-
-    columns = (
-        # What is done is the first to be shortened where the terminal is narrow.
-        rich_progress.TextColumn(
-            "{task.description}", markup=False, table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")
-        ),
-        rich_progress.BarColumn(bar_width=20),
-        rich_progress.MofNCompleteColumn(),
-        rich_progress.TextColumn("{task.fields[rate]}"),
-        rich_progress.TextColumn("left"),
-        rich_progress.TimeRemainingColumn(),
-    )
-    with (
-        rich_progress.Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as display,
-        _shown_on(display.console),
-    ):
-        task = display.add_task("starting", total=None, rate="")
-        pace = _Rate()
-
-        def show(done: int, of: int, what: str) -> None:
-            if is_announcement(done, of):
-                display.console.print(what, markup=False)
-            display.update(task, completed=done, total=of, description=what, rate=pace.rate(done, of)[0])
-
-        yield show
-
-
-_bars: list[Any] = []
-"""Consoles of the bars that are shown now."""
-
-
-@contextmanager
-def _shown_on(console: Any) -> Iterator[None]:
-    """Note that there is a bar, above which other lines must go."""
-    _bars.append(console)
-    try:
-        yield
-    finally:
-        _bars.remove(console)
+        with shown(True, last=False) as show:
+            yield show
 
 
 class Compiling:
@@ -235,10 +180,10 @@ class Compiling:
         """Show what is being compiled. On standard error."""
         if self._meta.get(_QUIET):
             return
+        if above(text):
+            return
         if not sys.stderr.isatty():
             click.echo(text, err=True)
-        elif _bars:
-            _bars[-1].print(text, markup=False)
         else:
             from rich.console import Console  # noqa: PLC0415 - only on a terminal
 
@@ -250,43 +195,3 @@ class Compiling:
         if self._spinner is not None:
             self._spinner.stop()
             self._spinner = None
-
-
-def is_announcement(done: int, of: int) -> bool:
-    """Whether a call of progress announces what comes, rather than what is done."""
-    return (done, of) == (0, 1)
-
-
-class _Rate:
-    """Rate of progress, and remaining time."""
-
-    def __init__(self) -> None:
-        self._started = time.monotonic()
-        self._first: int | None = None
-
-    def rate(self, done: int, of: int) -> tuple[str, str]:
-        """Rate since the first call, and time left, in words; empty before anything is known."""
-        if self._first is None:
-            self._first, self._started = done, time.monotonic()
-        seconds, gained = time.monotonic() - self._started, done - self._first
-        if seconds <= 0 or gained <= 0:
-            return "", ""
-        rate = gained / seconds
-        return f"{rate:,.0f}/s" if rate >= 100 else f"{rate:.3g}/s", f"{duration((of - done) * seconds / gained)} left"
-
-
-class _Lines:
-    """One line every SPARSE seconds."""
-
-    def __init__(self) -> None:
-        self._last = time.monotonic()
-        self._pace = _Rate()
-
-    def __call__(self, done: int, of: int, what: str) -> None:
-        if is_announcement(done, of):
-            click.echo(what, err=True)
-            return
-        rate, left = self._pace.rate(done, of)
-        if time.monotonic() - self._last >= SPARSE:
-            self._last = time.monotonic()
-            click.echo(", ".join(filter(None, [f"{done} of {of}: {what}", rate, left])), err=True)

@@ -13,6 +13,7 @@ from mpsim.cli.scenes import settings_text
 from mpsim.core import atomic
 from mpsim.core.errors import OutputError
 from mpsim.core.plain import json_text
+from mpsim.core.table_files import PARQUET, demand_parquet
 from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.output.tables import UNITS
 from mpsim.scene import scenefile
@@ -152,7 +153,7 @@ Examples:
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Write to a file: JSON if it ends in .json, else CSV.",
+    help="Write to a file: JSON if it ends in .json, Parquet in .parquet, else CSV.",
 )
 @click.option(
     "--keep", type=click.Path(dir_okay=False, path_type=Path), help="Save finished runs here; continue from it."
@@ -187,13 +188,15 @@ def tradeoff(
         table = tradeoffs.tradeoff(chosen, None, until, measures or None, **how)
     in_json = as_json or (not as_csv and out is not None and out.suffix == ".json")
     if out is not None:
-        (table.to_json if in_json else table.to_csv)(out)
+        (table.to_json if in_json else table.to_parquet if out.suffix == PARQUET else table.to_csv)(out)
         click.echo(f"{len(table.rows)} candidates written to {out}", err=True)
     else:
         click.echo(table.to_json() if in_json else table.to_csv() if as_csv else str(table), nl=False)
 
 
 def _demand_writable(out: Path) -> None:
+    if out.suffix == PARQUET:
+        demand_parquet()
     try:
         atomic.check_target(out)
     except OSError as error:

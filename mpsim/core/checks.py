@@ -132,8 +132,9 @@ def masses(value: Any, count: int) -> NDArray[np.float64] | None:
 def whole(name: str, value: Any, low: int, high: int, remedy: str) -> int:
     """A whole number in [low, high]."""
     if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not low <= int(value) <= high:
-        if isinstance(value, float) and low <= value <= high and value % 1:
-            remedy = f"Give {int(value)} or {int(value) + 1}." if int(value) < high else f"Give {int(value)}."
+        if isinstance(value, float) and low <= value <= high:
+            between = value % 1 and value < high
+            remedy = f"Give {int(value)} or {int(value) + 1}." if between else f"Give {int(value)}."
         raise InputError(f"{name} must be a whole number from {low} to {high}; got {brief(value)}. {remedy}")
     return int(value)
 
@@ -200,11 +201,14 @@ def names_of(function: Callable[..., Any]) -> tuple[str, ...]:
     return tuple(each.name for each in parameters if each.kind in by_keyword and each.name not in ("self", "cls"))
 
 
-def known_names(*further: Callable[..., Any]) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def known_names(
+    *further: Callable[..., Any], without: Iterable[str] = ()
+) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """A decorator: keywords that a function does not have raise UnknownArgumentError, which suggests a similar one.
 
     Args:
         further: functions whose arguments it takes as well, as `**others`.
+        without: those of their arguments that it sets itself.
 
     >>> @known_names()
     ... def draw(*, colour): ...
@@ -218,14 +222,16 @@ def known_names(*further: Callable[..., Any]) -> Callable[[Callable[P, R]], Call
         kinds = [each.kind for each in inspect.signature(function).parameters.values()]
         if inspect.Parameter.VAR_KEYWORD in kinds and not further:
             return function  # which checks them itself
-        names = tuple(dict.fromkeys(name for each in (function, *further) for name in names_of(each)))
+        every = dict.fromkeys(name for each in (function, *further) for name in names_of(each))
+        names = tuple(name for name in every if name not in without)
+        known = frozenset(names)
         what = f"an argument of {function.__qualname__.removesuffix('.__init__')}"
 
         @functools.wraps(function)
         def door(*args: P.args, **kwargs: P.kwargs) -> R:
-            for name in kwargs:
-                if name not in names:
-                    raise UnknownArgumentError(_must_be_one_of(what, name, names))
+            if not kwargs.keys() <= known:
+                unknown = next(name for name in kwargs if name not in known)
+                raise UnknownArgumentError(_must_be_one_of(what, unknown, names))
             return function(*args, **kwargs)
 
         return door

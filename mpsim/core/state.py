@@ -3,6 +3,8 @@
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
+from __future__ import annotations
+
 import functools
 import hashlib
 import os
@@ -30,7 +32,9 @@ NOT_DIGESTED: dict[str, str] = {"box": "it follows from the scene and the time"}
 
 @dataclass(frozen=True, init=False, repr=False)
 class State:
-    """All discs at one moment: copies, in the order of the scene's discs.
+    """All discs at one moment: copies, in the order of the scene's discs, in arrays that cannot be written.
+
+    `state.position.copy()` can be written; `Simulation.set` changes a simulation.
 
     Args:
         position, velocity: as below.
@@ -57,6 +61,10 @@ class State:
     ([[1.0, 2.0]], [True])
     >>> state
     <State: 1 discs, float64>
+    >>> state.position[0] = 3.0
+    Traceback (most recent call last):
+        ...
+    ValueError: assignment destination is read-only
     """
 
     position: NDArray[np.floating]
@@ -93,7 +101,7 @@ class State:
         counts = found.pop("image")  # which comes before `present` in the digest
         values = {"position": position, "velocity": velocity, "image": counts, "present": here, **found, "box": walls}
         for name, value in values.items():
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, _read_only(value) if isinstance(value, np.ndarray) else value)
 
     @property
     def unwrapped(self) -> NDArray[np.float64]:
@@ -150,7 +158,7 @@ class State:
         return {name: value for name, value in vars(self).items() if value is not None}
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> "State":
+    def load(cls, path: str | os.PathLike[str]) -> State:
         """Read what `save` wrote, with the same bits. Nothing in the file is executed.
 
         In a file with position and velocity alone, as older versions wrote it, all discs are present.
@@ -313,6 +321,13 @@ def present_in(state: State) -> Any:
     (slice(None, None, None), array([False]))
     """
     return slice(None) if state.present.all() else state.present
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """A view that cannot be written: the caller's array stays as it is."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
 
 
 def _npz(path: str | os.PathLike[str]) -> Path:

@@ -1,5 +1,7 @@
 """Units: the numbers of a scene in SI, and back."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

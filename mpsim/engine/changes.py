@@ -131,6 +131,12 @@ def checked_wall(place: Place, start: Scene, points: ArrayLike, thickness: float
     """`Simulation.add_wall`, checked; start: the scene at the start, whose emitters and piston must keep their room."""
     wall = Polyline(points, thickness)
     values = {"points": np.array(wall.points), "thickness": wall.thickness}
+    size = place.scene.width, place.scene.height
+    for index in np.flatnonzero(((values["points"] < 0) | (values["points"] > size)).any(axis=1))[:1].tolist():
+        raise InputError(
+            f"points of a wall must be in the box, [0, {size[0]:g}] x [0, {size[1]:g}]; points[{index}] is "
+            f"{tuple(values['points'][index].tolist())}. Move it."
+        )
     with_wall(place.scene, values)
     for each in FEATURES:
         each.check(with_wall(start, values))

@@ -1,5 +1,7 @@
 """The doors of a simulation by which it is changed between two frames: what comes in passes the gate here."""
 
+from __future__ import annotations
+
 from typing import Unpack
 
 from numpy.typing import ArrayLike

@@ -1,5 +1,7 @@
 """Observers of collisions: all of them in a table, and counters of those on an obstacle, on a wall or in a region."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Iterable
 from typing import Any

@@ -1,5 +1,7 @@
 """Report: timings and counts of one `run`."""
 
+from __future__ import annotations
+
 import csv
 import dataclasses
 import io
@@ -10,12 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mpsim.core import atomic
-from mpsim.core.errors import OutputError
 from mpsim.core.optional_packages import imported
+from mpsim.core.table_files import write_parquet, written
 from mpsim.core.views import view
 from mpsim.kernels.layout import PHASES
 from mpsim.measure.run_averages import Measures
+
+TABLE = "a table of times"
 
 
 @dataclass(frozen=True)
@@ -79,15 +82,7 @@ class Report:
         writer.writerow(["frame", *columns])
         numbers = range(first_frame, first_frame + self.frames)
         writer.writerows(zip(numbers, *(column.tolist() for column in columns.values()), strict=True))
-        if path is not None:
-            try:
-                atomic.write_text(path, text.getvalue())
-            except OSError as error:
-                raise OutputError(
-                    f"a table of times must be a file that can be written; got {os.fspath(path)!r} "
-                    f"({error.strerror}). Choose another place."
-                ) from error
-        return text.getvalue()
+        return written(text.getvalue(), path, TABLE)
 
     def _columns(self) -> dict[str, NDArray[np.float64]]:
         """Time of each frame, and each phase of each worker, by the names of columns."""
@@ -105,6 +100,14 @@ class Report:
         frame = pandas.DataFrame(self._columns(), index=pandas.RangeIndex(1, self.frames + 1, name="frame"))
         frame.attrs["measures"] = {name: dataclasses.asdict(measure) for name, measure in self.measures.items()}
         return frame
+
+    def to_parquet(self, path: str | os.PathLike[str]) -> None:
+        """Write the columns of `to_csv` to `path` as a Parquet file.
+
+        Raises:
+            OutputError: if pandas or pyarrow is not installed, or the file cannot be written.
+        """
+        write_parquet(self.to_pandas().reset_index(), path, TABLE)
 
     def plot(self) -> Any:
         """Frame times, and the phases of each worker: who works, who waits. A matplotlib Figure, of no window.

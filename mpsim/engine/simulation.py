@@ -3,6 +3,8 @@
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
+from __future__ import annotations
+
 import contextlib
 import dataclasses
 import os
@@ -16,6 +18,7 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import CheckpointError, InputError
+from mpsim.core.progress import checked_progress, of_frames
 from mpsim.core.state import State
 from mpsim.core.team import Team
 from mpsim.engine import checkpoint as checkpoint_file
@@ -32,8 +35,8 @@ from mpsim.engine.report import Report
 from mpsim.engine.run_loop import BetweenSlices, run_frames
 from mpsim.engine.solvers.base import Columns, Solver
 from mpsim.engine.solvers.in_place import InPlace
-from mpsim.engine.solvers.methods import capabilities_of, on_ranks, same_bits
-from mpsim.engine.solvers.mpi_ranks import communicator_of, raised_together, ranks_of
+from mpsim.engine.solvers.methods import capabilities_of, check_comm, on_ranks, same_bits
+from mpsim.engine.solvers.mpi_ranks import communicator_of, raised_together
 from mpsim.engine.solvers.passes import Pass, frame_in_passes
 from mpsim.features import FEATURES
 from mpsim.measure.run_averages import checked
@@ -80,14 +83,14 @@ class Simulation(Changing):
     def _set_up(self, scene: Scene, settings: Settings | None, comm: object) -> None:
         """All that comes before the solver is started."""
         settings = settings_for(scene, settings)
-        _check_comm(settings, comm)
+        check_comm(settings, comm)
         self._access = Access()
         for feature in FEATURES:
             feature.check_law(scene, settings.law)
         precision_check.check_precision(scene, settings)
         self._coordinator = Coordinator(self, scene, settings, self._access, comm)
 
-    def __enter__(self) -> "Simulation":
+    def __enter__(self) -> Simulation:
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -143,7 +146,7 @@ class Simulation(Changing):
     @property
     @reading
     def state(self) -> State:
-        """Copies of all positions and velocities, in the order of the scene's discs (added ones follow)."""
+        """Read-only copies of all positions and velocities, in the order of the scene's discs (added ones follow)."""
         return self._whole("state").state()
 
     @reading
@@ -227,8 +230,8 @@ class Simulation(Changing):
         *,
         until: float | None = None,
         measures: Iterable[str] | None = None,
-        progress: Callable[[int, int], None] | None = None,
-        observe: "Observer[Simulation] | Iterable[Observer[Simulation]] | None" = None,
+        progress: bool | Callable[[int, int], None] | None = None,
+        observe: Observer[Simulation] | Iterable[Observer[Simulation]] | None = None,
         checkpoint: str | os.PathLike[str] | None = None,
         checkpoint_every: int | None = None,
         checkpoint_seconds: float = 60.0,
@@ -243,8 +246,9 @@ class Simulation(Changing):
                 "largest_overlap", "kinetic_energy", "temperature", "speed_kurtosis", "energy_drift", "momentum_drift".
                 Gathering never changes the digest; what is not asked for costs nothing. Of a run that begins inside a
                 frame (`event`, after Ctrl-C) the two drifts are NaN.
-            progress: called as progress(done, of_frames) about twenty times a second, inside a long frame as well
-                (of `event`; of the others at the end of each frame).
+            progress: True: a line on standard error, with rate and time left; or a function, called as
+                progress(done, of_frames) about twenty times a second, inside a long frame as well (of `event`; of the
+                others at the end of each frame).
             observe: who looks on every so many frames, such as mpsim.Trajectory.write(...); changes no bit.
             checkpoint: file for `save`, written along the way and at the end; on SIGTERM too, which then ends the
                 process by SystemExit. See `resume`.
@@ -261,6 +265,9 @@ class Simulation(Changing):
         given = frames, until, measures, checkpoint, checkpoint_every, checkpoint_seconds
         solver = coordinator.open_solver()
         solver.demand_alike("arguments of run", given)
+        progress = checked_progress(progress, "progress(done, of_frames)")
+        if progress is True and not solver.jointly(lambda team: team.rank == 0):
+            progress = None  # of several ranks the first one shows it
         frames = frame_count.frames_wanted(frames, until, self.settings.dt, self.frame, self.time, solver.origin)
         observers, names = Observers(observe), checked(measures, self.scene, self.count)
         with access.state_lock:
@@ -275,8 +282,9 @@ class Simulation(Changing):
         with (
             Checkpointer(save, place, checkpoint_every, checkpoint_seconds, solver.any_of) as checkpoints,
             Interruption(solver) as interruption,
+            of_frames(progress) as show,
         ):
-            between = BetweenSlices(self, observers, checkpoints, progress, interruption)
+            between = BetweenSlices(self, observers, checkpoints, show, interruption)
             run_frames(frames, coordinator, access, record, between)
         with access.state_lock:
             return coordinator.report(record, observers.seconds)
@@ -320,7 +328,7 @@ class Simulation(Changing):
         start_method: str | None = None,
         method: str | None = None,
         comm: object = None,
-    ) -> "Simulation":
+    ) -> Simulation:
         """A simulation that goes on where `save` was called, with the same bits as if it had never stopped.
 
         Args:
@@ -338,7 +346,7 @@ class Simulation(Changing):
         settings = dataclasses.replace(found.settings, workers=workers, start_method=start_method)
         if method is not None:
             settings = dataclasses.replace(settings, method=same_bits(found.settings.method, method))
-        _check_comm(settings, comm)  # whose errors are not those of the file
+        check_comm(settings, comm)  # whose errors are not those of the file
         try:
             sim = cls.__new__(cls)
             sim._set_up(found.scene, settings, comm)
@@ -359,7 +367,7 @@ class Simulation(Changing):
         start_method: str | None = None,
         method: str | None = None,
         comm: object = None,
-    ) -> "Simulation":
+    ) -> Simulation:
         """Run again what a journal holds, and return the simulation, which can go on from there.
 
         Its state has the digest of the journal, and its time [time] is that of the last frame: on one machine, with one
@@ -473,14 +481,6 @@ def _refused_together(settings: Settings | None, comm: object) -> contextlib.Abs
     """What one rank refuses in the block, all refuse; without ranks it is as ever."""
     on_ranks = isinstance(settings, Settings) and capabilities_of(settings).on_ranks
     return raised_together(comm) if on_ranks else contextlib.nullcontext()
-
-
-def _check_comm(settings: Settings, comm: object) -> None:
-    """Refuse a communicator that is none, or that the method has no use for."""
-    if capabilities_of(settings).on_ranks:
-        ranks_of(comm)
-    elif comm is not None:
-        raise InputError(f"comm may be given only with method='mpi'; the method is {settings.method!r}. Leave it out.")
 
 
 def _read(path: str | os.PathLike[str], comm: object, together: bool) -> checkpoint_file.Checkpoint:

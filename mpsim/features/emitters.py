@@ -3,6 +3,8 @@
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
+from __future__ import annotations
+
 from dataclasses import KW_ONLY, dataclass, fields
 from typing import Any, ClassVar
 

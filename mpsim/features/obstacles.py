@@ -3,6 +3,8 @@
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
+from __future__ import annotations
+
 import weakref
 from dataclasses import dataclass
 from itertools import chain, pairwise

@@ -1,5 +1,7 @@
 """The pair-correlation function of states, and its value at contact."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,5 +1,7 @@
 """Where a series has come to its stationary state, by the marginal standard error rule."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numpy as np

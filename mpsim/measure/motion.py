@@ -1,5 +1,7 @@
 """Motion of discs as correlations in time: what is correlated, and the functions and diffusion constant that follow."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from typing import Literal
 

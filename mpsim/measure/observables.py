@@ -6,6 +6,8 @@ displacements those of the motion itself. If discs were added since the start, a
 all discs must be equal. Sums over discs take a state or what reads it in chunks (`moments`).
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 

@@ -1,5 +1,7 @@
 """Order in space: the structure factor, bond-orientational order and its correlation function, and states for freud."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -4,6 +4,8 @@ Hard discs are chaotic: a difference between two runs, even a single rounding, g
 lambda is the largest Lyapunov exponent. Beyond a horizon the distance between two trajectories is meaningless.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,6 +6,8 @@ rate of a gas is per disc and time (a collision counts for both discs), that of 
 gases out of equilibrium, are in `reference_motion`.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -4,6 +4,8 @@ Each with its source. Discs are equal, of mass 1; kT is the mean square of one v
 Equilibrium is in `reference`.
 """
 
+from __future__ import annotations
+
 import math
 
 import numpy as np

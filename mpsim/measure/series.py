@@ -1,5 +1,7 @@
 """A function of the state as a series along a run."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Means with their standard errors, from correlated and from independent samples, and fitted orders of accuracy."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 
@@ -7,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
+from mpsim.core.digits import RELATIVE_ROUNDING, with_error
 from mpsim.core.errors import InputError
 from mpsim.measure import spectrum
 
@@ -25,9 +28,6 @@ RISING = 4.0
 FEWEST_EVENTS = 16
 """Number of events (samples that are not zero) from which on their scatter says more than their number; and number of
 changes of a series from which on it may have shown its variation."""
-
-RELATIVE_ROUNDING = 1e-12
-"""Relative fluctuations below this are rounding."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -66,25 +66,7 @@ class Measure:
 
     def __repr__(self) -> str:
         mark = "" if self.settled else "<" if self.upper else ">"
-        if not (math.isfinite(self.value) and math.isfinite(self.error)):
-            return f"{self.value:.6g}(?)" if math.isnan(self.error) else f"{self.value:.6g}({mark}{self.error:.2g})"
-        if self.error == 0:
-            return f"{self.value:.12g}({mark}0)"
-        if self.value == 0 and mark:
-            return f"0({mark}{self.error:.2g})"
-        power = math.floor(math.log10(max(abs(self.value), self.error)))
-        power = power if not -4 <= power < 7 else 0
-        scale = 10.0**power
-        text = _parenthesis(self.value / scale, self.error / scale, mark)
-        return text if power == 0 else f"{text}e{power:+03d}"
-
-
-def _parenthesis(value: float, error: float, mark: str) -> str:
-    """value(error), the error as two digits in units of the value's last place; an error >= 1 with its own point."""
-    decimals = max(1 - int(f"{error:.1e}".split("e")[1]), 0)
-    rounded = f"{error:.{decimals}f}"
-    digits = rounded if float(rounded) >= 1 else rounded.replace("0.", "", 1).lstrip("0")
-    return f"{value:.{decimals}f}({mark}{digits})"
+        return with_error(self.value, self.error, mark)
 
 
 def block_average(

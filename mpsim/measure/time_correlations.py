@@ -3,6 +3,8 @@
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
+from __future__ import annotations
+
 import math
 import os
 from collections.abc import Iterable
@@ -291,7 +293,7 @@ class Correlations:
             self.save(self.path)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> "Correlations":
+    def load(cls, path: str | os.PathLike[str]) -> Correlations:
         """What `save` wrote or a checkpointed run has kept, to be read, or to observe the resumed simulation.
 
         That may begin at an earlier frame: looks that are in the file are not taken again. Averages then have the bits

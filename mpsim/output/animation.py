@@ -1,9 +1,10 @@
 """Animations: discs at true radius, coloured, written frame by frame to a GIF or an MP4."""
 
+from __future__ import annotations
+
 import base64
 import contextlib
 import dataclasses
-import itertools
 import math
 import os
 from collections.abc import Callable, Iterator
@@ -13,11 +14,10 @@ import matplotlib
 import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from mpsim.core import atomic, checks
 from mpsim.core.errors import InputError, OutputError
+from mpsim.core.progress import checked_progress, is_watched, of_frames
 from mpsim.engine.simulation import Simulation
 from mpsim.output import ffmpeg
 from mpsim.output.colour_scale import SCALES, ColourScale, ScaleName, percentile_scale, sampled
@@ -83,7 +83,8 @@ def animate(
         colour: "speed"; "worker", by the worker that owns the column of a disc, or "parity", by whether that column is
             even or odd, so that one sees the passes (both need a method with columns, `grid` or `parallel`;
             `auto` then stands for the latter); None: one colour for all.
-        progress: show a progress bar, if standard error is a terminal; or a function, called as progress(done, of).
+        progress: True: shown on standard error, if that is a terminal or a notebook; or a function, called as
+            progress(done, of).
         until: time of the last picture [time], > 0, in place of `frames`; without `every` too, MOST_PICTURES at most
             are spread evenly over it.
         seconds: how long the animation lasts [s], > 0, in place of `frames`. Without `every`, its pictures are spread
@@ -115,15 +116,18 @@ def animate(
     target = checked_target(path)
     if colour in ("worker", "parity") and settings.method == "auto":  # which may choose one without columns
         settings = dataclasses.replace(settings, method="parallel")
-    with Simulation(scene, settings) as sim, matplotlib.rc_context(fname=STYLE), _bar(frames, progress) as advance:
+    checked_progress(progress, "progress(done, of)")
+    seen = of_frames(progress if callable(progress) or is_watched() else None, "pictures")
+    with Simulation(scene, settings) as sim, matplotlib.rc_context(fname=STYLE), seen as show:
         writer = _writer_for(target, rate)
         with _moments(sim, frames, every, colour, scale) as (moments, found):
             picture = Picture(sim, pixels, colour, found, look)
             with atomic.atomic_write(target) as file, writer.saving(picture.figure, file.name, DPI):
-                for moment in moments:
+                for number, moment in enumerate(moments, start=1):
                     picture.show(moment)
                     writer.grab_frame()
-                    advance()
+                    if show is not None:
+                        show(number, frames)
     return Animation(target)
 
 
@@ -254,20 +258,3 @@ def _writer_for(target: Path, rate: int) -> AbstractMovieWriter:
     matplotlib.rcParams["animation.ffmpeg_path"] = ffmpeg.executable(f"write {str(target.with_suffix('.gif'))!r}")
     # One thread: on a shared machine it would otherwise take every core.
     return FFMpegWriter(fps=rate, extra_args=["-threads", "1"])
-
-
-@contextlib.contextmanager
-def _bar(total: int, wanted: bool | Callable[[int, int], None]) -> Iterator[Callable[[], None]]:
-    """A progress bar on standard error, if that is a terminal; or calls of a function."""
-    if callable(wanted):
-        done = itertools.count(1)
-        yield lambda: wanted(next(done), total)
-        return
-    console = Console(stderr=True)
-    if not (wanted and console.is_terminal):  # a disabled Progress of rich before 14.3 prints a line nevertheless
-        yield lambda: None
-        return
-    columns = (TextColumn("animation"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console) as bar:
-        task = bar.add_task("animation", total=total)
-        yield lambda: bar.advance(task)

@@ -58,14 +58,13 @@ def report_html(report: Report) -> str:
         rows.append(("phases", ", ".join(shares)))
     if report.compile_seconds:
         rows.append(("compiling before", f"{report.compile_seconds:.1f} s"))
-    rows += [(name, measure_text(measure).replace("+-", "±")) for name, measure in report.measures.items()]
+    rows += [(name, measure_text(measure)) for name, measure in report.measures.items()]
     return table(rows, "report.plot() draws it")
 
 
 def tuned_html(tuned: Tuned) -> str:
     """The answer of `tune` as a table: the settings, their cost, and each error beside its budget."""
-    cost = cost_text(tuned.cost.median, (tuned.cost.high - tuned.cost.low) / 2)
-    rows = [("settings", label(tuned.settings)), ("cost", f"{cost} ns per disc and unit of time")]
+    rows = [("settings", label(tuned.settings)), ("cost", f"{cost_text(tuned.cost)} ns per disc and unit of time")]
     rows += [
         (name.replace("_", " "), f"{error_text(name, tuned.errors[name])}, budget {budget:g}")
         for name, budget in tuned.budgets.items()

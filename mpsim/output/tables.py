@@ -13,9 +13,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from mpsim.core.digits import with_error
 from mpsim.measure.registry import ERRORS, OBSERVABLES
-from mpsim.measure.statistics import FEWEST_BLOCKS, RELATIVE_ROUNDING, Measure
+from mpsim.measure.statistics import FEWEST_BLOCKS, Measure
 from mpsim.studies import windows
+from mpsim.studies.cost import Cost
 from mpsim.studies.deviations import FEW_RUNS, RESOLVED, Deviation
 
 if TYPE_CHECKING:
@@ -41,16 +43,15 @@ def cells(row: "Row", measures: tuple[str, ...]) -> list[str]:
     """One row in words: errors with their standard errors in brackets, `<` where they are not resolved."""
     if row.cost is None:
         return [row.label, f"failed: {row.failure}"]
-    cost = cost_text(row.cost.median, (row.cost.high - row.cost.low) / 2)
     ran = f"{row.cost.method} x{row.cost.workers}"
-    return [row.label, cost, ran, f"{row.cost.memory:.0f}", *(error_text(name, row.errors[name]) for name in measures)]
+    errors = [error_text(name, row.errors[name]) for name in measures]
+    return [row.label, cost_text(row.cost), ran, f"{row.cost.memory:.0f}", *errors]
 
 
-def cost_text(median: float, spread: float) -> str:
-    """A cost such as "12300 ± 140" or "1.52 ± 0.03", never with an exponent."""
-    smallest = spread if spread > 0 else median / 100
-    decimals = min(max(-math.floor(math.log10(smallest)), 0), 3) if smallest > 0 else 0
-    return f"{median:.{decimals}f} ± {spread:.{decimals}f}"
+def cost_text(cost: Cost) -> str:
+    """A cost such as "12300(140)" or "1.523(20)": the median, and half the distance of the quartiles."""
+    spread = (cost.high - cost.low) / 2
+    return with_error(cost.median, spread) if spread > 0 else f"{cost.median:.3g}"
 
 
 def error_text(name: str, error: Deviation) -> str:
@@ -62,7 +63,7 @@ def error_text(name: str, error: Deviation) -> str:
         return f"< {scale * error.bound:.2g}"
     if error.exact:
         return "0"
-    return repr(Deviation(scale * error.value, scale * error.error, error.freedom))
+    return with_error(scale * error.value, scale * error.error)
 
 
 def unresolved_text(errors: Iterable[Deviation]) -> str:
@@ -72,24 +73,15 @@ def unresolved_text(errors: Iterable[Deviation]) -> str:
     return f"not resolved, below {RESOLVED:g} standard errors{few}"
 
 
-def _value_text(measure: Measure) -> str:
-    """The value with as many digits as its error allows, which is shown with two; six where it says nothing."""
-    value, error = measure.value, measure.error
-    if not (math.isfinite(value) and math.isfinite(error) and error > RELATIVE_ROUNDING * abs(value) > 0):
-        return f"{value:.6g}"
-    return f"{value:.{max(1 - math.floor(math.log10(error)), 0)}f}"
-
-
 def measure_text(measure: Measure) -> str:
-    """A measure in words such as "2.24 +- 0.016"; what is not known of its error is said."""
-    value = _value_text(measure)
+    """A measure in words such as "2.240(16)"; what is not known of its error is said."""
     if math.isnan(measure.error):
         few = measure.samples < FEWEST_BLOCKS
-        return f"{value} ({'too few samples for an error' if few else 'error unknown'})"
+        return f"{measure.value:.6g} ({'too few samples for an error' if few else 'error unknown'})"
     if measure.settled:
-        return f"{value} +- {measure.error:.2g}"
+        return repr(measure)
     bound = "at most" if measure.upper else "at least"
-    return f"{value} (error {bound} {measure.error:.2g}, not settled: run longer)"
+    return f"{measure!r} (error {bound} {measure.error:.2g}, not settled: run longer)"
 
 
 def terminal_table(table: "Tradeoff", width: int | None = None) -> str:

@@ -4,6 +4,8 @@
 opens both. A kill at any moment costs at most the frame that was being written.
 """
 
+from __future__ import annotations
+
 import os
 import time
 from collections.abc import Iterator
@@ -61,9 +63,9 @@ class Trajectory:
     def __getitem__(self, index: int) -> Frame: ...
 
     @overload
-    def __getitem__(self, index: slice) -> "Trajectory": ...
+    def __getitem__(self, index: slice) -> Trajectory: ...
 
-    def __getitem__(self, index: int | slice) -> "Frame | Trajectory":
+    def __getitem__(self, index: int | slice) -> Frame | Trajectory:
         if isinstance(index, slice):
             part = object.__new__(Trajectory)
             part.path, part._reader, part._range = self.path, self._reader, self._range[index]
@@ -77,7 +79,7 @@ class Trajectory:
     def __iter__(self) -> Iterator[Frame]:
         return map(self._reader.read, self._range)
 
-    def __enter__(self) -> "Trajectory":
+    def __enter__(self) -> Trajectory:
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -122,7 +124,7 @@ class Trajectory:
     @staticmethod
     def write(
         path: str | os.PathLike[str], every: int = 1, *, mode: str = "x", comm: object = None
-    ) -> "TrajectoryWriter":
+    ) -> TrajectoryWriter:
         """An observer for `Simulation.run(observe=...)` that writes a trajectory of one simulation.
 
         Args:
@@ -205,7 +207,7 @@ class TrajectoryWriter:
         self._first_rank.alone(lambda: self._held().note(sim.frame))
         return True
 
-    def __enter__(self) -> "TrajectoryWriter":
+    def __enter__(self) -> TrajectoryWriter:
         return self
 
     def __exit__(self, *exception: object) -> None:

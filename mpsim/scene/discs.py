@@ -1,5 +1,7 @@
 """The discs of a scene at its start: arrays that were given, or a lattice, of which any range can be made alone."""
 
+from __future__ import annotations
+
 import hashlib
 import math
 from collections.abc import Iterator

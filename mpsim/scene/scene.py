@@ -1,5 +1,7 @@
 """Scene: what is simulated."""
 
+from __future__ import annotations
+
 import copy
 import functools
 import hashlib
@@ -84,7 +86,7 @@ class Scene(HasDiscs, Recommends):
     spin: NDArray[np.float64] | None = None
     thermostat: Thermostat | None = None
     has_gaps: bool = False  # discs have been removed from the simulation whose scene this is
-    _redraw: Callable[[int], "Scene"] | None = None
+    _redraw: Callable[[int], Scene] | None = None
     _capsules: tuple[tuple[Obstacle, ...], NDArray[np.float64]] | None = None  # with what they were made from
     _capsule_index: CapsuleIndex | None = None
     _overlaps: tuple[tuple[Any, ...], str] | None = None  # likewise
@@ -161,7 +163,7 @@ class Scene(HasDiscs, Recommends):
         """Whether discs can be absent: absorbed at an edge, or removed from a simulation of this scene."""
         return bool(self.absorbing) or self.has_gaps
 
-    def changed(self, **values: Any) -> "Scene":
+    def changed(self, **values: Any) -> Scene:
         """The same scene with other values of some arguments, for a simulation of it that is changed.
 
         Args:
@@ -213,7 +215,7 @@ class Scene(HasDiscs, Recommends):
         walls.check_inside(self, name, position, radius, time)
 
     @classmethod
-    def load(cls, source: str | os.PathLike[str]) -> "Scene":
+    def load(cls, source: str | os.PathLike[str]) -> Scene:
         """A scene that comes with mpsim, or one from a scene file.
 
         Args:
@@ -245,12 +247,12 @@ class Scene(HasDiscs, Recommends):
         """Whether `redrawn` can make other starts of the same kind."""
         return self._redraw is not None
 
-    def redraw_with(self, make: Callable[[int], "Scene"]) -> "Scene":
+    def redraw_with(self, make: Callable[[int], Scene]) -> Scene:
         """This scene; from now on `redrawn` calls `make` with a seed."""
         self._redraw = make
         return self
 
-    def redrawn(self, seed: int) -> "Scene":
+    def redrawn(self, seed: int) -> Scene:
         """Another start of the same kind: drawn at random like this one, with other random numbers in its run, too.
 
         Args:
@@ -315,7 +317,7 @@ class Scene(HasDiscs, Recommends):
         width, height = (high - low).tolist()
         return self.packing_in(width, height)
 
-    def starting_from(self, state: State) -> "Scene":
+    def starting_from(self, state: State) -> Scene:
         """The same scene with the positions, velocities and spins of a state, to continue from there.
 
         Absorbed discs are left out, with all that they have of their own. The piston starts where the state has
@@ -358,7 +360,7 @@ class Scene(HasDiscs, Recommends):
         return brief(self)
 
     @classmethod
-    @checks.known_names(__init__)
+    @checks.known_names(__init__, without=("position", "velocity"))
     def random(
         cls,
         *,
@@ -373,7 +375,7 @@ class Scene(HasDiscs, Recommends):
         boundary: str | Sequence[str] = "walls",
         obstacles: Sequence[Obstacle] | Obstacle = (),
         **others: Any,
-    ) -> "Scene":
+    ) -> Scene:
         """Discs at random places without overlap, with thermal velocities.
 
         Args:
@@ -382,6 +384,7 @@ class Scene(HasDiscs, Recommends):
             mass: likewise [mass], > 0; None: 1 each.
             temperature: kT: the mean of m v_x^2 and m v_y^2 over the discs [mass length^2/time^2], >= 0. Velocities are
                 normally distributed, of zero total momentum from 2 discs on, and scaled so that this mean is exact.
+                Two discs so have opposite momenta, of which only the direction is random: use Scene(...) for others.
             seed: of the random numbers, >= 0; the same seed gives the same scene.
             packing: packing fraction, from which the side of a square box follows, 0 < packing <= 0.8.
             width, height: the box, instead of packing.
@@ -424,7 +427,7 @@ class Scene(HasDiscs, Recommends):
         return made.redraw_with(functools.partial(_drawn_again, cls.random, kind, seed))
 
     @classmethod
-    @checks.known_names(__init__)
+    @checks.known_names(__init__, without=("position", "velocity"))
     def lattice(
         cls,
         *,
@@ -437,7 +440,7 @@ class Scene(HasDiscs, Recommends):
         seed: int = 0,
         boundary: str | Sequence[str] = "walls",
         **others: Any,
-    ) -> "Scene":
+    ) -> Scene:
         """Equal discs near the sites of a hexagonal lattice that fills the box, with thermal velocities.
 
         Each follows from its number: `rows` makes any range of them in the memory of that range, and a checkpoint or

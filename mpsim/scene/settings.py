@@ -1,5 +1,7 @@
 """Settings: how a scene is simulated."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Literal, get_args
 

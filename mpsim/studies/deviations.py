@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mpsim.core.digits import with_error
 from mpsim.measure.registry import OBSERVABLES
 from mpsim.measure.statistics import Measure
 from mpsim.studies import windows
@@ -115,9 +116,9 @@ class Deviation:
             return f"not measurable: {self.reason}"
         if self.exact:
             return "0 (the reference itself)"
-        text = repr(Measure(self.value, self.error, 1))
+        text = with_error(self.value, self.error)
         if self.largest is not None:
-            text += f", largest in a window {Measure(self.largest.value, self.largest.error, 1)!r}"
+            text += f", largest in a window {with_error(self.largest.value, self.largest.error)}"
         if self.resolved:
             return text
         few = self.freedom + 1 < FEW_RUNS

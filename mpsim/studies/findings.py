@@ -1,5 +1,7 @@
 """What a named scene promises, expected beside found."""
 
+from __future__ import annotations
+
 import dataclasses
 from dataclasses import dataclass
 

@@ -1,5 +1,7 @@
 """Sweeps: a function, or a scene that is run, at every point of a grid of parameters, through any executor."""
 
+from __future__ import annotations
+
 import os
 import pickle
 import re
@@ -13,13 +15,13 @@ from mpsim.core import checks
 from mpsim.core.cores import usable_cores
 from mpsim.core.deferred_signals import terminated_by_exit
 from mpsim.core.errors import InputError, SweepWarning, level_of_caller
+from mpsim.core.progress import Show, checked_progress, shown
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies import sweep_runs
 from mpsim.studies.executors import Submissions, checked_executor
 from mpsim.studies.sweep_file import SweepFile
 from mpsim.studies.sweep_points import Point, points_of
-from mpsim.studies.sweep_progress import Pace, Show, checked_progress, shown
 from mpsim.studies.sweep_runs import SceneRun
 from mpsim.studies.sweep_table import OWN, Sweep, SweepRow, checked_units
 from mpsim.studies.sweep_task import Options, Task, source_of, task_of
@@ -74,11 +76,12 @@ def sweep(
         frames: length in frames instead, >= 0.
         measures: names of what to measure, as for `Simulation.run`; None: pressure, collision_rate, kinetic_energy and
             overlap, as far as the scene can have them.
-        settings: of all runs, where the grid does not vary them; None: those that a scene file recommends, or the
-            defaults.
+        settings: of all runs, where the grid does not vary them; None: those that the scene recommends, also one that
+            a function makes, or the defaults.
         units: name of a column -> its unit, for the head of the table. Those of a scene's measures are known.
         retry_failed: whether failed runs in the file are run again.
-        progress: True: shown on standard error, with the time left; or a function, called as progress(done, of, what).
+        progress: True: shown on standard error, with rate and time left; or a function, called as progress(done, of,
+            what).
 
     Returns:
         The rows, in the order of the grid, whatever the order in which runs ended.
@@ -107,12 +110,12 @@ def sweep(
     points = points_of(grid, seeds)
     task = task_of(function, points, Options(until, frames, measures, settings))
     named = checked_units(units, sweep_runs.UNITS if isinstance(task.call, SceneRun) else {})
-    show = checked_progress(progress)
+    show = checked_progress(progress, "progress(done, of, what)")
     retry_failed = checks.truth("retry_failed", retry_failed)
     task.demand_picklable(executor, points[0])
     with terminated_by_exit(), SweepFile(path, task.title, source_of(function)) as file, shown(show) as say:
         missing = [point for point in points if _is_missing(file.get(point), retry_failed)]
-        _Running(task, file, Pace(len(points), len(points) - len(missing)), say).run(missing, executor)
+        _Running(task, file, len(points), say).run(missing, executor)
         rows = tuple(_row(point, file.get(point)) for point in points)
     units_here = {*points[0].values, *OWN, *(name for row in rows for name in row.values)}
     known = {name: unit for name, unit in named.items() if name in units_here}
@@ -122,17 +125,20 @@ def sweep(
 
 
 class _Running:
-    """The runs of a sweep that a file lacks."""
+    """The runs of a sweep that a file lacks; `of` is the number of all."""
 
-    def __init__(self, task: Task, file: SweepFile, pace: Pace, show: Show):
-        self._task, self._file, self._pace, self._show = task, file, pace, show
-        self._good = pace.done > 0
+    def __init__(self, task: Task, file: SweepFile, of: int, show: Show):
+        self._task, self._file, self._of, self._show = task, file, of, show
+        self._done = self._failed = 0
+        self._good = False
         self._broken: BaseException | None = None
         self._lost = 0
 
     def run(self, missing: list[Point], executor: Executor | None) -> None:
         """Run them, in threads without an executor."""
-        self._show(self._pace.done, self._pace.of, self._pace.words)
+        self._done = self._of - len(missing)
+        self._good = self._done > 0
+        self._show_progress()
         if not missing:
             return
         stop = threading.Event()
@@ -156,7 +162,7 @@ class _Running:
                     self._file.put(point, future.result())
         self._warn_if_broken()
 
-    def _outcome(self, future: "Future[Any]") -> dict[str, Any]:
+    def _outcome(self, future: Future[Any]) -> dict[str, Any]:
         """What a future holds: the outcome of a run, or why the executor could not bring it back."""
         try:
             error = future.exception()
@@ -177,8 +183,11 @@ class _Running:
             raise InputError(outcome["failure"].partition(": ")[2])
         self._good = self._good or "values" in outcome
         self._file.put(point, outcome)
-        self._pace.add("failure" in outcome)
-        self._show(self._pace.done, self._pace.of, self._pace.words)
+        self._done, self._failed = self._done + 1, self._failed + ("failure" in outcome)
+        self._show_progress()
+
+    def _show_progress(self) -> None:
+        self._show(self._done, self._of, f"runs, {self._failed} failed" if self._failed else "runs")
 
     def _warn_if_broken(self) -> None:
         if self._broken is not None:

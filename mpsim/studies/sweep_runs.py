@@ -26,6 +26,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.measure import run_averages
 from mpsim.measure.statistics import Measure
+from mpsim.scene.recommended import Recommends, settings_for
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.replicas import Stopped
@@ -72,14 +73,14 @@ class SceneRun:
 
     Attributes:
         make: gives the scene of a point; None where the argument `scene` is one.
-        settings: of the runs, where the grid does not vary them.
+        settings: of the runs, where the grid does not vary them; None: those that the scene of a point recommends.
         until, frames: length of a run [time], where the grid does not vary it; None: the scene's duration.
         measures: names; None: MEASURES, as far as the scene can have them.
         own: names of the grid that vary settings and length.
     """
 
     make: Callable[..., Any] | None
-    settings: Settings
+    settings: Settings | None
     until: float | None
     frames: int | None
     measures: tuple[str, ...] | None
@@ -90,7 +91,7 @@ class SceneRun:
         scene = self._scene({name: value for name, value in arguments.items() if name not in self.own})
         varied = {name: value for name, value in arguments.items() if name in self.own}
         length = self.length(varied, scene)
-        settings = self.settings_of(varied)
+        settings = self.settings_of(varied, scene)
         names = run_averages.checked(MEASURES, None) if self.measures is None else self.measures
         if self.measures is None:
             names = tuple(name for name in names if run_averages.refusal(name, scene) is None)
@@ -108,14 +109,16 @@ class SceneRun:
         found |= {"frames": report.frames, "collisions": int(report.collisions)}
         return {name: value for name, value in found.items() if name not in varied}
 
-    def settings_of(self, varied: Mapping[str, Any]) -> Settings:
+    def settings_of(self, varied: Mapping[str, Any], scene: Scene | None = None) -> Settings:
         """The settings of a point, of one process unless they ask for more: the bits are the same.
+
+        scene: of the point; None: it is not made yet.
 
         Raises:
             InputError: if a value breaks a rule of Settings, or the method runs on ranks.
         """
         changes = {name: value for name, value in varied.items() if name not in RUN_OPTIONS}
-        settings = dataclasses.replace(self.settings, **changes)
+        settings = dataclasses.replace(settings_for(scene or Recommends(), self.settings), **changes)
         if capabilities_of(settings).on_ranks:
             raise InputError(
                 f"method must be one that runs in a process, as each run of a sweep does; got {settings.method!r}. Use "

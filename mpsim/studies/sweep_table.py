@@ -1,19 +1,24 @@
 """The answer of a sweep: one row for each run, as a table."""
 
+from __future__ import annotations
+
 import csv
 import io
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
-from mpsim.core import atomic, checks
-from mpsim.core.errors import InputError, OutputError
+from mpsim.core import checks
+from mpsim.core.errors import InputError
 from mpsim.core.optional_packages import imported
 from mpsim.core.plain import json_text
+from mpsim.core.table_files import demand_parquet, write_parquet, written
+
+TABLE = "the table of a sweep"
 
 VERSIONS = ("mpsim", "numpy", "numba", "python")
 """What has versions in each row."""
@@ -120,7 +125,7 @@ class Sweep:
         for row in self.rows:
             record = row.record()
             writer.writerow([record.get(name) for name in columns])
-        return _written(text.getvalue(), path)
+        return written(text.getvalue(), path, TABLE)
 
     def to_json(self, path: str | Path | None = None) -> str:
         """The table as JSON: function, parameters, units, versions, and rows of plain values; also written to `path`.
@@ -132,7 +137,7 @@ class Sweep:
         """
         values = {"function": self.function, "parameters": self.parameters, "units": self.units}
         values |= {"versions": self.versions, "rows": [row.record() for row in self.rows]}
-        return _written(json_text(values) + "\n", path)
+        return written(json_text(values) + "\n", path, TABLE)
 
     def to_pandas(self) -> Any:
         """The table as a pandas.DataFrame, one line for each run; its `attrs` hold units and versions.
@@ -155,7 +160,7 @@ class Sweep:
         Raises:
             OutputError: if pandas or pyarrow is not installed, or the file cannot be written.
         """
-        _library("pyarrow", "a Parquet file")
+        demand_parquet()
         frame = self.to_pandas()
         records = [row.record() for row in self.rows]
         for name in self.columns:
@@ -163,9 +168,7 @@ class Sweep:
             kinds = {_kind(value) for value in given if value is not None}
             if len(kinds) > 1 or "long" in kinds:
                 frame[name] = [None if value is None else str(value) for value in given]
-        content = io.BytesIO()
-        frame.to_parquet(content, engine="pyarrow", index=False)
-        _write(path, lambda target: atomic.write_bytes(target, content.getvalue()))
+        write_parquet(frame, path, TABLE)
 
     def to_xarray(self) -> Any:
         """The results as an xarray.Dataset: a dimension for each parameter, and `run` for the runs of a point.
@@ -246,22 +249,6 @@ def _array(values: list[Any], where: tuple[Any, ...], shape: tuple[int, ...]) ->
         array = np.full(shape, None, object)
     array[where] = values
     return array
-
-
-def _written(text: str, path: str | Path | None) -> str:
-    if path is not None:
-        _write(path, lambda target: atomic.write_text(target, text))
-    return text
-
-
-def _write(path: str | Path, write: Callable[[str | Path], None]) -> None:
-    try:
-        write(path)
-    except OSError as error:
-        raise OutputError(
-            f"the table of a sweep must be a file that can be written; got {checks.brief(str(path))} "
-            f"({error.strerror or error}). Choose another place."
-        ) from error
 
 
 def checked_units(units: Any, known: Mapping[str, str]) -> dict[str, str]:

@@ -157,7 +157,9 @@ def _function_task(function: Any, names: tuple[str, ...], points: list[Point], o
 def _scene_run(
     make: Callable[..., Any] | None, own: tuple[str, ...], points: list[Point], options: Options, scene: Scene | None
 ) -> SceneRun:
-    settings = settings_for(scene or Recommends(), options.settings)
+    settings = settings_for(scene or Recommends(), options.settings)  # checked, also where scenes are made later
+    if scene is None and options.settings is None:
+        settings = None
     until = None if options.until is None else checks.non_negative("until", options.until, "[time]")
     frames = None if options.frames is None else _frames(options.frames)
     measures = None if options.measures is None else run_averages.checked(options.measures, scene)
@@ -182,7 +184,8 @@ def _frames(value: Any) -> int:
 def _facts(run: SceneRun, scene: Scene | None) -> dict[str, Any]:
     """How scenes are run, as plain values: all that changes a result and is no parameter."""
     varied = {name: getattr(Settings(), name) for name in run.own if name not in RUN_OPTIONS}
-    settings = dataclasses.replace(run.settings, **varied | {"workers": None, "start_method": None})
+    no_result: dict[str, Any] = {**varied, "workers": None, "start_method": None}
+    settings = None if run.settings is None else dataclasses.replace(run.settings, **no_result)
     duration = scene.duration if scene is not None and (run.until, run.frames) == (None, None) else None
     facts = {"settings": settings, "until": run.until, "frames": run.frames, "duration": duration}
     return {name: canonical(name, value) for name, value in {**facts, "measures": run.measures}.items()}

@@ -1,5 +1,7 @@
 """The trade-off between speed and accuracy: cost and errors of many settings on a scene, as a table."""
 
+from __future__ import annotations
+
 import csv
 import dataclasses
 import io
@@ -10,11 +12,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mpsim.core import atomic, checks
+from mpsim.core import checks
 from mpsim.core.deferred_signals import terminated_by_exit
 from mpsim.core.errors import InputError, MpsimError
 from mpsim.core.optional_packages import imported
 from mpsim.core.plain import json_text
+from mpsim.core.progress import checked_progress, shown
+from mpsim.core.table_files import write_parquet, written
 from mpsim.core.views import view
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
@@ -28,6 +32,8 @@ from mpsim.studies.deviations import Deviation
 from mpsim.studies.ensemble import Ensemble
 from mpsim.studies.independent_starts import StartsGiven
 from mpsim.studies.replicas import available, demand_available, quietly, starts_of
+
+TABLE = "the table of a trade-off study"
 
 SETTINGS = ("method", "contact", "law", "passes", "substeps", "dt", "precision", "workers")
 """Settings that are columns of the table."""
@@ -123,15 +129,21 @@ class Tradeoff:
         return front
 
     def to_csv(self, path: str | Path | None = None) -> str:
-        """The table as CSV, one line per candidate; also written to `path`, if given."""
+        """The table as CSV, one line per candidate; also written to `path`, if given.
+
+        Raises:
+            OutputError: if the file cannot be written.
+        """
         text = io.StringIO()
         writer = csv.DictWriter(text, self.columns, lineterminator="\n")
         writer.writeheader()
         writer.writerows(row.record() for row in self.rows)
-        return _written(text.getvalue(), path)
+        return written(text.getvalue(), path, TABLE)
 
     def to_pandas(self) -> Any:
-        """The table as a pandas.DataFrame, one line for each candidate; costs [s], errors as `tradeoff` says.
+        """The table as a pandas.DataFrame, one line for each candidate.
+
+        Costs are in ns per disc and time, errors as `tradeoff` says.
 
         Raises:
             OutputError: if pandas is not installed.
@@ -139,6 +151,14 @@ class Tradeoff:
         pandas = imported("pandas", "a DataFrame", "sweep", "use to_csv")
         records = [row.record() for row in self.rows]
         return pandas.DataFrame({name: [record.get(name) for record in records] for name in self.columns})
+
+    def to_parquet(self, path: str | Path) -> None:
+        """Write the table to `path` as a Parquet file, with the columns of `to_pandas`.
+
+        Raises:
+            OutputError: if pandas or pyarrow is not installed, or the file cannot be written.
+        """
+        write_parquet(self.to_pandas(), path, TABLE)
 
     def to_xarray(self) -> Any:
         """The table as an xarray.Dataset, whose dimension `candidate` counts the rows from 0.
@@ -153,10 +173,13 @@ class Tradeoff:
         """The table as JSON: each attribute, the rows as plain values; also written to `path`.
 
         Numbers that are not finite become null.
+
+        Raises:
+            OutputError: if the file cannot be written.
         """
         values = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
         values["rows"] = [row.record() for row in self.rows]
-        return _written(json_text(values) + "\n", path)
+        return written(json_text(values) + "\n", path, TABLE)
 
     def __str__(self) -> str:
         return view("trade_text", self)
@@ -192,7 +215,7 @@ def tradeoff(
     seconds: float = 150.0,
     contact_time: float | None = None,
     path: str | Path | None = None,
-    progress: Callable[[int, int, str], None] | None = None,
+    progress: bool | Callable[[int, int, str], None] | None = None,
 ) -> Tradeoff:
     """Cost and errors of each candidate on a scene.
 
@@ -242,7 +265,8 @@ def tradeoff(
         contact_time: of the exact solver as the reference, and of that among the default candidates [time], > 0 (see
             `Settings`); None: its own, far below any time between collisions.
         path: file in which finished runs are saved; an interrupted call continues from it.
-        progress: called as progress(done, of, what).
+        progress: True: shown on standard error, with rate and time left; or a function, called as progress(done, of,
+            what).
 
     Raises:
         InputError: naming the argument and its rule; the candidate that cannot run this scene; or a contact time with
@@ -257,10 +281,10 @@ def tradeoff(
     """
     names = _measures(measures, scene)
     checks.whole("replicas", replicas, 2, 100_000, "16 will do for most scenes.")
-    how: dict[str, Any] = {"executor": executor, "path": path, "progress": progress, "starts": starts}
+    how: dict[str, Any] = {"executor": executor, "path": path, "starts": starts}
     how |= {"replicas": replicas, "seconds": checks.positive("seconds", seconds, "[s]"), "contact_time": contact_time}
-    with terminated_by_exit():
-        run = Ensemble(scene, until, names, **how)
+    with terminated_by_exit(), shown(checked_progress(progress, "progress(done, of, what)")) as show:
+        run = Ensemble(scene, until, names, **how, progress=show)
         if candidates is None:
             settings = default_candidates(scene, run.preliminary.thermal_velocity, contact_time)
         else:
@@ -333,9 +357,3 @@ def listed(name: str, values: Any, what: str) -> list[Any]:
         return list(values)
     except TypeError:
         raise InputError(f"{name} must be a list of {what}; got {values!r}.") from None
-
-
-def _written(text: str, path: str | Path | None) -> str:
-    if path is not None:
-        atomic.write_text(path, text)
-    return text

@@ -3,6 +3,8 @@
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
+from __future__ import annotations
+
 import dataclasses
 import math
 import time
@@ -16,6 +18,7 @@ import numpy as np
 from mpsim.core import checks
 from mpsim.core.deferred_signals import terminated_by_exit
 from mpsim.core.errors import BudgetError, InputError, NotMeasurableError
+from mpsim.core.progress import checked_progress, shown
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.measure.registry import ERRORS
 from mpsim.scene.recommended import settings_for
@@ -78,7 +81,7 @@ def tune(
     seconds: float = 150.0,
     contact_time: float | None = None,
     path: str | Path | None = None,
-    progress: Callable[[int, int, str], None] | None = None,
+    progress: bool | Callable[[int, int, str], None] | None = None,
 ) -> Tuned:
     """The cheapest settings whose errors on a scene stay inside every budget.
 
@@ -115,9 +118,10 @@ def tune(
     choices = _families(candidates, contact_time, scene)
     replicas = checks.whole("replicas", replicas, 2, MOST_REPLICAS, "16 will do for most scenes.")
     seconds = checks.positive("seconds", seconds, "[s]")
-    how: dict[str, Any] = {"executor": executor, "path": path, "progress": progress, "starts": starts}
+    how: dict[str, Any] = {"executor": executor, "path": path, "starts": starts}
     how |= {"replicas": replicas, "seconds": seconds, "contact_time": contact_time}
-    with terminated_by_exit(), Ensemble(scene, until, tuple(budgets), **how) as run:
+    show = shown(checked_progress(progress, "progress(done, of, what)"))
+    with terminated_by_exit(), show as say, Ensemble(scene, until, tuple(budgets), **how, progress=say) as run:
         search = Search(run, scene, budgets, seconds)
         search.run_reference()
         for family in choices:

@@ -1,5 +1,7 @@
 """The result of a search for settings: each candidate with its verdict, and the answer."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 

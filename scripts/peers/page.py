@@ -6,6 +6,7 @@ from typing import Any
 
 from pages import fill_blocks
 
+from mpsim.core.digits import with_error
 from peers import accuracy, pictures, tables
 from peers.accuracy import Point
 from peers.registry import PEERS
@@ -56,9 +57,9 @@ relative change of the kinetic energy per unit of time with this step. Errors ar
 
 - The pressure is the impulse on the four walls, divided by time and perimeter, in runs of {time:g} units from up to
   {starts} starts, after {settle:g} unit of equilibration. The exact value comes from mpsim's event-driven solver with
-  the same starts and runs {longer} times as long: {pressure:.4f} ± {scatter:.4f} kT / diameter². It differs from
-  the bulk value, because the walls of a small box matter. Errors are relative, ± one standard error from the scatter of
-  starts.
+  the same starts and runs {longer} times as long: {pressure} kT / diameter². It differs from
+  the bulk value, because the walls of a small box matter. Errors are relative, with one standard error in
+  brackets, from the scatter of starts.
 - If an engine loses or gains energy, its pressure changes; this is part of its error.
 - mpsim measures the impulse itself. For the yardstick, NumPy, Taichi and Warp it is the sum over reflections at the
   walls, for LAMMPS the sum of the spring forces over steps. In pymunk, Box2D and Rapier the walls are bodies with 10⁸
@@ -101,8 +102,7 @@ def errors_text(record: dict[str, Any]) -> str:
         settle=accuracy.SETTLE,
         longer=accuracy.EXACT_LONGER,
         starts=exact.starts,
-        pressure=exact.pressure,
-        scatter=exact.scatter,
+        pressure=with_error(exact.pressure, exact.scatter),
         steps=", ".join(f"{step:g}" for step in kept["steps"]),
         knobs="; ".join(knobs),
     )

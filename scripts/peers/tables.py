@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from mpsim.core.digits import with_error
 from peers import accuracy
 from peers.accuracy import Point, longest
 from peers.registry import PEERS
@@ -188,8 +189,13 @@ def why_not(record: dict[str, Any], name: str, limit: float) -> str:
         found = kept.get("costs", {}).get(f"{name} {reached[0].dt:g} {reached[0].knob}", "not timed")
         return f"reached at v·dt = {reached[0].dt:g}; its frames: {found if isinstance(found, str) else 'not timed'}"
     best = min(points, key=lambda each: abs(each.error(exact)))
-    text = f"not reached: {best.error(exact):+.1%} ± {best.uncertainty(exact):.1%} at v·dt = {best.dt:g}"
+    text = f"not reached: {per_cent(best.error(exact), best.uncertainty(exact))} at v·dt = {best.dt:g}"
     return text + (f"; then, {ended[0]}" if ended else "")
+
+
+def per_cent(error: float, uncertainty: float) -> str:
+    """An error with its standard error in brackets, such as +0.80(42)%."""
+    return f"{'+' if error >= 0 else ''}{with_error(100 * error, 100 * uncertainty)}%"
 
 
 def accuracy_rows(record: dict[str, Any]) -> list[str]:
@@ -216,7 +222,7 @@ def accuracy_rows(record: dict[str, Any]) -> list[str]:
             had = answer(record, name, limit)
             if had:
                 each, cost = had
-                error = f"{each.error(exact):+.2%} ± {each.uncertainty(exact):.2%}"
+                error = per_cent(each.error(exact), each.uncertainty(exact))
                 texts += [number(cost / 1e3), f"{each.dt:g}{peer.effort(each.knob)}", error, f"{each.drift:+.1e}"]
             else:
                 texts += [why_not(record, name, limit), "", "", ""]
@@ -231,7 +237,7 @@ def exact_row(record: dict[str, Any], title: str, exact: Point, limits: int) -> 
     cost = "-"
     if isinstance(timing, dict) and timing["frame"]:
         cost = number(accuracy.cost_per_time(quartiles(timing["frame"])[1], kept["cost_count"], 1.0) / 1e3)
-    own = f"{cost} | none | exact, ± {exact.scatter / exact.pressure:.2%} | {exact.drift:+.1e}"
+    own = f"{cost} | none | exact, {with_error(0.0, 100 * exact.scatter / exact.pressure)}% | {exact.drift:+.1e}"
     return f"| {title} | " + " | ".join([own] * limits) + " |"
 
 

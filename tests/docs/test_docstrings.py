@@ -122,6 +122,17 @@ def test_what_is_known_names_its_source(module):
     assert silent == []
 
 
+@pytest.mark.parametrize("name", [name for name, value in PUBLIC.items() if not is_exception(value)])
+def test_signatures_are_short(name):
+    """Types are shown as they are written: ArrayLike is not spelled out."""
+    owner = PUBLIC[name]
+    doors = [owner, *(value for _, value in parts(owner))] if isinstance(owner, type) else [owner]
+    shown = [
+        str(inspect.signature(getattr(each, "__func__", each))) for each in doors if not isinstance(each, property)
+    ]
+    assert [each for each in shown if re.search(r"numpy\.|_typing|collections\.abc|mpsim\.", each)] == []
+
+
 def test_a_bad_docstring_is_noticed():
     """Negative control."""
 

@@ -237,25 +237,27 @@ def test_a_stopped_process_is_not_gone_and_an_ended_one_is():
 
 def test_a_difference_of_one_bit_is_named():
     scene = gas(50, 0.2)
-    state, other = (mpsim.State(scene.position.copy(), scene.velocity.copy()) for _ in range(2))
+    pairs = [(scene.position.copy(), scene.velocity.copy()) for _ in range(2)]
+    state, other = (mpsim.State(*pair) for pair in pairs)
     assert_same_bits(state, other, "equal")
-    other.velocity[31, 1] = np.nextafter(other.velocity[31, 1], 9)
+    pairs[1][1][31, 1] = np.nextafter(other.velocity[31, 1], 9)
     with pytest.raises(AssertionError, match="note: 1 of 50 discs differ in velocity; the first is disc 31"):
         assert_same_bits(state, other, "note")
-    other.velocity[31, 1], other.position[0, 0] = state.velocity[31, 1], -0.0
-    state.position[0, 0] = 0.0
+    pairs[1][1][31, 1], pairs[1][0][0, 0] = state.velocity[31, 1], -0.0
+    pairs[0][0][0, 0] = 0.0
     with pytest.raises(AssertionError, match="differ in position; the first is disc 0"):
         assert_same_bits(state, other, "zeros of two signs")
 
 
 def test_a_disc_outside_or_not_finite_is_named():
     scene = gas(50, 0.2)
-    state = mpsim.State(scene.position.copy(), scene.velocity.copy())
+    position, velocity = scene.position.copy(), scene.velocity.copy()
+    state = mpsim.State(position, velocity)
     assert_inside_and_finite(state, scene, "as given")
-    state.position[7] = 0.4
+    position[7] = 0.4
     with pytest.raises(AssertionError, match="disc 7 is outside"):
         assert_inside_and_finite(state, scene, "note")
-    state.velocity[7] = np.nan
+    velocity[7] = np.nan
     with pytest.raises(AssertionError, match="not finite"):
         assert_inside_and_finite(state, scene, "note")
 

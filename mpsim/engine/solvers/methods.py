@@ -74,6 +74,14 @@ def on_ranks(method: str | None) -> bool:
     return isinstance(method, str) and method in METHODS and METHODS[method].solver.capabilities.on_ranks
 
 
+def check_comm(settings: Settings, comm: object) -> None:
+    """Refuse a communicator that is none, or that the method has no use for."""
+    if capabilities_of(settings).on_ranks:
+        ranks_of(comm)
+    elif comm is not None:
+        raise InputError(f"comm may be given only with method='mpi'; the method is {settings.method!r}. Leave it out.")
+
+
 def choose(count: int, settings: Settings, comm: Any = None) -> Choice:
     """What runs `count` discs under these settings; comm: a communicator, of methods that run on ranks."""
     method = settings.method

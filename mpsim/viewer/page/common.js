@@ -27,6 +27,15 @@ export function digits(value) {
   return value.toLocaleString("en", { maximumFractionDigits: places, minimumFractionDigits: Math.min(places, 6) }).replace("-", "−");
 }
 
+/** A value with its standard error in brackets, in units of the last digit, as the library prints it: 2.240(16). */
+export function withError(value, error) {
+  if (!Number.isFinite(value) || !Number.isFinite(error) || error === null || error <= 0) return digits(value);
+  const size = Math.floor(Math.log10(Math.max(Math.abs(value), error))), power = size < -4 || size > 6 ? size : 0;
+  const scale = 10 ** power, decimals = Math.max(1 - Number((error / scale).toExponential(1).split("e")[1]), 0);
+  const rounded = (error / scale).toFixed(decimals), last = rounded >= 1 ? rounded : rounded.replace(/^0\.0*/, "");
+  return `${(value / scale).toFixed(decimals)}(${last})${power ? `e${power}` : ""}`.replaceAll("-", "−");
+}
+
 export const state = {
   beside: { picture: null, radii: null }, // the second stage
   scene: null, status: { phase: "connecting", speed: 1, note: null }, gauges: null, picture: null, radii: null, timeline: null,

@@ -1,6 +1,6 @@
 // The gauges: numbers with charts of their last readings, and the histogram of the speeds.
 
-import { $, NONE, digits, fontSize, sharpen, state } from "./common.js";
+import { $, NONE, digits, fontSize, sharpen, state, withError } from "./common.js";
 
 export const KEPT = 240; // readings of a gauge in its chart
 
@@ -18,7 +18,7 @@ export function drawGauges() {
   const gauges = state.gauges;
   $("discs").textContent = gauges ? gauges.discs.toLocaleString("en") : NONE;
   for (const name of GAUGES) {
-    $(name).textContent = digits(gauges?.[name]);
+    $(name).textContent = withError(gauges?.[name], gauges?.[`${name}_error`]);
     $(name).dataset.value = gauges?.[name] ?? "";
     drawChart($(name).parentElement.querySelector("canvas"), state.history[name] ?? [], LEAST[name] ?? 0);
   }
@@ -35,8 +35,9 @@ export function drawGauges() {
 function pressureNote(gauges) {
   if (!gauges?.counting) return "not counted";
   if (gauges.pressure_note) return gauges.pressure_note;
-  const error = gauges.pressure_error === null ? "error not known yet" : `± ${digits(gauges.pressure_error)}`;
-  return gauges.bulk_pressure === null ? error : `${error}; equation of state of the bulk ${digits(gauges.bulk_pressure)}`;
+  const error = gauges.pressure_error === null ? "error not known yet" : "";
+  const bulk = gauges.bulk_pressure === null ? "" : `equation of state of the bulk ${digits(gauges.bulk_pressure)}`;
+  return [error, bulk].filter(Boolean).join("; ");
 }
 
 /** A bar for each worker: the parts of its time in each phase. */

@@ -1,6 +1,6 @@
 // Two stages: the second one, drawn as the first one is, and what became of both since their common start.
 
-import { $, NONE, digits, fontSize, sharpen, state } from "./common.js";
+import { $, NONE, digits, fontSize, sharpen, state, withError } from "./common.js";
 import { send, takers } from "./link.js";
 import { afterDrawing, camera, drawGround, images, rendererFor, requestDraw } from "./stage.js";
 
@@ -21,8 +21,7 @@ afterDrawing.push(() => {
 
 // --- the numbers below
 
-const signed = (value) => (value > 0 ? `+${digits(value)}` : digits(value));
-const plusMinus = (value, error) => `${signed(value)}${Number.isFinite(error) && error !== null ? ` ± ${digits(error)}` : ""}`;
+const difference = (value, error) => `${value > 0 ? "+" : ""}${withError(value, error)}`;
 const whole = (value) => (value === null ? NONE : value.toLocaleString("en").replace("-", "−"));
 const percent = (value) => (value === null ? NONE : `${(100 * value).toFixed(1).replace("-", "−")} %`);
 
@@ -31,7 +30,7 @@ const NUMBERS = {
   distance: ["Distance", () => (told.parted === null ? digits(told.distance) : "parted"), () => "diameters, rms"],
   missed: ["Missed collisions", () => (told.parted === null ? whole(told.missed) : percent(told.missed_fraction)),
     () => `of ${whole(told.collisions[1])}`],
-  pressure: ["Pressure difference", () => plusMinus(told.pressure_difference, told.difference_error),
+  pressure: ["Pressure difference", () => difference(told.pressure_difference, told.difference_error),
     () => `${digits(told.pressure[0])} and ${digits(told.pressure[1])}`],
   cost: ["Cost", () => (told.cost_ratio === null ? NONE : `${digits(told.cost_ratio)}×`), () => "of the second over the first"],
 };

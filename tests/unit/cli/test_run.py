@@ -25,7 +25,7 @@ def test_run_tells_what_it_did_and_writes_nothing(tmp_path, monkeypatch):
     lines = result.stdout.splitlines()
     assert lines[0].startswith("30 frames by grid, median ")
     assert lines[1].startswith("frame 30, time 0.3, 100 discs; ")
-    assert lines[2].startswith("kinetic_energy: 100 +- ")
+    assert lines[2] == "kinetic_energy: 100(0)"
     assert lines[3] == f"digest {library_digest(30)}"
     assert not list(tmp_path.iterdir())
 
@@ -56,14 +56,20 @@ def test_a_folder_holds_all_of_a_run(tmp_path):
     assert result.exit_code == 0, result.stderr
     assert result.stderr == ""
     assert (
-        f"written to {out}/: trajectory.xyz, measures.csv, timings.csv, final.npz, final.png; 8 frames" in result.stdout
+        f"written to {out}/: trajectory.xyz, measures.csv, averages.csv, timings.csv, final.npz, final.png; 8 frames"
+        in result.stdout
     )
     record = json.loads((out / "run.json").read_text())
     assert record["scene_digest"] == mpsim.Scene.load("gas").digest()
     assert record["settings"]["method"] == "grid"
     assert (record["status"], record["frame"], record["digest"]) == ("done", 30, library_digest(30))
     assert record["versions"].keys() == {"python", "mpsim", "numpy", "numba"}
-    assert record["parts"][0]["measures"]["pressure"]["value"] > 0
+    pressure = record["parts"][0]["measures"]["pressure"]
+    assert pressure["value"] > 0
+    with (out / "averages.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert (row["measure"], row["from_frame"], row["to_frame"]) == ("pressure", "0", "30")
+    assert {name: str(value) for name, value in pressure.items()}.items() <= row.items()
     assert mpsim.State.load(out / "final.npz").digest() == record["digest"]
     assert [frame.frame for frame in mpsim.Trajectory(out / "trajectory.xyz")] == [0, 4, 8, 12, 16, 20, 24, 28]
     with (out / "timings.csv").open() as file:

@@ -75,13 +75,26 @@ def test_a_state_is_a_copy():
     with simulate(gas(50, 0.5), method="grid") as sim:
         before = sim.digest()
         state = sim.state
-        state.position[:] = 0
-        state.velocity[:] = np.nan
+        state.position.base[:] = 0
+        state.velocity.base[:] = np.nan
         assert sim.digest() == before
     assert state.position.shape == (50, 2), "a state outlives its simulation"
 
 
-def test_a_digest_depends_on_dtype_shape_and_field():
+def test_a_state_is_not_written_to():
+    given = np.zeros((2, 2))
+    made = mpsim.State(given, given, spin=np.zeros(2), image=np.zeros((2, 2), int), box=(0, 1, 0, 1))
+    with simulate(gas(50, 0.5), method="grid") as sim:
+        for state in (made, sim.state, sim.state_between(0, 10), sim.local_state()[1]):
+            for array in vars(state).values():
+                if isinstance(array, np.ndarray):
+                    with pytest.raises(ValueError, match="read-only"):
+                        array[0] = 1
+                    array.copy()[0] = 1
+    given[0] = 1.0  # the caller's own array stays as it is
+
+
+def test_a_digest_depends_on_shape_and_field():
     zeros, ones = np.zeros((2, 2)), np.ones((2, 2))
     states = [
         mpsim.State(zeros, ones),

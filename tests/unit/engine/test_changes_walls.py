@@ -1,6 +1,7 @@
 """Walls put up between two frames: who meets them, where they have room, and what can be measured then."""
 
 import contextlib
+import re
 
 import numpy as np
 import pytest
@@ -51,6 +52,29 @@ def test_a_wall_leaves_the_other_parts_of_a_scene_their_room(features, text):
     ):
         sim.add_wall([(3, 4), (6, 4)])
         assert len(sim.scene.obstacles) == 2, "one more than before"
+
+
+@pytest.mark.parametrize(
+    ("wall", "text"),
+    [
+        (
+            {"points": [(3, 4), (13, 4)]},
+            "points of a wall must be in the box, [0, 12] x [0, 12]; points[1] is (13.0, 4.0)",
+        ),
+        (
+            {"points": [(3, -1), (6, 4)]},
+            "points of a wall must be in the box, [0, 12] x [0, 12]; points[0] is (3.0, -1.0)",
+        ),
+        ({"points": [(3, 4)]}, "points of a Polyline must be at least two"),
+        ({"points": [(3, 4), (6, 4)], "thickness": -1}, "thickness of a Polyline must be a finite number >= 0"),
+    ],
+)
+def test_a_wall_is_refused_in_the_words_of_its_door(wall, text):
+    scene = mpsim.Scene(width=12, height=12, position=[[9, 9]], velocity=[[0, 0]], radius=0.5)
+    with simulate(scene) as sim:
+        with pytest.raises(mpsim.InputError, match=re.escape(text)):
+            sim.add_wall(**wall)
+        assert sim.scene.obstacles == ()
 
 
 def test_measures_that_mean_nothing_among_obstacles_are_nan_for_a_run_in_which_a_wall_is_put_up():

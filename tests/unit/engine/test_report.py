@@ -5,6 +5,7 @@ import re
 import sys
 
 import numpy as np
+import pandas
 import pytest
 from support.scenes import crowd, gas, simulate
 
@@ -161,6 +162,21 @@ def test_times_as_csv_are_those_of_the_report(tmp_path):
             assert column == seconds[:, worker].tolist()
     with pytest.raises(mpsim.OutputError, match="a table of times must be a file that can be written; got "):
         report.to_csv(tmp_path / "none" / "times.csv")
+
+
+def test_times_as_parquet_are_those_of_csv(tmp_path):
+    with simulate(gas(20, 0.2), method="grid") as sim:
+        report = sim.run(frames=7, measures=["temperature"])
+    report.to_parquet(tmp_path / "times.parquet")
+    found = pandas.read_parquet(tmp_path / "times.parquet")
+    rows = list(csv.DictReader(report.to_csv().splitlines()))
+    assert list(found.columns) == list(rows[0])
+    assert found.to_dict("records") == [{name: float(value) for name, value in row.items()} for row in rows]
+    assert found.attrs["measures"]["temperature"]["value"] == report.measures["temperature"].value
+    with pytest.raises(mpsim.InputError, match=r"a table of times is text here, and .*Use to_parquet"):
+        report.to_csv(tmp_path / "times.parquet")
+    with pytest.raises(mpsim.OutputError, match="a table of times must be a file that can be written; got "):
+        report.to_parquet(tmp_path / "none" / "times.parquet")
 
 
 def test_waiting_is_the_part_of_the_time_at_barriers():

@@ -7,6 +7,7 @@ import json
 import math
 import re
 
+import pandas
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -25,11 +26,14 @@ from mpsim.studies.tradeoff import Row, Tradeoff
 @pytest.mark.parametrize(
     ("measure", "text"),
     [
-        (Measure(2.239912, 0.016, 500), "2.240 +- 0.016"),
-        (Measure(100 + 3e-14, 2.8e-14, 500), "100 +- 2.8e-14"),
-        (Measure(12345.678, 210.0, 500), "12346 +- 2.1e+02"),
-        (Measure(2.24, 0.016, 500, settled=False), "2.240 (error at least 0.016, not settled: run longer)"),
-        (Measure(0.0, 0.018, 500, settled=False, upper=True), "0 (error at most 0.018, not settled: run longer)"),
+        (Measure(2.239912, 0.016, 500), "2.240(16)"),
+        (Measure(100 + 3e-14, 2.8e-14, 500), "100(0)"),
+        (Measure(12345.678, 210.0, 500), "12346(210)"),
+        (Measure(2.24, 0.016, 500, settled=False), "2.240(>16) (error at least 0.016, not settled: run longer)"),
+        (
+            Measure(0.0, 0.018, 500, settled=False, upper=True),
+            "0(<0.018) (error at most 0.018, not settled: run longer)",
+        ),
         (Measure(0.3, math.nan, 500, settled=False), "0.3 (error unknown)"),
         (Measure(0.3, math.nan, 3, settled=False), "0.3 (too few samples for an error)"),
     ],
@@ -72,6 +76,19 @@ def test_csv_and_json_can_be_read_back():
     assert values["reference"] == "the exact solver"
 
 
+def test_parquet_holds_the_columns_of_csv(tmp_path):
+    table = made([*ROWS, plain(REFLECT, DEAR, pressure=(float("inf"), float("nan")), overlap=(0.1, 0.01))])
+    table.to_parquet(tmp_path / "table.parquet")
+    found = pandas.read_parquet(tmp_path / "table.parquet")
+    assert tuple(found.columns) == table.columns
+    assert found["cost"].tolist()[:2] == [12345.6, 1.523]
+    assert found["pressure"].tolist()[:2] == [0.0192, 0.0004]
+    assert found["failure"].isna().tolist() == [True, True, False, True]
+    for write in (table.to_csv, table.to_json, table.to_parquet):
+        with pytest.raises(mpsim.OutputError, match="the table of a trade-off study must be a file that"):
+            write(tmp_path / "none" / "table")
+
+
 def test_an_error_that_is_not_measurable_is_in_every_form_with_its_reason():
     reason = "all <runs> are one run"
     found = made([Row(COARSE, CHEAP, {"pressure": Deviation.unknown(reason), "overlap": Deviation(0.05, 0.001)})])
@@ -111,7 +128,7 @@ def test_the_title_says_what_is_not_resolved_and_what_few_runs_need():
 
 def test_units_and_reasons_with_brackets_are_text_not_markup():
     text, page = str(made(ROWS)), made(ROWS, scene="<script>")._repr_html_()
-    for words in ("[diam.]", "[%]", "[/red] a|b <b>bold</b>", "ns / (disc"):
+    for words in ("[diam.]", "[%]", "[/red] a|b <b>bold</b>", "(disc"):
         assert words in " ".join(text.split()), words
     assert "<script>" not in page
     assert "&lt;script&gt;" in page

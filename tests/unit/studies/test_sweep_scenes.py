@@ -53,6 +53,21 @@ def test_seeds_draw_the_scene_again_and_without_them_it_is_as_it_is():
     assert first.values["pressure"] != second.values["pressure"]
 
 
+def recommending(packing):
+    """A scene that recommends settings of its own."""
+    settings = Settings(dt=0.05 if packing > 0.15 else 0.1, method="naive")
+    return Scene.random(count=20, packing=packing, radius=0.5, duration=1.0, settings=settings)
+
+
+def test_a_scene_that_a_function_makes_brings_its_settings():
+    grid = {"packing": [0.1, 0.2]}
+    assert [row.values["frames"] for row in sweep(recommending, grid, measures=["overlap"]).rows] == [10, 20]
+    given = sweep(recommending, grid, measures=["overlap"], settings=Settings(dt=0.125, method="naive"))
+    assert [row.values["frames"] for row in given.rows] == [8, 8]
+    varied = sweep(recommending, {**grid, "dt": [0.025]}, measures=["overlap"])
+    assert [row.values["frames"] for row in varied.rows] == [40, 40]
+
+
 def test_a_name_brings_its_settings_and_its_duration():
     table = sweep("cradle", {"substeps": [1, 2]})
     from mpsim.scene import scenefile  # noqa: PLC0415 - as the package does
