@@ -12,8 +12,8 @@ from typing import Any
 import click
 
 from mpsim.cli import clean, look, machine, run, scenes, stability, trade, view
-from mpsim.cli.terminal import INTERRUPTED, Compiling, Interrupted
-from mpsim.core.errors import InputError, MpsimError
+from mpsim.cli.terminal import INTERRUPTED, Compiling, Interrupted, in_options
+from mpsim.core.errors import InputError, MpsimError, SceneFileError
 from mpsim.core.progress import above
 from mpsim.kernels.compile_notice import announced_by
 
@@ -40,12 +40,21 @@ class Commands(click.Group):
                 if isinstance(error, BrokenPipeError):  # the reader of the output has closed it
                     raise
                 kind = Refused if isinstance(error, InputError) else click.ClickException
-                raise kind(str(error) or type(error).__name__) from error
+                raise kind(self._text(error, ctx.invoked_subcommand)) from error
+
+    def _text(self, error: Exception, name: str | None) -> str:
+        """What an error says, in the words of the command."""
+        if isinstance(error, OSError) and error.filename is not None and error.strerror:
+            return f"{str(error.filename)!r} must be a file or folder that can be used; it cannot ({error.strerror})."
+        text = str(error) or type(error).__name__
+        command = self.commands.get(name or "")
+        return text if command is None or isinstance(error, SceneFileError) else in_options(text, command)
 
 
 def _show_warning(message: Warning | str, category: type[Warning], filename: str, lineno: int, *_: Any) -> None:
     if issubclass(category, UserWarning):
-        text = f"Warning: {message}"
+        context = click.get_current_context(silent=True)
+        text = f"Warning: {message if context is None else in_options(str(message), context.command)}"
         if not above(text):
             click.echo(text, err=True)
     else:

@@ -26,14 +26,14 @@ All of it, with pictures: python scripts/run_bench.py in a checkout.
 @click.command(epilog=BENCH_EXAMPLES, short_help="Measure how fast mpsim is here.")
 @click.option(
     "--count",
-    type=click.IntRange(1, 3000),
+    type=terminal.Whole(1, 3000),
     default=100,
     show_default=True,
     help="Number of discs; limited, as one method tests all pairs.",
 )
-@click.option("--frames", type=click.IntRange(1, 100_000), default=500, show_default=True)
+@click.option("--frames", type=terminal.Whole(1, 100_000), default=500, show_default=True)
 @click.option(
-    "--workers", type=click.IntRange(1, terminal.MOST_WORKERS), help="Processes of the method parallel; default: cores."
+    "--workers", type=terminal.Whole(1, terminal.MOST_WORKERS), help="Processes of the method parallel; default: cores."
 )
 @click.option("--law", type=terminal.Choice(LAWS), default="elastic", show_default=True)
 @click.option(

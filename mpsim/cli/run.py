@@ -53,7 +53,7 @@ Examples:
 
 @click.command(epilog=RUN_EXAMPLES, short_help="Simulate a scene.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
-@click.option("--frames", type=click.IntRange(1), help=f"Number of frames; default: the scene's duration, or {FRAMES}.")
+@click.option("--frames", type=terminal.Whole(1), help=f"Number of frames; default: the scene's duration, or {FRAMES}.")
 @click.option("--until", type=terminal.Positive("time"), help="Time of the scene at which to stop.")
 @terminal.settings_options
 @click.option(
@@ -65,7 +65,7 @@ Examples:
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the results.")
 @click.option(
-    "--every", type=click.IntRange(1), help="Write every n-th frame to the trajectory; default: the scene's own."
+    "--every", type=terminal.Whole(1), help="Write every n-th frame to the trajectory; default: the scene's own."
 )
 @click.option(
     "--format",
@@ -147,11 +147,11 @@ Examples:
 
 @click.command(epilog=RESUME_EXAMPLES, short_help="Continue a run.")
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--frames", type=click.IntRange(1), help="Number of further frames.")
+@click.option("--frames", type=terminal.Whole(1), help="Number of further frames.")
 @click.option("--until", type=terminal.Positive("time"), help="Time of the scene at which to stop.")
 @click.option("--method", type=terminal.Choice(SAME_BITS), help="Change to another method with the same bits.")
 @click.option(
-    "--workers", type=click.IntRange(1, terminal.MOST_WORKERS), help="Number of processes; it changes no bit."
+    "--workers", type=terminal.Whole(1, terminal.MOST_WORKERS), help="Number of processes; it changes no bit."
 )
 @terminal.json_option
 @terminal.quiet_option

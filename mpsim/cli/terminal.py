@@ -1,7 +1,9 @@
 """What commands share: kinds of arguments, progress."""
 
+import contextlib
 import dataclasses
 import math
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -52,6 +54,33 @@ class Positive(click.ParamType):
         return float(f"{number:.15g}")
 
 
+class Whole(click.IntRange):
+    """A whole number in a range; the error says which, and suggests one.
+
+    >>> Whole(1).convert("5.5", None, None)
+    Traceback (most recent call last):
+        ...
+    click.exceptions.BadParameter: '5.5' must be a whole number >= 1. Give 5 or 6.
+    """
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """The number that a text stands for."""
+        try:
+            return super().convert(value, param, ctx)
+        except click.BadParameter:
+            pass
+        numbers = f">= {self.min}" if self.max is None else f"from {self.min} to {self.max}"
+        with contextlib.suppress(ValueError, OverflowError):  # of what is no number, or infinite
+            low = math.floor(float(value))
+            near = [each for each in (low, low + 1) if float(value) % 1 and self._fits(each)]
+            hint = f" Give {' or '.join(map(str, near))}." if near else ""
+            self.fail(f"{str(value)!r} must be a whole number {numbers}.{hint}", param, ctx)
+        self.fail(f"{str(value)!r} must be a whole number {numbers}.", param, ctx)
+
+    def _fits(self, number: int) -> bool:
+        return (self.min is None or number >= self.min) and (self.max is None or number <= self.max)
+
+
 class Choice(click.Choice[str]):
     """One of some words; the error suggests one that is similar.
 
@@ -78,6 +107,29 @@ def complete_scene(ctx: click.Context, param: click.Parameter, incomplete: str) 
     return [*names, CompletionItem(incomplete, type="file")]
 
 
+def in_options(text: str, command: click.Command) -> str:
+    """A message of the library in the words of a command, whose options stand for arguments.
+
+    >>> command = click.Command("run", params=[click.Option(["--on-fast"]), click.Option(["--dt"])])
+    >>> in_options("Use dt=0.079 or on_fast='substep', or Settings(dt=0.05)", command)
+    'Use --dt 0.079 or --on-fast substep, or --dt 0.05'
+    >>> in_options("dt must be a finite number > 0", command)
+    '--dt must be a finite number > 0'
+    """
+    options = {str(each.name): each.opts[0] for each in command.params if isinstance(each, click.Option)}
+    if not options:
+        return text
+    names = "|".join(map(re.escape, options))
+
+    def option(found: re.Match[str]) -> str:
+        return f"{options[found[1]]} {found[2].strip(chr(39))}"
+
+    text = re.sub(rf"\bSettings\(((?:{names})=[^()]*)\)", lambda found: found[1].replace(", ", " "), text)
+    text = re.sub(rf"\b({names})=('[\w-]+'|[\w.+-]*\w)", option, text)
+    where = rf"(^|must not come with )({names})(?= must\b|;)"
+    return re.sub(where, lambda found: found[1] + options[found[2]], text)
+
+
 def existing_refused(path: Path, force: bool) -> None:
     """Refuse to overwrite a file unless --force was given.
 
@@ -94,9 +146,7 @@ def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
         [
             click.option("--dt", type=Positive("time"), help="Time step of a frame."),
             click.option("--method", type=Choice(METHODS), help="How colliding pairs are found; event is exact."),
-            click.option(
-                "--workers", type=click.IntRange(1, MOST_WORKERS), help="Processes; default: at most one per core."
-            ),
+            click.option("--workers", type=Whole(1, MOST_WORKERS), help="Processes; default: at most one per core."),
             click.option("--contact", type=Choice(CONTACTS), help="impact: second order in dt; push: first order."),
             click.option(
                 "--law",
@@ -104,8 +154,8 @@ def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
                 help="elastic conserves momentum; reflect mirrors velocities, as in the report.",
             ),
             click.option("--precision", type=Choice(PRECISIONS), help="Of positions and velocities."),
-            click.option("--passes", type=click.IntRange(1, 1000), help="Searches for contacts in each step."),
-            click.option("--substeps", type=click.IntRange(1, 1_000_000), help="Steps in each frame."),
+            click.option("--passes", type=Whole(1, 1000), help="Searches for contacts in each step."),
+            click.option("--substeps", type=Whole(1, 1_000_000), help="Steps in each frame."),
             click.option("--on-fast", type=Choice(ON_FAST), help="What to do if discs move too far in a step."),
             click.option(
                 "--contact-time", type=Positive("time"), help="event: impacts so soon after another lose no energy."

@@ -29,7 +29,7 @@ until_option = click.option(
     help="Length of a run; default: the scene's duration, or chosen by mpsim.",
 )
 replicas_option = click.option(
-    "--replicas", type=click.IntRange(2, 100_000), default=16, show_default=True, help="Runs per candidate."
+    "--replicas", type=terminal.Whole(2, 100_000), default=16, show_default=True, help="Runs per candidate."
 )
 starts_option = click.option(
     "--starts",

@@ -22,7 +22,7 @@ from mpsim.cli.app import main
         (["run", "gas", "--force"], "--force needs --out"),
         (["run", "gas", "--format", "gsd"], "--format needs --out"),
         (["run", "gas", "--dt", "0"], "'--dt': '0' must be a number > 0, such as 0.05."),
-        (["run", "gas", "--frames", "0"], "0 is not in the range x>=1"),
+        (["run", "gas", "--frames", "0"], "'0' must be a whole number >= 1."),
         (["run", "gsa"], "got 'gsa'. Did you mean 'gas'?"),
         (["run", "none.toml"], "scene must be a file that can be read; got 'none.toml' (No such file or directory)."),
         (["animate", "gsa", "a.gif"], "got 'gsa'. Did you mean 'gas'?"),
@@ -52,7 +52,7 @@ def test_wrong_usage_and_input_are_exit_code_2(arguments, text, tmp_path, monkey
         ),
         (
             ["tune", "cradle", "--pressure", "1%", "--replicas", "1"],
-            "'--replicas': 1 is not in the range 2<=x<=100000.",
+            "'--replicas': '1' must be a whole number from 2 to 100000.",
         ),
         (["tune"], "Missing argument 'SCENE'."),
         (["tradeoff", "cradle", "--csv", "--json"], "Choose one of --csv and --json."),
@@ -74,16 +74,21 @@ def test_a_mistyped_option_is_answered_with_the_right_one():
 
 
 @pytest.mark.parametrize(
-    "error", [mpsim.ClosedError("gone"), MemoryError("too much"), PermissionError(13, "no", "a.txt")]
+    ("error", "text"),
+    [
+        (mpsim.ClosedError("gone"), "gone"),
+        (MemoryError("too much"), "too much"),
+        (PermissionError(13, "no", "a.txt"), "'a.txt' must be a file or folder that can be used; it cannot (no)."),
+    ],
 )
-def test_an_error_is_a_sentence(monkeypatch, error):
+def test_an_error_is_a_sentence(monkeypatch, error, text):
     @click.command()
     def fail() -> None:
         raise error
 
     monkeypatch.setitem(main.commands, "fail", fail)
     result = mpsim_command("fail")
-    assert (result.exit_code, result.stderr) == (1, f"Error: {error}\n")
+    assert (result.exit_code, result.stderr) == (1, f"Error: {text}\n")
 
 
 def test_verbose_tells_what_is_read():
