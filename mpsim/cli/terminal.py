@@ -126,8 +126,8 @@ def in_options(text: str, command: click.Command) -> str:
 
     text = re.sub(rf"\bSettings\(((?:{names})=[^()]*)\)", lambda found: found[1].replace(", ", " "), text)
     text = re.sub(rf"\b({names})=('[\w-]+'|[\w.+-]*\w)", option, text)
-    where = rf"(^|must not come with )({names})(?= must\b|;)"
-    return re.sub(where, lambda found: found[1] + options[found[2]], text)
+    rule = rf"^({names})(?= must\b)|(?<= must not come with )({names})\b(?: or ({names})\b)?"
+    return re.sub(rule, lambda found: " or ".join(options[name] for name in found.groups() if name), text)
 
 
 def existing_refused(path: Path, force: bool) -> None:

@@ -3,6 +3,8 @@
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
+from __future__ import annotations
+
 import contextlib
 import math
 from collections.abc import Callable, Sequence

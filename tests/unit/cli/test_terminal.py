@@ -123,7 +123,10 @@ def test_warnings_are_a_line_without_source(monkeypatch):
             ["animate", "gas", "a.gif", "--colour", "worker", "--method", "naive", "--frames", "1"],
             "this run is by 'naive'. Use --method parallel",
         ),
-        (["animate", "gas", "a.gif", "--frames", "3", "--until", "2"], "--until must not come with --frames"),
+        (
+            ["animate", "gas", "a.gif", "--frames", "3", "--until", "2"],
+            "--frames must not come with --until or --seconds",
+        ),
         (["stability", "--out", "/proc/x"], "'/proc/x' must be a file or folder that can be used; it cannot (No such"),
         (["plot", "/nope"], "'/nope' does not (No such file or directory)."),
     ],
