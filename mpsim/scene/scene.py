@@ -30,6 +30,7 @@ from mpsim.features.radii import check_radius
 from mpsim.features.thermostat import Thermostat, check_thermostat
 from mpsim.scene import placement, starts, walls
 from mpsim.scene.brief import brief
+from mpsim.scene.compression import Compresses
 from mpsim.scene.continuing import change_to, move_to_state, vary
 from mpsim.scene.discs import HasDiscs, start_of
 from mpsim.scene.lattice import Lattice, demand_equal_discs, demand_sites, demand_whole_box
@@ -41,7 +42,7 @@ LARGEST_COUNT = 100_000_000
 """More discs than this is taken for a mistake (a scene of this size needs some 10 GB)."""
 
 
-class Scene(HasDiscs, Recommends):
+class Scene(HasDiscs, Recommends, Compresses):
     """Discs in a box. Checked when made; its arrays are read-only copies. Features that are not used cost nothing.
 
     Args:
@@ -393,7 +394,7 @@ class Scene(HasDiscs, Recommends):
 
         Positions come from random sequential addition up to packing 0.4. Denser scenes start from a hexagonal lattice
         or, with discs of several sizes, periodic axes or obstacles, from overlap removal. Monte Carlo steps (Metropolis
-        et al. 1953) then bring them near equilibrium.
+        et al. 1953) then bring them near equilibrium. `compressed` makes denser ones.
 
         Raises:
             InputError: naming the argument, its rule and the value received; if no arrangement is found.

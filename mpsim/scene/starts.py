@@ -324,5 +324,5 @@ def demand_random_packing(packing: float) -> None:
     if packing > placement.LARGEST_PACKING:
         raise InputError(
             f"packing must be at most {placement.LARGEST_PACKING} for random places; got {packing:.3g}. "
-            "Use fewer or smaller discs, a larger box, or give the positions yourself."
+            "Use fewer or smaller discs, or a larger box, which Scene.compressed makes smaller."
         )

@@ -6,13 +6,14 @@ from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.boundary import along
 from mpsim.kernels.events.cells import cell_of, leave_list
 from mpsim.kernels.events.features.hooks import (
+    approach,
     between_discs,
     leave,
     lets_out,
     mass_of,
     on_surface,
     on_wall,
-    radius_of,
+    radius_at,
     restitution_between,
     speed_off_surface,
     speed_off_wall,
@@ -60,6 +61,7 @@ def collide(i, j, now, store, box, features):
     rx = nearest_image(one.position[0] - other.position[0], box.width, box.periodic_x)
     ry = nearest_image(one.position[1] - other.position[1], box.height, box.periodic_y)
     b = rx * (one.velocity[0] - other.velocity[0]) + ry * (one.velocity[1] - other.velocity[1])
+    b = approach(i, j, b, rx, ry, box, features)
     if b < 0.0:
         e = restitution_between(max(one.last_contact, other.last_contact), now, features, store)
         mass_i = mass_of(i, features)
@@ -87,7 +89,7 @@ def collide(i, j, now, store, box, features):
 def hit_wall(i, now, side, store, box, features):
     """Disc i, whose stored state is current, meets a wall: its centre is put on the limit exactly."""
     disc = store.disc[i]
-    radius = radius_of(i, box, features)
+    radius = radius_at(i, now, store, box, features)
     axis = side >> 1
     high = side & 1
     length, _, _ = along(axis, box)
@@ -101,7 +103,7 @@ def hit_wall(i, now, side, store, box, features):
         store.counter.walls += counts(store.region)
         return
     speed = -inward * disc.velocity[axis]
-    leaving = speed_off_wall(speed, axis, inward, disc.last_contact, now, features, store)
+    leaving = speed_off_wall(i, speed, axis, inward, disc.last_contact, now, store, box, features)
     disc.position[axis] = length - radius if high else radius
     disc.velocity[axis] = inward * leaving
     on_wall(i, axis, inward, speed + leaving, store, box, features)

@@ -9,14 +9,13 @@ from mpsim.kernels.compiling import inlined
 from mpsim.kernels.events.boundary import along, neighbour, range_in_cell
 from mpsim.kernels.events.calendar import reschedule
 from mpsim.kernels.events.cells import block_to_search, cell_of, gather, is_inside
-from mpsim.kernels.events.features.hooks import before_border, is_absent, radius_of
+from mpsim.kernels.events.features import expansion
+from mpsim.kernels.events.features.hooks import before_border, is_absent, radius_at, radius_of
 from mpsim.kernels.events.flight import (
     INFINITY,
     approach_of,
     state_at,
     time_of,
-    time_to_impact,
-    time_to_leave,
     will_touch,
 )
 from mpsim.kernels.events.records import BOTTOM, LEFT, MOST_NEAR
@@ -29,9 +28,13 @@ def border_along(axis, i, store, box, features):
     """When the centre of disc i leaves its cell along an axis, or meets a wall: (time from now, 0 low or 1 high)."""
     disc = store.disc[i]
     length, cells, periodic = along(axis, box)
-    radius = radius_of(i, box, features)
-    low, high = range_in_cell(store.event[i].cell[axis], cells, length, periodic, radius)
-    return time_to_leave(low, high, disc.position[axis], disc.velocity[axis], features.gravity, axis)
+    cell, radius = store.event[i].cell[axis], radius_of(i, box, features)
+    limit = radius_at(i, disc.last_update, store, box, features)
+    low, high = range_in_cell(cell, cells, length, periodic, limit)
+    low_is_wall, high_is_wall = not periodic and cell == 0, not periodic and cell == cells - 1
+    return expansion.time_to_leave(
+        features.expansion, low, high, low_is_wall, high_is_wall, radius, disc, axis, features.gravity
+    )
 
 
 @inlined
@@ -74,7 +77,8 @@ def earliest_one_by_one(i, now, first_column, last_column, first_row, last_row, 
             while j >= 0:
                 xj, yj, vxj, vyj = state_at(disc[j], now, features.gravity)
                 contact = radius + radius_of(j, box, features)
-                t = time_to_impact((xj - x) + shift_x, (yj - y) + shift_y, vxj - vx, vyj - vy, contact)
+                rx, ry = (xj - x) + shift_x, (yj - y) + shift_y
+                t = expansion.time_to_impact(features.expansion, rx, ry, vxj - vx, vyj - vy, contact, now, store)
                 if t < best or (t == best and partner >= 0 and event[j].number < event[partner].number):
                     best = t
                     partner = j
@@ -122,7 +126,7 @@ def earliest_of(kept, store):
 @inlined
 def earliest_partner(i, now, first_column, last_column, first_row, last_row, store, box, features):
     """The earliest impact of disc i with the discs of a block of cells: (time from now, partner or -1)."""
-    if is_inside(i, store, box):
+    if is_inside(i, store, box) and not expansion.expands(features.expansion):
         cell = store.event[i].cell
         in_column = here_along(1, store.region, box)
         first = cell_of(i, store, box) + (first_column - cell[0]) * in_column + (first_row - cell[1])

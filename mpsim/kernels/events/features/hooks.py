@@ -17,6 +17,7 @@ from mpsim.kernels.events.features import (
     absorption,
     capsules,
     collisions,
+    expansion,
     friction,
     gravity,
     images,
@@ -28,7 +29,19 @@ from mpsim.kernels.events.features import (
 from mpsim.kernels.events.records import MOVING_WALL
 from mpsim.kernels.optional import copy_entry, copy_row, swap_entries, swap_rows
 
-FEATURES = (gravity, properties, restitution, friction, images, absorption, piston, capsules, thermostat, collisions)
+FEATURES = (
+    gravity,
+    properties,
+    restitution,
+    friction,
+    images,
+    absorption,
+    piston,
+    capsules,
+    thermostat,
+    collisions,
+    expansion,
+)
 
 Features: Any = namedtuple("Features", [name for feature in FEATURES for name in feature.FIELDS])
 """What only some scenes need. None: the scene lacks it, and the compiler drops whatever is tested against it."""
@@ -52,6 +65,12 @@ radius_of, mass_of = properties.radius_of, properties.mass_of
 
 
 @inlined
+def radius_at(i, now, store, box, features):
+    """Radius of disc i at a time of the store [length]."""
+    return expansion.expanded(features.expansion, radius_of(i, box, features), now, store)
+
+
+@inlined
 def is_absent(i, features):
     """Whether disc i has left: it is in no list, and nothing happens to it."""
     return absorption.is_absent(features.exits, i)
@@ -70,10 +89,18 @@ def restitution_between(last_contact, now, features, store):
 
 
 @inlined
-def speed_off_wall(speed, axis, inward, last_contact, now, features, store):
-    """Speed inward of a disc that has met a wall at right angles to an axis at such a speed outward."""
+def speed_off_wall(i, speed, axis, inward, last_contact, now, store, box, features):
+    """Speed inward of disc i, which has met a wall at right angles to an axis at such a speed outward."""
     e = restitution.effective_restitution(features.wall_restitution, last_contact, now, features.contact_time, store)
-    return restitution.speed_off_wall(features.gravity, e * abs(speed), axis, inward, features.contact_time, store)
+    leaving = restitution.speed_off_wall(features.gravity, e * abs(speed), axis, inward, features.contact_time, store)
+    return expansion.speed_off_wall(features.expansion, speed, leaving, radius_of(i, box, features))
+
+
+@inlined
+def approach(i, j, b, rx, ry, box, features):
+    """r.u of discs i and j, which touch, as it is seen from their surfaces."""
+    contact = radius_of(i, box, features) + radius_of(j, box, features)
+    return expansion.approach(features.expansion, b, rx, ry, contact)
 
 
 @inlined

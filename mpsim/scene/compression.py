@@ -1,0 +1,229 @@
+"""Compression of a scene to a higher packing fraction.
+
+As Lubachevsky and Stillinger do it (J. Stat. Phys. 60, 561, 1990): the exact solver moves the discs while their radii
+grow in proportion to time. The growth heats them, so their speeds are scaled back now and then. In the end the box and
+all places are scaled down, so that each disc has the radius that it had.
+"""
+
+import copy
+import math
+from functools import partial
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+from mpsim.features.edges import kinds_of
+from mpsim.features.packing_bounds import densest_packing
+from mpsim.kernels.events import records, solver, state
+from mpsim.kernels.events.boundary import Box
+from mpsim.kernels.events.cells import plan_cells
+from mpsim.kernels.events.features.hooks import BARE
+from mpsim.scene import starts
+
+Floats = NDArray[np.float64]
+S = TypeVar("S", bound="Compresses")
+
+SLOWEST, FASTEST = 1e-6, 10.0
+"""Bounds of the rate. Collisions per disc grow as its inverse; at the fastest, discs hardly move while they grow."""
+
+EVENTS = 20
+"""Events for each disc after which speeds are scaled back, about: a few collisions each."""
+
+EVENTS_AT_ONCE = 100_000
+"""Events between two looks at Ctrl-C, some 0.1 s."""
+
+OUTGROWN = 1.05
+"""Growth of radii for which cells are wide enough; then they are made anew."""
+
+JAMMED = 1e6
+"""Pressure p A/(N kT) above which discs count as jammed: near jamming at a packing f it is about 2/(1 - packing/f)."""
+
+GAP = 64 * float(np.finfo(np.float64).eps)
+"""Gap left between discs, as a fraction of the box, so that no rounding makes them overlap."""
+
+
+class Compresses:
+    """A scene that can be compressed."""
+
+    def compressed(self: S, packing: float, *, rate: float = 0.01) -> S:
+        """The same discs in a smaller box of the same shape, at a higher packing fraction, without overlap.
+
+        By the algorithm of Lubachevsky and Stillinger (J. Stat. Phys. 60, 561, 1990): discs fly and collide by the
+        exact solver while their radii grow in proportion to time; then the box and all places are scaled down. Each
+        disc keeps its radius, and all together their kinetic energy. Gravity, accelerations, restitution, friction
+        and a thermostat do not act meanwhile. The same scene gives the same bits; `redrawn` compresses another start.
+
+        Args:
+            packing: packing fraction, above that of the scene. In walls, too, it is that of the whole box.
+            rate: speed at which the mean diameter grows, as a fraction of the thermal speed sqrt(kT/m) [1], from 1e-6
+                to 10. The time taken is inverse to it. Equal discs order when it is low, and jam in disorder when it
+                is high; discs of two sizes jam at some 0.84 (O'Hern et al., Phys. Rev. E 68, 011306, 2003).
+
+        Raises:
+            InputError: naming the argument, its rule and the value received; for a scene whose discs overlap or are all
+                at rest, or one with obstacles, emitters, absorbing edges or a piston; or where the discs jam before,
+                with the packing fraction that was reached [1].
+
+        >>> import mpsim
+        >>> scene = mpsim.Scene.random(count=100, packing=0.5, radius=0.5, boundary="periodic", seed=1)
+        >>> dense = scene.compressed(0.75)
+        >>> dense, dense.overlaps_at_start()
+        (<Scene: 100 discs of radius 0.5 in 10.2333 x 10.2333, packing 0.75, periodic xy>, '')
+        """
+        return compress(self, packing, rate)
+
+
+Compresses.compressed.__qualname__ = "Scene.compressed"  # the name in texts of errors
+Compresses.compressed = checks.known_names()(Compresses.compressed)
+
+
+def compress(scene: Any, packing: float, rate: float) -> Any:
+    """As `Compresses.compressed`."""
+    packing = checks.positive("packing", packing, "(a fraction of the area)")
+    rate = checks.between("rate", rate, SLOWEST, FASTEST)
+    _demand_packing(scene, packing)
+    _demand_free_flight(scene)
+    shrink = math.sqrt(packing / scene.packing)
+    width, height = scene.width / shrink, scene.height / shrink
+    for length, kind in zip((width, height), kinds_of(scene.boundary), strict=True):
+        if length < 2 * kind.least_diameters * scene.largest_radius:
+            raise InputError(
+                f"packing must leave a box with room for its largest disc, {kind.least_diameters} of them along each "
+                f"axis here; at {packing:g} it would be {width:.6g} x {height:.6g}. Use a lower one or more discs."
+            )
+    grown, velocity = _grown(scene, shrink, rate)
+    made = copy.copy(scene)
+    made.width, made.height = width, height
+    low, high = made.limits(made.radius)
+    made.start_anew(np.clip(grown / shrink, low, high), velocity)
+    for array in (made.position, made.velocity):
+        array.flags.writeable = False
+    if scene.can_redraw:
+        made.redraw_with(partial(_redrawn, scene, packing, rate))
+    return made
+
+
+def _redrawn(scene: Any, packing: float, rate: float, seed: int) -> Any:
+    return compress(scene.redrawn(seed), packing, rate)
+
+
+def _demand_packing(scene: Any, packing: float) -> None:
+    """Refuse a packing fraction below that of the scene, or above all that discs can have."""
+    if not scene.count:
+        raise InputError(f"compressed needs discs; got {scene!r}. Make a scene with some.")
+    densest = densest_packing(scene.smallest_radius, scene.largest_radius)
+    if not scene.packing < packing < densest:
+        raise InputError(
+            f"packing must be above that of the scene, {scene.packing:.6g}, and below {densest:.6g}, the densest that "
+            f"discs of such radii can have; got {packing:g}. Choose one between, or compress a scene of lower packing."
+        )
+
+
+def _demand_free_flight(scene: Any) -> None:
+    """Refuse a scene whose discs do not just fly between walls, or overlap."""
+    there = {
+        "obstacles": scene.obstacles,
+        "emitters": scene.emitters,
+        "a piston": scene.moving_wall,
+        "absorbing edges or removed discs": scene.loses_discs,
+        **{kind.not_exact: kind.not_exact for kind in kinds_of(scene.boundary)},
+    }
+    if found := [name for name, present in there.items() if present]:
+        raise InputError(
+            f"compressed cannot do a scene with {' and '.join(found)}, as its box shrinks. Compress the discs without, "
+            "and make a Scene of their positions and velocities."
+        )
+    starts.demand_area("radius", scene.radius)
+    if overlaps := scene.overlaps_at_start():
+        raise InputError(f"compressed needs discs that do not overlap; {overlaps}. Move them apart.")
+
+
+class _Flying(NamedTuple):
+    """Discs that fly, in units of their mean radius and thermal speed, to the next power of two: no digit is lost.
+
+    size: width and height. periodic: along x and y. radius, mass: shape (N,), at the start. energy: kinetic, likewise.
+    """
+
+    size: tuple[float, float]
+    periodic: tuple[bool, bool]
+    radius: Floats
+    mass: Floats
+    energy: float
+
+
+def _power_of_two(value: float) -> float:
+    return math.ldexp(1.0, math.frexp(value)[1])
+
+
+def _grown(scene: Any, growth: float, rate: float) -> tuple[Floats, Floats]:
+    """Places [length] in the box of a scene at which its discs fit when they have grown so many times, and velocities.
+
+    Raises:
+        InputError: if they jam before, or rest.
+    """
+    mass = scene.masses / _power_of_two(float(scene.masses.max()))
+    length = _power_of_two(float(scene.radii.mean()))
+    fastest = float(np.abs(scene.velocity).max())
+    most = starts.LARGEST_RADIUS
+    if not 1 / most < fastest < most:
+        raise InputError(
+            f"velocity must not be 0 everywhere, and must be below {most:g}, for compressed: discs move "
+            f"meanwhile; the largest is {fastest:g}. Give them a temperature."
+        )
+    velocity = scene.velocity / _power_of_two(fastest)
+    energy = _energy(mass, velocity)
+    discs = _Flying((scene.width / length, scene.height / length), scene.periodic, scene.radii / length, mass, energy)
+    position = scene.position / length
+    thermal = math.sqrt(energy / scene.count / float(mass.mean()))
+    speed = rate * thermal / float(discs.radius.mean()) / 2
+    scale, end = 1.0, growth * (1 + GAP * max(discs.size) / float(discs.radius.min()))
+    while scale < end:
+        before = scale
+        position, velocity, scale = _fly(discs, position, velocity, (scale, min(scale * OUTGROWN, end)), speed)
+        heated = _energy(mass, velocity) / energy
+        velocity /= math.sqrt(heated)
+        pressure = 1 + math.log(heated) / (2 * math.log(scale / before)) if scale > before else math.inf
+        if not pressure <= JAMMED and scale < end:
+            reached = scene.packing * scale**2
+            raise InputError(
+                f"packing {scene.packing * growth**2:g} was not reached: at rate={rate:g} the discs jammed at a "
+                f"packing of {math.floor(1e6 * reached) / 1e6:.6f}. Use a slower rate, such as "
+                f"rate={max(rate / 10, SLOWEST):g}, or a packing below that."
+            )
+    return position * length, velocity * _power_of_two(fastest)
+
+
+def _energy(mass: Floats, velocity: Floats) -> float:
+    return 0.5 * float((mass * (velocity**2).sum(axis=1)).sum())
+
+
+def _fly(
+    discs: _Flying, position: Floats, velocity: Floats, scale: tuple[float, float], speed: float
+) -> tuple[Floats, Floats, float]:
+    """Let discs fly and grow from one scale to another, or for some EVENTS each: places, velocities, scale reached.
+
+    speed: growth of the scale [1/time].
+    """
+    count, largest = len(position), 2 * float(discs.radius.max()) * scale[1]
+    cells = plan_cells(*discs.size, largest, count)
+    arrays = {name: np.zeros(shape, dtype)[()] for name, (dtype, shape) in state.layout(count, cells).items()}
+    store, box = state.store_of(arrays), Box(*discs.size, *discs.periodic, *cells, 0.0)
+    columns = {"radius": discs.radius * scale[0], "mass": discs.mass}
+    features = BARE._replace(
+        contact_time=0.0, expansion=speed / scale[0], **{name: np.empty(count) for name in columns}
+    )
+    state.place(position, velocity, columns, 0.0, store, box, features)
+    solver.schedule(store, box, features)
+    until, status = (scale[1] - scale[0]) / speed, records.PAUSED
+    most = EVENTS * count
+    while status == records.PAUSED and store.counter.events < most:
+        left = most - int(store.counter.events)
+        status, _ = solver.advance(store, box, features, until, min(left, EVENTS_AT_ONCE))
+    reached = status == records.REACHED
+    time = until if reached else float(store.clock.origin + store.clock.now)
+    grown = scale[1] if reached else min(scale[0] + speed * time, scale[1])
+    found = state.read_out(store, box, features._replace(radius=features.radius * grown / scale[0]), time)
+    return found["position"], found["velocity"], grown
