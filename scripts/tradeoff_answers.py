@@ -131,7 +131,7 @@ def push_against_tuned(found: dict[str, Any]) -> str:
         "## The same error for less",
         "",
         "Cheapest settings of each family that keep the pressure of 100 discs at packing 0.3 within 1 %, each verified",
-        f"by runs of its own; costs are the least of {TURNS} measurements in turns.",
+        f"with new runs; costs are the least of {TURNS} measurements in turns.",
         "",
         "| family | dt | pressure, verified [%] | cost [ns per disc and unit of time] | push costs |",
         "|---|---|---|---|---|",

@@ -13,7 +13,7 @@ from mpsim.engine.workers import shared
     epilog="\b\nExamples:\n  mpsim clean --dry-run\n  mpsim clean",
 )
 @click.option("--dry-run", is_flag=True, help="Only list what would be removed.")
-@click.option("--json", "as_json", is_flag=True, help="As JSON: name, size and process of each.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON: name, size and process of each.")
 def clean(dry_run: bool, as_json: bool) -> None:
     """Remove shared memory of mpsim whose owner is dead, and nothing else.
 

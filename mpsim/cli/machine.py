@@ -33,7 +33,9 @@ All of it, with pictures: python scripts/run_bench.py in a checkout.
 )
 @click.option("--frames", type=terminal.Whole(1, 100_000), default=500, show_default=True)
 @click.option(
-    "--workers", type=terminal.Whole(1, terminal.MOST_WORKERS), help="Processes of the method parallel; default: cores."
+    "--workers",
+    type=terminal.Whole(1, terminal.MOST_WORKERS),
+    help="Workers of the method parallel; default: one per core.",
 )
 @click.option("--law", type=terminal.Choice(LAWS), default="elastic", show_default=True)
 @click.option(

@@ -16,7 +16,7 @@ from mpsim.scene.settings import Settings
 
 
 @click.command(epilog="\b\nExamples:\n  mpsim scenes\n  mpsim scenes --json")
-@click.option("--json", "as_json", is_flag=True, help="As JSON: name and title of each.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON: name and title of each.")
 def scenes(as_json: bool) -> None:
     """List the scenes that come with mpsim."""
     titles = scenefile.titles()
@@ -32,7 +32,7 @@ def scenes(as_json: bool) -> None:
     short_help="Describe a scene.", epilog="\b\nExamples:\n  mpsim show hopper\n  mpsim show my_scene.toml --json"
 )
 @click.argument("scene", shell_complete=complete_scene)
-@click.option("--json", "as_json", is_flag=True, help="As JSON.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def show(scene: str, as_json: bool) -> None:
     """Describe SCENE: box, discs, features, recommended settings, what to look for.
 

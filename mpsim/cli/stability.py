@@ -25,8 +25,8 @@ Examples:
 def stability(axes: tuple[str, ...], full: bool, as_json: bool, out: Path | None, quiet: bool) -> None:
     """Try every method, contact, law and precision on extreme scenes, and report the outcomes.
 
-    Each trial is correct, degraded (an error is large, with a warning) or refused. Anything else is forbidden, and
-    makes the exit code 1.
+    Each trial is correct, degraded (an error is large, with a warning) or refused. Any other outcome is a bug,
+    and the exit code is 1.
     """
     from mpsim.studies import stability as trials  # noqa: PLC0415 - not needed by any other command
 

@@ -147,18 +147,24 @@ def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
             click.option("--dt", type=Positive("time"), help="Time step of a frame."),
             click.option("--method", type=Choice(METHODS), help="How colliding pairs are found; event is exact."),
             click.option("--workers", type=Whole(1, MOST_WORKERS), help="Processes; default: at most one per core."),
-            click.option("--contact", type=Choice(CONTACTS), help="impact: second order in dt; push: first order."),
+            click.option(
+                "--contact",
+                type=Choice(CONTACTS),
+                help="How overlaps are resolved. impact: second order in dt; push: first order.",
+            ),
             click.option(
                 "--law",
                 type=Choice(LAWS),
                 help="elastic conserves momentum; reflect mirrors velocities, as in the report.",
             ),
-            click.option("--precision", type=Choice(PRECISIONS), help="Of positions and velocities."),
+            click.option("--precision", type=Choice(PRECISIONS), help="Number format of positions and velocities."),
             click.option("--passes", type=Whole(1, 1000), help="Searches for contacts in each step."),
             click.option("--substeps", type=Whole(1, 1_000_000), help="Steps in each frame."),
             click.option("--on-fast", type=Choice(ON_FAST), help="What to do if discs move too far in a step."),
             click.option(
-                "--contact-time", type=Positive("time"), help="event: impacts so soon after another lose no energy."
+                "--contact-time",
+                type=Positive("time"),
+                help="event: impacts within this time of the previous one lose no energy.",
             ),
             click.option("--on-worker-death", type=Choice(DEATHS), help="restart: continue from a snapshot in memory."),
         ]

@@ -28,7 +28,7 @@ Examples:
   mpsim view gas --beside event                 the exact solver beside it, from the same start
   mpsim view dense --beside dt=0.001,passes=2
   mpsim view my_scene.toml --method parallel --workers 2
-  mpsim view run                                the folder of a run, which may still go on
+  mpsim view run                                the folder of a run, which may still be in progress
   mpsim view trajectory.xyz
   mpsim view gas --port 8000 --no-browser       on a machine without a screen: ssh -L 8000:127.0.0.1:8000 there
 """
@@ -50,9 +50,10 @@ Examples:
 def view(scene: str, host: str, port: int, browser: bool, paused: bool, beside: str | None, **options: Any) -> None:
     """Show SCENE (default: gas) in the browser while it runs, until Ctrl-C.
 
-    SCENE may also be the folder of a run or the file of a trajectory: it is shown with a time line, and followed while
-    another process writes it. A scene runs while a page shows it. Only this machine can open the page, unless --host is
-    given: then all who can reach that address and know the token in it, without encryption.
+    SCENE may also be the folder of a run or the file of a trajectory: it is shown with a time line, and followed
+    while another process writes it. A scene runs while a page shows it. Only this machine can open the page, unless
+    --host is given. Then anyone who can reach that address and knows the token in it can open the page; the
+    connection is not encrypted.
     """
     from mpsim.viewer import live  # noqa: PLC0415 - other commands need no server
 

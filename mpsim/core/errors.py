@@ -35,7 +35,7 @@ def reason_of(error: Exception) -> str:
 class MpsimError(Exception):
     """Base of all exceptions of mpsim: `except mpsim.MpsimError` catches every one of them.
 
-    They can be sent to other processes, whatever a constructor asks for.
+    They can be pickled and sent to other processes.
     """
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -103,7 +103,7 @@ class TooFastError(InputError):
 
 
 class ResourceError(MpsimError, OSError):
-    """The system refuses what a simulation needs: descriptors, processes, memory. Whatever it gave was released."""
+    """The system refuses descriptors, processes or memory. Everything obtained so far was released."""
 
 
 class SharedMemoryError(ResourceError):
@@ -130,7 +130,7 @@ class WorkerDied(MpsimError, RuntimeError):  # noqa: N818 - the established name
 
 
 class WorkerStalled(MpsimError, RuntimeError):  # noqa: N818 - the established name of this event
-    """A worker is alive but did not come to a barrier in time."""
+    """A worker is alive but did not reach a barrier in time."""
 
 
 class NotRecordedError(MpsimError, KeyError):
@@ -146,7 +146,7 @@ class BudgetError(MpsimError, ValueError):
 
 
 class NotMeasurableError(MpsimError, ValueError):
-    """An error with a budget means nothing on this scene; the text says why, and what to ask for instead."""
+    """An error that has a budget cannot be measured on this scene; the message says why, and what to do instead."""
 
 
 class OutputError(MpsimError, OSError):
@@ -154,7 +154,7 @@ class OutputError(MpsimError, OSError):
 
 
 class StalledError(MpsimError, RuntimeError):
-    """The exact solver met more collisions at one instant than are possible."""
+    """The exact solver found more collisions at one instant than are possible, or a disc was crushed."""
 
 
 class CheckpointError(MpsimError, OSError):
@@ -162,7 +162,7 @@ class CheckpointError(MpsimError, OSError):
 
 
 class TrajectoryError(MpsimError, OSError):
-    """A trajectory cannot be read, or lacks what was asked for."""
+    """A trajectory cannot be read, or does not contain a requested quantity."""
 
 
 class TrajectoryWarning(UserWarning):
@@ -170,7 +170,7 @@ class TrajectoryWarning(UserWarning):
 
 
 class CheckpointWarning(UserWarning):
-    """The newest checkpoint is damaged, and the one before it was taken instead."""
+    """The newest checkpoint is damaged; the previous one was used instead."""
 
 
 class EmitterWarning(UserWarning):
@@ -182,11 +182,11 @@ class FastWarning(UserWarning):
 
 
 class GuardWarning(UserWarning):
-    """The exact solver kept the energy in some inelastic collisions, so that infinitely many came to an end."""
+    """In the exact solver some inelastic collisions lost no energy, which prevents an infinite number of collisions."""
 
 
 class OverlapWarning(UserWarning):
-    """Discs overlap at the start. That is allowed: the first frames push them apart, which moves them, at no energy."""
+    """Discs overlap at the start. The first frames push them apart, which changes positions but not the energy."""
 
 
 class ResolutionWarning(UserWarning):
@@ -194,7 +194,7 @@ class ResolutionWarning(UserWarning):
 
 
 class SweepWarning(UserWarning):
-    """The executor of a sweep broke, its file was cut off, or its function has changed since the file was begun."""
+    """The executor of a sweep broke, its file was truncated, or its function has changed since the file was begun."""
 
 
 for _each in tuple(vars().values()):

@@ -20,6 +20,6 @@ def _in_main() -> bool:
 
 if not _in_main():
     raise ImportError(
-        "mpsim cannot be imported in a subinterpreter: NumPy and Numba, on which it rests, belong to the main "
+        "mpsim cannot be imported in a subinterpreter: NumPy and Numba, which it uses, belong to the main "
         "interpreter of a process. Use threads, each with a simulation of its own, or processes."
     )

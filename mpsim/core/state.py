@@ -39,7 +39,7 @@ class State:
     Args:
         position, velocity: as below.
         present, image, box: as below, by name; None: all present, no counts, unknown.
-        others: what else discs have, as below, by name, such as spin; None: there is none.
+        others: other arrays with a row for each disc, as below, by name, such as spin; None: there are none.
 
     Attributes:
         position: shape (N, 2) [length], in the precision of the run; in [0, length) along a periodic axis.
@@ -124,8 +124,8 @@ class State:
     def digest(self) -> str:
         """Hex digest of the bits of position and velocity; equal digests mean equal bits.
 
-        Counts of periods and all else that discs have are included where there is any, and which discs are present
-        once one has left.
+        Image flags and other arrays of the discs are included if there are any, and which discs are present after one
+        has left.
 
         >>> import numpy as np
         >>> State(np.zeros((1, 2)), np.ones((1, 2))).digest() == State(np.zeros((1, 2)), np.ones((1, 2))).digest()
@@ -134,9 +134,9 @@ class State:
         return digest_of(self._held())
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write a NumPy .npz with the arrays position, velocity and present, and of the other attributes what there is.
+        """Write a NumPy .npz with position, velocity, present, and the other attributes that are not None.
 
-        An existing file is replaced as a whole or left as it was; a symbolic link is refused.
+        An existing file is replaced completely or not at all; a symbolic link raises an error.
 
         Raises:
             InputError: if the path does not end in .npz.

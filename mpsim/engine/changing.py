@@ -178,7 +178,8 @@ class Changing:
         use = self._access.use
         if "dt" in given and use is not None and use.outer is not None:
             raise InputError(
-                f"dt can be changed between two runs, not in a callback of one, which counts by it; got "
+                "dt can be changed between two runs, not in a callback of a run, which counts frames of this "
+                "length; got "
                 f"{given['dt']!r}. Return from the run before."
             )
         self._coordinator.change_parameters(place.change(changes.PARAMETERS, plain(given)))

@@ -222,8 +222,8 @@ def read(path: str | os.PathLike[str], check: Check, mapped: bool = False) -> Ch
             found = _verified(previous, check, mapped)
         except _DamagedError as older:
             raise CheckpointError(
-                f"the checkpoint {str(target)!r} must be a whole file that `save` has written; {damage}. The one "
-                f"before, {str(previous)!r}, cannot be used either: {older}. Start again, or give another path."
+                f"the checkpoint {str(target)!r} must be a complete file that `save` has written; {damage}. The "
+                f"previous one, {str(previous)!r}, cannot be used either: {older}. Start again, or give another path."
             ) from None
         warnings.warn(
             f"the checkpoint {str(target)!r} cannot be used: {damage}. Continuing from the previous one, "
@@ -397,8 +397,8 @@ def _damage_reported(path: Path) -> Iterator[None]:
         if not is_of_the_system(error):
             raise
         raise CheckpointError(
-            f"the checkpoint {str(path)!r} must be a file that can be read; got: {error.strerror}. It may be whole, so "
-            "the previous one is not used. Fix this, or give another path."
+            f"the checkpoint {str(path)!r} must be a file that can be read; got: {error.strerror}. It may be "
+            "undamaged, so the previous one is not used. Fix this, or give another path."
         ) from error
 
 

@@ -23,33 +23,34 @@ KINDS = ("discs", "walls", "obstacles")
 class Collisions:
     """Every collision of a run, for `Simulation.run(observe=...)`; the run stays the same to the bit.
 
-    The table is a structured array, one row for each collision, in the order of `frame`, `time`, `i`, `j`, whatever the
+    The table is a structured array with one row for each collision, in the order of `frame`, `time`, `i`, `j`, on any
     number of workers:
 
     - `frame`: the number that `sim.frame` has at the end of the frame in which it happens, from 1;
-    - `time` [time]: exact with `event`. With the other methods the instant that contact `impact` goes back to, where it
-      does, else the end of the step;
+    - `time` [time]: exact with `event`. With the other methods and contact `impact`, the time at which the discs
+      touched, if it was computed; otherwise the end of the step;
     - `kind`: 0, two discs; 1, a disc and a wall; 2, a disc and an obstacle;
     - `i`, `j`: numbers of the discs, i < j. With a wall j is 0 left, 1 right, 2 bottom, 3 top; with an obstacle its
       index in `Scene.obstacles`;
-    - `impulse`, shape (2,) [mass length/time]: on disc i, along the normal; on j it is the opposite. What friction adds
-      along the surface is not in it. Of law `reflect`, the mean of both discs';
-    - `place`, shape (2,) [length]: where the surfaces touch.
+    - `impulse`, shape (2,) [mass length/time]: on disc i, along the normal; that on j is the opposite. It does not
+      include the tangential impulse of friction. With law `reflect`, the mean of both discs';
+    - `place`, shape (2,) [length]: the point at which the surfaces touch.
 
-    A contact that changes no velocity is no collision, and neither is leaving through an absorbing edge. It belongs to
-    the first simulation that it observes. Methods: all but `mpi`.
+    A contact that changes no velocity does not count as a collision, nor does leaving through an absorbing edge. The
+    observer belongs to the first simulation that it observes. All methods except `mpi` support it.
 
     Args:
-        each: called as each(sim, table) every so many frames, with the collisions since the last call; then they are
-            not kept. None: they are kept, about 72 bytes each.
-        every: frames between two calls, >= 1, counted from frame 0. Runs are quicker if they look up less often.
-        between: "discs", "walls" or "obstacles", or several of these: what discs collide with; None: all three.
-        ids: numbers of discs: collisions in which one of them takes part; None: all.
+        each: a function, called as each(sim, table) every `every` frames with the collisions since the last call, which
+            are then not stored. None: they are stored, with about 72 bytes each.
+        every: frames between two calls, >= 1, counted from frame 0. Runs are faster if this is larger.
+        between: "discs", "walls" or "obstacles", or several of these: the collisions to record, by what discs collide
+            with; None: all three.
+        ids: numbers of discs: record collisions that involve one of them; None: all.
 
     Raises:
         InputError: for an argument out of range; by `run` for another simulation, or with `mpi`.
 
-    Source: the order of events of event-driven molecular dynamics, as the solver plays them (`docs/exact.md`).
+    Source: the order of events in event-driven molecular dynamics (`docs/exact.md`).
 
     >>> import mpsim
     >>> bounces = mpsim.Collisions()
@@ -83,7 +84,7 @@ class Collisions:
 
     @property
     def table(self) -> NDArray[Any]:
-        """The collisions so far, those that `each` has been given left out: a structured array, shape (n,)."""
+        """The collisions so far, without those passed to `each`: a structured array, shape (n,)."""
         self._kept, self._waiting = [joined([*self._kept, *self._waiting])], []
         return self._kept[0]
 

@@ -65,7 +65,7 @@ def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:
     mean = float(np.sqrt((displacement[state.present] ** 2).mean()))
     found = overlap(state, scene, radii) if _overlap_at_all(state, scene, radii) else NONE
     words = _deepest_pair(found, radii, displacement, mean) or _into_capsules(state, scene, radii, displacement, mean)
-    cause = "They were placed so, or there is no room for them: smaller steps and on_fast='substep' do not help"
+    cause = "They were placed that way, or there is no room for them: smaller steps and on_fast='substep' do not help"
     if words is None:
         words = _most_of_them(found, radii[state.present])
         cause += ", or steps are far too long"

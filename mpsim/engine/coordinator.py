@@ -194,9 +194,10 @@ class Coordinator:
         guarded = solver.guarded - record.guarded
         if guarded:
             self._access.notices.warn(
-                f"in {guarded} collisions the contact-time guard suppressed the loss of energy: a disc's last contact "
-                "was an instant before, as in inelastic collapse or of a disc at rest. Without it the run would never "
-                "end.",
+                f"in {guarded} collisions the contact-time guard suppressed the loss of energy, because the previous "
+                "collision of a disc was less than the contact time ago, as in inelastic collapse or for a disc at "
+                "rest. "
+                "Without the guard the run would never end.",
                 GuardWarning,
             )
         compiled, self._compiled_before = compile_seconds() - self._compiled_before, compile_seconds()
@@ -255,10 +256,10 @@ class Coordinator:
         if guarded < MANY_GUARDED:
             return
         self._access.notices.warn(
-            "discs seem to have come to rest: method='event' follows each of the short bounces in which they hover, "
-            f"{guarded} so far, so that its frames take long. Give a longer contact_time than "
-            f"{self.solver.contact_time:.3g}, with which it is a model and less exact, use contact='impact' with "
-            "another method, or end the run before.",
+            "discs seem to have come to rest: method='event' simulates each of their tiny bounces, "
+            f"{guarded} so far, so its frames take long. Give a contact_time longer than "
+            f"{self.solver.contact_time:.3g} (the result is then a model, not exact), use contact='impact' with "
+            "another method, or end the run earlier.",
             GuardWarning,
             self._rest,
         )

@@ -23,7 +23,7 @@ TABLE = "a table of times"
 
 @dataclass(frozen=True)
 class Report:
-    """What one `run` took. Compilation and the start of workers are in no frame's time.
+    """Times, counts and measures of one `run`. Frame times do not include compilation and the start of workers.
 
     Attributes:
         frame_seconds: wall time of each frame, shape (frames,), float64 [s].
@@ -31,15 +31,15 @@ class Report:
             the phases of a frame add up to its frame time.
         collisions: contacts resolved.
         method, workers: what ran ("auto" is resolved).
-        memory_bytes: resident memory of each process, the coordinator first, at the end of the run, 0 of one that has
-            died since its last frame; the shared block counts in each that touched it.
+        memory_bytes: resident memory of each process at the end of the run, the coordinator first; 0 for a process that
+            has died since its last frame. The shared block counts in each process that has used it.
         block_bytes: size of the shared block.
-        measures: name -> Measure(value, error, samples), for those that the run was asked for.
-        guarded: collisions of the exact solver in which its guard suppressed the loss of energy.
-        observing_seconds: time that observers took (`run(observe=...)`), between frames and in no frame's time [s].
-        compile_seconds: time that the process has compiled kernels since the last report of this simulation, for the
-            first one since it was made, in no frame's time [s]. 0 where all were in the cache.
-        contact_time: of that guard [time]; 0 where there is none.
+        measures: name -> Measure(value, error, samples), for the measures that `run` was given.
+        guarded: number of collisions in which the exact solver suppressed the energy loss (see `contact_time`).
+        observing_seconds: time spent in observers (`run(observe=...)`); frame times do not include it [s].
+        compile_seconds: time spent compiling kernels since the previous report of this simulation, or since its
+            creation; frame times do not include it [s]. 0 if all kernels were in the cache.
+        contact_time: contact time of the exact solver [time]; 0 if there was none.
     """
 
     frame_seconds: NDArray[np.float64]
@@ -62,7 +62,7 @@ class Report:
 
     @property
     def waiting(self) -> float:
-        """Part of all workers' time that they waited for each other at barriers, from 0 to 1."""
+        """Fraction of the workers' time spent waiting for each other at barriers, from 0 to 1."""
         total = sum(float(seconds.sum()) for seconds in self.phase_seconds.values())
         return float(self.phase_seconds["wait"].sum()) / total if total else 0.0
 
@@ -110,7 +110,7 @@ class Report:
         write_parquet(self.to_pandas().reset_index(), path, TABLE)
 
     def plot(self) -> Any:
-        """Frame times, and the phases of each worker: who works, who waits. A matplotlib Figure, of no window.
+        """Figure of the frame times, and of working and waiting of each worker: a matplotlib Figure without a window.
 
         >>> from mpsim import Scene, Simulation
         >>> with Simulation(Scene.random(count=50, packing=0.2, radius=0.5)) as sim:

@@ -57,8 +57,9 @@ class Simulation(Changing):
 
     Raises:
         InputError: if the numbers of the scene do not fit the precision of the run.
-        TooFastError: as settings.on_fast says; also during a run, which can then go on.
-        ResourceError, WorkerDied: if the block (SharedMemoryError) or the workers cannot be had.
+        TooFastError: with on_fast="error", or with "substep" if it would need too many sub-steps; also during a run,
+            which can then be continued.
+        ResourceError, WorkerDied: if the block (SharedMemoryError) or the workers cannot be created.
         BusyError, ForkedError: at any use, while another thread changes it, or in a fork of the process that made it.
 
     Warns:
@@ -111,18 +112,18 @@ class Simulation(Changing):
 
     @property
     def scene(self) -> Scene:
-        """The scene as it was given, with what `change` and `add_wall` have changed; without discs added since."""
+        """The scene as given, with the changes by `change` and `add_wall`; without discs added since."""
         return self._coordinator.scene
 
     @property
     def settings(self) -> Settings:
-        """The settings as they were given, with what `change` has changed since."""
+        """The settings as given, with the changes by `change`."""
         return self._coordinator.settings
 
     @property
     @reading
     def frame(self) -> int:
-        """Frames done since the start; after `close`, until then."""
+        """Number of frames since the start; after `close`, the number at that time."""
         return self._solver.frame if self._coordinator.alive else self._coordinator.last_frame
 
     @property
@@ -151,7 +152,7 @@ class Simulation(Changing):
 
     @reading
     def state_between(self, first: int, last: int) -> State:
-        """The state of the discs numbered `first` to `last` - 1, wherever on several ranks they are.
+        """The state of the discs numbered `first` to `last` - 1; on several ranks, of discs of all ranks.
 
         Args:
             first, last: 0 <= first <= last <= count.
@@ -171,10 +172,10 @@ class Simulation(Changing):
 
     @reading
     def local_state(self) -> tuple[NDArray[np.int64], State]:
-        """The discs that this process has: their numbers, rising, and their state.
+        """The discs that this process holds: their numbers, in ascending order, and their state.
 
-        Without ranks these are all. Of several ranks each has its own, without those absorbed, and nothing is sent: an
-        analysis takes the sum over them itself.
+        Without ranks these are all discs. With several ranks each holds its own, without absorbed discs. Nothing is
+        sent: to sum over all ranks, use a reduction of your own.
 
         >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
         >>> with Simulation(scene) as sim:
@@ -185,10 +186,10 @@ class Simulation(Changing):
         return self._coordinator.open_solver().local_state()
 
     def once(self, act: Callable[[], Result]) -> Result:
-        """What a function gives that one process calls: of several ranks the first one, whose answer all get.
+        """Call a function on the first rank only, and return its result on all ranks.
 
-        All ranks call it. The function may read the simulation, of which it then sees the discs of all ranks; what it
-        raises, all raise. Without ranks it is simply called.
+        All ranks must call `once`. The function may read the simulation, and sees the discs of all ranks. If it raises
+        an error, all ranks raise it. Without ranks it is simply called.
 
         Args:
             act: called without arguments. It must not run or change the simulation.
@@ -241,23 +242,23 @@ class Simulation(Changing):
         Args:
             frames: how many, >= 0.
             until: simulated time at which to stop [time]: the first frame that reaches it is the last; not before now.
-            measures: names of what to gather along the way, for report.measures: "pressure", "pressure_virial",
-                "pressure_xx", "pressure_yy", "pressure_xy", "collision_rate", "contact_rate", "overlap",
-                "largest_overlap", "kinetic_energy", "temperature", "speed_kurtosis", "energy_drift", "momentum_drift".
-                Gathering never changes the digest; what is not asked for costs nothing. Of a run that begins inside a
-                frame (`event`, after Ctrl-C) the two drifts are NaN.
+            measures: what to measure during the run, for report.measures: "pressure", "pressure_virial", "pressure_xx",
+                "pressure_yy", "pressure_xy", "collision_rate", "contact_rate", "overlap", "largest_overlap",
+                "kinetic_energy", "temperature", "speed_kurtosis", "energy_drift", "momentum_drift". Measuring never
+                changes the digest; other measures cost nothing. If a run begins inside a frame (`event`, after Ctrl-C),
+                the two drifts are NaN.
             progress: True: a line on standard error, with rate and time left; or a function, called as
                 progress(done, of_frames) about twenty times a second, inside a long frame as well (of `event`; of the
                 others at the end of each frame).
-            observe: who looks on every so many frames, such as mpsim.Trajectory.write(...); changes no bit.
-            checkpoint: file for `save`, written along the way and at the end; on SIGTERM too, which then ends the
-                process by SystemExit. See `resume`.
-            checkpoint_every: frames between two checkpoints, >= 1; None: checkpoint_seconds [s], > 0, count.
+            observe: an observer or several, called during the run, such as mpsim.Trajectory.write(...); changes no bit.
+            checkpoint: file for `resume`, written during the run, at its end, and on SIGTERM, which then ends the
+                process by SystemExit.
+            checkpoint_every: frames between two checkpoints, >= 1; None: every checkpoint_seconds [s], > 0.
 
         Raises:
             InputError: both or neither of frames and until, or one out of range.
             ClosedError: after `close`.
-            DivergedError, WorkerDied, WorkerStalled: the run cannot go on; the simulation is closed.
+            DivergedError, WorkerDied, WorkerStalled: the run cannot continue; the simulation is closed.
             OutputError: a checkpoint or trajectory cannot be written; the simulation is as it was before that.
         """
         coordinator, access = self._coordinator, self._access
@@ -291,7 +292,7 @@ class Simulation(Changing):
 
     @exclusive
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write everything that the next frame depends on to a file; `resume` goes on with the same bits.
+        """Write everything that the next frame depends on to a file; `resume` continues with the same bits.
 
         The file is complete or absent, whenever the process or the machine dies; the previous one is kept as
         <path>.previous. No pickle: reading it runs no code.
@@ -329,7 +330,7 @@ class Simulation(Changing):
         method: str | None = None,
         comm: object = None,
     ) -> Simulation:
-        """A simulation that goes on where `save` was called, with the same bits as if it had never stopped.
+        """Continue a simulation where `save` was called, with the same bits as in an uninterrupted run.
 
         Args:
             path: of the file. If it is damaged, the previous one is used, with a CheckpointWarning that names both.
@@ -338,7 +339,7 @@ class Simulation(Changing):
             comm: as of a new simulation.
 
         Raises:
-            CheckpointError: if there is no whole file, or it is of a newer version.
+            CheckpointError: if there is no undamaged file, or it is of a newer version.
             InputError: for a method with other bits than the saved one.
         """
         saved = checkpoint_file.method_of(path) if method is None else method
@@ -368,7 +369,7 @@ class Simulation(Changing):
         method: str | None = None,
         comm: object = None,
     ) -> Simulation:
-        """Run again what a journal holds, and return the simulation, which can go on from there.
+        """Run the simulation of a journal again, and return it; it can be continued.
 
         Its state has the digest of the journal, and its time [time] is that of the last frame: on one machine, with one
         version; between machines see docs/determinism.md.
@@ -443,7 +444,7 @@ class Simulation(Changing):
     @property
     @reading
     def absorbed(self) -> NDArray[np.bool_]:
-        """Which discs have left through an absorbing edge, shape (N,): they rest where they left, and meet nobody."""
+        """Discs that have left through an absorbing edge, shape (N,), bool. They rest where they left."""
         return self._coordinator.open_solver().absorbed
 
     @property

@@ -119,7 +119,7 @@ class StepLimits:
         scene = self._scene
         overlaps = scene.overlaps_at_start() if self._has_steps else ""  # which are refused without steps
         if overlaps:
-            text = "The first frames push them apart. Give places that leave room for the discs to avoid it."
+            text = "The first frames push them apart. To avoid this, give positions that leave room for the discs."
             yield f"{overlaps}. {text}", OverlapWarning
         yield from self.at_resume()
         if not self._has_steps:

@@ -22,16 +22,16 @@ LARGEST_EMITTERS = 1_000_000
 
 @dataclass(frozen=True)
 class Emitter:
-    """A place where discs enter, one after the other.
+    """A place at which discs enter, one after the other.
 
-    With `interval`, disc k enters at time k * interval, whatever the time step and the method. The exact solver stops
-    at that time. The other methods add the disc at the end of the frame, where free flight since then has taken it:
-    at position + v s + g s^2/2 with velocity v + g s, where s is the time since it was due and g the scene's gravity.
-    A flight that meets a wall or a capsule ends there.
+    With `interval`, disc k enters at time k * interval, for any time step and method. The exact solver stops at that
+    time. The other methods add the disc at the end of the frame, after a free flight: at position + v s + g s^2/2 with
+    velocity v + g s, where s is the time since it entered and g the scene's gravity. A flight that reaches a wall or an
+    obstacle ends there.
 
-    With `every`, a disc enters before every k-th frame, so that each dt is another scene.
+    With `every`, a disc enters once every `every` frames, so the scene depends on dt.
 
-    A disc whose place is occupied waits, which one EmitterWarning reports, and delays those after it: it tries again
+    A disc whose place is occupied waits, and delays the discs after it; one EmitterWarning reports this. It tries again
     every interval / 8 (with `every`: before each frame).
 
     Args:

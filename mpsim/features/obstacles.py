@@ -55,7 +55,7 @@ class FixedDisc:
 
 @dataclass(frozen=True)
 class Polyline:
-    """A chain of straight walls, solid from both sides: a funnel, a channel, a bin.
+    """A chain of straight walls that discs cannot cross from either side: a funnel, a channel, a bin.
 
     Args:
         points: corners, shape (K, 2), K >= 2 [length], in the box; neighbours differ.

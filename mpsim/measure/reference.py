@@ -130,7 +130,7 @@ def pade(virial: Sequence[float], top: int) -> tuple[NDArray[np.float64], NDArra
     [[1.0, 0.0], [1.0, -1.0]]
     """
     series, order = np.array([1.0, *virial]), len(virial)
-    top = checks.whole("top", top, 0, order - 1, "Half as many as there are coefficients do well.")
+    top = checks.whole("top", top, 0, order - 1, "Half the number of coefficients works well.")
     bottom = order - top
     matrix = [[series[k - j] if k >= j else 0.0 for j in range(1, bottom + 1)] for k in range(top + 1, order + 1)]
     below = np.concatenate([[1.0], np.linalg.solve(np.array(matrix), -series[top + 1 :])])

@@ -46,28 +46,28 @@ MOST_LOOKS = 10**12
 class Correlations:
     """An observer for `Simulation.run(observe=...)` that averages correlations in time over discs and time origins.
 
-    Displacements are those of the motion itself: positions come with the number of periods that each disc has crossed
-    (`State.unwrapped`), which the solver counts at every crossing. So a disc may cross a periodic box any number of
-    times between two looks. A drift common to all discs is part of them; `Scene.random` starts without one.
+    Displacements are exact in a periodic box too: the solver counts every crossing of a border (`State.unwrapped`), so
+    a disc may cross the box any number of times between two looks (samples). A motion common to all discs counts as
+    displacement; `Scene.random` starts without one.
 
-    Lags are 0, 1, ..., points - 1 looks, then points/2 of them in each doubling, by the multiple-tau scheme. Positions
-    are taken at the lag itself, from every look, every second one, every fourth one, and so on. Velocities are averaged
-    over 2, 4, ... looks as lags grow, which uses all of them; the value is then an average over lags within
-    `TimeCorrelation.width`, at most 2/points of the lag.
+    Lags are 0, 1, ..., points - 1 looks, and then points/2 lags in each doubling (multiple-tau scheme). Positions are
+    compared exactly at the given lag, using every look, every second look, every fourth look, and so on. At longer
+    lags, velocities are first averaged over 2, 4, ... looks, so that all looks are used; the value is then an average
+    over lags within `TimeCorrelation.width`, at most 2/points of the lag.
 
-    Errors are those of the average over this run, at its energy. They follow from up to 256 parts of the run by
-    `block_average`: correlations in time and between discs are included. Where a run is too short for a lag, `settled`
-    is False. Looks must come at equal intervals: after a pause, or a change of discs between two runs, averages
-    continue, but no lag reaches across it.
+    Errors are standard errors of the average over this run, at its energy. They are computed by `block_average` from up
+    to 256 parts of the run, which includes correlations in time and between discs. If a run is too short for a lag,
+    `settled` is False. After a pause between two looks, or a change of discs between two runs, averages continue, but
+    no lag spans the interruption.
 
     Args:
         every: frames between two looks, >= 1. A tenth of the mean free time resolves the decay of velocities.
-        start: simulated time before which nothing is gathered, >= 0 [time]: the time to equilibrate.
-        discs: numbers of the discs that are followed, shape (D,), each once; None: all.
+        start: simulated time at which sampling starts, >= 0 [time], for example after equilibration.
+        discs: numbers of the discs to follow, shape (D,), each once; None: all.
         wave_numbers: shape (K,), > 0, for `scattering` [1/length].
-        longest: lag up to which correlations are gathered, > 0 [time]; None: 7.8 million looks.
+        longest: longest lag, > 0 [time]; None: 7.8 million looks.
         points: samples kept at each level, even, from 4 to 256.
-        path: of a file, ending in .npz, that is written with each checkpoint of the run, for `load`; None: no file.
+        path: name of a file (.npz) that is written with each checkpoint of the run, for `load`; None: no file.
 
     Raises:
         InputError: naming the argument, its rule and the value received; in the run, if the discs followed would need
@@ -114,7 +114,7 @@ class Correlations:
         self._continuing = False  # whether looks up to that one are those of a run that is done again
 
     def look(self, sim: Observed, collisions: int) -> None:
-        """Take the present frame as a sample, unless it has been.
+        """Take a sample of the present frame, unless it has one already.
 
         Args:
             sim: the simulation, always the same.
@@ -132,8 +132,8 @@ class Correlations:
                 return
             if self._continuing:
                 raise InputError(
-                    f"a simulation that continues must be that of its Correlations; at frame {sim.frame} they hold "
-                    "other positions or velocities. Use the file that was written with its checkpoint."
+                    f"Correlations can be continued only with the simulation they belong to; at frame {sim.frame} "
+                    "they contain other positions or velocities. Use the file that was written with its checkpoint."
                 )
             motion.correlator.restart()  # discs were changed between two runs
         elif sim.frame != self._frame + self.every:
@@ -160,8 +160,8 @@ class Correlations:
         self._bound = self._bound or now
         if self._bound != now:
             raise InputError(
-                f"Correlations need the same dt and number of discs all along, {self._bound}; got {now} at frame "
-                f"{sim.frame}. Make others for what follows."
+                f"Correlations need the same dt and number of discs throughout, {self._bound}; got {now} at frame "
+                f"{sim.frame}. Use new ones from here on."
             )
 
     def _begin(self, sim: Observed) -> Motion:
@@ -245,24 +245,26 @@ class Correlations:
     ) -> Measure:
         """Diffusion constant D from lags between start and end [length^2/time].
 
-        By displacements it is (MSD(end) - MSD(start)) / (4 (end - start)). By velocities it is half the integral of
-        their autocorrelation from 0 to t, averaged over t from start to end: the same number in a stationary state,
-        from other samples, with an error of the trapezoidal rule of order (interval of looks / mean free time)^2 / 12.
+        From displacements, it is (MSD(end) - MSD(start)) / (4 (end - start)). From velocities, it is half the integral
+        of their autocorrelation from 0 to t, averaged over t from start to end. In a stationary state both are the same
+        number, from different samples; the second has an error of the trapezoidal rule of order (interval of looks /
+        mean free time)^2 / 12.
 
-        In two dimensions D(t) grows like log t in an infinite fluid, if slowly (Alder & Wainwright 1970); in a periodic
-        box it ends at a value that depends on the number of discs. Say at which lags, and for how many discs.
+        In two dimensions D(t) grows slowly, like log t, in an infinite fluid (Alder & Wainwright 1970). In a periodic
+        box it approaches a value that depends on the number of discs. So state the lags and the number of discs with
+        the result.
 
         Args:
-            start, end: lags [time]; the gathered ones that are nearest are taken. None: end is a fortieth of the time
-                gathered, start half of end.
+            start, end: lags [time]; the nearest recorded lags are used. None: end is 1/40 of the sampled time, start is
+                half of end.
             route: "displacement" or "velocity".
 
         Returns:
-            D with its error. Not settled if the run is too short, or the velocity autocorrelation at `start` is still
-            above its error and DECAYED of its value at lag 0: motion has not become diffusive by then.
+            D with its error. Not settled if the run is too short, or if the motion at `start` is not yet diffusive: the
+            velocity autocorrelation there still exceeds its error and the fraction DECAYED of its value at lag 0.
 
         Raises:
-            InputError: for lags that are not there, or start >= end.
+            InputError: for lags that were not recorded, or start >= end.
             NotRecordedError: if there were too few looks.
 
         Source: Einstein (1905); Green (1954), Kubo (1957).
@@ -271,7 +273,7 @@ class Correlations:
         return self._gathered().diffusion(start, end, route)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write all that was gathered to a file, for `load`; a file that is there is replaced as a whole.
+        """Write everything recorded so far to a file, for `load`; an existing file is replaced.
 
         Args:
             path: ends in .npz.
@@ -294,10 +296,10 @@ class Correlations:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Correlations:
-        """What `save` wrote or a checkpointed run has kept, to be read, or to observe the resumed simulation.
+        """Read what `save` or a run with checkpoints has written, for reading, or to observe the resumed simulation.
 
-        That may begin at an earlier frame: looks that are in the file are not taken again. Averages then have the bits
-        of a run that never stopped. The file is written with each further checkpoint.
+        The simulation may resume at an earlier frame: looks that are in the file are not taken again. The averages then
+        have the same bits as those of an uninterrupted run. The file is written with each further checkpoint.
 
         Args:
             path: of the file.

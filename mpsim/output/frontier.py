@@ -276,7 +276,7 @@ def _legend(rows: Sequence[Row]) -> list[Line2D]:
     for name in names:
         colour, marker = FAMILIES.get(name, OTHER)
         handles.append(Line2D([], [], color=colour, marker=marker, linestyle="", label=name))
-    handles.append(Line2D([], [], color=GREY, marker="o", linestyle="", label="another is cheaper and better"))
+    handles.append(Line2D([], [], color=GREY, marker="o", linestyle="", label="another is cheaper and more accurate"))
     handles.append(
         Line2D(
             [], [], color="#555555", marker="$\\leftarrow$", markersize=9, linestyle="", label="at most: not resolved"

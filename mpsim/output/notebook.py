@@ -69,7 +69,7 @@ def tuned_html(tuned: Tuned) -> str:
         (name.replace("_", " "), f"{error_text(name, tuned.errors[name])}, budget {budget:g}")
         for name, budget in tuned.budgets.items()
     ]
-    rows += [("claim", "exact" if tuned.exact else "verified by runs of its own"), ("averages over", tuned.starts)]
+    rows += [("claim", "exact" if tuned.exact else "verified with new runs"), ("averages over", tuned.starts)]
     rows.append(("tried", f"{len(tuned.tried)} candidates"))
     rows += [("mpsim warns", tuned.warning)] if tuned.warning else []
     unresolved = unresolved_text(tuned.errors.values())

@@ -31,7 +31,7 @@ class Trajectory:
 
     Raises:
         InputError: for another ending.
-        TrajectoryError: if the file cannot be read; naming what it lacks.
+        TrajectoryError: if the file cannot be read; the message says what is missing.
 
     Warns:
         TrajectoryWarning: if the file ends in the middle of a frame; that frame is left out.
@@ -129,7 +129,7 @@ class Trajectory:
 
         Args:
             path: ends in .xyz, .extxyz (extended XYZ) or .gsd (needs the package gsd).
-            every: frames of the simulation from one frame of the file to the next, >= 1.
+            every: write every n-th frame of the simulation, >= 1.
             mode: "x" for a new file only, "w" to replace an existing file, "a" to continue one, as after
                 `Simulation.resume`: frames after that of the simulation, written after its checkpoint, are dropped
                 and written again with the same bits.

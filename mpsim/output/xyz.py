@@ -99,7 +99,7 @@ class XyzReader:
         if lost:
             warnings.warn(
                 f"the trajectory {str(path)!r} ends in the middle of a frame, as after a kill; the last {lost} "
-                f"bytes are not read. Its {len(self)} whole frames are there.",
+                f"bytes are not read. Its {len(self)} complete frames can be read.",
                 TrajectoryWarning,
                 stacklevel=level_of_caller(),
             )

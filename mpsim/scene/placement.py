@@ -188,9 +188,9 @@ def random_polydisperse(
     if not (packing <= SPARSE_PACKING and _add_all(discs, rng)):
         if not any(_remove_overlaps(discs, packing, overshoot, rng) for overshoot in OVERSHOOT):
             raise InputError(
-                f"{count} discs of packing {packing:.3g} were not brought into a box of {width:g} x {height:g} "
+                f"{count} discs of packing {packing:.3g} could not be placed in a box of {width:g} x {height:g} "
                 f"without overlap in {len(OVERSHOOT)} attempts. Use fewer or smaller discs, or a larger box, which "
-                "Scene.compressed makes smaller; walls and obstacles cost space in small boxes."
+                "Scene.compressed can shrink; walls and obstacles take up space in small boxes."
             )
         longest = 2 * radius * max(0.02, 0.6 * (math.sqrt(0.9069 / packing) - 1))
         for _ in range(SWEEPS):
@@ -364,7 +364,7 @@ def _lattice(count: int, width: float, height: float, diameter: float) -> NDArra
         raise InputError(
             f"{count} discs of radius {diameter / 2:g} do not fit a box of {width:g} x {height:g} in regular rows "
             f"(the best rows leave {best_gap:.6g} between centres, {diameter:g} is needed). "
-            "Use fewer or smaller discs, or a larger box, which Scene.compressed makes smaller; walls cost space in "
+            "Use fewer or smaller discs, or a larger box, which Scene.compressed can shrink; walls take up space in "
             "small boxes."
         )
     rows, columns, stagger = best

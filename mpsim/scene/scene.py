@@ -56,11 +56,12 @@ class Scene(HasDiscs, Recommends, Compresses):
         acceleration: one per disc, shape (N, 2) [length/time^2].
         restitution: of two discs, from 0 (perfectly inelastic) to 1 (elastic) [dimensionless].
         wall_restitution: of a disc and a wall or an obstacle, likewise.
-        friction: of two discs, the coefficient of Coulomb: no tangential impulse is more than this times the normal
-            one, >= 0, infinite for discs that never slide [dimensionless]. With it discs spin.
+        friction: Coulomb's friction coefficient of two discs, >= 0 [dimensionless]: the largest ratio of the tangential
+            to the normal impulse, infinite for discs that never slide. With friction, discs spin.
         wall_friction: of a disc and a wall or an obstacle, likewise.
-        tangential_restitution: of contacts that do not slide: the slip of the surfaces after them is minus this times
-            that before, from -1 (smooth) over 0 (they stick) to 1 (perfectly rough) [dimensionless].
+        tangential_restitution: for contacts that do not slide: minus the ratio of the tangential relative velocity of
+            the surfaces after the contact to that before, from -1 (smooth) through 0 (they stick) to 1 (perfectly
+            rough) [dimensionless].
         spin: angular velocity at the start, counter-clockwise, of all discs or one each, shape (N,) [1/time]; None: 0.
         boundary: "walls" or "periodic", or one for x and one for y. A periodic axis is at least two diameters long.
         obstacles: FixedDisc and Polyline objects, in the box.
@@ -69,9 +70,9 @@ class Scene(HasDiscs, Recommends, Compresses):
         piston: one wall that moves.
         thermostat: a Thermostat, which gives discs new velocities at random.
         duration: recommended length of a run [time], > 0. This and the following are no part of the digest.
-        settings: recommended Settings, which a run has if it is given none; None: the defaults.
+        settings: recommended Settings, used by runs that are given none; None: the defaults.
         picture_interval: recommended time between two pictures of an animation or a trajectory [time], > 0.
-        observables: what is worth measuring: names as for `Simulation.run(measures=...)`.
+        observables: recommended measures: names as for `Simulation.run(measures=...)`.
 
     Raises:
         InputError: naming the argument, its rule and the value received.
@@ -156,7 +157,7 @@ class Scene(HasDiscs, Recommends, Compresses):
 
     @property
     def dissipates(self) -> bool:
-        """Whether a feature lets contacts take energy from the motion of the discs, their restitutions aside."""
+        """Whether contacts lose energy for a reason other than the restitutions, such as friction."""
         return any(feature.dissipates(self) for feature in FEATURES)
 
     @property

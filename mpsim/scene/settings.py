@@ -39,31 +39,33 @@ class Settings:
             which ignores contact, passes and substeps. "mpi" is "grid" on the ranks of MPI, with the same bits.
         workers: number of processes that compute, the coordinator included, 1 to 1024; None: one per core that this
             process may use (affinity and container quota), of "event" from 50,000 discs on. Never changes the result.
-        law: "elastic" exchanges the normal velocities of approaching discs, conserving momentum and energy;
-            "reflect", the term-project report's, mirrors each velocity about the contact line.
-        contact: "impact" takes overlapping discs back to the instant at which they touched, applies the law there, and
-            moves them on for the rest of the step: second order in dt. "push", the report's, moves each by half the
-            overlap, and applies the law where the frame ended: first order, and 10 % cheaper.
-        passes: number of searches for contacts in one step, >= 1. A second one catches collisions that follow from
-            those of the first.
+        law: "elastic" is the physical law: only approaching discs collide; momentum is conserved, and energy unless a
+            restitution is below 1. "reflect", the law of the term-project report, reverses the component of each
+            velocity along the line through the centres.
+        contact: "impact" moves overlapping discs back to the time at which they touched, applies the law there, and
+            moves them on for the rest of the step: second order in dt. "push", as in the report, moves each disc by
+            half the overlap, and applies the law at the end of the frame: first order, and 10 % cheaper.
+        passes: number of searches for contacts in one step, >= 1. A second search finds collisions that the first ones
+            cause.
         substeps: steps of dt / substeps in each frame, >= 1.
         precision: "float32" (the report's) or "float64".
-        start_method: how worker processes start: "forkserver" (the default where it exists: safe with threads, and each
-            start after the first is quick), "fork" (quickest, unsafe in a program with threads) or "spawn".
-        unguarded: True resolves neighbouring columns at the same time, which is a race and *wrong*: each run of
-            `parallel` then differs. To demonstrate the purpose of the odd/even passes; never for results.
-        on_worker_death: "raise" WorkerDied, or "restart": continue from the last snapshot in memory with new workers,
-            to the same bits. Snapshots take 1 % of the time or less.
+        start_method: how worker processes start: "forkserver" (the default where it exists: safe with threads, and fast
+            after the first start), "fork" (fastest, but unsafe in a program with threads) or "spawn".
+        unguarded: True processes neighbouring columns at the same time, which is a race condition and *wrong*: each run
+            of `parallel` then differs. It demonstrates the purpose of the even and odd passes; never use it for
+            results.
+        on_worker_death: "raise" WorkerDied, or "restart": continue from the last snapshot in memory with new workers
+            and the same bits. Snapshots take 1 % of the time or less.
         on_fast: what to do when a disc moves farther in a step than its own radius, so that discs may pass through each
             other, or collides more than once in a step on average: "warn" (FastWarning, once), "error" (TooFastError),
             or "substep": divide frames into so many steps that every disc moves less than half its radius in each. The
             number is chosen every 16 frames, and after any frame in which a disc was fast, from the state alone. The
             frame in which a disc becomes fast is finished first. Discs that are pressed into each other for want of
             room are reported likewise; sub-steps do not help there. See docs/stability.md.
-        contact_time: of the guard against inelastic collapse in "event" [time], > 0: an impact of a disc so soon after
-            its last one loses no energy, and a disc at rest hovers in bounces of that duration. None: a millionth of
-            the time in which a typical disc moves the smallest radius. A longer one is quicker where discs come to
-            rest, and less exact. The other methods need none.
+        contact_time: prevents inelastic collapse in "event" [time], > 0: an impact within this time after the previous
+            impact of a disc loses no energy, so a disc at rest makes bounces of this duration. None: a millionth of the
+            time in which a typical disc moves by the smallest radius. If discs come to rest, a longer contact time is
+            faster, and less exact. The other methods need none.
 
     Raises:
         InputError: naming the setting, its rule and the value received.

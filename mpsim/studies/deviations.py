@@ -166,7 +166,8 @@ def _if_meaningful(name: str, found: Deviation) -> Deviation:
     if not found.measurable or found.error > windows.SAME * abs(found.value):
         return found
     return Deviation.unknown(
-        f"the error of {name} is {found.value:.6g} in all runs, so that their spread says nothing. Ask for other "
+        f"the error of {name} is {found.value:.6g} in all runs, so that their spread gives no standard error. Ask "
+        "for other "
         "starts (starts=...), longer runs (until=...), or another measure."
     )
 
@@ -180,20 +181,21 @@ def unmeasurable(name: str, reference: NDArray[np.float64]) -> str:
     """
     if not reference.any():
         return (
-            f"{name} is 0 in all {len(reference)} runs of the reference, so that nothing is a fraction of it. Ask for "
+            f"{name} is 0 in all {len(reference)} runs of the reference, so that it has no relative error. Ask for "
             "longer runs (until=...), in which something happens, or for another measure."
         )
     if windows.alike(reference):
         return (
-            f"{name} is the same in all {len(reference)} runs of the reference, so that their spread says nothing. Ask "
+            f"{name} is the same in all {len(reference)} runs of the reference, so that their spread gives no "
+            "standard error. Ask "
             "for other starts (starts=...), for longer runs (until=...), or for 'trajectory', which compares two runs."
         )
     means = reference.mean(axis=1)
     if not windows.is_seen(means):
         found = Measure(float(means.mean()), float(means.std(ddof=1)) / math.sqrt(len(means)), len(means))
         return (
-            f"{name} is made by few events in few of the {len(means)} runs of the reference, {found!r}, so that an "
-            "error would be that of these. Ask for longer runs (until=...), more of them (replicas=...), or for "
+            f"{name} depends on few events in few of the {len(means)} runs of the reference, {found!r}, so that its "
+            "error cannot be estimated. Ask for longer runs (until=...), more of them (replicas=...), or for "
             "another measure."
         )
     return ""

@@ -307,14 +307,15 @@ class Ensemble:
             return ""
         if (model := self.preliminary.contact_time) is not None:
             return (
-                f"the reference with contact_time={model:g} is itself uncertain by {abs(own.value):.2g}: so much does "
-                f"{name} change when that is doubled. Allow a larger error, give a shorter contact_time, or ask for "
-                "another measure."
+                f"the reference with contact_time={model:g} is itself uncertain by {abs(own.value):.2g}: {name} "
+                "changes by this much when contact_time is doubled. Allow a larger error, give a shorter contact_time, "
+                "or ask for another measure."
             )
         return (
             "the exact solver cannot do this scene, and the finest affordable run "
-            f"(dt={self.preliminary.reference.dt:.3g}) is itself uncertain by {abs(own.value):.2g}: so much does "
-            f"{name} change when its step is doubled. Allow a larger error or more time (seconds=...), or ask for "
+            f"(dt={self.preliminary.reference.dt:.3g}) is itself uncertain by {abs(own.value):.2g}: {name} "
+            "changes by this much when its step is doubled. Allow a larger error or more time (seconds=...), or ask "
+            "for "
             "another measure."
         )
 

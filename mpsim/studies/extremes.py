@@ -333,7 +333,7 @@ AXES = {
         Axis("gravity", "gravity towards one corner", (1e-3, 1.0, 1e3, 1e6), _corner),
         Axis("places", "starts that are not in general position", PLACES, _places),
         Axis("drift", "frames of a gas of 10 discs", (1e3, 1e4, 1e5), _drift, (1e6,)),
-        Axis("numbers", "one number at the end of what a float can be", NUMBERS, _numbers),
+        Axis("numbers", "one number near the limits of floating point", NUMBERS, _numbers),
     )
 }
 

@@ -15,7 +15,7 @@ from mpsim.studies.promises import PROMISES, Finding, Promise
 
 @dataclass(frozen=True)
 class Findings:
-    """What a run of a named scene has shown. Prints as a line for each number.
+    """The results of a run of a named scene. Prints one line for each number.
 
     Attributes:
         scene: its name.
@@ -74,10 +74,10 @@ def findings(name: str, settings: Settings | None = None) -> Findings:
         name: of the scene: "brownian" (diffusion constant of the large disc [length^2/time]), "cooling" (Haff's law),
             "galton" (balls in the bins, binomial curve), "growth" (1,000 discs that enter), "hopper" and
             "rough-hopper" (grains per time, Beverloo's law), "pi" (314 collisions), or "piston" (the adiabat).
-        settings: how; None: those that the scene recommends.
+        settings: how to simulate it; None: those that the scene recommends.
 
     Raises:
-        InputError: for a scene that promises no number.
+        InputError: for a scene that has no expected numbers.
 
     Source: each number names its own.
 

@@ -251,7 +251,7 @@ def _refusal(given: float, error: Exception, longer: float) -> str:
     if not isinstance(error, _NotUsable):
         return f"contact_time is of {EXACT}, which is not usable: {error} Or leave contact_time out."
     return (
-        f"contact_time must be so long that {EXACT} comes to the end of a run; with {given:g} {error}. Give a longer "
+        f"contact_time must be so long that {EXACT} reaches the end of a run; with {given:g} {error}. Give a longer "
         f"one, such as {max(longer, float(f'{4 * given:.1g}')):g}, more time (seconds=...), a shorter run "
         "(until=...), or none, for a stepped reference."
     )

@@ -420,7 +420,7 @@ def findings_table(outcomes: Sequence[Outcome]) -> str:
     for outcome in outcomes:
         if outcome.kind != "correct" and outcome.axis != MAP:
             groups.setdefault((outcome.axis, str(outcome.value), outcome.kind), []).append(outcome)
-    lines = ["| axis | value | outcome | rows | largest error, or what is said |", "|---|---|---|---|---|"]
+    lines = ["| axis | value | outcome | rows | largest error, or the message |", "|---|---|---|---|---|"]
     for (axis, value, kind), group in groups.items():
         warned = ", ".join(sorted({name for outcome in group for name in outcome.told}))
         worst = max(group, key=lambda outcome: outcome.errors.get(outcome.worst, 0.0))

@@ -182,8 +182,8 @@ def _warn_if_changed(path: Path, head: dict[str, Any], title: dict[str, Any], so
     """Warn of rows that may be those of another function of the same name."""
     if source is not None and head.get("source") not in (None, source):
         warnings.warn(
-            f"the source of {title['function']} has changed since {path} was begun: rows that it holds are those of "
-            "before. Remove the file, or give another path, to run them again.",
+            f"the source of {title['function']} has changed since {path} was begun: its rows come from the earlier "
+            "version. Remove the file, or give another path, to run them again.",
             SweepWarning,
             stacklevel=level_of_caller(),
         )

@@ -70,7 +70,7 @@ class Sweep:
         function: what was run, by name.
         parameters: names of the grid.
         rows: one for each run, failed ones included.
-        units: by the name of a column, as far as they are known; "1" is a number without unit.
+        units: by the name of a column, as far as they are known; "1" means no unit.
 
     >>> import mpsim
     >>> def area(width, height):
@@ -113,7 +113,7 @@ class Sweep:
     def to_csv(self, path: str | Path | None = None) -> str:
         """The table as CSV, one line for each run; also written to `path`, if given.
 
-        The head of a column whose unit is known is "name [unit]". What a failed run lacks is empty.
+        The head of a column whose unit is known is "name [unit]". Missing results of failed runs are empty.
 
         Raises:
             OutputError: if the file cannot be written.

@@ -111,8 +111,8 @@ class Tradeoff:
     def frontier(self, measure: str) -> list[Row]:
         """The Pareto front: rows for which no other is both cheaper and more accurate, cheapest first.
 
-        An error that is not resolved counts as its bound. It improves on another that is not resolved only if its noise
-        is smaller too, as otherwise chance would decide.
+        An error that is not resolved counts with its upper bound. It is better than another error that is not resolved
+        only if its noise is smaller too; otherwise chance would decide.
 
         Raises:
             InputError: if the table has no such measure.

@@ -269,7 +269,7 @@ class Search:
         dt = float(f"{settings.dt / max((ratio / AIM) ** (1 / order), CLOSE):.2g}")
         for other, trial in list(self._trials.items()):
             if trial.inside and other == dataclasses.replace(settings, dt=other.dt) and other.dt > dt:
-                verdict = "inside at first, but not likely to be when verified, as the next longer step was not"
+                verdict = "inside at first, but verification would probably fail, as it did for the next longer step"
                 self._trials[other] = Trial(trial.row, verdict, False)
         if dt >= step(self._scene, self._run.preliminary.thermal_velocity, SHORTEST):
             self._try(dataclasses.replace(settings, dt=dt))

@@ -32,7 +32,7 @@ class Tuned:
     """The answer of `tune`.
 
     Attributes:
-        settings: the cheapest settings found inside all budgets.
+        settings: the cheapest settings found whose errors are within all budgets.
         cost: their cost.
         errors: their errors, from runs that were not used in the search.
         budgets: as given.
@@ -65,7 +65,7 @@ class Tuned:
 
     @property
     def verified(self) -> bool:
-        """Whether independent runs, which could have shown otherwise, found each error inside its budget."""
+        """Whether each error was within its budget in new, independent runs."""
         return not self._is_reference and all(error.inside(self.budgets[name]) for name, error in self.errors.items())
 
     @property
@@ -81,7 +81,7 @@ class Tuned:
         for name, budget in self.budgets.items():
             error = self.errors[name]
             of_reference = "exact" if self.contact_time is None else "which is a model, not exact"
-            claim = of_reference if error.exact else "verified by runs of its own"
+            claim = of_reference if error.exact else "verified with new runs"
             lines.append(f"  {name}: {error!r}, budget {budget:g} ({claim}{_where(error, self.until)})")
         cheaper = [each for each in self.tried if not each.inside and each.row.cost is not None]
         cheaper = [each for each in cheaper if each.row.cost and each.row.cost.median < self.cost.median]

@@ -60,7 +60,7 @@ class Admission:
         parts = path.partition("?")[0].split("/", 2)
         token = parts[1] if len(parts) == 3 and not parts[0] else ""
         if not hmac.compare_digest(token.encode("utf-8", "replace"), self.token.encode()):
-            raise Refusal(404, "There is nothing here. Open the whole address that mpsim view has printed.")
+            raise Refusal(404, "Not found. Open the complete address that mpsim view has printed.")
         return parts[2]
 
     def demand_own_page(self, headers: Any) -> None:
@@ -75,7 +75,7 @@ class Admission:
 
     def _demand_host(self, hosts: Sequence[str]) -> None:
         if len(hosts) != 1 or not self._is_here(hosts[0].lower()):
-            raise Refusal(421, "This view goes by another name. Open the address that mpsim view has printed.")
+            raise Refusal(421, "This host name is not accepted. Open the address that mpsim view has printed.")
 
     def _is_here(self, host: str) -> bool:
         """Whether a browser that asks this host, as `name:port`, means this view.

@@ -113,7 +113,7 @@ def _frames(pictures: Sequence[Shown], scene: Scene) -> tuple[list[Image.Image],
         InputError: if there are none.
     """
     if not pictures:
-        raise InputError("a film needs pictures; got none yet. Let the page show the simulation before.")
+        raise InputError("a film needs pictures; got none yet. Show the simulation in the page first.")
     each = max(len(pictures[-1].packed) // 5, 1)
     step = -(-len(pictures) * each // MOST_DISCS)
     return [_drawn(shown, scene) for shown in pictures[::step]], step

@@ -110,7 +110,7 @@ def _continuing(sim: Simulation) -> Scene:
         return scene.starting_from(state)
     if scene.acceleration is not None:
         raise InputError(
-            "a scene file of this moment needs the acceleration of each disc, which is not known of discs that were "
+            "a scene file of this moment needs the acceleration of each disc, which is unknown for discs that were "
             "added. Download the session, which has everything."
         )
     here = state.present
@@ -171,8 +171,8 @@ def _named_or_written_out(scene: Scene, name: str) -> str:
         return f"mpsim.Scene.load({name!r})"
     if scene.count > MOST_WRITTEN_OUT:
         raise InputError(
-            f"a program holds the numbers of at most {MOST_WRITTEN_OUT} discs; this scene has {scene.count:,} and is "
-            "none that comes with mpsim. Download the session, and use mpsim.Simulation.replay('session.toml')."
+            f"a program can contain the numbers of at most {MOST_WRITTEN_OUT} discs; this scene has {scene.count:,} "
+            "and does not come with mpsim. Download the session, and use mpsim.Simulation.replay('session.toml')."
         )
     defaults = {each.name: each.default for each in inspect.signature(Scene).parameters.values()}
     given = {argument: value for argument, value in _arguments(scene).items() if not _same(value, defaults[argument])}

@@ -96,7 +96,9 @@ class Playback(Source):
             case "reset":
                 self._go(0)
             case "keep":
-                error = InputError("a recording has no session, scene or program to keep; its file has all there is.")
+                error = InputError(
+                    "a recording has no session, scene or program to keep; its file contains everything."
+                )
                 action.values["answer"].set_exception(error)
                 return
             case name:

@@ -54,7 +54,7 @@ class Moments:
             InputError: if that moment is not remembered.
         """
         if number not in self._paths:
-            raise InputError("only a moment that is remembered can be gone back to; got none. Reset starts again.")
+            raise InputError("going back needs a remembered moment; got none. Reset starts again.")
         settings = sim.settings
         again = Simulation.resume(self._paths[number], workers=settings.workers, start_method=settings.start_method)
         sim.close()
@@ -123,7 +123,7 @@ class Undo:
             InputError: if there is none.
         """
         if not self._sizes:
-            raise InputError("undo needs a change before; got none that is remembered. Reset goes back to the start.")
+            raise InputError("undo needs a remembered change; got none. Reset goes back to the start.")
         again = self._moments.back(self.last, sim)
         self.forget_last()
         return again

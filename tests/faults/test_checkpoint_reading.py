@@ -88,7 +88,9 @@ def test_what_is_no_fault_of_the_file_is_passed_on(door, error, tmp_path, monkey
 def test_what_the_system_refuses_is_said_and_the_older_one_is_not_taken(door, error, tmp_path, monkeypatch):
     path = two(tmp_path / "run")
     monkeypatch.setattr(*DOORS[door], raising(error))
-    with pytest.raises(mpsim.CheckpointError, match=f"can be read; got: {error.strerror}. It may be whole") as found:
+    with pytest.raises(
+        mpsim.CheckpointError, match=f"can be read; got: {error.strerror}. It may be undamaged"
+    ) as found:
         mpsim.Simulation.resume(path)
     assert f"'{path}'" in str(found.value)
     assert found.value.__cause__ is error
@@ -199,7 +201,7 @@ def test_a_folder_a_pipe_or_a_file_for_a_folder_is_no_damage(tmp_path):
     path = two(tmp_path / "run")
     path.unlink()
     path.mkdir()
-    with pytest.raises(mpsim.CheckpointError, match=r"Is a directory\. It may be whole"):
+    with pytest.raises(mpsim.CheckpointError, match=r"Is a directory\. It may be undamaged"):
         mpsim.Simulation.resume(path)
     path.rmdir()
     os.mkfifo(path)

@@ -118,7 +118,7 @@ def test_a_worker_that_does_not_come_in_time_is_an_error_that_says_so():
     sim = simulate(lattice(20, 20), method="parallel", workers=2)
     sim.run(frames=1)
     set_abort(sim, layout.STALLED)
-    with pytest.raises(mpsim.WorkerStalled, match=r"has not come to a barrier within 120 s.*start again"):
+    with pytest.raises(mpsim.WorkerStalled, match=r"has not reached a barrier within 120 s.*start again"):
         sim.run(frames=1)
     with pytest.raises(mpsim.ClosedError):
         sim.run(frames=1)

@@ -40,7 +40,7 @@ def test_cut_at_any_byte_all_whole_frames_are_read(whole, tmp_path):
         assert [str(each.message) for each in caught] == (
             [
                 f"the trajectory '{cut}' ends in the middle of a frame, as after a kill; the last {left} bytes are "
-                f"not read. Its {survivors} whole frames are there."
+                f"not read. Its {survivors} complete frames can be read."
             ]
             if left
             else []

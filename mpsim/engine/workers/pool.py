@@ -112,7 +112,7 @@ class WorkerPool:
         if self._lost is None:
             late = int(self._team["arrivals"][: len(self._processes) + 1].argmin())
             return WorkerStalled(
-                f"worker {late} has not come to a barrier within {layout.PATIENCE / 1e9:g} s. A worker must keep "
+                f"worker {late} has not reached a barrier within {layout.PATIENCE / 1e9:g} s. A worker must keep "
                 "running. It may be stopped (SIGSTOP, a debugger) or starved; start again, with fewer workers."
             )
         return self._death(self._lost)

@@ -344,7 +344,7 @@ def test_dt_is_not_changed_in_a_callback():
 
     with simulate(gas(20, 0.2)) as sim:
         sim.run(frames=1, observe=Slower())
-        assert "between two runs, not in a callback of one" in found[0]
+        assert "between two runs, not in a callback of a run" in found[0]
         sim.change(dt=0.005)
 
 

@@ -170,7 +170,7 @@ def test_discs_that_are_added_or_another_dt_are_refused():
         sim.run(frames=4, observe=found)
         sim.change(dt=0.02)
         with pytest.raises(
-            mpsim.InputError, match=r"same dt and number of discs all along, \(0.05, 20\); got \(0.02, 20"
+            mpsim.InputError, match=r"same dt and number of discs throughout, \(0.05, 20\); got \(0.02, 20"
         ):
             sim.run(frames=4, observe=found)
 
@@ -254,7 +254,7 @@ def test_averages_of_another_simulation_are_noticed_when_it_continues(tmp_path):
     first = correlations()
     after(SCENE, [60], first, **SETTINGS)
     first.save(tmp_path / "c.npz")
-    again, words = Correlations.load(tmp_path / "c.npz"), "at frame 60 they hold other positions or velocities"
+    again, words = Correlations.load(tmp_path / "c.npz"), "at frame 60 they contain other positions or velocities"
     with simulate(gas(60, 0.3, seed=9, **TORUS), **SETTINGS) as sim, pytest.raises(mpsim.InputError, match=words):
         sim.run(frames=100, observe=again)
 

@@ -172,7 +172,7 @@ def test_a_mixture_has_exactly_the_temperature_asked_for_and_no_momentum():
 
 
 def test_what_fits_no_box_is_refused():
-    with pytest.raises(InputError, match=r"4 discs of packing 0.8 were not brought into a box.*larger box"):
+    with pytest.raises(InputError, match=r"4 discs of packing 0.8 could not be placed in a box.*larger box"):
         Scene.random(count=4, radius=[0.5, 0.5, 0.5, 0.4], packing=0.8)
     with pytest.raises(InputError, match=r"packing must be at most 0\.8"):
         Scene.random(count=300, radius=SIZES["many sizes"], packing=0.81)

@@ -59,7 +59,10 @@ def test_pieces_of_one_run_are_no_independent_samples():
     sound = runs(energy_drift=[[9.0, -7.0] * 8, [-7.0, 9.0] * 8, [9.0, -7.0] * 8])
     nothing = runs(energy_drift=[[0.0] * 16] * 4)
     assert deviations(slow, nothing, ["energy_drift"])["energy_drift"].error == pytest.approx(1 / math.sqrt(3))
-    assert "so that their spread says nothing" in deviations(sound, nothing, ["energy_drift"])["energy_drift"].reason
+    assert (
+        "so that their spread gives no standard error"
+        in deviations(sound, nothing, ["energy_drift"])["energy_drift"].reason
+    )
 
 
 def test_mean_overlaps_count_pairs_and_not_pieces():

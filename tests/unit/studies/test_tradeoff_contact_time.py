@@ -84,7 +84,7 @@ def test_tune_verifies_steps_by_runs_against_the_model():
 
 def test_a_budget_far_below_the_uncertainty_of_the_model_is_refused_with_what_helps():
     with pytest.raises(mpsim.NotMeasurableError, match=r"reference with contact_time=2 is itself uncertain by .*"
-                       r"when that is doubled. Allow a larger error, give a shorter contact_time"):  # fmt: skip
+                       r"when contact_time is doubled. Allow a larger error, give a shorter contact_time"):  # fmt: skip
         tune(heap(), {"pressure": 1e-6}, candidates=[FINE], replicas=8, contact_time=2.0)
 
 

@@ -179,7 +179,7 @@ def test_each_cheaper_candidate_is_named_with_why_it_failed():
     for each in cheaper:
         assert "outside 0.01, two standard errors included" in each.verdict
         assert f"{each.row.label}, {each.row.cost.median:.3g} ns: {each.verdict}" in text
-    assert "budget 0.01 (verified by runs of its own)" in text
+    assert "budget 0.01 (verified with new runs)" in text
     assert text.endswith("errors against a law; averages over starts of a law, runs of 10")
     assert (found.verified, found.exact) == (True, False)
 

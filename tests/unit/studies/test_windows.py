@@ -198,7 +198,7 @@ def test_what_few_runs_have_is_no_unit_of_an_error():
     rare = np.zeros((16, PIECES))
     rare[3, 5] = 1.0
     reason = deviations(as_runs(0.99 * rare), as_runs(rare), ["pressure"])["pressure"].reason
-    assert reason.startswith("pressure is made by few events in few of the 16 runs of the reference, 0.0039(39)")
+    assert reason.startswith("pressure depends on few events in few of the 16 runs of the reference, 0.0039(39)")
     usual = rare + np.random.default_rng(1).uniform(0.5, 1.5, (16, PIECES))
     ours = usual * np.linspace(0.98, 1.0, 16)[:, None]
     assert deviations(as_runs(ours), as_runs(usual), ["pressure"])["pressure"].measurable, "the control"

@@ -149,7 +149,7 @@ def test_back_to_a_moment_again_and_again_on_both_stages(begin):
     watcher.wait(lambda w: w.told["status"]["snapshot"] is None)
     do(session, "return")
     watcher.wait(lambda w: w.told["status"]["note"])
-    assert "is remembered" in watcher.told["status"]["note"]
+    assert "remembered moment" in watcher.told["status"]["note"]
 
 
 def test_other_random_numbers_and_back_to_the_scene(begin):

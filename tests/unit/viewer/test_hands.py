@@ -189,7 +189,7 @@ REFUSED = [
     ("change", {"name": "interval", "value": 1.0, "same": False}, "only in a scene with emitters"),
     ("change", {"name": "passes", "value": 2.5, "same": False}, "passes must be a whole number"),
     ("change", {"name": "contact", "value": 1.0, "same": False}, "contact must be one of"),
-    ("undo", {}, "undo needs a change before"),
+    ("undo", {}, "undo needs a remembered change"),
 ]
 
 

@@ -167,7 +167,7 @@ def test_without_token_or_by_another_name_nothing_is_told(view):
     for path in ("/", "/x/", "/favicon.ico", f"/{'a' * 32}/"):
         answer = fetch(f"http://{where.netloc}{path}")
         assert answer.status == 404
-        assert b"Open the whole address" in answer.body
+        assert b"Open the complete address" in answer.body
     for host in ("evil.example", f"evil.example:{where.port}", "127.0.0.1"):
         assert fetch(view.address, Host=host).status == 421
     for method in ("POST", "HEAD", "OPTIONS", "CONNECT"):
