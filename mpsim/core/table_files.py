@@ -23,12 +23,12 @@ def written(text: str, path: StrPath | None, table: str) -> str:
         table: what it is, such as "the table of a sweep".
 
     Raises:
-        InputError: if the path ends as a file of another format does.
+        InputError: if it is no path, or ends as a file of another format does.
         OutputError: if it cannot be written.
     """
     if path is not None:
-        if Path(path).suffix == PARQUET:
-            raise InputError(f"{table} is text here, and {checks.brief(str(path))} is no text file. Use to_parquet.")
+        if _checked(path, table).suffix == PARQUET:
+            raise InputError(f"{table} is text here, and {os.fspath(path)!r} is no text file. Use to_parquet.")
         _write(text.encode(), path, table)
     return text
 
@@ -46,12 +46,20 @@ def write_parquet(frame: Any, path: StrPath, table: str) -> None:
     """Write a pandas.DataFrame without its index as Parquet.
 
     Raises:
+        InputError: if it is no path.
         OutputError: if pyarrow is not installed, or the file cannot be written.
     """
+    _checked(path, table)
     demand_parquet()
     content = io.BytesIO()
     frame.to_parquet(content, engine="pyarrow", index=False)
     _write(content.getvalue(), path, table)
+
+
+def _checked(path: object, table: str) -> Path:
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"the path of {table} must be a str or a Path; got {checks.brief(path)}. Use 'table.csv'.")
+    return Path(os.fsdecode(path))
 
 
 def _write(content: bytes, path: StrPath, table: str) -> None:
@@ -59,6 +67,6 @@ def _write(content: bytes, path: StrPath, table: str) -> None:
         atomic.write_bytes(path, content)
     except OSError as error:
         raise OutputError(
-            f"{table} must be a file that can be written; got {checks.brief(str(path))} ({error.strerror or error}). "
+            f"{table} must be a file that can be written; got {os.fspath(path)!r} ({error.strerror or error}). "
             "Choose another place."
         ) from error

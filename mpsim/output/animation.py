@@ -16,7 +16,7 @@ from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from numpy.typing import NDArray
 
 from mpsim.core import atomic, checks
-from mpsim.core.errors import InputError, OutputError
+from mpsim.core.errors import InputError, MpsimError, OutputError
 from mpsim.core.progress import checked_progress, is_watched, of_frames
 from mpsim.engine.simulation import Simulation
 from mpsim.output import ffmpeg
@@ -118,7 +118,8 @@ def animate(
         settings = dataclasses.replace(settings, method="parallel")
     checked_progress(progress, "progress(done, of)")
     seen = of_frames(progress if callable(progress) or is_watched() else None, "pictures")
-    with Simulation(scene, settings) as sim, matplotlib.rc_context(fname=STYLE), seen as show:
+    simulated = Simulation(scene, settings)
+    with _writing(target), simulated as sim, matplotlib.rc_context(fname=STYLE), seen as show:
         writer = _writer_for(target, rate)
         with _moments(sim, frames, every, colour, scale) as (moments, found):
             picture = Picture(sim, pixels, colour, found, look)
@@ -129,6 +130,20 @@ def animate(
                     if show is not None:
                         show(number, frames)
     return Animation(target)
+
+
+@contextlib.contextmanager
+def _writing(target: Path) -> Iterator[None]:
+    """Say which file cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        if isinstance(error, MpsimError):
+            raise
+        raise OutputError(
+            f"an animation must be a file with room on its disk; got {str(target)!r} ({error.strerror or error}). Make "
+            "room, or choose another path."
+        ) from error
 
 
 def _check_colours(colour: object, scale: object) -> None:
