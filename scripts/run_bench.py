@@ -110,7 +110,7 @@ def _processor() -> str:
 
 
 def comparison_table(title: str, timings: dict[str, benchmark.Timing], report_ms: dict[str, float]) -> Table:
-    caption = "times of a frame in microseconds; compilation and warm-up are not in them"
+    caption = "times of a frame in microseconds; the first frame is in the means, compilation and warm-up are not"
     table = Table(title=title, caption=caption, title_justify="left", caption_justify="left", box=box.SIMPLE_HEAD)
     for column in ("method", "workers", "median", "mean", "report's mean", "report / mpsim", "mean / grid's"):
         table.add_column(column, justify="left" if column == "method" else "right")
@@ -143,7 +143,7 @@ def scaling_table(timings: list[benchmark.Timing]) -> Table:
     return table
 
 
-def show(results: dict[str, Any], out: Path) -> None:
+def show(results: dict[str, Any], settings: mpsim.Settings, out: Path) -> None:
     """Tables on the terminal, pictures in the folder."""
     frames = results["frames"]
     if "fixed" in results:
@@ -151,14 +151,15 @@ def show(results: dict[str, Any], out: Path) -> None:
         console.print(comparison_table(f"Fixed: 100 discs, {frames} frames", fixed.timings, benchmark.REPORT_FIXED_MS))
         for what, distance in fixed.distances.items():
             console.print(f"  distance {what}: {distance / (2 * fixed.scene.radius):.3g} diameters")
-        title = "100 discs: time of each frame"
-        figures.frame_times(fixed.timings, benchmark.REPORT_FIXED_MS, title, "frame", out / "fixed.png")
+        figures.fixed(fixed.timings, benchmark.REPORT_FIXED_MS, out / "fixed.png")
         figures.final_states(fixed, frames, out / "final_states.png")
+        chosen = dataclasses.replace(settings, method="grid")
+        mpsim.animate(fixed.scene, chosen, out / "animation.gif", frames // 6, every=5, pixels=320, progress=False)
     if "growth" in results:
         growth = results["growth"]
-        title = f"Growth: one disc more after every frame, 1 to {len(growth['grid'].frame_seconds)} discs"
+        title = f"Growth: one disc more after every frame, from 1 disc to {len(growth['grid'].frame_seconds):,}"
         console.print(comparison_table(title, growth, benchmark.REPORT_GROWTH_MS))
-        figures.frame_times(growth, benchmark.REPORT_GROWTH_MS, title, "frame = discs", out / "growth.png")
+        figures.growth(growth, benchmark.REPORT_GROWTH_MS, out / "growth.png")
     if "repeat" in results:
         repeat: benchmark.Repeat = results["repeat"]
         guarded, unguarded = ({s.digest() for s in states} for states in (repeat.guarded, repeat.unguarded))
@@ -322,7 +323,7 @@ def main() -> int:
     results["seconds"] = time.perf_counter() - started
     same = "the report's" if settings.law == "reflect" else "the report has reflect"
     console.print(f"Collision law: {settings.law} ({same}); contact: {settings.contact}")
-    show(results, options.out)
+    show(results, settings, options.out)
     save(results, settings, machine_now, options.out)
     console.print(f"{time.perf_counter() - started:.1f} s; tables and pictures are in {options.out}/")
     return 0

@@ -24,9 +24,9 @@ from window_picture import window
 
 import mpsim
 from mpsim.engine.workers.arrays import Grid, grid_for
-from mpsim.kernels.layout import PHASES
 from mpsim.output.drawing import STYLE, draw_discs, new_figure
 from mpsim.output.moving_picture import DPI, Picture
+from mpsim.output.times import PHASE_COLOURS, usual_phases
 from mpsim.scene.scenefile import load
 
 PAGES = Path(__file__).parents[1] / "docs"
@@ -35,7 +35,6 @@ WORKERS = (("#0072B2", "#7CC4EC"), ("#D55E00", "#F0B84B"))
 """Two shades for each worker, so that brackets beside each other differ."""
 
 AT_REST = "#EEEEEE"
-PHASE_COLOURS: dict[str, str] = dict(zip(PHASES, ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#BBBBBB"), strict=True))
 FRAME_DISCS = 20_000
 HEAP_TIME = 20.0
 
@@ -120,27 +119,27 @@ def neighbours(path: Path) -> None:
 
 
 def frame(path: Path) -> None:
-    """A median frame of one worker, and of two, step by step."""
+    """A usual frame of one worker, and of two, step by step."""
     scene = mpsim.Scene.random(count=FRAME_DISCS, packing=0.4, radius=0.5, seed=1)
-    bars: dict[str, dict[str, float]] = {}
+    figure = new_figure(8, 3.0)
+    axes = figure.add_subplot()
+    names = ["one worker", "worker 0 of two", "worker 1 of two"]
     for workers in (1, 2):
         with mpsim.Simulation(scene, mpsim.Settings(method="parallel", workers=workers)) as sim:
             sim.run(frames=300)
-            report = sim.run(frames=1000)
+            phases = usual_phases(sim.run(frames=1000))
         for worker in range(workers):
-            name = "one worker" if workers == 1 else f"worker {worker} of two"
-            medians = {phase: float(np.median(times[:, worker])) for phase, times in report.phase_seconds.items()}
-            bars[name] = medians
-    figure = new_figure(8, 2.8)
-    axes = figure.add_subplot()
-    for name, medians in bars.items():
-        left = 0.0
-        for phase, seconds in medians.items():
-            axes.barh(name, seconds * 1e6, left=left, color=PHASE_COLOURS[phase])
-            left += seconds * 1e6
+            row, left = workers - 1 + worker, 0.0
+            for phase, seconds in phases.items():
+                axes.barh(row, seconds[worker] * 1e6, left=left, color=PHASE_COLOURS[phase])
+                left += float(seconds[worker]) * 1e6
+            axes.text(left, row, f" {left:.0f} µs", va="center")
+    axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
+    axes.margins(x=0.12)
     axes.grid(axis="y", visible=False)
-    axes.set(xlabel="time [µs]", title=f"A frame of {FRAME_DISCS:,} discs: median time of each step")
+    title = f"A frame of {FRAME_DISCS:,} discs: its phases add up to the time of the frame"
+    axes.set(xlabel="time, mean of the middle half of 1,000 frames [µs]", title=title)
     handles = [swatch(colour) for colour in PHASE_COLOURS.values()]
     figure.legend(handles, PHASE_COLOURS, loc="outside lower center", ncols=len(PHASE_COLOURS))
     figure.savefig(path)

@@ -12,7 +12,7 @@ from pathlib import Path, PosixPath
 
 import matplotlib
 import numpy as np
-from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter
 from numpy.typing import NDArray
 
 from mpsim.core import atomic, checks
@@ -22,6 +22,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.output import ffmpeg
 from mpsim.output.colour_scale import SCALES, ColourScale, ScaleName, percentile_scale, sampled
 from mpsim.output.drawing import STYLE, THEMES
+from mpsim.output.gif import GifWriter
 from mpsim.output.moving_picture import DPI, KINDS, PIXELS, Moment, Picture, kept, moment_of
 from mpsim.scene.recommended import frames_between_pictures, settings_for
 from mpsim.scene.scene import Scene
@@ -269,7 +270,7 @@ def pictures_until(end: float, every: int, settings: Settings) -> int:
 
 def _writer_for(target: Path, rate: int) -> AbstractMovieWriter:
     if target.suffix.lower() == ".gif":
-        return PillowWriter(fps=rate)
+        return GifWriter(fps=rate)
     matplotlib.rcParams["animation.ffmpeg_path"] = ffmpeg.executable(f"write {str(target.with_suffix('.gif'))!r}")
     # One thread: on a shared machine it would otherwise take every core.
     return FFMpegWriter(fps=rate, extra_args=["-threads", "1"])

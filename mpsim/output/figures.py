@@ -5,6 +5,10 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from mpsim.output.drawing import DISC_COLOUR, STYLE, draw_discs, new_figure, save_figure
@@ -13,41 +17,87 @@ from mpsim.studies.benchmark import Fixed, Repeat, Timing
 METHOD_COLOURS = {"naive": "#0072B2", "grid": "#D55E00", "parallel": "#009E73", "auto": "#CC79A7"}
 ODD_ONE_OUT = "#D55E00"
 
+WIDTH = 25
+"""Frames of a running median."""
 
-def frame_times(
-    timings: Mapping[str, Timing], report_ms: Mapping[str, float], title: str, x_label: str, path: Path
-) -> None:
-    """Frame time against frame, logarithmic; dashed, the means of the term-project report."""
+COARSE, FINE = (1.0, 2.0, 5.0), (1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0)
+"""Numbers that are written in each decade of an axis: of several decades, or of a part of one."""
+
+SPIKE = 2.0
+"""Times the median, from which a frame is a dot of its own."""
+
+
+def fixed(timings: Mapping[str, Timing], report_ms: Mapping[str, float], path: Path) -> None:
+    """How the times of frames are distributed, a row for each method; the report's means are in words beside them."""
+    times = {method: timing.frame_seconds[1:] * 1e6 for method, timing in timings.items()}
+    low = min(float(each.min()) for each in times.values()) * 0.95
+    high = max(float(np.quantile(each, 0.98)) for each in times.values()) * 1.15
+    edges = np.geomspace(low, high, 80)
     with matplotlib.rc_context(fname=STYLE):
-        figure = new_figure(8, 4.8)
+        figure = new_figure(8, 1.3 + 1.25 * len(times))
+        panels = np.ravel(figure.subplots(len(times), 1, sharex=True))
+        for axes, (method, found) in zip(panels, times.items(), strict=True):
+            colour, median, mean = METHOD_COLOURS[method], float(np.median(found)), float(found.mean())
+            axes.hist(found, edges, color=colour, alpha=0.55)
+            axes.axvline(median, color=colour, linewidth=2)
+            axes.axvline(mean, color=colour, linewidth=1.2, linestyle="--")
+            beyond = found[found > high]
+            slower = (
+                f"; {len(beyond)} frame{'s' * (len(beyond) != 1)} slower, up to {_time(beyond.max() * 1e-6)}"
+                if len(beyond)
+                else ""
+            )
+            word = "threads" if method == "parallel" else method
+            report = report_ms[method] * 1e3
+            axes.set_title(
+                f"{method}: median {_time(median * 1e-6)}, mean {_time(mean * 1e-6)}{slower}\n"
+                f"report's {word}: mean {_time(report * 1e-6)}, {report / mean:,.0f} times as long",
+                loc="left",
+                fontsize=9,
+                color=colour,
+            )
+            axes.set_ylabel("frames", fontsize=9)
+            axes.grid(False, axis="y")
+        panels[-1].set(xscale="log", xlim=(low, high))
+        plain_ticks(panels[-1].xaxis, FINE if high < 10 * low else COARSE)
+        number = len(next(iter(times.values())))
+        words = f"frames 2 to {number + 1} (the first one has to sort the discs, and is left out)"
+        panels[-1].set_xlabel(f"time of a frame of 100 discs [µs]; {words}")
+        handles = [Line2D([], [], color="black", linewidth=2), Line2D([], [], color="black", ls="--", linewidth=1.2)]
+        figure.legend(handles, ["median", "mean"], loc="outside upper right", ncols=2, fontsize=9)
+        save_figure(figure, path)
+
+
+def growth(timings: Mapping[str, Timing], report_ms: Mapping[str, float], path: Path) -> None:
+    """Time of a frame against the number of discs: running median and middle 80 %; frames far beyond them are dots."""
+    with matplotlib.rc_context(fname=STYLE):
+        figure = new_figure(8, 5.2)
         axes = figure.add_subplot()
         for method, timing in timings.items():
-            colour = METHOD_COLOURS[method]
-            microseconds = timing.frame_seconds * 1e6
-            frames = np.arange(1, len(microseconds) + 1)
-            axes.plot(frames, microseconds, color=colour, alpha=0.25, linewidth=0.7)
-            axes.plot(frames, _running_median(microseconds), color=colour, label=f"{method}: mean {_time(timing.mean)}")
-            report = report_ms[method] * 1e3
-            axes.axhline(report, color=colour, linestyle="--", linewidth=1)
+            colour, times = METHOD_COLOURS[method], timing.frame_seconds[1:] * 1e6
+            discs = np.arange(2, len(times) + 2)
+            low, median, high = (_running(times, each) for each in (0.1, 0.5, 0.9))
+            spikes = times > SPIKE * median
+            axes.fill_between(discs, low, high, color=colour, alpha=0.3, linewidth=0)
+            axes.plot(discs[spikes], times[spikes], color=colour, linestyle="", marker=".", markersize=3, alpha=0.6)
             word = "threads" if method == "parallel" else method
-            axes.annotate(
-                f"report's {word}: {_time(report * 1e-6)}",
-                (0.995, report),
-                xycoords=("axes fraction", "data"),
-                ha="right",
-                va="bottom",
-                color=colour,
-                fontsize=9,
-            )
+            report = _time(report_ms[method] * 1e-3)
+            label = f"{method}: mean {_time(times.mean() * 1e-6)} (report's {word}: {report})"
+            axes.plot(discs, median, color=colour, label=label)
+        most = max(len(timing.frame_seconds) for timing in timings.values())
         axes.set(
             yscale="log",
-            xlabel=x_label,
+            xlim=(0, most),
+            xlabel="discs",
             ylabel="time of a frame [µs]",
-            title=title,
-            xlim=(0, max(len(timing.frame_seconds) for timing in timings.values())),
+            title=f"Growth from 1 disc to {most:,}: one more after every frame",
         )
-        axes.set_ylim(top=max(report_ms.values()) * 1e3 * 2.5)
-        figure.legend(loc="outside lower center", ncols=3)
+        plain_ticks(axes.yaxis)
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
+        axes.legend(loc="upper left", fontsize=9)
+        caption = f"line: running median of {WIDTH} frames; band: the middle 80 % of them\n"
+        caption += f"dots: frames that took more than {SPIKE:g} times the median; the first frame is left out"
+        figure.supxlabel(caption, fontsize=9)
         save_figure(figure, path)
 
 
@@ -93,35 +143,82 @@ def scaling(timings: Sequence[Timing], crossover: int | None, path: Path) -> Non
         figure = new_figure(8, 6.6)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
         curves = {
-            method: sorted((t.discs, t.nanoseconds_per_disc, t.workers) for t in timings if t.method == method)
+            method: sorted(
+                (t.discs, t.nanoseconds_per_disc, *_spread(t), t.workers) for t in timings if t.method == method
+            )
             for method in METHOD_COLOURS
         }
         for method, points in curves.items():
             if points:
-                discs, cost, workers = zip(*points, strict=True)
+                discs, cost, low, high, workers = zip(*points, strict=True)
                 label = f"{method}, {max(workers)} workers" if method == "parallel" else method
                 marks = {"marker": "x", "linestyle": ":"} if method == "auto" else {"marker": "o"}
-                above.plot(discs, cost, color=METHOD_COLOURS[method], label=label, **marks)
-        above.set(xscale="log", yscale="log", ylabel="ns per disc and frame", title="Cost of a frame, packing 0.4")
+                bars = np.abs(np.array([low, high]) - cost)
+                above.errorbar(discs, cost, bars, color=METHOD_COLOURS[method], label=label, capsize=2, **marks)
+        above.set(
+            xscale="log",
+            yscale="log",
+            ylabel="ns per disc and frame",
+            title="Cost of a frame at packing 0.4: median, and the middle half of the frames",
+        )
+        plain_ticks(above.yaxis)
         above.legend()
-        grid, parallel = dict(p[:2] for p in curves["grid"]), dict(p[:2] for p in curves["parallel"])
+        grid, parallel = ({discs: row for discs, *row in curves[name]} for name in ("grid", "parallel"))
         common = sorted(grid.keys() & parallel.keys())
-        speed_up = [grid[discs] / parallel[discs] for discs in common]
-        below.plot(common, speed_up, color=METHOD_COLOURS["parallel"], marker="o")
+        speed_up = np.array([_ratio(grid[discs], parallel[discs]) for discs in common]).reshape(-1, 3)
+        bars = np.abs(speed_up[:, 1:].T - speed_up[:, 0])
+        below.errorbar(common, speed_up[:, 0], bars, color=METHOD_COLOURS["parallel"], marker="o", capsize=2)
         below.axhline(1, color="black", linewidth=1)
-        if crossover is not None:
-            for axes in (above, below):
-                axes.axvline(crossover, color="#555555", linestyle="--", linewidth=1)
-            side = "left" if crossover**2 < common[0] * common[-1] else "right"  # of the text, which stays inside
-            text = f" parallel faster from {crossover:,} discs on "
-            below.annotate(text, (crossover, 0.15), color="#555555", horizontalalignment=side)
-        below.set(ylabel="speed-up of the workers\n(grid / parallel)", xlabel="discs", ylim=(0, max([2.2, *speed_up])))
+        _mark_crossover([above, below], crossover, common)
+        below.set(ylabel="speed-up of the workers\n(grid / parallel)", xlabel="discs")
+        below.set_ylim(0, max(2.2, float(speed_up.max(initial=0.0)) * 1.05))
+        below.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
         save_figure(figure, path)
 
 
-def _running_median(values: NDArray[np.float64], width: int = 25) -> NDArray[np.float64]:
-    padded = np.pad(values, (width // 2, width - 1 - width // 2), mode="edge")
-    return np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)
+def _spread(timing: Timing) -> tuple[float, float]:
+    """Between which costs of a disc the middle half of the frames is [ns]."""
+    low, high = np.quantile(timing.frame_seconds, [0.25, 0.75]) * 1e9 / max(timing.discs, 1)
+    return float(low), float(high)
+
+
+def _ratio(one: Sequence[float], other: Sequence[float]) -> tuple[float, float, float]:
+    """Of two costs, each as median, low and high: their ratio, and its ends if either is at its low or high."""
+    return one[0] / other[0], one[1] / other[2], one[2] / other[1]
+
+
+def _mark_crossover(panels: Sequence[Axes], crossover: int | None, sizes: Sequence[int]) -> None:
+    """Shade the sizes between which parallel becomes faster than grid, and stays so at all that were measured."""
+    if crossover is None:
+        return
+    before = max((size for size in sizes if size < crossover), default=crossover)
+    for axes in panels:
+        axes.axvspan(before, crossover, color="#999999", alpha=0.2, linewidth=0)
+    words = f"at every measured size from {crossover:,} discs on\nparallel is faster than grid"
+    words += f"; at {before:,} it is not" if before < crossover else ""
+    side = "left" if crossover**2 < sizes[0] * sizes[-1] else "right"  # of the text, which stays inside
+    panels[-1].annotate(
+        words,
+        (crossover, 0.12),
+        xytext=(6 if side == "left" else -6, 0),
+        textcoords="offset points",
+        color="#555555",
+        fontsize=9,
+        ha=side,
+    )
+
+
+def plain_ticks(axis: Axis, digits: Sequence[float] = COARSE) -> None:
+    """Numbers such as 0.5, 20 and 10,000 on a logarithmic axis, without powers of ten; digits: those of each decade."""
+    axis.set_major_locator(LogLocator(subs=digits))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.12g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _running(values: NDArray[np.float64], part: float) -> NDArray[np.float64]:
+    """A running quantile, as long as the values."""
+    padded = np.pad(values, (WIDTH // 2, WIDTH - 1 - WIDTH // 2), mode="edge")
+    return np.quantile(np.lib.stride_tricks.sliding_window_view(padded, WIDTH), part, axis=1)
 
 
 def _time(seconds: float) -> str:
