@@ -144,10 +144,10 @@ def table(seeds: int, lengths: dict[str, float], pool: ProcessPoolExecutor) -> l
     noise = 100 / np.sqrt(2 * (seeds - 1))
     lines += [
         "",
-        f"{COUNT} discs, {seeds} starts of each kind, so that a ratio is known to {noise:.0f} %; a run is short with "
-        f"{lengths['short']:g} collisions of each disc, long with {lengths['long']:g}. In brackets: the share of runs "
-        f"that are not settled, and are left out; none: nearly all are; *: of {AGAIN * seeds} starts, where "
-        f"{seeds} gave a ratio beyond the bounds. {sum(right)} of {len(right)} lie between {RIGHT[0]} and "
+        f"{COUNT} discs, {seeds} starts of each kind, so each ratio is known to {noise:.0f} %. Short runs have "
+        f"{lengths['short']:g} collisions per disc, long runs {lengths['long']:g}. In brackets: the fraction of runs "
+        f"that are not settled and were left out; none: nearly all were left out; *: from {AGAIN * seeds} starts, "
+        f"because {seeds} gave a ratio beyond the bounds. {sum(right)} of {len(right)} lie between {RIGHT[0]} and "
         f"{RIGHT[1]}.",
     ]
     return lines

@@ -32,7 +32,7 @@ MARKS = {
     "Scene.random": 100.0,
     "Simulation and first frame": 30.0,
     "save": 25.0,
-    "save over the one before": 25.0,
+    "save, replacing a checkpoint": 25.0,
     "resume": 25.0,
     "state": 4.0,
     "state and digest": 8.0,
@@ -98,7 +98,7 @@ def measure(discs: int, folder: Path, meter: Meter) -> tuple[float, int]:
         meter.of("state and kinetic energy", lambda: mpsim.measure.kinetic_energy(sim.state, scene))
         checkpoint = folder / "large.mpsim"
         meter.of("save", lambda: sim.save(checkpoint))
-        meter.of("save over the one before", lambda: sim.save(checkpoint))
+        meter.of("save, replacing a checkpoint", lambda: sim.save(checkpoint))
         for name, writer in (("XYZ frame", XyzWriter), ("GSD frame", GsdWriter)):
             target = folder / f"large.{name[:3].lower()}"
             out = writer(target, "w")
@@ -115,9 +115,9 @@ def measure(discs: int, folder: Path, meter: Meter) -> tuple[float, int]:
 def table(discs: int, frame: float, block: int, meter: Meter) -> str:
     """The table, in Markdown."""
     lines = [
-        f"{discs:,} discs; a frame takes {frame / discs * 1e9:.1f} ns a disc on two workers, and the block has "
-        f"{block / discs:.0f} bytes a disc.\n",
-        "| | s | µs a disc | frames | goal | peak memory, bytes a disc |",
+        f"{discs:,} discs; a frame takes {frame / discs * 1e9:.1f} ns per disc on two workers, and the block has "
+        f"{block / discs:.0f} bytes per disc.\n",
+        "| | s | µs per disc | frames | goal | peak memory, bytes per disc |",
         "|---|---|---|---|---|---|",
     ]
     for name, seconds in meter.seconds.items():

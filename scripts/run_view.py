@@ -262,7 +262,7 @@ def take_pictures(folder: Path) -> list[Path]:
 
 
 def table(pictures: list[dict[str, float]], marks: list[tuple[str, str, str]]) -> str:
-    lines = ["| mark | asked | found |", "|---|---|---|"]
+    lines = ["| quantity | limit | measured |", "|---|---|---|"]
     lines += [f"| {name} | {asked} | {found} |" for name, asked, found in marks]
     lines += ["", "| discs | bytes of a picture | packing, ms | packing and sending, ms |", "|---|---|---|---|"]
     lines += [

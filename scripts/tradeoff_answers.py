@@ -131,7 +131,7 @@ def push_against_tuned(found: dict[str, Any]) -> str:
         "## The same error for less",
         "",
         "Cheapest settings of each family that keep the pressure of 100 discs at packing 0.3 within 1 %, each verified",
-        f"with new runs; costs are the least of {TURNS} measurements in turns.",
+        f"with new runs; costs are the lowest of {TURNS} alternating measurements.",
         "",
         "| family | dt | pressure, verified [%] | cost [ns per disc and unit of time] | push costs |",
         "|---|---|---|---|---|",
@@ -154,8 +154,8 @@ def where_exact_is_cheaper(tables: Mapping[str, mpsim.Tradeoff]) -> str:
         "## Where the exact solver is the cheaper one",
         "",
         "The error of the best stepped settings at the cost of `event`. For smaller errors `event` is cheaper.",
-        "`~`: along the order that the table shows, at the step that costs as much as `event`. `<`: the errors drown",
-        "in noise, so that the table shows no order, and this bounds that of a cheaper setting.",
+        "`~`: from the fitted order of convergence, at the step that costs as much as `event`. `<`: the errors are",
+        "below the noise, so that no order can be fitted; this is the bound for a cheaper setting.",
         "",
         f"| scene | event [ns per disc and unit of time] | {' | '.join(heads)} |",
         f"|{'---|' * (len(heads) + 2)}",
@@ -242,7 +242,7 @@ def float32(tables: Mapping[str, mpsim.Tradeoff], found: dict[str, Any]) -> str:
     lines = [
         "## float32 against float64",
         "",
-        f"{LARGE:,} discs, packing 0.4, impact, dt = {LARGE_DT}; the least of {TURNS} measurements in turns.",
+        f"{LARGE:,} discs, packing 0.4, impact, dt = {LARGE_DT}; the lowest of {TURNS} alternating measurements.",
         "",
         "| | float64 | float32 | float32 / float64 |",
         "|---|---|---|---|",
@@ -306,10 +306,10 @@ def tuned_table(found: list[tuple[str, dict[str, Any]]]) -> str:
     lines = [
         "## Tuned settings",
         "",
-        "What `mpsim.tune` chose; errors are those of runs that had no part in the choice; cost in ns per disc and",
-        "unit of time; the last column: how many times as much half of every budget would cost, about.",
+        "Settings chosen by `mpsim.tune`; errors are from runs that were not used for the choice; cost in ns per disc",
+        "and unit of time; last column: estimated cost of halving all budgets, relative to this cost.",
         "",
-        "| for | largest errors | settings | cost | errors, verified | half |",
+        "| purpose | largest errors | settings | cost | errors, verified | half |",
         "|---|---|---|---|---|---|",
     ]
     for who, each in found:

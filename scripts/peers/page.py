@@ -80,7 +80,7 @@ def text(record: dict[str, Any]) -> str:
     lines += [made(record), "", FRAMES_TEXT]
     lines += [f"![Cost of a disc and frame against the number of discs, by engine](pictures/{FRAMES})", ""]
     lines += tables.frames_section(record)
-    lines += ["### Marks", "", *tables.marks_section(record), ""]
+    lines += ["### Goals", "", *tables.marks_section(record), ""]
     if "accuracy" in record:
         lines += [errors_text(record)]
         lines += [f"![Error of the pressure against the step, and costs at given errors](pictures/{ERRORS})", ""]

@@ -134,7 +134,14 @@ def marks_section(record: dict[str, Any]) -> list[str]:
             yardstick, own = timing_of(cell, "cpp/1"), timing_of(cell, f"{name}/1")
             return ratios(yardstick, own) if yardstick and own else None
 
-        found.append((f"one process over the yardstick, {count:,}", f"≥ {least:g}", lambda x, m=least: x >= m, over))
+        found.append(
+            (
+                f"speed of one process relative to the yardstick, {count:,}",
+                f"≥ {least:g}",
+                lambda x, m=least: x >= m,
+                over,
+            )
+        )
 
     def flat(name: str) -> list[float] | None:
         large, small = (timing_of(cell_of(record, count, *MAIN), f"{name}/1") for count in FLAT[:2])
@@ -142,7 +149,9 @@ def marks_section(record: dict[str, Any]) -> list[str]:
             return None
         return [a / FLAT[0] / (b / FLAT[1]) for a, b in zip(large.frame, small.frame, strict=True)]
 
-    found.append((f"a disc of {FLAT[0]:,} over one of {FLAT[1]:,}", f"≤ {FLAT[2]:g}", lambda x: x <= FLAT[2], flat))
+    found.append(
+        (f"time per disc, {FLAT[0]:,} discs relative to {FLAT[1]:,}", f"≤ {FLAT[2]:g}", lambda x: x <= FLAT[2], flat)
+    )
     counts, least = TWO_WORKERS
     for count in counts:
 
@@ -151,8 +160,10 @@ def marks_section(record: dict[str, Any]) -> list[str]:
             one, both = timing_of(cell, f"{name}/1"), timing_of(cell, f"{name}/2")
             return ratios(one, both) if one and both else None
 
-        found.append((f"two workers over one process, {count:,}", f"≥ {least:g}", lambda x, m=least: x >= m, two))
-    rows = ["| mark | asked | `push` | reached | `impact` | reached |", "|---|---|---|---|---|---|"]
+        found.append(
+            (f"speed of two workers relative to one process, {count:,}", f"≥ {least:g}", lambda x, m=least: x >= m, two)
+        )
+    rows = ["| quantity | goal | `push` | reached | `impact` | reached |", "|---|---|---|---|---|---|"]
     for what, asked, good, values in found:
         texts = []
         for name in CONTACTS:
