@@ -1,5 +1,7 @@
 """A compressed gas in equilibrium, and where compressed discs jam, against published values."""
 
+import math
+
 import numpy as np
 import pytest
 from support.scenes import simulate
@@ -28,14 +30,37 @@ def test_a_compressed_gas_has_the_pressure_of_the_equation_of_state():
     assert abs(found.deviation(wrong)) > 4, f"two per cent less dense, {wrong}, must fail; got {found}"
 
 
+def jammed_at(scene, packing, rate=0.1):
+    """The packing at which a scene jams on its way to another one."""
+    with pytest.raises(mpsim.InputError, match="jammed") as caught:
+        scene.compressed(packing, rate=rate)
+    return float(str(caught.value).split("a packing of ")[1].split(". ")[0])
+
+
+@pytest.mark.parametrize(
+    ("count", "distance"),
+    [
+        (2, math.sqrt(2)),
+        (3, math.sqrt(6) - math.sqrt(2)),
+        (4, 1),
+        (5, math.sqrt(2) / 2),
+        (6, math.sqrt(13) / 6),
+        (9, 0.5),
+    ],
+)
+def test_few_discs_jam_in_the_densest_packing_in_a_square(count, distance):
+    """distance: the largest least distance of so many points in a unit square (of nine: Schaer, Canad. Math. Bull. 8,
+    273, 1965). Some starts jam before, none after.
+    """
+    densest = count * math.pi * (distance / (2 * (1 + distance))) ** 2
+    starts = [mpsim.Scene.random(count=count, packing=0.2, radius=0.5, seed=seed) for seed in range(4)]
+    found = max(jammed_at(scene, densest + 0.02) for scene in starts)
+    assert densest - 3e-6 < found < densest, f"{found}, expected {densest}"
+
+
 def test_discs_of_two_sizes_jam_at_the_published_packing():
     """Half of them 1.4 times as large: at some 0.842 (O'Hern et al., Phys. Rev. E 68, 011306, 2003)."""
     radius = np.repeat([0.5, 0.7], 500)
     scene = mpsim.Scene.random(count=1000, packing=0.4, radius=radius, boundary="periodic", seed=1)
-    jammed = {}
-    for rate in (1.0, 0.1):
-        with pytest.raises(mpsim.InputError, match="jammed") as caught:
-            scene.compressed(0.9, rate=rate)
-        jammed[rate] = float(str(caught.value).split("a packing of ")[1].split(". ")[0])
-    assert jammed[0.1] == pytest.approx(0.842, abs=0.01)
-    assert jammed[1.0] < 0.83, "negative control: too fast"
+    assert jammed_at(scene, 0.9) == pytest.approx(0.842, abs=0.01)
+    assert jammed_at(scene, 0.9, rate=1.0) < 0.83, "negative control: too fast"
