@@ -82,7 +82,7 @@ WALL = [
     ({"points": [(1, 1), (1, 1)]}, ["points of a Polyline must be at least two"]),
     ({"points": [(1, 1), (1, NAN)]}, ["points of a Polyline must be finite", "nan"]),
     ({"points": "wall"}, ["points of a Polyline must be numbers of shape (K, 2)", "'wall'"]),
-    ({"points": [(1, 1), (99, 1)]}, ["obstacles[0] must lie in the box", "(99.0, 1.0)"]),
+    ({"points": [(1, 1), (99, 1)]}, ["points of a wall must be in the box", "(99.0, 1.0)"]),
     ({"points": [(1, 1), (2, 1)], "thickness": -1}, ["thickness of a Polyline", "-1"]),
     ({"points": [(0, 0), (8, 8)], "thickness": 3}, ["a wall must be clear of all discs; got disc ", "inside it"]),
 ]
