@@ -88,6 +88,11 @@ __all__ = [
 ]
 
 
+def __dir__() -> list[str]:
+    """What is public."""
+    return sorted([*__all__, "__doc__", "__file__", "__name__", "__path__"])
+
+
 def __getattr__(name: str) -> Any:
     """The old name of `TrajectoryDeviation`: `mpsim.TrajectoryError` is an exception."""
     if name == "TrajectoryError":

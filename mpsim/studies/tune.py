@@ -20,7 +20,7 @@ from mpsim.core.deferred_signals import terminated_by_exit
 from mpsim.core.errors import BudgetError, InputError, NotMeasurableError
 from mpsim.core.progress import checked_progress, shown
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.measure.registry import ERRORS
+from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.scene.recommended import settings_for
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -93,7 +93,7 @@ def tune(
     Args:
         scene: the scene.
         max_error: measure -> largest |error|, > 0, in the unit of the measure (see `tradeoff`): {"pressure": 0.01} is
-            one per cent, {"overlap": 0.05} a twentieth of a diameter.
+            one per cent, {"overlap": 0.05} a twentieth of a diameter. Relative ones are less than 1.
         until: length of one run [time]; None: the scene's duration; without one, and if the scene is stationary, long
             enough to determine the pressure to about a thousandth.
         candidates: families to choose from, whose dt is searched; None: impact with one and two passes, push, the
@@ -411,10 +411,17 @@ def _budgets(max_error: Mapping[str, float]) -> dict[str, float]:
             f"max_error must hold at least one budget, as in {{'pressure': 0.01}}; got {max_error!r}. "
             f"Choose from {', '.join(ERRORS)}."
         )
-    return {
+    budgets = {
         checks.choice("max_error", name, ERRORS): checks.positive(f"max_error[{name!r}]", budget, "(an error)")
         for name, budget in max_error.items()
     }
+    for name, budget in budgets.items():
+        if budget >= 1 and OBSERVABLES[name].error == "relative":
+            raise InputError(
+                f"max_error[{name!r}] must be less than 1, which is 100 %; got {budget:g}. "
+                f"{budget:g} % is {budget / 100:g}."
+            )
+    return budgets
 
 
 def _families(candidates: Iterable[Settings] | None, contact_time: float | None, scene: Scene) -> list[Settings]:

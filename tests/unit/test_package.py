@@ -98,5 +98,6 @@ def test_the_installed_command_runs(programs, tmp_path):
     assert "packing 0.4" in run(programs / "mpsim", "show", "gas", folder=tmp_path)
 
 
-def test_dir_shows_what_is_public():
-    assert {name for name in dir(mpsim) if not name.startswith("__")} == set(mpsim.__all__)
+@pytest.mark.parametrize("module", [mpsim, mpsim.measure], ids=lambda module: module.__name__)
+def test_dir_shows_what_is_public(module):
+    assert {name for name in dir(module) if not name.startswith("__")} == set(module.__all__)

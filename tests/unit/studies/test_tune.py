@@ -334,6 +334,7 @@ def test_where_nothing_can_run_the_reasons_are_named():
         ({"max_error": {"pressure": 0}}, r"max_error\['pressure'\] must be a finite number > 0"),
         ({"max_error": {"pressure": -0.1}}, r"max_error\['pressure'\] must be a finite number > 0"),
         ({"max_error": {"pressure": float("nan")}}, r"max_error\['pressure'\] must be a finite number > 0"),
+        ({"max_error": {"pressure": 2}}, r"max_error\['pressure'\] must be less than 1, .*got 2. 2 % is 0.02\."),
         ({"max_error": {"pressure": "1 %"}}, r"max_error\['pressure'\] must be a number > 0"),
         ({"candidates": []}, "candidates must hold at least one"),
         ({"candidates": ["grid"]}, "candidates must hold at least one mpsim.Settings; got"),
