@@ -1,7 +1,9 @@
 """`mpsim tune` and `mpsim tradeoff`: what they ask of the library, print and write."""
 
 import json
+import sys
 
+import pandas
 import pytest
 from support.commands import mpsim_command
 
@@ -113,6 +115,17 @@ def test_a_table_that_is_there_is_not_overwritten_unasked(asked, tmp_path):
     assert ((tmp_path / "a.csv").read_text(), asked) == ("weeks of work", {})
     assert mpsim_command("tradeoff", "cradle", "--out", str(tmp_path / "a.csv"), "--force").exit_code == 0
     assert (tmp_path / "a.csv").read_text().startswith("method,")
+
+
+def test_the_ending_chooses_parquet_and_what_it_lacks_is_told_before_the_work(asked, tmp_path, monkeypatch):
+    result = mpsim_command("tradeoff", "cradle", "--out", str(tmp_path / "a.parquet"))
+    assert result.exit_code == 0, result.stderr
+    assert list(pandas.read_parquet(tmp_path / "a.parquet").columns)[:2] == ["method", "contact"]
+    asked.clear()
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    result = mpsim_command("tradeoff", "cradle", "--out", str(tmp_path / "b.parquet"))
+    assert "a Parquet file needs the package pyarrow, which cannot be imported" in result.stderr
+    assert (result.exit_code, asked) == (1, {})
 
 
 def test_a_file_that_cannot_be_written_is_refused_before_the_work(asked, tmp_path):
