@@ -14,6 +14,7 @@ import contextlib
 import functools
 import io
 import json
+import os
 import re
 import shutil
 import statistics
@@ -209,12 +210,16 @@ def cost_of_watching(turns: int, seconds: float) -> dict[str, float]:
 
 
 def seconds_to_first_picture() -> float:
-    """From the command until its page has the first picture, in a process of its own [s]."""
+    """From the command until its page has the first picture, in a process of its own [s].
+
+    Python may keep its bytecode, as it does unless the environment forbids it.
+    """
     from websockets.sync.client import connect  # noqa: PLC0415 - only here
 
     started = time.perf_counter()
     command = [sys.executable, "-u", "-m", "mpsim", "view", "gas", "--no-browser"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
         try:
             assert process.stdout is not None
             address = re.search(r"http://\S+/", process.stdout.readline())

@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import tempfile
+from collections import Counter
 from multiprocessing import forkserver, resource_tracker
 from pathlib import Path
 
@@ -22,6 +23,8 @@ from support.watchdog import Watchdog
 LONGEST_SESSION = {False: 1620, True: 7200}
 """Seconds after which a whole session, default or long, counts as hung: pytest-timeout bounds each single test before,
 but cannot see a hang between tests."""
+
+LEFT_FOR_LONG = "takes minutes; run with --long"
 
 LONGEST_EXIT = 60
 """Seconds that the interpreter may take to end after the last test."""
@@ -72,6 +75,11 @@ _figures = pytest.StashKey[Figures]()
 
 
 def pytest_terminal_summary(terminalreporter, config):
+    """What was left out, and why, but for the long tests: each reason once."""
+    reasons = (str(each.longrepr[2]).removeprefix("Skipped: ") for each in terminalreporter.stats.get("skipped", ()))
+    for reason, count in Counter(reasons).items():
+        if reason != LEFT_FOR_LONG:
+            terminalreporter.write_line(f"Left out, {count} tests: {reason}")
     if config.getoption("--long"):
         terminalreporter.write_line(
             "Other versions of Python and of what mpsim depends on are left: python scripts/run_versions.py --long"
@@ -102,7 +110,7 @@ def pytest_collection_modifyitems(config, items):
     if not config.getoption("--long"):
         for item in items:
             if item.get_closest_marker("long"):
-                item.add_marker(pytest.mark.skip(reason="takes minutes; run with --long"))
+                item.add_marker(pytest.mark.skip(reason=LEFT_FOR_LONG))
 
 
 @pytest.fixture(autouse=True)

@@ -71,7 +71,7 @@ def view(
     >>> with view(scene, browser=False, wait=False) as page:  # doctest: +ELLIPSIS
     ...     page.address
     The live view is at http://127.0.0.1:.../
-    Keep this address to yourself: whoever has it can control the view.
+    Do not share this address: anyone who has it can control the view.
     'http://127.0.0.1:.../'
     """
     browser, wait = checks.truth("browser", browser), checks.truth("wait", wait)
@@ -118,11 +118,7 @@ class View:
         colour: ArrayLike | None = None,
         beside: Settings | None = None,
     ):
-        demand_viewed(source, settings)
-        if beside is not None and not isinstance(beside, Settings):
-            raise InputError(
-                f"beside must be mpsim.Settings; got {type(beside).__name__}. Use Settings(method='event')."
-            )
+        demand_viewed(source, settings, beside)
         if not isinstance(host, str):
             raise InputError(f"host must be a name or an address; got {checks.brief(host)}. Use {HOST!r}.")
         port = checks.whole("port", port, 0, 65535, "0 takes one that is free.")
@@ -144,7 +140,7 @@ class View:
         self._server.start(self._session)
         self._session.start()
         print(f"The live view is at {self.address}")
-        print("Keep this address to yourself: whoever has it can control the view.", flush=True)
+        print("Do not share this address: anyone who has it can control the view.", flush=True)
         if browser and _has_screen():
             webbrowser.open(self.address)
 

@@ -4,6 +4,8 @@ import asyncio
 from functools import cache
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.core.optional_packages import imported
@@ -32,6 +34,8 @@ def live(
     playing: bool = True,
     height: int = HEIGHT,
     name: str = "",
+    colour: ArrayLike | None = None,
+    beside: Settings | None = None,
 ) -> "Live":
     """Show a simulation as it runs, in a notebook: the page of `mpsim.view` as the output of a cell.
 
@@ -46,6 +50,7 @@ def live(
         playing: start with the first look; else wait for the page's button.
         height: of the output in pixels, 200 to 4000.
         name: what the page calls it.
+        colour, beside: numbers to colour discs by, and settings of a second stage, as in `mpsim.view`.
 
     The page shows lengths, times and speeds in the scene's own units: [length], [time], [length/time].
 
@@ -62,15 +67,15 @@ def live(
     ...     shown
     <Live: 'gas'>
     """
-    return Live(source, settings, playing=playing, height=height, name=name)
+    return Live(source, settings, playing=playing, height=height, name=name, colour=colour, beside=beside)
 
 
 class Live:
     """A page in a notebook that shows a simulation. `mpsim.live` makes it; leaving a `with` block closes it.
 
     Args:
-        source, settings, playing, height, name: as in `mpsim.live`, which also gives their bounds; lengths and times
-            on the page are those of the scene, [length] and [time].
+        source, settings, playing, height, name, colour, beside: as in `mpsim.live`, which also gives their bounds;
+            lengths and times on the page are those of the scene, [length] and [time].
 
     Attributes:
         widget: what the notebook shows, an `anywidget.AnyWidget`.
@@ -90,15 +95,18 @@ class Live:
         playing: bool = True,
         height: int = HEIGHT,
         name: str = "",
+        colour: ArrayLike | None = None,
+        beside: Settings | None = None,
     ):
-        demand_viewed(source, settings)
+        demand_viewed(source, settings, beside)
         playing = checks.truth("playing", playing)
         height = checks.whole("height", height, 200, 4000, f"{HEIGHT} suits most screens.")
         self.widget: Any = _widget_class()(height=height)
         self._name = str(name)
         self._pages = NotebookPages(self.widget)
         try:
-            self._session: Source = source_of(source, settings, name=self._name, playing=playing, audience=self._pages)
+            options: dict[str, Any] = {"name": self._name, "playing": playing, "colour": colour, "beside": beside}
+            self._session: Source = source_of(source, settings, **options, audience=self._pages)
         except BaseException:
             self.widget.close()
             raise

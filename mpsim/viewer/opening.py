@@ -20,11 +20,11 @@ Viewed = Scene | Simulation | Trajectory | Recording
 """What a view shows; a recording is the file of a trajectory together with its scene."""
 
 
-def demand_viewed(viewed: object, settings: object) -> None:
+def demand_viewed(viewed: object, settings: object, beside: object = None) -> None:
     """Refuse what no view can show, before anything is opened.
 
     Raises:
-        InputError: for another kind of source, or of settings.
+        InputError: for another kind of source, or of settings, its own or those of a second stage beside it.
     """
     if not isinstance(viewed, Viewed):
         raise InputError(
@@ -33,6 +33,8 @@ def demand_viewed(viewed: object, settings: object) -> None:
         )
     if settings is not None and not isinstance(settings, Settings):
         raise InputError(f"settings must be mpsim.Settings; got {type(settings).__name__}. Use Settings(dt=...).")
+    if beside is not None and not isinstance(beside, Settings):
+        raise InputError(f"beside must be mpsim.Settings; got {type(beside).__name__}. Use Settings(method='event').")
     if settings is not None and isinstance(viewed, Trajectory | Recording):
         raise InputError("settings go with a scene; got them beside a trajectory, which is only shown. Leave them out.")
 

@@ -14,7 +14,7 @@ from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.viewer.comparison import Comparison, measures_of
-from mpsim.viewer.undo import MOST_POINTS, Moments
+from mpsim.viewer.undo import MOST_BYTES, MOST_POINTS, Moments
 
 SNAPSHOT = 0
 """Number of the moment that a page has asked to remember; those before changes have numbers from 1."""
@@ -40,6 +40,7 @@ class _Mark(NamedTuple):
     steps: Steps
     taken: int
     comparison: Comparison
+    size: int  # bytes of the checkpoint
 
 
 class Pair:
@@ -147,12 +148,16 @@ class Pair:
     # --- back
 
     def mark(self, number: int) -> None:
-        """Remember this moment, as one that the first stage can go back to; number: what that calls it."""
+        """Remember this moment, as one that the first stage can go back to; number: what that calls it.
+
+        Of too many, or of too many bytes, the first ones are forgotten, as `Undo` does.
+        """
         self._forget(number)
-        self._moments.keep(number, self.sim)
-        self._marks[number] = _Mark(self._steps, self._taken, copy.deepcopy(self.comparison))
-        while len([each for each in self._marks if each > SNAPSHOT]) > MOST_POINTS:
-            self._forget(next(each for each in self._marks if each > SNAPSHOT))
+        size = self._moments.keep(number, self.sim)
+        self._marks[number] = _Mark(self._steps, self._taken, copy.deepcopy(self.comparison), size)
+        before = [each for each in self._marks if each > SNAPSHOT]
+        while len(before) > MOST_POINTS or sum(self._marks[each].size for each in before) > MOST_BYTES:
+            self._forget(before.pop(0))
 
     def back(self, number: int) -> None:
         """Go back to a moment.

@@ -28,6 +28,9 @@ REPLACING = ("play", "pause", "speed", "reset", "hold", "searching")
 CLOSING_SECONDS = 10.0
 """Time that `close` waits for the thread: longer than any frames, but not than all that may have to be compiled."""
 
+SIGNAL_SECONDS = 0.5
+"""Longest time between a signal that did not wake `wait` and its handler."""
+
 
 class Source(ABC):
     """Something that pages show and control.
@@ -107,8 +110,16 @@ class Source(ABC):
             self._wake.notify()
 
     def wait(self, seconds: float | None = None) -> bool:
-        """Wait for the end, at most so long; returns whether it has ended."""
-        return self._ended.wait(seconds)
+        """Wait for the end, at most so long; returns whether it has ended.
+
+        Python runs handlers of signals in the main thread. A signal that another thread received, or that came while
+        this one was about to sleep, does not wake it. So it wakes by itself.
+        """
+        if seconds is not None:
+            return self._ended.wait(seconds)
+        while not self._ended.wait(SIGNAL_SECONDS):
+            pass
+        return True
 
     def close(self) -> None:
         """End the thread, after what it does just now, and release what is its own."""

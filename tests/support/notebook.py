@@ -53,9 +53,10 @@ class NotebookPage:
             found = json.loads(content["text"])
             self.last[found["type"]] = found
         elif buffers[0][5] == wire.PICTURE:
-            self.picture = wire.unpack(buffers[0])
-            self.pictures += 1
-            self.say("ack", serial=self.picture.header.serial)
+            found = wire.unpack(buffers[0])
+            if found.header.stage == 0:  # which comes last, and is acknowledged for both
+                self.picture, self.pictures = found, self.pictures + 1
+                self.say("ack", serial=found.header.serial)
 
     def say(self, do: str, **values: Any) -> None:
         self.front.say({"page": self.name, "text": json.dumps({"do": do, **values})})

@@ -139,5 +139,6 @@ def _refuse(solver: Solver, scene: Scene, settings: Settings) -> None:
         if there:
             raise InputError(
                 f"one pass at a time needs frames that are made of an even and an odd pass; this simulation has "
-                f"{reason}. Use Settings(method='grid' or 'parallel') and a scene without that."
+                f"{reason}. Use Settings(method='grid' or 'parallel'), --method on the command line, and a scene "
+                "without that."
             )

@@ -1,4 +1,4 @@
-// Gauges to take home: each as a table (CSV) or a picture (PNG), by its buttons, or dragged out of the page as a table.
+// Gauges to take home: each as a table (CSV) or a picture (PNG), by its buttons, or dragged out of the page.
 
 import { $, state } from "./common.js";
 
@@ -69,10 +69,22 @@ export function offerSaving() {
     heading.append(buttons);
     place.draggable = true;
     place.addEventListener("dragstart", (event) => {
-      const text = tableOf(name);
-      event.dataTransfer.setData("text/plain", text);
-      event.dataTransfer.setData("text/csv", text);
-      event.dataTransfer.setData("DownloadURL", `text/csv:${fileName(`-${name}.csv`)}:data:text/csv,${encodeURIComponent(text)}`);
+      const onPicture = document.elementFromPoint(event.clientX, event.clientY) === canvas;
+      (onPicture ? dragPicture : dragTable)(event.dataTransfer, onPicture ? pictureOf(place, canvas) : tableOf(name), name);
     });
   }
+}
+
+function dragTable(data, text, name) {
+  data.setData("text/plain", text);
+  data.setData("text/csv", text);
+  data.setData("DownloadURL", `text/csv:${fileName(`-${name}.csv`)}:data:text/csv,${encodeURIComponent(text)}`);
+}
+
+/** As a link, as `toBlob` would come after the drag has begun. */
+function dragPicture(data, canvas, name) {
+  const link = canvas.toDataURL("image/png");
+  data.setData("text/uri-list", link);
+  data.setData("text/html", `<img src="${link}">`);
+  data.setData("DownloadURL", `image/png:${fileName(`-${name}.png`)}:${link}`);
 }

@@ -65,7 +65,7 @@ function drawDistance() {
 
 /** What a page may still compare. */
 function partedText() {
-  const when = `They have parted for good, at time ${digits(told.parted)}: where a disc is on one stage says nothing of the other. Compare averages only.`;
+  const when = `They have parted for good, at time ${digits(told.parted)}: where a disc is on one stage says nothing about the other. Compare averages only.`;
   return told.lyapunov_time === null ? when
     : `${when} A difference grows e-fold in ${digits(told.lyapunov_time)} (the Lyapunov time); two correct solvers agree until about ${digits(told.agree_until)}.`;
 }

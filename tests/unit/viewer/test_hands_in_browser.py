@@ -189,8 +189,7 @@ def test_a_disc_held_in_a_run_follows_and_is_thrown(table):
     until(lambda: t.holding() is not None)
     frame = t.sim.frame
     mouse.move(*t.pixel(7, 8), steps=10)
-    until(lambda: t.sim.frame > frame + 20)
-    assert np.allclose(t.disc(0), (7, 8), atol=0.05)
+    until(lambda: t.sim.frame > frame + 20 and np.allclose(t.disc(0), (7, 8), atol=0.05))
     mouse.move(*t.pixel(7.4, 8), steps=3)
     mouse.up()
     until(lambda: t.holding() is None and t.disc(0)[0] > 8)

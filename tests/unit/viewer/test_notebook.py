@@ -155,3 +155,17 @@ def test_without_the_package_it_names_the_extra(monkeypatch, missing):
 def test_what_is_wrong_is_named(arguments, text):
     with pytest.raises(mpsim.InputError, match=text):
         mpsim.live(**{"source": SCENE, **arguments})
+
+
+def test_a_second_stage_and_own_colours_are_shown_as_on_a_page_of_its_own():
+    with mpsim.live(SCENE, GRID, colour=np.arange(100.0), beside=mpsim.Settings(method="event"), playing=False) as live:
+        page = seen(FrontEnd(live))
+        page.until(lambda p: "pair" in p.last and "colours" in p.last)
+        assert (page.last["pair"]["second"], page.last["colours"]["by"]) == ("event", "own")
+
+
+def test_what_is_no_second_stage_is_refused_in_a_notebook():
+    with pytest.raises(mpsim.InputError, match=r"beside must be mpsim\.Settings; got str"):
+        mpsim.live(SCENE, beside="event")  # pyright: ignore[reportArgumentType]
+    with mpsim.Simulation(SCENE, GRID) as sim, pytest.raises(mpsim.InputError, match="beside needs a scene"):
+        mpsim.live(sim, beside=GRID)

@@ -258,11 +258,23 @@ def test_nothing_is_fetched_from_elsewhere(shown, opened):
     assert all(name.startswith(page.view.address) for name in asked)
 
 
-DRAG = """(inside) => {
+DRAGGED = """([inside, from]) => {
     const data = new DataTransfer(), place = document.querySelector(inside).parentElement;
-    place.dispatchEvent(new DragEvent("dragstart", { dataTransfer: data, bubbles: true }));
-    return data.getData("text/plain").trim().split("\\n").map((line) => line.split(","));
+    place.scrollIntoView({ block: "center" });
+    const { x, y } = place.querySelector(from).getBoundingClientRect();
+    const where = { clientX: x + 5, clientY: y + 5, dataTransfer: data, bubbles: true };
+    place.dispatchEvent(new DragEvent("dragstart", where));
+    return Object.fromEntries(data.types.map((type) => [type, data.getData(type)]));
 }"""
+
+
+def dragged(page, gauge, begin):
+    """What is dragged out of a gauge, by the element on which the drag begins: text by type."""
+    return page.page.evaluate(DRAGGED, [gauge, begin])
+
+
+def lines_of(found):
+    return [line.split(",") for line in found["text/plain"].strip().split("\n")]
 
 
 def test_gauges_are_saved_as_tables_and_pictures(shown):
@@ -270,7 +282,7 @@ def test_gauges_are_saved_as_tables_and_pictures(shown):
     until(lambda: page.text("temperature") != "–" and page.text("workers-note") not in ("", "nothing runs"))
     page.page.click("#play")
     page.settle()
-    until(lambda: page.page.evaluate(DRAG, "#temperature")[-1][0] == str(page.sim.frame))
+    until(lambda: lines_of(dragged(page, "#temperature", "dt"))[-1][0] == str(page.sim.frame))
     place = page.page.locator("#temperature").locator("xpath=..")
     for kind, begins in (("CSV", b"frame,time,temperature\n"), ("PNG", b"\x89PNG")):
         with page.page.expect_download() as waited:
@@ -281,9 +293,14 @@ def test_gauges_are_saved_as_tables_and_pictures(shown):
             frame, moment, value = map(float, content.decode().splitlines()[-1].split(","))
             assert (frame, moment) == (page.sim.frame, page.sim.time)
             assert value == measure.temperature(page.sim.state, SCENE)
-    lines = page.page.evaluate(DRAG, "#speeds")
+    lines = lines_of(dragged(page, "#speeds", "figcaption"))
     assert lines[0] == ["from", "to", "density", "maxwell"]
     assert float(lines[-1][1]) == pytest.approx(np.hypot(*page.sim.state.velocity.T).max(), rel=1e-6)
+    picture = dragged(page, "#speeds", "canvas")
+    kind, name, link = picture["downloadurl"].split(":", 2)
+    assert (kind, name) == ("image/png", f"view-{page.sim.frame}-speeds.png")
+    assert picture["text/uri-list"] == link
+    assert base64.b64decode(link.removeprefix("data:image/png;base64,")).startswith(b"\x89PNG")
     assert page.complaints == []
 
 

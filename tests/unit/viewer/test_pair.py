@@ -5,6 +5,7 @@ import pytest
 from support.scenes import gas, simulate
 
 import mpsim
+from mpsim.viewer import pair
 from mpsim.viewer.pair import SNAPSHOT, Pair, in_step
 from mpsim.viewer.undo import MOST_POINTS
 
@@ -214,6 +215,20 @@ def test_as_many_moments_are_kept_as_changes_can_be_taken_back_and_the_snapshot(
     for number, frame in ((3, 3), (SNAPSHOT, 0), (SNAPSHOT, 0)):
         t.pair.back(number)
         assert t.second.frame == frame
+
+
+def test_moments_of_many_bytes_are_fewer_and_the_snapshot_stays(two, monkeypatch):
+    t = two()
+    t.pair.mark(SNAPSHOT)
+    t.pair.mark(1)
+    monkeypatch.setattr(pair, "MOST_BYTES", 2.5 * t.pair._marks[1].size)
+    for number in (2, 3):
+        t.run(1)
+        t.pair.mark(number)
+    with pytest.raises(mpsim.InputError, match="remembered moment"):
+        t.pair.back(1)
+    for number in (2, SNAPSHOT):
+        t.pair.back(number)
 
 
 @pytest.mark.parametrize("dt", [0.02, 0.003, 0.0101])

@@ -1,5 +1,6 @@
 """The thread that pages watch: actions in their order, rest while nobody watches, and errors."""
 
+import signal
 import threading
 import time
 
@@ -90,6 +91,30 @@ def test_an_error_of_mpsim_is_noted_and_any_other_ends_it(source):
     assert isinstance(source.error, ZeroDivisionError)
     assert source.ended_by is source.error
     assert source.done == ["open", "release"]
+
+
+def test_a_signal_that_another_thread_received_ends_the_wait_of_the_main_thread(source):
+    """Python only notes such a signal for the main thread, which slept on, for ever."""
+
+    class CameError(Exception):
+        pass
+
+    def come(number, frame):
+        raise CameError
+
+    other = threading.Thread(target=source.wait, args=(5,), daemon=True)
+    other.start()
+    before = signal.signal(signal.SIGUSR1, come)
+    timer = threading.Timer(0.3, signal.pthread_kill, (other.ident, signal.SIGUSR1))
+    try:
+        timer.start()
+        with pytest.raises(CameError):
+            source.wait()
+    finally:
+        timer.join()
+        signal.signal(signal.SIGUSR1, before)
+        source.close()
+        other.join()
 
 
 def test_of_speeds_in_a_row_the_last_counts_and_the_inbox_has_a_bound(source):
