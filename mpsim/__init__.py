@@ -51,7 +51,7 @@ from mpsim.core.version import __version__ as __version__
 from mpsim.engine.collision_observers import Collisions, Sensor
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
-from mpsim.features import Emitter, FixedDisc, Piston, Polyline, Thermostat
+from mpsim.features import Emitter, FixedDisc, Piston, Polyline, ThermalWalls, Thermostat
 from mpsim.measure.time_correlations import Correlations
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -154,6 +154,7 @@ __all__ = [
     "State",
     "Sweep",
     "SweepWarning",
+    "ThermalWalls",
     "Thermostat",
     "TooFastError",
     "Tradeoff",

@@ -10,6 +10,7 @@ from mpsim.features.obstacles import OBSTACLES, FixedDisc, Polyline
 from mpsim.features.piston import PISTON, Piston
 from mpsim.features.radii import Radii
 from mpsim.features.restitution import Restitution
+from mpsim.features.thermal_walls import ThermalWalls, ThermalWallsFeature
 from mpsim.features.thermostat import Thermostat, ThermostatFeature
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "FixedDisc",
     "Piston",
     "Polyline",
+    "ThermalWalls",
     "Thermostat",
 ]
 
@@ -37,6 +39,7 @@ FEATURES: tuple[Feature, ...] = (
     Emitters(),
     Friction(),
     ThermostatFeature(),
+    ThermalWallsFeature(),
 )
 
 NUMBERS: dict[str, tuple[float, str]] = {name: each for feature in FEATURES for name, each in feature.numbers.items()}

@@ -39,6 +39,7 @@ class SceneLike(Protocol):
     spin: Floats | None
     boundary: tuple[str, str]
     thermostat: Any
+    thermal_walls: Any
     emitters: tuple[Any, ...]
     absorbing: tuple[str, ...]
 
@@ -65,6 +66,11 @@ class SceneLike(Protocol):
     @property
     def largest_radius(self) -> float:
         """Of all discs, those of emitters included [length]."""
+        ...
+
+    @property
+    def moving_wall(self) -> MovingWall | None:
+        """The wall that a feature of the scene moves."""
         ...
 
     @property

@@ -48,10 +48,23 @@ class Thermostat:
         temperature = checks.positive("temperature of a Thermostat", self.temperature, unit)
         object.__setattr__(self, "temperature", temperature)
         object.__setattr__(self, "rate", checks.positive("rate of a Thermostat", self.rate, "[1/time]"))
-        given: Any = self.seed  # None in a file without one
-        given = 0 if given is None else given
-        seed = checks.whole("seed of a Thermostat", given, 0, MOST_SEED, "Any whole number will do.")
-        object.__setattr__(self, "seed", seed)
+        object.__setattr__(self, "seed", check_seed("seed of a Thermostat", self.seed))
+
+
+def check_seed(name: str, seed: Any) -> int:
+    """A seed of random numbers; None, as in a file without one, is 0."""
+    return checks.whole(name, 0 if seed is None else seed, 0, MOST_SEED, "Any whole number will do.")
+
+
+def other_seed(seed: int, variation: str) -> int:
+    """Another seed, which follows from a seed and a text."""
+    digest = hashlib.blake2b(f"{seed} {variation}".encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "little") >> 1
+
+
+def mean_mass(scene: SceneLike) -> float:
+    """Of the discs at the start; 1 without any [mass]."""
+    return float(scene.mass.mean()) if scene.mass is not None and scene.count else 1.0
 
 
 def check_thermostat(thermostat: Any) -> dict[str, Any]:
@@ -116,18 +129,12 @@ class ThermostatFeature(Feature):
     def redrawn(self, scene: SceneLike, variation: str) -> Thermostat | None:
         """The same with another seed, which follows from its own."""
         thermostat: Thermostat | None = self.of(scene)
-        if thermostat is None:
-            return None
-        digest = hashlib.blake2b(f"{thermostat.seed} {variation}".encode(), digest_size=8).digest()
-        return replace(thermostat, seed=int.from_bytes(digest, "little") >> 1)
+        return None if thermostat is None else replace(thermostat, seed=other_seed(thermostat.seed, variation))
 
     def thermal_speed(self, scene: SceneLike) -> float:
         """Root mean square of one component for a disc of the mean mass."""
         thermostat: Thermostat | None = self.of(scene)
-        if thermostat is None:
-            return 0.0
-        mass = float(scene.mass.mean()) if scene.mass is not None and scene.count else 1.0
-        return math.sqrt(thermostat.temperature / mass)
+        return 0.0 if thermostat is None else math.sqrt(thermostat.temperature / mean_mass(scene))
 
     def description(self, scene: SceneLike) -> str:
         """Temperature, rate and seed."""

@@ -76,3 +76,39 @@ def normal_pair(seed, disc, frame, draw):
             scale = math.sqrt(-2.0 * logarithm(square) / square)
             return x * scale, y * scale
         draw += 1
+
+
+# --- velocities at thermal walls
+
+MANTISSA = 2.0**53
+APART = 2**20
+"""Draws after which another pair of normal numbers begins: never are so many points outside the circle."""
+
+
+@inlined
+def digits(value):
+    """The digits of a real number, as a whole one."""
+    fraction, _ = math.frexp(abs(value))
+    return np.uint64(np.int64(fraction * MANTISSA))
+
+
+@inlined
+def seed_of(seed, one, other):
+    """Another seed, which follows from a seed and the digits of two real numbers."""
+    a, b = digits(one), digits(other)
+    high, low, _, _ = words(np.uint64(seed), a & WORD, a >> HALF, b & WORD, b >> HALF)
+    return (high << HALF) ^ low
+
+
+@linked
+def wall_velocity(seed, disc, place, came, slid):
+    """How fast a disc leaves a wall at the temperature m, along its normal and across: speed > 0, velocity.
+
+    The first has the density v exp(-v^2 / 2), as has the length of a pair of normal numbers; the second is normal. They
+    follow from the velocity with which it came, along the normal and across, and from its place along the wall: so no
+    count of contacts is needed, which would have to be the same in every division of the work.
+    """
+    own, where = seed_of(seed, came, slid), digits(place)
+    x, y = normal_pair(own, disc, where, 0)
+    across, _ = normal_pair(own, disc, where, APART)
+    return math.sqrt(x * x + y * y), across

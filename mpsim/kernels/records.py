@@ -109,6 +109,14 @@ THERMOSTAT = _record(
 )
 """A thermostat."""
 
+THERMAL_WALLS = _record(
+    [
+        ("temperature", np.float64, (4,)),  # by edge: kT, 0 where it is not thermal [mass length^2/time^2]
+        ("seed", np.int64),
+    ]
+)
+"""Thermal walls."""
+
 
 def message_in(precision: DTypeLike, radii: bool, spins: bool, images: bool) -> np.dtype[Any]:
     """The record of a disc that goes from one rank to another.

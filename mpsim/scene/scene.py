@@ -27,6 +27,7 @@ from mpsim.features.friction import check_friction
 from mpsim.features.obstacles import Obstacle, capsules_of, check_obstacles
 from mpsim.features.piston import Piston, check_piston
 from mpsim.features.radii import check_radius
+from mpsim.features.thermal_walls import ThermalWalls, check_thermal_walls
 from mpsim.features.thermostat import Thermostat, check_thermostat
 from mpsim.scene import placement, starts, walls
 from mpsim.scene.brief import brief
@@ -69,6 +70,7 @@ class Scene(HasDiscs, Recommends, Compresses):
         absorbing: edges, of "left", "right", "bottom", "top", at which discs leave for good.
         piston: one wall that moves.
         thermostat: a Thermostat, which gives discs new velocities at random.
+        thermal_walls: ThermalWalls, which discs leave with new velocities.
         duration: recommended length of a run [time], > 0. This and the following are no part of the digest.
         settings: recommended Settings, used by runs that are given none; None: the defaults.
         picture_interval: recommended time between two pictures of an animation or a trajectory [time], > 0.
@@ -87,6 +89,7 @@ class Scene(HasDiscs, Recommends, Compresses):
     tangential_restitution: float = 0.0
     spin: NDArray[np.float64] | None = None
     thermostat: Thermostat | None = None
+    thermal_walls: ThermalWalls | None = None
     has_gaps: bool = False  # discs have been removed from the simulation whose scene this is
     _redraw: Callable[[int], Scene] | None = None
     _capsules: tuple[tuple[Obstacle, ...], NDArray[np.float64]] | None = None  # with what they were made from
@@ -117,6 +120,7 @@ class Scene(HasDiscs, Recommends, Compresses):
         absorbing: Sequence[str] | str = (),
         piston: Piston | None = None,
         thermostat: Thermostat | None = None,
+        thermal_walls: ThermalWalls | None = None,
         duration: float | None = None,
         settings: Settings | None = None,
         picture_interval: float | None = None,
@@ -138,7 +142,7 @@ class Scene(HasDiscs, Recommends, Compresses):
         self.emitters: tuple[Emitter, ...] = check_emitters(emitters)
         self.absorbing: tuple[str, ...] = check_edges(absorbing, self.boundary)
         self.piston: Piston | None = check_piston(piston, self.boundary, self.width, self.height, self.absorbing)
-        vars(self).update(check_thermostat(thermostat))
+        vars(self).update(check_thermostat(thermostat) | check_thermal_walls(thermal_walls))
         vars(self).update(check_recommended(duration, settings, picture_interval, observables))
         starts.demand_room(self.largest_radius, self.width, self.height, self.boundary)
         if self.on_lattice is None:  # whose discs are inside by construction

@@ -25,6 +25,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.features.emitters import Emitter
 from mpsim.features.obstacles import FixedDisc, Polyline
 from mpsim.features.piston import PISTON, Piston
+from mpsim.features.thermal_walls import ThermalWalls
 from mpsim.features.thermostat import Thermostat
 from mpsim.scene import recommended, scenefile
 from mpsim.scene.scene import Scene
@@ -36,7 +37,7 @@ MOST_WRITTEN_OUT = 2000
 WITHOUT_OPTION = ("start_method", "unguarded")
 """Settings that `mpsim view` has no option for."""
 
-_PARTS = (FixedDisc, Polyline, Emitter, Piston, Thermostat)
+_PARTS = (FixedDisc, Polyline, Emitter, Piston, Thermostat, ThermalWalls)
 """Parts of a scene that are written as calls."""
 
 

@@ -163,7 +163,7 @@ def test_every_feature_of_a_scene_and_every_setting_is_pinned():
     names = {field.name for field in dataclasses.fields(mpsim.Settings)}
     assert names - settings == {"workers", "start_method", "on_worker_death"}, "which change no bit"
     everything = SCENES["everything rough"].features
-    assert features - everything.keys() == {"width", "thermostat"}
+    assert features - everything.keys() == {"width", "thermostat", "thermal_walls"}
 
 
 def test_no_pin_is_left_over_and_none_is_missing(pinned):

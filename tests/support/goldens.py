@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import mpsim
-from mpsim import Emitter, FixedDisc, Piston, Polyline, Thermostat
+from mpsim import Emitter, FixedDisc, Piston, Polyline, ThermalWalls, Thermostat
 from support.scenes import lattice
 
 FRAMES, DT = 24, 1 / 16
@@ -258,6 +258,10 @@ SCENES: dict[str, Pinned] = {
         {"thermostat": Thermostat(16.0, 0.5, seed=2**60 + 3), "mass": EVERYTHING["mass"]},
         {"substeps": 2},
         acts=lambda state: np.abs(state.velocity).max() > 6,
+    ),
+    "thermal walls": Pinned(
+        {"thermal_walls": ThermalWalls(left=25.0, right=16.0, top=36.0, seed=5)},
+        acts=lambda state: np.abs(state.velocity).max() > 4,
     ),
 }
 """By name. A periodic axis, a piston and so on are arrays of their own to the kernels."""

@@ -156,6 +156,9 @@ CASES = {
         {"dt": 0.05, "substeps": 2},
         60,
     ),
+    "thermal walls": lambda: Case(
+        gas(700, 0.4, seed=3, thermal_walls=mpsim.ThermalWalls(4.0, 4.0, 9.0, 9.0)), {"dt": 0.05}, 60, ("pressure",)
+    ),
     "push": lambda: Case(gas(700, 0.6, seed=3), {"dt": 0.05, "contact": "push"}, 60),
     "corner": lambda: Case(corner(), {"dt": 0.05, "precision": "float32"}, 400, ("pressure", "contact_rate")),
     "wandering": lambda: Case(wandering(), {"dt": 0.05, "precision": "float32"}, 600),

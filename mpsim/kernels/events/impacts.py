@@ -18,6 +18,7 @@ from mpsim.kernels.events.features.hooks import (
     speed_off_surface,
     speed_off_wall,
     surface,
+    thermal_speed_off_wall,
 )
 from mpsim.kernels.events.flight import advance_to
 from mpsim.kernels.events.records import VIRIAL, VIRIAL_XX, VIRIAL_XY
@@ -104,6 +105,7 @@ def hit_wall(i, now, side, store, box, features):
         return
     speed = -inward * disc.velocity[axis]
     leaving = speed_off_wall(i, speed, axis, inward, disc.last_contact, now, store, box, features)
+    leaving = thermal_speed_off_wall(i, side, leaving, store, features)
     disc.position[axis] = length - radius if high else radius
     disc.velocity[axis] = inward * leaving
     on_wall(i, axis, inward, speed + leaving, store, box, features)

@@ -4,7 +4,7 @@ Apart from `hooks.py`, which imports the capsules: their contacts are such point
 """
 
 from mpsim.kernels.compiling import inlined
-from mpsim.kernels.features import collisions, friction
+from mpsim.kernels.features import collisions, friction, thermal_walls
 
 
 @inlined
@@ -14,6 +14,15 @@ def between_discs(discs, i, j, nx, ny, normal_change, features, parameters):
     normal_change: of the velocities along n, to be multiplied by each disc's `mass_fraction`; < 0 if they approach.
     """
     friction.between_discs(features.friction, discs, i, j, nx, ny, normal_change, features, parameters)
+
+
+@inlined
+def leave_walls(discs, i, x, y, in_flight, features, parameters, control):
+    """What gives a disc that has met walls of the box another velocity; returns its contacts along x and y then.
+
+    Arguments as of `on_walls`. The disc is already where they say.
+    """
+    return thermal_walls.on_walls(features.thermal_walls, discs, i, x, y, in_flight, features, parameters, control)
 
 
 @inlined

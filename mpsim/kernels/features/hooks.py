@@ -22,11 +22,24 @@ from mpsim.kernels.features import (
     masses,
     piston,
     radii,
+    thermal_walls,
     thermostat,
 )
 from mpsim.kernels.optional import any_present
 
-FEATURES = (acceleration, masses, boundary, absorption, piston, radii, capsules, friction, thermostat, collisions)
+FEATURES = (
+    acceleration,
+    masses,
+    boundary,
+    absorption,
+    piston,
+    radii,
+    capsules,
+    friction,
+    thermostat,
+    thermal_walls,
+    collisions,
+)
 """Their FIELDS are those of `Features`: of each the name of its array, or the class of a record of several,
 or None: of the log of collisions, each worker has its own."""
 
@@ -81,8 +94,8 @@ def lets_out(edge, features, control):
 
 @inlined
 def special_borders(features):
-    """None where all four borders are smooth walls at rest, which the vector code of motion is made for."""
-    walls = any_present(features.moving_wall, features.wall_friction)
+    """None where all four borders are smooth walls at rest, elastic or not, which the vector code is made for."""
+    walls = any_present(any_present(features.moving_wall, features.wall_friction), features.thermal_walls)
     return any_present(any_present(features.wrap_x, features.wrap_y), walls)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.features.acceleration import accelerations_of
 from mpsim.kernels.features.boundary import Walls, is_between, no_contact, reach_boundary
-from mpsim.kernels.features.contact_hooks import on_walls
+from mpsim.kernels.features.contact_hooks import leave_walls, on_walls
 from mpsim.kernels.features.hooks import is_absent, lets_out, wall_place, wall_speed
 from mpsim.kernels.layout import ALONG_X, ALONG_Y, BOTTOM, LEFT, RIGHT, TOP
 from mpsim.kernels.optional import any_present, value_or
@@ -45,6 +45,7 @@ def commit_wall_contact(discs, i, x, y, in_flight, features, parameters, control
     x, y: of `WallContact`. in_flight: None while contacts are resolved.
     """
     discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x.position, y.position, x.velocity, y.velocity
+    x, y = leave_walls(discs, i, x, y, in_flight, features, parameters, control)
     count_impulses(x, y, discs.id[i], features, parameters, tally, frame)
     on_walls(discs, i, x, y, in_flight, features, parameters, control)
 

@@ -27,7 +27,7 @@ from mpsim.scene.settings import Settings
 logger: logging.Logger = logging.getLogger("mpsim")
 
 _WHAT = "|".join([kind.__name__ for each in FEATURES for kind in each.kinds] + [each.argument for each in FEATURES])
-_OF_WHAT = re.compile(rf"(?<=\w) of (a|an|the) ({_WHAT})(?= must)")
+_OF_WHAT = re.compile(rf"(?<=\w) of ((a|an|the) )?({_WHAT})(?= must)")
 _KINDS = {kind for part in PARTS for kind, _, _ in part.tables} - {""}
 _FIRST_WORD = re.compile(r"(?:\w+|'')(?=[ \[])")
 

@@ -61,3 +61,22 @@ def test_normal_pairs_are_normal_and_independent():
     assert abs(np.corrcoef(pairs.T)[0, 1]) < 4 / math.sqrt(4000)
     assert distance((pairs**2).sum(axis=1), lambda value: 1 - math.exp(-value / 2)) < 1.95
     assert distance(math.sqrt(1.25) * pairs.ravel(), normal) > 1.95
+
+
+def test_discs_leave_a_wall_as_they_would_cross_a_line():
+    """The control: the speed along the normal of a gas, which is not weighted with the flux."""
+    came = np.random.default_rng(1).normal(size=(4000, 2))
+    found = np.array([random_numbers.wall_velocity(3, 7, 2.5, *each) for each in came])
+    rayleigh = lambda speed: 1 - math.exp(-speed * speed / 2)  # noqa: E731
+    assert distance(found[:, 0], rayleigh) < 1.95
+    assert distance(found[:, 1], lambda value: 0.5 * (1 + math.erf(value / math.sqrt(2)))) < 1.95
+    assert distance(np.abs(came[:, 0]), rayleigh) > 1.95
+
+
+def test_each_number_of_a_contact_makes_another_velocity():
+    base = (3, 7, 2.5, -1.25, 0.5)
+    others = [(4, 7, 2.5, -1.25, 0.5), (3, 8, 2.5, -1.25, 0.5), (3, 7, 2.75, -1.25, 0.5),
+              (3, 7, 2.5, np.nextafter(-1.25, 0), 0.5), (3, 7, 2.5, -1.25, 0.75)]  # fmt: skip
+    assert len({random_numbers.wall_velocity(*each) for each in (base, *others)}) == 6
+    assert random_numbers.wall_velocity(*base) == random_numbers.wall_velocity(*base)
+    random_numbers.wall_velocity(3, 7, 0.0, 0.0, 0.0)

@@ -24,6 +24,7 @@ from mpsim.kernels.events.features import (
     piston,
     properties,
     restitution,
+    thermal_walls,
     thermostat,
 )
 from mpsim.kernels.events.records import MOVING_WALL
@@ -39,6 +40,7 @@ FEATURES = (
     piston,
     capsules,
     thermostat,
+    thermal_walls,
     collisions,
     expansion,
 )
@@ -101,6 +103,12 @@ def approach(i, j, b, rx, ry, box, features):
     """r.u of discs i and j, which touch, as it is seen from their surfaces."""
     contact = radius_of(i, box, features) + radius_of(j, box, features)
     return expansion.approach(features.expansion, b, rx, ry, contact)
+
+
+@inlined
+def thermal_speed_off_wall(i, side, leaving, store, features):
+    """Speed inward of disc i that `side` has sent back with the speed `leaving`, if it is no thermal wall."""
+    return thermal_walls.speed_off_wall(features.thermal_walls, i, side, leaving, store, features)
 
 
 @inlined

@@ -1,0 +1,150 @@
+"""Thermal walls: edges of the box at a temperature, which discs leave with new velocities. Checked when made."""
+
+# pyright: reportUnnecessaryIsInstance=false
+# The argument is checked when the program runs as well, for callers without a type checker.
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+from mpsim.features.edges import EDGES, demand_wall
+from mpsim.features.feature import Feature, Invalidation, SceneLike, Shapes
+from mpsim.features.thermostat import check_seed, mean_mass, other_seed
+from mpsim.kernels.records import THERMAL_WALLS
+
+
+@dataclass(frozen=True)
+class ThermalWalls:
+    """Walls of the box that are heat baths: whatever the velocity of a disc that comes, it leaves with a new one.
+
+    At the temperature T of a wall, the speed v along its normal has the density (m v / T) exp(-m v^2 / 2T), that of
+    discs that cross a line in equilibrium; the velocity along the wall is normal, of variance T / m (Lebowitz and
+    Spohn, J. Stat. Phys. 19, 633, 1978). So a gas between walls at one temperature comes to it, and heat flows between
+    walls at two. Restitution and friction do not act at such walls.
+
+    Args:
+        left, right, bottom, top: kT of this wall [mass length^2/time^2], > 0; None: it is not thermal.
+        seed: of the random numbers, >= 0. They follow from the seed, the disc, its place and velocity at the contact.
+
+    Raises:
+        InputError: naming the argument, its rule and the value received; without any temperature.
+
+    >>> ThermalWalls(left=1, right=4)
+    ThermalWalls(left=1.0, right=4.0, bottom=None, top=None, seed=0)
+    """
+
+    left: float | None = None
+    right: float | None = None
+    bottom: float | None = None
+    top: float | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for edge in EDGES:
+            value = getattr(self, edge)
+            if value is not None:
+                checked = checks.positive(f"{edge} of ThermalWalls", value, "[mass length^2/time^2]")
+                object.__setattr__(self, edge, checked)
+        object.__setattr__(self, "seed", check_seed("seed of ThermalWalls", self.seed))
+        if not self.temperatures:
+            raise InputError(
+                "ThermalWalls must have a temperature for left, right, bottom or top; got none. Give at least one, or "
+                "leave them out."
+            )
+
+    @property
+    def temperatures(self) -> dict[str, float]:
+        """Of each thermal wall, by its edge [mass length^2/time^2]."""
+        return {edge: value for edge in EDGES if (value := getattr(self, edge)) is not None}
+
+
+def check_thermal_walls(thermal_walls: Any) -> dict[str, Any]:
+    """What a scene keeps of the argument, by name: nothing without any, so that its digest stays what it was."""
+    if thermal_walls is None:
+        return {}
+    if not isinstance(thermal_walls, ThermalWalls):
+        raise InputError(f"thermal_walls must be mpsim.ThermalWalls; got {checks.brief(thermal_walls)}.")
+    return {"thermal_walls": thermal_walls}
+
+
+class ThermalWallsFeature(Feature):
+    """The argument `thermal_walls`."""
+
+    argument = "thermal_walls"
+    kinds: ClassVar[tuple[type[Any], ...]] = (ThermalWalls,)
+    several = False
+    meaning = "walls at a temperature"
+    keys: ClassVar[dict[str, str]] = {
+        **{edge: f"kT of the {edge} wall, > 0; default: not thermal" for edge in EDGES},
+        "seed": "of the random numbers; default: 0",
+    }
+    examples: ClassVar[tuple[dict[str, Any], ...]] = ({}, {"left": 1.0})
+    draws = True
+    heats = True
+    invalidates: ClassVar[tuple[Invalidation, ...]] = (
+        Invalidation(
+            ("energy_drift", "momentum_drift"),
+            "thermal walls, which change energy and momentum",
+            "Measure 'temperature' or 'kinetic_energy', which should be constant on average.",
+        ),
+        Invalidation(
+            ("pressure_virial",),
+            "thermal walls, as the virial takes the kinetic energy for constant",
+            "Use 'pressure', the impulses on the walls.",
+        ),
+    )
+
+    def check(self, scene: SceneLike) -> None:
+        """Refuse them along a periodic axis, at absorbing edges, for a wall that moves, and with friction of walls."""
+        walls: ThermalWalls | None = self.of(scene)
+        if walls is None:
+            return
+        moving = scene.moving_wall
+        for edge in walls.temperatures:
+            demand_wall("thermal_walls", edge, scene.boundary)
+            if edge in scene.absorbing:
+                raise InputError(f"thermal_walls must not be absorbing edges; got {edge!r} for both. Choose one.")
+            if moving is not None and EDGES[moving.edge] == edge:
+                raise InputError(
+                    f"thermal_walls must be at rest; got {edge!r}, which the {moving.name} moves. Choose another wall."
+                )
+        if scene.wall_friction > 0:
+            raise InputError(
+                "wall_friction must be 0 in a scene with thermal_walls, which give discs new tangential velocities; "
+                f"got {scene.wall_friction:g}. Leave one of them out."
+            )
+
+    def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
+        """What their kernel needs to know."""
+        return {} if self.of(scene) is None else {"thermal_walls": (THERMAL_WALLS, ())}
+
+    def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
+        """Write it."""
+        walls: ThermalWalls | None = self.of(scene)
+        if walls is not None:
+            record = arrays["thermal_walls"]
+            record.temperature[:] = [walls.temperatures.get(edge, 0.0) for edge in EDGES]
+            record.seed = walls.seed
+
+    def redrawn(self, scene: SceneLike, variation: str) -> ThermalWalls | None:
+        """The same with another seed, which follows from its own."""
+        walls: ThermalWalls | None = self.of(scene)
+        return None if walls is None else replace(walls, seed=other_seed(walls.seed, variation))
+
+    def thermal_speed(self, scene: SceneLike) -> float:
+        """Root mean square of a velocity along the hottest wall, for a disc of the mean mass."""
+        walls: ThermalWalls | None = self.of(scene)
+        return 0.0 if walls is None else math.sqrt(max(walls.temperatures.values()) / mean_mass(scene))
+
+    def description(self, scene: SceneLike) -> str:
+        """Temperatures and seed."""
+        walls: ThermalWalls = self.of(scene)
+        return ", ".join([*(f"{edge} {value:g}" for edge, value in walls.temperatures.items()), f"seed {walls.seed}"])
+
+    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
+        """One, on the axis that is not periodic where all features are timed together."""
+        return {"thermal walls": ThermalWalls(top=1.0)}

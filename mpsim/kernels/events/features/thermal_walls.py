@@ -1,0 +1,43 @@
+"""Thermal walls: a disc leaves one with a velocity drawn from those that cross it in equilibrium.
+
+As `kernels/features/thermal_walls.py`, with the numbers of discs in the store, which those of tiles have, too.
+"""
+
+import math
+from typing import Any
+
+from mpsim.kernels.compiling import inlined, linked
+from mpsim.kernels.events.features.properties import mass_of
+from mpsim.kernels.random_numbers import wall_velocity
+
+EDGES = ("left", "right", "bottom", "top")
+
+
+def thermal_walls_of(scene: Any) -> tuple[tuple[float, ...], int] | None:
+    """Temperature of each edge (LEFT, ...), 0 where it is not thermal [mass length^2/time^2], and the seed; or None."""
+    walls = scene.thermal_walls
+    return None if walls is None else (tuple(getattr(walls, edge) or 0.0 for edge in EDGES), walls.seed)
+
+
+FIELDS = {"thermal_walls": thermal_walls_of}
+
+
+@linked
+def redraw(thermal_walls, i, side, leaving, store, features):
+    """Draw the velocity of disc i, which `side` has sent back. Returns its speed inward."""
+    temperatures, seed = thermal_walls
+    velocity, position, axis = store.disc[i].velocity, store.disc[i].position, side >> 1
+    if temperatures[side] <= 0.0:
+        return leaving
+    speed = math.sqrt(temperatures[side] / mass_of(i, features))
+    normal, across = wall_velocity(seed, store.event[i].number, position[1 - axis], velocity[axis], velocity[1 - axis])
+    velocity[1 - axis] = speed * across
+    return speed * normal
+
+
+@inlined
+def speed_off_wall(thermal_walls, i, side, leaving, store, features):
+    """`redraw`, where there are such walls."""
+    if thermal_walls is None:
+        return leaving
+    return redraw(thermal_walls, i, side, leaving, store, features)
