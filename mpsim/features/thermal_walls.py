@@ -144,7 +144,3 @@ class ThermalWallsFeature(Feature):
         """Temperatures and seed."""
         walls: ThermalWalls = self.of(scene)
         return ", ".join([*(f"{edge} {value:g}" for edge, value in walls.temperatures.items()), f"seed {walls.seed}"])
-
-    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
-        """One, on the axis that is not periodic where all features are timed together."""
-        return {"thermal walls": ThermalWalls(top=1.0)}

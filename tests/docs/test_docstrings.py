@@ -163,4 +163,4 @@ def test_a_bad_docstring_is_noticed():
 
 def test_the_public_face_is_small():
     """A new name is a promise: raise this number on purpose."""
-    assert len(mpsim.__all__) <= 57
+    assert len(mpsim.__all__) <= 58

@@ -19,7 +19,7 @@ def test_the_scenes_follow_from_the_list_of_features(script, monkeypatch):
     monkeypatch.setattr(script, "SPREADS", ())
     scenes = script.scenes()
     timed = [each for each in FEATURES if each.cost_examples(10.0, 1.4)]
-    assert {each.argument for each in FEATURES} - {each.argument for each in timed} == {"emitters"}
+    assert {each.argument for each in FEATURES} - {each.argument for each in timed} == {"emitters", "thermal_walls"}
     for feature in timed:
         assert feature.is_in(scenes["all together"]), feature.argument
         for name in feature.cost_examples(10.0, 1.4):
