@@ -1,14 +1,14 @@
 """What the gallery draws over the discs of a scene: trails, counts and curves."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 
 import mpsim
-from mpsim.studies.promises import Cooling, Galton, Hopper, Promise
+from mpsim.studies.promises import Compression, Cooling, Galton, Hopper, Promise
 
 INK, LAW = "#D55E00", "#000000"
 PLAIN = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5}
@@ -57,13 +57,23 @@ def collisions(axes: Axes, sim: mpsim.Simulation, promise: Promise) -> Sequence[
     return []
 
 
-def _curve(axes: Axes, times: Any, found: Any, law: tuple[Any, Any], label: str, end: float) -> Sequence[Artist]:
-    inset = axes.inset_axes((0.58, 0.68, 0.4, 0.3), zorder=9)
-    inset.plot(*law, color=LAW, linewidth=1, linestyle="--")
-    inset.plot(times, found, color=INK, linewidth=1.5)
-    inset.set(xlim=(0, end), xticks=[], yscale="log")
+def _curve(
+    axes: Axes,
+    found: tuple[Any, Any],
+    law: tuple[Any, Any],
+    name: str,
+    place: tuple[float, float, float, float],
+    scale: str,
+    corner: Literal["upper left", "upper right"],
+) -> Sequence[Artist]:
+    """An inset with what was found, and the law, dashed, over the whole duration; name: of the law."""
+    inset = axes.inset_axes(place, zorder=9)
+    inset.plot(*law, color=LAW, linewidth=1, linestyle="--", label=name)
+    inset.plot(*found, color=INK, linewidth=1.5, label="temperature")
+    inset.set(xlim=(0, law[0][-1]), xticks=[], yscale=scale)
     inset.tick_params(left=False, labelleft=False, which="both")
-    inset.set_title(label, fontsize=7, y=0.68, pad=0)
+    # In the corner that the curves do not come to.
+    inset.legend(loc=corner, fontsize=6, handlelength=1.2, borderaxespad=0.2, labelspacing=0.2, handletextpad=0.4)
     inset.grid(False)
     inset.set_facecolor("#FFFFFFFF")
     return [inset]
@@ -72,16 +82,19 @@ def _curve(axes: Axes, times: Any, found: Any, law: tuple[Any, Any], label: str,
 def haff(axes: Axes, sim: mpsim.Simulation, promise: Promise) -> Sequence[Artist]:
     """The temperature, and Haff's law."""
     times, found = promise.series
-    end = promise.scene.duration or 1.0
-    law = np.linspace(0, end, 200)
-    return _curve(
-        axes,
-        times,
-        found,
-        (law, found[0] / (1 + law / cast(Cooling, promise).haff_time) ** 2),
-        "log T; dashed: Haff",
-        end,
-    )
+    moments = np.linspace(0, promise.scene.duration or 1.0, 200)
+    law = found[0] / (1 + moments / cast(Cooling, promise).haff_time) ** 2
+    return _curve(axes, (times, found), (moments, law), "Haff's law", (0.55, 0.68, 0.44, 0.31), "log", "upper right")
+
+
+def adiabat(axes: Axes, sim: mpsim.Simulation, promise: Promise) -> Sequence[Artist]:
+    """The temperature, and that of a slow compression, on the region behind the piston."""
+    times, found = promise.series
+    moments = np.linspace(0, promise.scene.duration or 1.0, 100)
+    law = [cast(Compression, promise).adiabat(each) for each in moments.tolist()]
+    if sim.state.box is None or promise.scene.width - sim.state.box[1] < 0.36 * promise.scene.width:
+        return []  # there is no room behind it yet
+    return _curve(axes, (times, found), (moments, law), "adiabat", (0.68, 0.15, 0.29, 0.7), "linear", "upper left")
 
 
 MARKS: dict[str, Mark] = {
@@ -90,6 +103,7 @@ MARKS: dict[str, Mark] = {
     "galton": heap,
     "hopper": passed,
     "pi": collisions,
+    "piston": adiabat,
     "rough-hopper": passed,
 }
 """By the name of the scene."""

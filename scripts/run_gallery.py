@@ -32,6 +32,9 @@ from mpsim.studies.promises import Promise
 WHOLE = ("brownian", "cooling", "cradle", "galton", "growth", "pi", "piston", "rough-sediment")
 """Scenes that are shown to the end of their duration; of the others as many pictures, at their own interval."""
 
+LOGARITHMIC = {"cooling"}
+"""Scenes whose speeds span decades."""
+
 STILLS = {"sediment": 0.4}
 """Where in the animation a still is taken, if not at two thirds: grains that still move."""
 
@@ -64,7 +67,7 @@ def show(found: SceneFile, folder: Path) -> None:
         number = min(number, pictures_until(scene.duration, every, settings))
     still = number - 1 if found.name in WHOLE else round(STILLS.get(found.name, 0.67) * number)
     promise, mark = promise_of(found.name, scene, settings), MARKS.get(found.name)
-    scale = scale_of_run(scene, settings, number, every)
+    scale = scale_of_run(scene, settings, number, every, "log" if found.name in LOGARITHMIC else "linear")
     images: list[Image.Image] = []
     with mpsim.Simulation(scene, settings) as sim, matplotlib.rc_context(fname=STYLE):
         film, large = (Picture(sim, pixels, scale=scale) for pixels in (PIXELS, STILL_PIXELS))
@@ -104,10 +107,10 @@ def palette(colours: int) -> Image.Image:
 
 def save(images: list[Image.Image], path: Path) -> None:
     """Write a GIF whose pictures share one palette; if it is too large, with fewer colours or pictures."""
-    for step, colours in ((1, 128), (1, 64), (2, 96), (3, 64)):
+    for step, colours in ((1, 128), (1, 64), (1, 32), (2, 64), (3, 64)):
         shown, few = images[::step], palette(colours)
         small = [image.quantize(palette=few, dither=Image.Dither.NONE) for image in shown]
-        durations = [1000 // RATE] * (len(small) - 1) + [2000]
+        durations = [1000 // RATE * step] * (len(small) - 1) + [2000]
         small[0].save(path, save_all=True, append_images=small[1:], duration=durations, loop=0)
         if path.stat().st_size < SIZE:
             return
@@ -120,8 +123,8 @@ def page(scenes: list[SceneFile], folder: str) -> str:
         "",
         "These scenes come with mpsim. `mpsim show NAME` describes one, and `mpsim.Scene.load(NAME)` loads it. Each is "
         "a small file in `mpsim/scene/named/`, which you can copy and change. Colours show speeds: the scale spans the "
-        "2nd to the 98th percentile of the whole animation, and arrows show that speeds lie outside. The pictures were "
-        "made by `scripts/run_gallery.py`.",
+        "2nd to the 98th percentile of the whole animation, in `cooling` on a logarithmic scale, and arrows show that "
+        "speeds lie outside. The pictures were made by `scripts/run_gallery.py`.",
         "",
     ]
     for found in scenes:

@@ -264,18 +264,25 @@ class Cooling(Promise):
 class Compression(Promise):
     """The temperature of the scene `piston`."""
 
-    def findings(self, sim: Simulation) -> list[Finding]:
-        """The temperature at the end, beside that of a slow compression: d ln T = -Z d ln A."""
+    def value(self, sim: Simulation) -> float:
+        """The temperature."""
+        return float((sim.state.velocity**2).mean())
+
+    def adiabat(self, time: float) -> float:
+        """Temperature of a slow compression up to a time, d ln T = -Z d ln A [mass length^2/time^2]."""
         radius, count = self.scene.largest_radius, self.scene.count
-        areas = []
-        for time in (0.0, sim.time):
-            low, high = self.scene.walls_at(time)
+        areas: list[float] = []
+        for each in (0.0, time):
+            low, high = self.scene.walls_at(each)
             areas.append(float(np.prod(high - low - 2 * radius)))
         area = np.geomspace(areas[1], areas[0], 101)
         factors = [compressibility(count * math.pi * radius**2 / each) for each in area]
         heated = math.exp(float(np.mean(factors)) * math.log(areas[0] / areas[1]))
-        expected = heated * float((self.scene.velocity**2).mean())
-        found = float((sim.state.velocity**2).mean())
+        return heated * float((self.scene.velocity**2).mean())
+
+    def findings(self, sim: Simulation) -> list[Finding]:
+        """The temperature at the end, beside that of a slow compression."""
+        expected, found = self.adiabat(sim.time), self.value(sim)
         return [Finding("temperature [mass length^2/time^2]", expected, found, 0.06 * expected, "the adiabat")]
 
 

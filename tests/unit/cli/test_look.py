@@ -82,7 +82,7 @@ def test_an_animation_has_a_length_and_a_theme(tmp_path):
         assert refused.exit_code == 2
         assert f"Invalid value for '{option[0]}'" in refused.stderr
     refused = mpsim_command("animate", "gas", tmp_path / "b.gif", "--seconds", 2, "--frames", 5)
-    assert (refused.exit_code, "frames must not come with until or seconds" in refused.stderr) == (2, True)
+    assert (refused.exit_code, "--frames must not come with --until or --seconds" in refused.stderr) == (2, True)
 
 
 def test_what_cannot_be_animated_is_told_before_any_picture(tmp_path, monkeypatch, ctrl_c):
