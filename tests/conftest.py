@@ -15,6 +15,7 @@ from hypothesis.configuration import set_hypothesis_home_dir
 
 sys.path.insert(0, str(Path(__file__).parent))  # for `support`, from every folder of tests
 
+from support.browser import DRIVERS
 from support.figures import Figures
 from support.processes import blocks_of, descendants_of, is_gone, wait_until
 from support.script_server import Server
@@ -125,6 +126,7 @@ def nothing_left_behind():
 
 
 def _children() -> set[int]:
-    """Living children and theirs but for the fork server, the resource tracker and the server of scripts."""
+    """Living children and theirs but for the fork server, the resource tracker, the server of scripts and browsers."""
     helpers = {forkserver._forkserver._forkserver_pid, resource_tracker._resource_tracker._pid, *Server.pids()}
+    helpers |= DRIVERS.union(*(descendants_of(driver) for driver in DRIVERS))
     return {pid for pid in descendants_of(os.getpid()) if pid not in helpers and not is_gone(pid)}

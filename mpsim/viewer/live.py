@@ -1,5 +1,7 @@
 """`mpsim.view`: a page in the browser that shows a simulation as it runs, or one that was recorded."""
 
+from __future__ import annotations
+
 import os
 import sys
 import webbrowser
@@ -31,7 +33,7 @@ def view(
     colour: ArrayLike | None = None,
     beside: Settings | None = None,
     wait: bool = True,
-) -> "View":
+) -> View:
     """Show a simulation as it runs, on a page in the browser.
 
     It runs while a page shows it, and rests while none does. The page never slows it down by more than a few per cent,
@@ -163,7 +165,7 @@ class View:
         self._session.close()
         self._server.close()
 
-    def __enter__(self) -> "View":
+    def __enter__(self) -> View:
         return self
 
     def __exit__(self, *exception: Any) -> None:

@@ -1,5 +1,7 @@
 """`mpsim.live`: the page of a live view in the output of a notebook's cell."""
 
+from __future__ import annotations
+
 import asyncio
 from functools import cache
 from typing import Any
@@ -36,7 +38,7 @@ def live(
     name: str = "",
     colour: ArrayLike | None = None,
     beside: Settings | None = None,
-) -> "Live":
+) -> Live:
     """Show a simulation as it runs, in a notebook: the page of `mpsim.view` as the output of a cell.
 
     For JupyterLab, where it is tested; other notebooks that show widgets of anywidget have not been tried. It runs
@@ -119,7 +121,7 @@ class Live:
         self._pages.close()
         self.widget.close()
 
-    def __enter__(self) -> "Live":
+    def __enter__(self) -> Live:
         return self
 
     def __exit__(self, *exception: Any) -> None:

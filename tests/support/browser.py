@@ -1,5 +1,6 @@
 """A real browser for the tests of the live view's page: Debian's Chromium, driven by Playwright."""
 
+import os
 import shutil
 import time
 from collections.abc import Callable, Iterator
@@ -7,6 +8,11 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
+
+from support.processes import descendants_of
+
+DRIVERS: set[int] = set()
+"""Processes that drive an open browser. It starts and ends others as it likes, which no test leaves behind."""
 
 HOW = (
     "the page in a real browser is left out: {}. Have it by `pip install playwright` and a Chromium on the PATH "
@@ -29,7 +35,10 @@ def browser() -> Iterator[Any]:
     executable = chromium()
     from playwright.sync_api import sync_playwright  # noqa: PLC0415 - which may be missing
 
+    before = descendants_of(os.getpid())
     with sync_playwright() as playwright:
+        drivers = set(descendants_of(os.getpid())) - set(before)
+        DRIVERS.update(drivers)
         opened = playwright.chromium.launch(
             executable_path=executable, args=["--no-sandbox", "--enable-unsafe-swiftshader"]
         )
@@ -37,6 +46,7 @@ def browser() -> Iterator[Any]:
             yield opened
         finally:
             opened.close()
+            DRIVERS.difference_update(drivers)
 
 
 def until(holds: Callable[[], Any], within: float = 60.0) -> Any:

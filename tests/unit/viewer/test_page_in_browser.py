@@ -298,7 +298,7 @@ def test_gauges_are_saved_as_tables_and_pictures(shown):
     assert float(lines[-1][1]) == pytest.approx(np.hypot(*page.sim.state.velocity.T).max(), rel=1e-6)
     picture = dragged(page, "#speeds", "canvas")
     kind, name, link = picture["downloadurl"].split(":", 2)
-    assert (kind, name) == ("image/png", f"view-{page.sim.frame}-speeds.png")
+    assert (kind, name) == ("image/png", f"mpsim-{page.sim.frame}-speeds.png")
     assert picture["text/uri-list"] == link
     assert base64.b64decode(link.removeprefix("data:image/png;base64,")).startswith(b"\x89PNG")
     assert page.complaints == []
