@@ -144,7 +144,7 @@ class Discs(_Own):
             raise InputError("discs must have velocity or temperature, not both; got both.")
         needless = [name for name in ("count", "spacing", "region") if getattr(self, name) is not None]
         if self.position is not None and needless:
-            raise InputError(f"{needless[0]} belongs to places, and these discs have a position. Leave it out.")
+            raise InputError(f"{needless[0]} goes with places, but these discs have positions. Leave it out.")
         if self.places == "random":
             if self.count is None:
                 raise InputError("count must be given for places = 'random'; got none.")

@@ -154,7 +154,7 @@ WRONG = {
     HEAD
     + ONE
     + "temperature = -1.0": "discs[0].temperature must be a finite number >= 0 [mass length^2/time^2]; got -1.0.",
-    HEAD + ONE + "count = 3": "discs[0].count belongs to places, and these discs have a position. Leave it out.",
+    HEAD + ONE + "count = 3": "discs[0].count goes with places, but these discs have positions. Leave it out.",
     HEAD + ONE + "places = 'square'": "discs[0] must have either position or places; got both.",
     HEAD
     + ONE.replace("2.0, 3.0", "2.0, 9.0"): "discs[0].position[0] must lie in [0.5, 9.5] x [0.5, 7.5] (one radius from "
