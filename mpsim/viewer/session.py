@@ -33,7 +33,7 @@ GAUGE_SECONDS = 0.4
 PAIR_SECONDS = 0.1
 """Shortest time between two comparisons of two stages."""
 
-FULL_SPEED, WAITING = (1 / 80, 0.5), (1 / 60, 0.1)
+FULL_SPEED, WAITING = (1 / 100, 0.5), (1 / 80, 0.1)
 """Part of a core that pictures take at most, sending included, and the longest time between two, which counts more [s].
 As fast as it goes, where each also costs a slice of the run; at other speeds, where the run waits for its frames."""
 

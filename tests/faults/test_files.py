@@ -16,11 +16,10 @@ from support.scenes import gas, lattice, simulate
 
 import mpsim
 from mpsim.cli.runfolder import RunFolder
-from mpsim.core import atomic
+from mpsim.core import atomic, table_files
 from mpsim.output.drawing import save_figure
 from mpsim.output.recorder import Recorder
 from mpsim.studies.saved_results import SavedResults
-from mpsim.studies.tradeoff import _written
 
 STATE = mpsim.State(np.zeros((3, 2)), np.ones((3, 2)))
 
@@ -75,7 +74,7 @@ WRITERS = {
     "times.csv": table_of_times,
     "measures.csv": table_of_measures,
     "kept.part": kept_results,
-    "trade.csv": lambda path: _written("a,b\n", path),
+    "trade.csv": lambda path: table_files.written("a,b\n", path, "the table of a trade-off study"),
     "run.json": lambda path: RunFolder(path.parent, {"a": 1}).save(),
     "picture.png": picture,
     "animation.gif": animation,

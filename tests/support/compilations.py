@@ -19,7 +19,7 @@ from support.scenes import EXACT, ZOO, digest_after, exact_scene, zoo
 
 FRAMES = 20
 
-WORDS = {"no features": "", "gravity": "gravity", "acceleration": "acceleration"} | ZOO
+WORDS = {"no features": "", "gravity": "gravity", "acceleration": "acceleration", "heated": "heated lossy"} | ZOO
 """Features of the stepped scenes, by name: words for `zoo`."""
 
 

@@ -70,8 +70,8 @@ def features_of(words: str, count: int) -> dict[str, Any]:
 def zoo(words: str, count: int = 40, seed: int = 0, side: float = 8.0, **more: Any) -> mpsim.Scene:
     """Discs dropped anywhere in a square box with the features named in words, so that every frame is full of contacts.
 
-    Words: gravity, acceleration, radii, giants, masses, lossy, rough, obstacles, absorbing, piston, emitters, and
-    periodic (both axes), periodic-x or periodic-y.
+    Words: gravity, acceleration, radii, giants, masses, lossy, rough, obstacles, absorbing, piston, emitters, heated
+    (a thermostat and a thermal wall), and periodic (both axes), periodic-x or periodic-y.
     """
     chosen, rng = set(words.split()), np.random.default_rng(seed)
     radius: Any = 0.5
@@ -105,6 +105,8 @@ def zoo(words: str, count: int = 40, seed: int = 0, side: float = 8.0, **more: A
         ]
     if "piston" in chosen:
         features["piston"] = mpsim.Piston("top", -1.5, 0.8 * side)
+    if "heated" in chosen:
+        features |= {"thermostat": mpsim.Thermostat(1.0, 5.0), "thermal_walls": mpsim.ThermalWalls(left=2.0)}
     if "emitters" in chosen:
         sizes = {"radius": 0.3} if chosen & {"radii", "giants"} else {}
         kinds = {"mass": 2.0} if "masses" in chosen else {}

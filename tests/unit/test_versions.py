@@ -77,7 +77,7 @@ def test_the_page_shows_every_python_with_the_bounds(script, monkeypatch):
 def test_the_pythons_are_those_of_the_policy(script):
     assert script.project()["requires-python"] == f">={script.pythons()[0]}"
     *first, last = script.pythons()
-    assert f"now {', '.join(first)} and {last}" in (TOP / "docs" / "policy.md").read_text()
+    assert f"present {', '.join(first)} and {last}" in (TOP / "docs" / "policy.md").read_text()
 
 
 def a_cell(python, numba, digest, **more):

@@ -97,7 +97,7 @@ def test_a_scene_that_needs_no_guard_has_the_exact_reference_whatever_the_contac
 def test_a_contact_time_too_short_names_one_that_is_not(monkeypatch):
     monkeypatch.setattr(preliminary, "BOUNCES", 1e9)
     refused = pytest.raises(
-        mpsim.InputError, match=r"contact_time must be so long that .* to the end of a run; with 1e-09 "
+        mpsim.InputError, match=r"contact_time must be so long that .* reaches the end of a run; with 1e-09 "
     )
     with refused as caught:
         preliminary_run(heap(), 8.0, seconds=10.0, contact_time=1e-9)

@@ -37,8 +37,9 @@ class Ran:
 
 
 def test_distances_are_in_diameters():
-    one = mpsim.State(SCENE.position.copy(), SCENE.velocity)
-    one.position[7] += [0.3, 0.4]
+    position = SCENE.position.copy()
+    position[7] += [0.3, 0.4]
+    one = mpsim.State(position, SCENE.velocity)
     found = Comparison(SCENE).look(one, START, 1.0)
     assert (found.disc, found.largest) == (7, pytest.approx(0.5))
     assert found.mean == pytest.approx(0.5 / math.sqrt(50))

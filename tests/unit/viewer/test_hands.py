@@ -179,7 +179,7 @@ REFUSED = [
     ("add", {"x": 1e99, "y": 1.0, "same": False}, "one radius from the walls"),
     ("remove", {"id": 50, "same": False}, "got 50. There are 50 discs"),
     ("wall", {"ax": 1.0, "ay": 0.0, "bx": 1.0, "by": 0.9}, "as long as a disc is wide, 1; got 0.9. Drag further."),
-    ("wall", {"ax": 1.0, "ay": 0.0, "bx": 1.0, "by": -9.0}, "must lie in the box"),
+    ("wall", {"ax": 1.0, "ay": 0.0, "bx": 1.0, "by": -9.0}, "must be in the box"),
     ("wall", {"ax": 0.0, "ay": 0.0, "bx": 14.0, "by": 14.0}, "a wall must be clear of all discs; got disc"),
     ("change", {"name": "dt", "value": -1.0, "same": False}, "dt must be a finite number > 0"),
     ("change", {"name": "dt", "value": [1.0, 2.0], "same": False}, "dt must be"),

@@ -176,7 +176,7 @@ def test_a_wall_that_is_drawn_is_shown_and_gone_after_undo_and_reset(start):
         assert watcher.told["status"]["phase"] == "paused"
         assert session._sim.scene.obstacles == ()
     do(session, "wall", **(wall | {"by": 99.0}))
-    watcher.wait(lambda w: "must lie in the box" in (w.told["hands"]["note"] or ""))
+    watcher.wait(lambda w: "must be in the box" in (w.told["hands"]["note"] or ""))
 
 
 def test_a_simulation_of_the_program_is_shown_and_stays_its_own(start):
