@@ -196,8 +196,7 @@ class Coordinator:
             self._access.notices.warn(
                 f"in {guarded} collisions the contact-time guard suppressed the loss of energy, because the previous "
                 "collision of a disc was less than the contact time ago, as in inelastic collapse or for a disc at "
-                "rest. "
-                "Without the guard the run would never end.",
+                "rest. Without the guard the run would never end.",
                 GuardWarning,
             )
         compiled, self._compiled_before = compile_seconds() - self._compiled_before, compile_seconds()

@@ -96,7 +96,7 @@ def _rms_momentum(scene: Scene) -> float:
 def typical_momentum(scene: Scene, dt: float) -> float:
     """What impulses are counted in: a momentum like those that discs have or come to have [mass length/time], > 0.
 
-    The largest of the mean at the start, that of a fall through the box, and those of discs that emitters a wall or a
+    The largest of the mean at the start, that of a fall through the box, and those of discs that emitters, a wall or a
     thermostat set in motion. Where nothing can move by itself: of a disc that moves its radius in a step of dt [time].
     """
     mass = float(scene.mass.mean()) if scene.count and scene.mass is not None else 1.0

@@ -61,6 +61,11 @@ class ThermalWalls:
         """Of each thermal wall, by its edge [mass length^2/time^2]."""
         return {edge: value for edge in EDGES if (value := getattr(self, edge)) is not None}
 
+    @property
+    def by_edge(self) -> tuple[float, ...]:
+        """Temperature of each edge, in the order left, right, bottom, top; 0 of one that is not thermal."""
+        return tuple(self.temperatures.get(edge, 0.0) for edge in EDGES)
+
 
 def check_thermal_walls(thermal_walls: Any) -> dict[str, Any]:
     """What a scene keeps of the argument, by name: nothing without any, so that its digest stays what it was."""
@@ -127,7 +132,7 @@ class ThermalWallsFeature(Feature):
         walls: ThermalWalls | None = self.of(scene)
         if walls is not None:
             record = arrays["thermal_walls"]
-            record.temperature[:] = [walls.temperatures.get(edge, 0.0) for edge in EDGES]
+            record.temperature[:] = walls.by_edge
             record.seed = walls.seed
 
     def redrawn(self, scene: SceneLike, variation: str) -> ThermalWalls | None:

@@ -14,7 +14,7 @@ from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.viewer.comparison import Comparison, measures_of
-from mpsim.viewer.undo import MOST_BYTES, MOST_POINTS, Moments
+from mpsim.viewer.undo import Moments
 
 SNAPSHOT = 0
 """Number of the moment that a page has asked to remember; those before changes have numbers from 1."""
@@ -40,7 +40,6 @@ class _Mark(NamedTuple):
     steps: Steps
     taken: int
     comparison: Comparison
-    size: int  # bytes of the checkpoint
 
 
 class Pair:
@@ -79,7 +78,7 @@ class Pair:
         self._steps = Steps(0, 0, each)
         self._taken = 0  # entries of the first one's journal
         self._moments = Moments()
-        self._marks: dict[int, _Mark] = {}  # by the numbers of the moments, the oldest first
+        self._marks: dict[int, _Mark] = {}  # by the numbers of the moments
 
     def close(self) -> None:
         """End the second stage. May be called again."""
@@ -152,12 +151,10 @@ class Pair:
 
         Of too many, or of too many bytes, the first ones are forgotten, as `Undo` does.
         """
-        self._forget(number)
-        size = self._moments.keep(number, self.sim)
-        self._marks[number] = _Mark(self._steps, self._taken, copy.deepcopy(self.comparison), size)
-        before = [each for each in self._marks if each > SNAPSHOT]
-        while len(before) > MOST_POINTS or sum(self._marks[each].size for each in before) > MOST_BYTES:
-            self._forget(before.pop(0))
+        self._moments.keep(number, self.sim)
+        self._marks[number] = _Mark(self._steps, self._taken, copy.deepcopy(self.comparison))
+        for each in self._moments.trim(spared={SNAPSHOT}):
+            del self._marks[each]
 
     def back(self, number: int) -> None:
         """Go back to a moment.
@@ -168,10 +165,6 @@ class Pair:
         self.sim = self._moments.back(number, self.sim)
         mark = self._marks[number]
         self._steps, self._taken, self.comparison = mark.steps, mark.taken, copy.deepcopy(mark.comparison)
-
-    def _forget(self, number: int) -> None:
-        self._marks.pop(number, None)
-        self._moments.forget(number)
 
 
 def in_step(settings: Settings, dt: float) -> tuple[Settings, int]:

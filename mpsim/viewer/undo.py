@@ -1,16 +1,17 @@
 """Back in time: to the moment before a change, or to one that was remembered, from checkpoints."""
 
 import tempfile
+from collections.abc import Container
 from pathlib import Path
 
 from mpsim.core.errors import InputError
 from mpsim.engine.simulation import Simulation
 
 MOST_POINTS = 16
-"""Changes that can be taken back at most, the last ones."""
+"""Moments before changes, of one simulation, that are remembered at most, the last ones."""
 
 MOST_BYTES = 2**28
-"""Bytes of their checkpoints together at most; of very many discs fewer changes can be taken back."""
+"""Bytes of their checkpoints together at most; of very many discs fewer moments are remembered."""
 
 
 class Moments:
@@ -18,25 +19,29 @@ class Moments:
 
     >>> from mpsim import Scene
     >>> sim, moments = Simulation(Scene.random(count=5, packing=0.2, radius=0.5, seed=1)), Moments()
-    >>> moments.keep(7, sim) > 0
-    True
+    >>> moments.keep(7, sim)
     >>> for _ in range(2):  # as often as one likes
     ...     report = sim.run(frames=3)
     ...     sim = moments.back(7, sim)
-    >>> sim.frame, 7 in moments
-    (0, True)
+    >>> sim.frame, len(moments), moments.last
+    (0, 1, 7)
     >>> sim.close(); moments.close()
     """
 
     def __init__(self) -> None:
-        self._paths: dict[int, Path] = {}
+        self._sizes: dict[int, int] = {}  # bytes of the checkpoint of each, the oldest first
         self._folder: tempfile.TemporaryDirectory[str] | None = None  # from the first one
 
-    def __contains__(self, number: int) -> bool:
-        return number in self._paths
+    def __len__(self) -> int:
+        return len(self._sizes)
 
-    def keep(self, number: int, sim: Simulation) -> int:
-        """Remember this moment under a number, in place of the one that had it; returns the bytes that it takes.
+    @property
+    def last(self) -> int:
+        """Number of the last moment; 0 if there is none."""
+        return next(reversed(self._sizes), 0)
+
+    def keep(self, number: int, sim: Simulation) -> None:
+        """Remember this moment under a number, in place of the one that had it.
 
         Raises:
             OutputError: if the checkpoint cannot be written.
@@ -44,8 +49,16 @@ class Moments:
         if self._folder is None:
             self._folder = tempfile.TemporaryDirectory(prefix="mpsim-view-")
         self.forget(number)
-        path = self._paths[number] = sim.save(Path(self._folder.name) / f"{number}.mpsim")
-        return path.stat().st_size
+        self._sizes[number] = sim.save(self._path(number)).stat().st_size
+
+    def trim(self, spared: Container[int] = ()) -> list[int]:
+        """Forget the first of more than MOST_POINTS or MOST_BYTES; returns their numbers. Spared ones do not count."""
+        counted = [number for number in self._sizes if number not in spared]
+        forgotten: list[int] = []
+        while len(counted) > MOST_POINTS or sum(self._sizes[number] for number in counted) > MOST_BYTES:
+            forgotten.append(counted.pop(0))
+            self.forget(forgotten[-1])
+        return forgotten
 
     def back(self, number: int, sim: Simulation) -> Simulation:
         """The simulation as it was at a moment; the given one is closed.
@@ -53,24 +66,28 @@ class Moments:
         Raises:
             InputError: if that moment is not remembered.
         """
-        if number not in self._paths:
+        if number not in self._sizes:
             raise InputError("going back needs a remembered moment; got none. Reset starts again.")
         settings = sim.settings
-        again = Simulation.resume(self._paths[number], workers=settings.workers, start_method=settings.start_method)
+        again = Simulation.resume(self._path(number), workers=settings.workers, start_method=settings.start_method)
         sim.close()
         return again
 
     def forget(self, number: int) -> None:
         """Forget a moment, if it is remembered."""
-        if (path := self._paths.pop(number, None)) is not None:
-            path.unlink()
+        if self._sizes.pop(number, None) is not None:
+            self._path(number).unlink()
 
     def close(self) -> None:
         """Forget all, and remove the folder."""
-        self._paths.clear()
+        self._sizes.clear()
         if self._folder is not None:
             self._folder.cleanup()
             self._folder = None
+
+    def _path(self, number: int) -> Path:
+        assert self._folder is not None  # since the first one
+        return Path(self._folder.name) / f"{number}.mpsim"
 
 
 class Undo:
@@ -89,16 +106,15 @@ class Undo:
 
     def __init__(self) -> None:
         self._moments = Moments()
-        self._sizes: dict[int, int] = {}  # bytes of each moment, the oldest first
         self._made = 0
 
     def __len__(self) -> int:
-        return len(self._sizes)
+        return len(self._moments)
 
     @property
     def last(self) -> int:
         """Number of the last moment; 0 if there is none. No two have the same."""
-        return next(reversed(self._sizes), 0)
+        return self._moments.last
 
     def mark(self, sim: Simulation) -> None:
         """Remember this moment; of too many the first ones are forgotten.
@@ -107,14 +123,12 @@ class Undo:
             OutputError: if the checkpoint cannot be written.
         """
         self._made += 1
-        self._sizes[self._made] = self._moments.keep(self._made, sim)
-        while len(self._sizes) > MOST_POINTS or sum(self._sizes.values()) > MOST_BYTES:
-            self._forget(next(iter(self._sizes)))
+        self._moments.keep(self._made, sim)
+        self._moments.trim()
 
     def forget_last(self) -> None:
         """Forget the last moment, after which nothing has been changed."""
-        if self._sizes:
-            self._forget(self.last)
+        self._moments.forget(self.last)
 
     def back(self, sim: Simulation) -> Simulation:
         """The simulation as it was at the last moment, which is then forgotten; the given one is closed.
@@ -122,7 +136,7 @@ class Undo:
         Raises:
             InputError: if there is none.
         """
-        if not self._sizes:
+        if not self._moments:
             raise InputError("undo needs a remembered change; got none. Reset goes back to the start.")
         again = self._moments.back(self.last, sim)
         self.forget_last()
@@ -130,14 +144,9 @@ class Undo:
 
     def clear(self) -> None:
         """Forget all."""
-        while self._sizes:
+        while self._moments:
             self.forget_last()
 
     def close(self) -> None:
         """Forget all, and remove the folder."""
-        self._sizes.clear()
         self._moments.close()
-
-    def _forget(self, number: int) -> None:
-        del self._sizes[number]
-        self._moments.forget(number)

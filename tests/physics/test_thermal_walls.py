@@ -4,22 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from support.distributions import distance, normal
 from support.scenes import gas, simulate
 
 from mpsim import Scene, ThermalWalls
 
 pytestmark = [pytest.mark.timeout(400), pytest.mark.filterwarnings("ignore::mpsim.FastWarning")]
-
-
-def distance(values, distribution):
-    """Kolmogorov-Smirnov: the largest difference of two cumulative distributions, times the root of the number."""
-    ordered = np.sort(values)
-    steps, expected = np.arange(len(ordered) + 1) / len(ordered), np.array([*map(distribution, ordered)])
-    return math.sqrt(len(ordered)) * max((steps[1:] - expected).max(), (expected - steps[:-1]).max())
-
-
-def normal(value):
-    return 0.5 * (1 + math.erf(value / math.sqrt(2)))
 
 
 def temperatures(scene, method, begin, count, apart, **settings):

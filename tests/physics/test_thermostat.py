@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from support.distributions import distance, normal
 from support.scenes import simulate
 
 from mpsim import Scene, Thermostat, measure
@@ -70,17 +71,6 @@ def test_a_gas_relaxes_exponentially_to_the_temperature_of_the_bath(method, temp
 
 
 # --- velocities
-
-
-def distance(values, distribution):
-    """Kolmogorov-Smirnov: the largest difference of two cumulative distributions, times the root of the number."""
-    ordered = np.sort(values)
-    steps, expected = np.arange(len(ordered) + 1) / len(ordered), np.array([*map(distribution, ordered)])
-    return math.sqrt(len(ordered)) * max((steps[1:] - expected).max(), (expected - steps[:-1]).max())
-
-
-def normal(value):
-    return 0.5 * (1 + math.erf(value / math.sqrt(2)))
 
 
 @pytest.mark.parametrize(

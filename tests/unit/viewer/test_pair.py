@@ -5,7 +5,7 @@ import pytest
 from support.scenes import gas, simulate
 
 import mpsim
-from mpsim.viewer import pair
+from mpsim.viewer import undo
 from mpsim.viewer.pair import SNAPSHOT, Pair, in_step
 from mpsim.viewer.undo import MOST_POINTS
 
@@ -221,7 +221,7 @@ def test_moments_of_many_bytes_are_fewer_and_the_snapshot_stays(two, monkeypatch
     t = two()
     t.pair.mark(SNAPSHOT)
     t.pair.mark(1)
-    monkeypatch.setattr(pair, "MOST_BYTES", 2.5 * t.pair._marks[1].size)
+    monkeypatch.setattr(undo, "MOST_BYTES", 2.5 * t.pair._moments._sizes[1])
     for number in (2, 3):
         t.run(1)
         t.pair.mark(number)

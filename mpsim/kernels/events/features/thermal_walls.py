@@ -10,13 +10,11 @@ from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.events.features.properties import mass_of
 from mpsim.kernels.random_numbers import wall_velocity
 
-EDGES = ("left", "right", "bottom", "top")
-
 
 def thermal_walls_of(scene: Any) -> tuple[tuple[float, ...], int] | None:
     """Temperature of each edge (LEFT, ...), 0 where it is not thermal [mass length^2/time^2], and the seed; or None."""
     walls = scene.thermal_walls
-    return None if walls is None else (tuple(getattr(walls, edge) or 0.0 for edge in EDGES), walls.seed)
+    return None if walls is None else (walls.by_edge, walls.seed)
 
 
 FIELDS = {"thermal_walls": thermal_walls_of}
