@@ -94,7 +94,7 @@ def declared(file: Any, length: int, name: str, kinds: str) -> Declared:
     header = file.read(int.from_bytes(file.read(2), "little"))
     found = _HEADER.fullmatch(header)
     if not found:
-        raise ValueError(f"{name!r} is no plain array; its header is {header[:80]!r}")
+        raise ValueError(f"{name!r} is not a plain array; its header is {header[:80]!r}")
     try:
         dtype = np.dtype(found[1].decode())
     except TypeError:

@@ -28,7 +28,7 @@ def written(text: str, path: StrPath | None, table: str) -> str:
     """
     if path is not None:
         if _checked(path, table).suffix == PARQUET:
-            raise InputError(f"{table} is text here, and {os.fspath(path)!r} is no text file. Use to_parquet.")
+            raise InputError(f"{table} is text here, and {os.fspath(path)!r} is not a text file. Use to_parquet.")
         _write(text.encode(), path, table)
     return text
 

@@ -147,7 +147,7 @@ def _check_place(target: Path) -> None:
         raise OutputError(f"a checkpoint needs a folder that exists; got {str(target)!r}. Make {str(target.parent)!r}.")
     for path in (target, _previous(target)):
         if path.is_dir() or (path.exists() and not path.is_file()):
-            raise OutputError(f"a checkpoint must be a file; {str(path)!r} is none. Give the name of a file in it.")
+            raise OutputError(f"a checkpoint must be a file; {str(path)!r} is not. Give the name of a file in it.")
         if path.exists() and not _is_of_our_kind(path):
             raise OutputError(
                 f"a checkpoint may replace only a checkpoint; {str(path)!r} is a file of another kind. "
@@ -430,10 +430,10 @@ def _header_of(archive: ArrayFile) -> dict[str, Any]:
         raise ValueError("it is not a checkpoint of mpsim")
     text = archive.read(HEADER)
     if text.dtype != np.uint8 or text.ndim != 1 or text.size > MOST_HEADER:
-        raise ValueError("its header is no text of reasonable length")
+        raise ValueError("its header is not a text of reasonable length")
     header = json.loads(text.tobytes())
     if not isinstance(header, dict):
-        raise ValueError("its header is no table")
+        raise ValueError("its header is not a table")
     return header
 
 
@@ -451,7 +451,7 @@ def _as_no_state() -> Iterator[None]:
         with np.errstate(all="ignore"):
             yield
     except _NO_STATE as error:  # the digest is right, so somebody has made it so; still nothing may break
-        raise _DamagedError(f"its content is no state of a simulation ({type(error).__name__}: {error})") from None
+        raise _DamagedError(f"its content is not a state of a simulation ({type(error).__name__}: {error})") from None
 
 
 def _made_from(path: Path, header: dict[str, Any], found: Arrays) -> Checkpoint:

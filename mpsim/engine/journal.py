@@ -233,10 +233,10 @@ def unpacked(array: NDArray[Any], frame: Any) -> tuple[Change, ...]:
         ValueError: if it is none.
     """
     if array.dtype != np.uint8 or array.ndim != 1:
-        raise ValueError("its journal is no text")
+        raise ValueError("its journal is not a text")
     found = json.loads(array.tobytes())
     if not isinstance(found, list):
-        raise ValueError("its journal is no list")
+        raise ValueError("its journal is not a list")
     return checked_entries(found, frame)
 
 

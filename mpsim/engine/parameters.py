@@ -56,7 +56,7 @@ def check_names(given: Mapping[str, Any]) -> None:
         meant = checks.near(name, NAMES)
         hint = f"Did you mean {meant!r}?" if meant else f"What can be changed: {', '.join(NAMES)}."
         fixed = name in inspect.signature(Scene).parameters or name in inspect.signature(Settings).parameters
-        why = "is fixed from the start of a simulation" if fixed else "is no parameter of a simulation"
+        why = "is fixed from the start of a simulation" if fixed else "is not a parameter of a simulation"
         raise InputError(f"change must be given parameters that may change; {name!r} {why}. {hint}")
     if not given:
         raise InputError(f"change needs something to change, one of {', '.join(NAMES)}; got none of them. Give one.")

@@ -67,7 +67,7 @@ def check_precision(scene: Scene, settings: Settings) -> None:
     if smallest > 0 and spacing > TOO_COARSE * smallest:
         raise InputError(
             f"radius must be at least {spacing / TOO_COARSE:.3g} in a box of {scene.width:g} x {scene.height:g} in "
-            f"{precision}, whose coordinates are {spacing:.3g} apart: smaller discs cannot be told from each other; "
+            f"{precision}, whose coordinates are {spacing:.3g} apart: smaller discs cannot be distinguished; "
             f"got {smallest:.3g}. Use {_finer(precision)}."
         )
 
@@ -110,7 +110,7 @@ def coarseness(scene: Scene, settings: Settings) -> str | None:
     if computes_contact_times(settings) and 0 < square < VANISHING * float(np.finfo(precision).tiny):
         words.append(
             f"the square of rms speed {speed:.3g} times radius {scene.smallest_radius:.3g} is lost, so that times of "
-            f"contacts cannot be told. Use other units{_or_double(precision)}"
+            f"contacts cannot be computed. Use other units{_or_double(precision)}"
         )
     dt = settings.dt / settings.substeps
     displacement = speed * dt

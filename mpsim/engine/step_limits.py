@@ -273,7 +273,7 @@ class StepLimits:
         text = f"{self._words(speeds, frame)} {remedy}"
         if settings.on_fast == "error":
             return f"{text}; on_fast='warn' runs it anyway."
-        return f"{text}; method='event' has no such bound."
+        return f"{text}; method='event' has no such limit."
 
     def _refuse_if_wanted(self, text: str) -> None:
         if self._settings.on_fast == "error":
@@ -287,14 +287,14 @@ class StepLimits:
             return f"{when} discs fill the box more densely than they can be packed, so that they overlap."
         if not fraction > BOUND and collisions > COLLISIONS:
             return (
-                f"{when} a disc collides some {collisions:.3g} times in one step (rms speed "
+                f"{when} a disc collides about {collisions:.3g} times in one step (rms speed "
                 f"{speeds.mean_speed:.3g}, step {dt:.3g}); above {COLLISIONS:g} many collisions that follow from "
                 "others are missed."
             )
         length = f"its radius {speeds.limit:.3g}"
         if speeds.between:
             length = f"its free path {speeds.limit:.3g} between the walls along {speeds.between}"
-        lost = "bounces are lost" if speeds.between else "discs may pass through each other unseen"
+        lost = "bounces are lost" if speeds.between else "discs may pass through each other without a collision"
         return (
             f"{when} {'a disc' if speeds.disc < 0 else f'disc {speeds.disc}'} moves {fraction:.3g} times {length} in "
             f"one step (speed {speeds.speed:.3g}, step {dt:.3g}); above {BOUND:g} {lost}."

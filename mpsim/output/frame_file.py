@@ -61,7 +61,7 @@ class FrameFile:
                 "use mode='w' to replace it, mode='a' to continue it."
             )
         if path.exists() and not path.is_file():
-            raise OutputError(f"a trajectory must be a file; {str(path)!r} is none. Choose another name.")
+            raise OutputError(f"a trajectory must be a file; {str(path)!r} is not. Choose another name.")
         if mode != "x":
             FileLock(path).release()  # before the file is emptied, if nobody writes it
         self._unchecked = mode == "a" and path.exists() and path.stat().st_size > 0

@@ -226,7 +226,7 @@ PLACES = tuple(_degenerate_positions())
 
 
 def degenerate_start(kind: str) -> Scene:
-    """A start that is not in general position, one of PLACES."""
+    """A special start, one of PLACES: discs in one point, in a line, touching, ...."""
     position = _degenerate_positions()[kind]
     velocity = np.where(np.arange(len(position))[:, None] % 2, [1.0, -0.5], [-1.0, 0.5])
     return Scene(width=_SIDE, height=_SIDE, position=position, velocity=velocity, radius=RADIUS)
@@ -331,7 +331,7 @@ AXES = {
         Axis("masses", "lightest over heaviest mass", (1.0, 1e-3, 1e-6, 1e-9), _masses),
         Axis("restitution", "restitution of discs and walls", (0.0, 0.1, 0.5, 0.9, 1.0), _restitution),
         Axis("gravity", "gravity towards one corner", (1e-3, 1.0, 1e3, 1e6), _corner),
-        Axis("places", "starts that are not in general position", PLACES, _places),
+        Axis("places", "special starts: discs in one point, in a line, in pairs, ...", PLACES, _places),
         Axis("drift", "frames of a gas of 10 discs", (1e3, 1e4, 1e5), _drift, (1e6,)),
         Axis("numbers", "one number near the limits of floating point", NUMBERS, _numbers),
     )

@@ -139,7 +139,7 @@ class SweepFile:
             else:
                 outcome["values"] = dict(row["values"])
         except (KeyError, TypeError, ValueError) as error:
-            raise _unreadable(path, f"line {number} is no row: {type(error).__name__} {error}") from None
+            raise _unreadable(path, f"line {number} is not a row: {type(error).__name__} {error}") from None
         self._results[key] = outcome
 
     def _append(self, line: dict[str, Any]) -> None:
@@ -161,7 +161,7 @@ def _value(path: Path, number: int, line: bytes) -> dict[str, Any]:
     try:
         value = json.loads(line)
         if not isinstance(value, dict):
-            raise ValueError("it is no object")
+            raise ValueError("it is not a JSON object")
     except (ValueError, RecursionError) as error:
         raise _unreadable(path, f"line {number}: {error}") from None
     return value  # pyright: ignore[reportUnknownVariableType]

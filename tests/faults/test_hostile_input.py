@@ -220,7 +220,7 @@ def folder(path):
     path.mkdir()
 
 
-IRREGULAR = {pipe: "a named pipe, not a file", endless: "a device, not a file", folder: "folder|directory|is none"}
+IRREGULAR = {pipe: "a named pipe, not a file", endless: "a device, not a file", folder: "folder|directory|is not"}
 
 DOORS = {
     "scene.toml": (scenefile.load, mpsim.InputError),
@@ -240,8 +240,8 @@ def test_nothing_but_a_file_is_read(door, make, tmp_path):
     read, kind = DOORS[door]
     make(tmp_path / door)
     general = {
-        "run.xyz": "is none",
-        "run.gsd": "is none",
+        "run.xyz": "is not",
+        "run.gsd": "is not",
         "run.mpsim": "not a file",
         "kept.json": "path must be a file",
     }
@@ -258,7 +258,7 @@ def test_an_array_of_a_scene_is_a_file(ending, make, tmp_path):
 
 def test_the_writer_of_a_trajectory_is_not_held_up_by_a_pipe(tmp_path):
     os.mkfifo(tmp_path / "run.xyz")
-    refused(lambda: mpsim.Trajectory.write(tmp_path / "run.xyz", mode="a"), match="is none", kind=mpsim.OutputError)
+    refused(lambda: mpsim.Trajectory.write(tmp_path / "run.xyz", mode="a"), match="is not", kind=mpsim.OutputError)
 
 
 def npy(shape, content=b"", descr="<f8"):

@@ -152,7 +152,7 @@ def test_a11_a_dense_pile_keeps_its_energy(figures):
 
 
 @pytest.mark.long
-@pytest.mark.filterwarnings("ignore:.*collides some .* times in one step:mpsim.FastWarning")  # at dt = 0.05, rightly
+@pytest.mark.filterwarnings("ignore:.*collides about .* times in one step:mpsim.FastWarning")  # at dt = 0.05, rightly
 @pytest.mark.parametrize("passes", [1, 2])
 def test_a11_a_dense_pile_over_a_long_time(passes, figures):
     check_pile(16, 60.0, {0.05: 1e-3, 0.02: 5e-5, 0.01: 1e-5}, figures, passes)

@@ -56,7 +56,7 @@ REMOVE = [
 ]
 CHANGE = [
     ({}, ["change needs something to change", "gravity, restitution"]),
-    ({"gravty": (0, 1)}, ["'gravty' is no parameter of a simulation", "Did you mean 'gravity'?"]),
+    ({"gravty": (0, 1)}, ["'gravty' is not a parameter of a simulation", "Did you mean 'gravity'?"]),
     ({"method": "grid"}, ["'method' is fixed from the start", "What can be changed: gravity"]),
     ({"width": 3.0}, ["'width' is fixed from the start"]),
     ({"gravity": (0, NAN)}, ["gravity must be finite", "nan"]),

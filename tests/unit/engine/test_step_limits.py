@@ -14,7 +14,8 @@ from mpsim.engine.solvers import speeds
 def test_a_disc_that_moves_more_than_its_radius_is_told_with_number_disc_and_remedy():
     text = (
         r"in frame 0 disc 0 moves 1.2 times its radius 0.5 in one step \(speed 6, step 0.1\); above 1 discs may pass "
-        r"through each other unseen. Use dt=0.042, substeps=3 or on_fast='substep'; method='event' has no such bound."
+        r"through each other without a collision. Use dt=0.042, substeps=3 or on_fast='substep'; method='event' has no "
+        r"such limit."
     )
     with pytest.warns(mpsim.FastWarning, match=text):
         mpsim.Simulation(pair(6.0), mpsim.Settings(dt=0.1)).close()
@@ -46,7 +47,7 @@ def test_a_free_way_between_walls_bounds_the_step_too():
 
 def test_too_many_meetings_in_a_step_are_told():
     scene = gas(64, 0.75)
-    with pytest.warns(mpsim.FastWarning, match=r"a disc collides some [\d.]+ times in one step .* above 1 many"):
+    with pytest.warns(mpsim.FastWarning, match=r"a disc collides about [\d.]+ times in one step .* above 1 many"):
         mpsim.Simulation(scene, mpsim.Settings(dt=0.05)).close()
     quiet(scene, dt=0.01)
 

@@ -376,7 +376,7 @@ def test_the_folder_of_a_run_is_told_from_its_trajectory(tmp_path):
 
 
 def test_a_missing_file_is_told(tmp_path):
-    with pytest.raises(mpsim.TrajectoryError, match=r"a trajectory must be a file that can be read; .* is none"):
+    with pytest.raises(mpsim.TrajectoryError, match=r"a trajectory must be a file that can be read; .* is not"):
         mpsim.Trajectory(tmp_path / "none.xyz")
 
 

@@ -138,7 +138,7 @@ def test_what_tune_chose_says_whether_it_will_warn():
     assert (short.warning, "mpsim warns" in str(short)) == ("", False), "the control"
     careful = [Settings(method="grid", contact="push", on_fast="substep")]
     assert tune(scene, {"overlap": 0.45}, candidates=careful, replicas=4).warning == "", "sub-steps are chosen instead"
-    assert "method='event' has no such bound" in found.warning, "in the words of the warning"
+    assert "method='event' has no such limit" in found.warning, "in the words of the warning"
 
 
 @pytest.mark.parametrize("measure", ["overlap", "speed_distribution"])
