@@ -9,6 +9,7 @@ from typing import NamedTuple
 from mpsim.core.errors import ClosedError, InputError, MpsimError
 from mpsim.engine.changes import ADD, PARAMETERS, WALL, Change
 from mpsim.engine.parameters import OF_SETTINGS
+from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.scene.scene import Scene
@@ -63,8 +64,7 @@ class Pair:
     >>> scene = Scene.random(count=20, packing=0.2, radius=0.5, seed=1)
     >>> with Simulation(scene, Settings(dt=0.02, method="grid")) as first:
     ...     pair = Pair(scene, Settings(method="event"), dt=0.02)
-    ...     report = first.run(frames=10)
-    ...     seconds = pair.follow(first)
+    ...     seconds = pair.follow(first, first.run(frames=10))
     ...     pair.sim.frame, pair.sim.time == first.time
     (10, True)
     >>> pair.close()
@@ -86,15 +86,19 @@ class Pair:
         with contextlib.suppress(OSError):
             self._moments.close()
 
-    def follow(self, first: Simulation) -> float:
-        """Run to where the first stage is; returns the time of computing that it took [s]."""
+    def follow(self, first: Simulation, report: Report) -> float:
+        """Run to where the first stage is; returns the time of computing that it took [s].
+
+        report: of the first stage, of its frames since both were at the same time.
+        """
         steps, sim = self._steps, self.sim
         frames = steps.second + (first.frame - steps.first) * steps.each - sim.frame
         if frames <= 0:
             return 0.0
-        report = sim.run(frames=frames, measures=measures_of(sim.scene, sim.count))
-        self.comparison.second.note(report, frames * sim.settings.dt)
-        return float(report.frame_seconds.sum())
+        own, duration = sim.run(frames=frames, measures=measures_of(sim.scene, sim.count)), frames * sim.settings.dt
+        self.comparison.first.note(report, duration)
+        self.comparison.second.note(own, duration)
+        return float(own.frame_seconds.sum())
 
     # --- changes by hand
 
@@ -111,7 +115,6 @@ class Pair:
         Raises:
             InputError: if a disc that was added, or a wall, finds no room here: both would be of different scenes.
         """
-        self.follow(first)
         for change in list(changes)[self._taken :]:
             self._taken += 1
             self._take(first, change)

@@ -179,11 +179,12 @@ class Session(Commanded):
         looks = self._pace.frames_between_looks
         measures = self._counting.measures(self._simulation)
         sim = self._simulation
-        report, seconds = self._trade.run(sim, frames, looks, self._look, measures, self._colouring.observers(looks))
+        reports, seconds = self._trade.run(sim, frames, looks, self._look, measures, self._colouring.observers(looks))
         self._colouring.end_run(sim)
         self._pace.note(frames, seconds)
-        self._meter.note(report)
-        self._counting.note(report)
+        for report in reports:
+            self._meter.note(report)
+            self._counting.note(report)
 
     def _look(self) -> None:
         """Make the picture and the gauges that are due, if the simulation has moved since the last ones."""

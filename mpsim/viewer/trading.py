@@ -57,7 +57,7 @@ class Trade:
     >>> trade = Trade(Settings(method="event"))
     >>> with Simulation(scene, settings) as sim:
     ...     trade.begin(scene, settings)
-    ...     report, seconds = trade.run(sim, frames=10, every=5, look=lambda: None)
+    ...     reports, seconds = trade.run(sim, frames=10, every=5, look=lambda: None)
     ...     told = trade.told(sim)
     >>> told["first"], told["second"], round(told["time"], 9), told["distance"] < 0.1
     ('grid impact dt=0.02', 'event', 0.2, True)
@@ -104,8 +104,10 @@ class Trade:
         look: Callable[[], None],
         measures: Sequence[str] = (),
         observers: Sequence[Observer[Simulation]] = (),
-    ) -> tuple[Report, float]:
+    ) -> tuple[list[Report], float]:
         """Run frames of the first stage, and the second one beside it; at each look both are at the same time.
+
+        With a second stage each look ends a run of both, so that what is compared there is of the same time, too.
 
         Args:
             sim: the first stage.
@@ -116,29 +118,25 @@ class Trade:
             observers: of the first stage, who look before.
 
         Returns:
-            The report of the first stage, and the time of computing of both [s].
+            The reports of the first stage, and the time of computing of both [s].
         """
         if self.pair is None:
             report = sim.run(frames=frames, measures=measures, observe=[*observers, Glance(every, look)])
-            return report, float(report.frame_seconds.sum())
-        seconds = 0.0
-
-        def both() -> None:
-            nonlocal seconds
-            seconds += self._follow(sim)
-            look()
-
+            return [report], float(report.frame_seconds.sum())
+        reports, seconds, end = list[Report](), 0.0, sim.frame + frames
         wanted = dict.fromkeys([*measures, *measures_of(sim.scene, sim.count)])
-        report = sim.run(frames=frames, measures=wanted, observe=[*observers, Glance(every, both)])
-        seconds += self._follow(sim)
-        if self.pair is not None:
-            self.pair.comparison.first.note(report, frames * sim.settings.dt)
-        return report, seconds + float(report.frame_seconds.sum())
+        while sim.frame < end:
+            ahead = min(end - sim.frame, every - sim.frame % every)
+            reports.append(sim.run(frames=ahead, measures=wanted, observe=observers))
+            seconds += float(reports[-1].frame_seconds.sum()) + self._follow(sim, reports[-1])
+            look()
+        return reports, seconds
 
-    def _follow(self, sim: Simulation) -> float:
+    def _follow(self, sim: Simulation, report: Report) -> float:
+        """Run the second stage to where the first one is; returns the time of computing that it took [s]."""
         with self._ended_by_errors():
             if self.pair is not None:
-                return self.pair.follow(sim)
+                return self.pair.follow(sim, report)
         return 0.0
 
     # --- what is done to the first stage

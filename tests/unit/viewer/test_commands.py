@@ -1,5 +1,6 @@
 """What pages do to a session: a second stage, a frame by passes, a moment to go back to, other seeds, a search."""
 
+import json
 import time
 
 import pytest
@@ -7,6 +8,7 @@ from support.scenes import gas
 from support.watching import Watcher, do, step_to
 
 import mpsim
+from mpsim.viewer import session as session_module
 from mpsim.viewer import tuning, wire
 from mpsim.viewer.session import Session
 
@@ -64,6 +66,28 @@ def test_both_stages_are_in_one_picture_and_compared(begin):
     assert watcher.told["pair"]["second"] == "event"
     other = session._trade.pair.sim
     assert (session._sim.digest(), other.digest()) == (alone(20), alone(20, mpsim.Settings(method="event", dt=0.01)))
+
+
+def test_a_view_that_plays_compares_equal_stages_as_equal(begin, monkeypatch):
+    monkeypatch.setattr(session_module, "COMPARING", (1.0, 0.0))  # at each look
+    compared, tell = [], Watcher.tell
+
+    def noted(watcher, kind, text):
+        if kind == "pair":
+            compared.append(json.loads(text))
+        tell(watcher, kind, text)
+
+    monkeypatch.setattr(Watcher, "tell", noted)
+    session, _ = begin(beside=GRID)
+    do(session, "speed", value=None)
+    do(session, "play")
+    until(lambda: len(compared) > 12)
+    do(session, "pause")
+    running = [told for told in compared if told["time"] > 0]
+    assert len(running) > 10
+    for told in running:
+        assert told["collisions"][1] > 0
+        assert (told["missed"], told["missed_fraction"], told["pressure_difference"]) == (0, 0.0, 0.0)
 
 
 def test_a_page_has_a_second_stage_begin_and_end(begin):

@@ -2,26 +2,30 @@
 
 import math
 
+import numpy as np
 import pytest
-from support.scenes import gas, simulate
+from support.scenes import gas
 
 import mpsim
 from mpsim.viewer.trading import Trade, demand_one_process, settings_beside
 
 SCENE = gas(50, 0.2)
 FIRST = mpsim.Settings(method="grid", contact="push", dt=0.01)
+EXACT = mpsim.Settings(method="event", dt=0.04)
 PATIENCE = 60.0
 
 
 class Two:
-    def __init__(self, beside, scene=SCENE):
-        self.sim, self.trade, self.looks = simulate(scene, method="grid", dt=0.01), Trade(None), []
+    def __init__(self, beside, scene=SCENE, first=FIRST):
+        self.sim, self.trade, self.looks = mpsim.Simulation(scene, first), Trade(None), []
+        self.seen = []
         self.trade.choose(beside)
-        self.trade.begin(scene, FIRST)
+        self.trade.begin(scene, first)
 
     def run(self, frames, every=4):
         def look():
             self.looks.append((self.sim.time, None if self.trade.pair is None else self.trade.pair.sim.time))
+            self.seen.append(self.told)
 
         return self.trade.run(self.sim, frames, every, look)
 
@@ -46,20 +50,49 @@ def two():
 
 def test_both_stages_are_at_one_time_at_each_look(two):
     t = two({"method": "event"})
-    report, seconds = t.run(20)
-    assert [first for first, _ in t.looks] == pytest.approx([0.0, 0.04, 0.08, 0.12, 0.16, 0.2])
+    reports, seconds = t.run(20)
+    assert [first for first, _ in t.looks] == pytest.approx([0.04, 0.08, 0.12, 0.16, 0.2])
     assert all(first == second for first, second in t.looks)
-    assert seconds > float(report.frame_seconds.sum()), "the time of the second stage counts, too"
+    assert seconds > sum(each.frame_seconds.sum() for each in reports), "the time of the second stage counts, too"
     told = t.told
     assert (told["first"], told["second"], told["exact"], told["time"]) == ("grid push dt=0.01", "event", True, 0.2)
-    assert told["collisions"][0] == report.collisions
+    assert told["collisions"][0] == sum(each.collisions for each in reports)
     assert 0 < told["distance"] < 0.1
     assert math.isfinite(told["cost_ratio"])
 
 
+def test_equal_stages_differ_by_nothing_at_every_look(two):
+    t = two(FIRST)
+    for frames in (20, 3, 30):  # looks at the ends of runs and in between
+        t.run(frames)
+    assert len(t.seen) == 15
+    for told in t.seen:
+        first, second = told["collisions"]
+        assert first == second > 0
+        assert (told["missed"], told["missed_fraction"], told["distance"]) == (0, 0.0, 0.0)
+        assert told["pressure"][0] == told["pressure"][1] > 0
+        assert told["pressure_difference"] == 0.0
+
+
+def test_at_every_look_each_stage_has_counted_what_the_library_counts(two):
+    coarse = mpsim.Settings(method="grid", contact="push", dt=0.04)
+    t = two({"method": "event"}, SCENE, coarse)
+    for frames in (20, 3, 30):
+        t.run(frames)
+    expected = [counted(settings, [told["time"] for told in t.seen]) for settings in (coarse, EXACT)]
+    assert [told["collisions"] for told in t.seen] == [list(each) for each in zip(*expected, strict=True)]
+    assert any(told["missed_fraction"] > 0.05 for told in t.seen), "negative control: such steps miss collisions"
+
+
+def counted(settings, times):
+    """Collisions up to some times."""
+    with mpsim.Simulation(SCENE, settings) as sim:
+        return np.cumsum([sim.run(until=time).collisions for time in times]).tolist()
+
+
 def test_without_a_second_stage_nothing_is_measured(two):
     t = two(None)
-    report, seconds = t.run(8)
+    (report,), seconds = t.run(8)
     assert seconds == float(report.frame_seconds.sum())
     assert not report.measures
     assert (t.told["second"], t.trade.shown()) == (None, None)
