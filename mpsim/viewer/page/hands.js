@@ -83,13 +83,15 @@ const brush = paced((place) => {
 });
 const erase = paced((place) => { if (gesture?.tool === "remove") removeAt(place); });
 
+/** Remove the disc at a place; returns its number, or null if none is seen there. */
 function removeAt(place) {
   const disc = discAt(place, 0);
-  if (disc === null || gesture?.gone.has(disc)) return;
+  if (disc === null || gesture?.gone.has(disc)) return disc;
   send({ do: "remove", id: disc, same: gesture?.sent ?? false });
-  if (!gesture) return;
+  if (!gesture) return disc;
   gesture.gone.add(disc);
   gesture.sent = true;
+  return disc;
 }
 
 function addAt(place) {
@@ -120,13 +122,13 @@ function built() {
   say("");
 }
 
-/** Begin at a place; returns whether the tool has something to do there. */
-function begin(place, reach) {
+/** Begin at a place and a time [ms]; returns whether the tool has something to do there. */
+function begin(place, reach, time) {
   if (tool === "hand") {
     const disc = discAt(place, reach);
     if (disc === null) return false;
     const centre = placeOf(disc), off = nearest([centre[0] - place[0], centre[1] - place[1]]);
-    gesture = { tool, disc, off, place, trail: [[performance.now(), ...place]] };
+    gesture = { tool, disc, off, place, trail: [[time, ...place]] };
     hold();
     gesture.again = setInterval(hold, 1000); // or the simulation lets it go, as when the page is closed
   } else if (tool === "wall") {
@@ -146,40 +148,40 @@ function hold() {
   sendHold(gesture.disc, inside([x + dx, y + dy], radiusOf(gesture.disc)));
 }
 
-function go(place) {
+function go(place, time) {
   if (!gesture) return;
   if (gesture.tool === "brush") brush(place);
   else if (gesture.tool === "remove") erase(place);
   else if (gesture.tool === "wall") { gesture.to = endOfWall(place); requestDraw(); }
   else if (gesture.tool === "hand") {
-    const now = performance.now();
     gesture.place = place;
-    gesture.trail.push([now, ...place]);
-    while (gesture.trail.length > 1 && gesture.trail[1][0] < now - TRAIL) gesture.trail.shift();
+    gesture.trail.push([time, ...place]);
+    while (gesture.trail.length > 1 && gesture.trail[1][0] < time - TRAIL) gesture.trail.shift();
     hold();
     requestDraw();
   }
 }
 
-/** End a gesture. A disc that is held leaves with a velocity [length/time], else with that of the pointer; a wall is built
- *  without a velocity, and with one it is forgotten. */
-function end(velocity) {
+/** End a gesture. A disc that is held leaves with a velocity [length/time], else with that of the pointer at a time [ms];
+ *  a wall is built without a velocity, and with one it is forgotten. */
+function end(velocity, time) {
   if (!gesture) return;
   if (gesture.tool === "hand") {
     clearInterval(gesture.again);
     sendHold.forget();
     const [x, y] = gesture.place, [dx, dy] = gesture.off, at = inside([x + dx, y + dy], radiusOf(gesture.disc));
     send({ do: "hold", id: gesture.disc, x: at[0], y: at[1] });
-    const [vx, vy] = velocity ?? pointerVelocity();
+    const [vx, vy] = velocity ?? pointerVelocity(time);
     send({ do: "release", vx, vy });
   } else if (gesture.tool === "wall" && !velocity) build();
   gesture = null;
   requestDraw();
 }
 
-/** Velocity of the pointer: of its last way, in the time that the simulation takes for it. */
-function pointerVelocity() {
-  const now = performance.now(), trail = gesture.trail.filter(([time]) => time >= now - 2 * TRAIL);
+/** Velocity of the pointer when it lets go: of its last displacement, in the time that the simulation takes for it. Times are
+ *  those of the events, as a busy page hears of them later. */
+function pointerVelocity(now) {
+  const trail = gesture.trail.filter(([time]) => time >= now - 2 * TRAIL);
   if (trail.length < 2 || now - trail.at(-1)[0] > TRAIL) return [0, 0];
   const [first, last] = [trail[0], trail.at(-1)], seconds = Math.max(last[0] - first[0], 8) / 1000;
   const rate = seconds * 60 * (state.status.speed ?? 1) * (state.hands?.dt ?? state.scene.dt);
@@ -193,7 +195,7 @@ const down = new Set();
 stage.addEventListener("pointerdown", (event) => {
   down.add(event.pointerId);
   if (event.target.closest("button") || event.button !== 0 || down.size > 1 || !ready()) return;
-  if (!begin(toBox(onCanvas(event)), (NEAR * (window.devicePixelRatio || 1)) / camera.scale)) return;
+  if (!begin(toBox(onCanvas(event)), (NEAR * (window.devicePixelRatio || 1)) / camera.scale, event.timeStamp)) return;
   pointer = event.pointerId;
   cross = null;
   stage.setPointerCapture(pointer);
@@ -204,14 +206,15 @@ stage.addEventListener("pointerdown", (event) => {
 stage.addEventListener("pointermove", (event) => {
   if (event.pointerId !== pointer) return;
   event.stopImmediatePropagation();
-  go(toBox(onCanvas(event)));
+  const all = event.getCoalescedEvents?.() ?? []; // a busy page gets several moves as one
+  for (const each of all.length ? all : [event]) go(toBox(onCanvas(each)), each.timeStamp);
 }, true);
 for (const name of ["pointerup", "pointercancel"]) stage.addEventListener(name, (event) => {
   down.delete(event.pointerId);
   if (event.pointerId !== pointer) return;
   pointer = null;
   event.stopImmediatePropagation();
-  end(name === "pointercancel" ? [0, 0] : null);
+  end(name === "pointercancel" ? [0, 0] : null, event.timeStamp);
 }, true);
 
 // --- keys
@@ -253,8 +256,8 @@ stage.addEventListener("keydown", (event) => {
   else if (arrow) {
     const step = 0.02 * Math.min(camera.width, camera.height) / camera.scale;
     cross = cross.map((each, axis) => bound(each + step * arrow[axis], 0, state.picture.extent[axis]));
-    go(cross);
-  } else if (event.key === "Enter" && ready()) press();
+    go(cross, event.timeStamp);
+  } else if (event.key === "Enter" && ready()) press(event.timeStamp);
   else if (event.key === "Escape") pointByKeys();
   else return;
   requestDraw();
@@ -262,11 +265,11 @@ stage.addEventListener("keydown", (event) => {
   event.stopPropagation();
 });
 
-function press() {
+function press(time) {
   if (gesture) { end(gesture.tool === "wall" ? null : [0, 0]); return; }
   if (tool === "add") addAt(cross);
-  else if (tool === "remove") removeAt(cross);
-  else begin(cross, tool === "wall" ? 0 : Infinity);
+  else if (tool === "remove") { if (removeAt(cross) === null) say("No disc is under the cross."); }
+  else begin(cross, tool === "wall" ? 0 : Infinity, time);
   if (gesture?.tool === "hand") { // the cross goes to the disc, and both move together
     cross = gesture.place = placeOf(gesture.disc);
     gesture.off = [0, 0];

@@ -83,6 +83,7 @@ takers.hands.push(({ parameters }) => {
     update(shown.get(each.name), each);
   }
   gravity = parameters.find((each) => each.name === "gravity");
+  dial.dataset.value = JSON.stringify(gravity?.value ?? null);
   if (!dragged) drawDial();
 });
 
@@ -108,7 +109,6 @@ function drawDial(value = gravity?.value) {
   c.arc(middle, height / 2, 3 * ratio, 0, 7);
   c.fill();
   $("gravity-text").textContent = Math.hypot(...value) ? `${digits(value[0])}, ${digits(value[1])}` : "none";
-  dial.dataset.value = JSON.stringify(gravity.value);
   if (length < ratio) return;
   const tip = [middle + x, height / 2 - y], head = Math.min(9 * ratio, length);
   c.lineWidth = 3 * ratio;

@@ -47,10 +47,14 @@ def test_the_time_line_is_moved_by_pointer_and_keys(page):
     until(lambda: shown(page) == 0 and page.is_disabled("#back"))
     page.keyboard.press("f")
     until(lambda: shown(page) == 100 and page.get_attribute("#follow", "aria-pressed") == "true")
+    assert page.inner_text("#speed-text") == "1/2×, 30 recorded frames a second"  # noqa: RUF001
+    page.keyboard.press("[")
+    page.keyboard.press("[")
+    until(lambda: page.inner_text("#speed-text") == "1/10×, 6 recorded frames a second")  # noqa: RUF001
     page.click("#play")  # at the end: again from the start
     until(lambda: page.inner_text("#phase") == "playing" and shown(page) < 60)
+    page.keyboard.press("m")
     until(lambda: page.inner_text("#phase") == "paused" and shown(page) == 100)
-    assert page.inner_text("#speed-text") == "1/2×, 30 recorded frames a second"  # noqa: RUF001
     hidden = ("#tools", "#parameters", "#keep-session", "#nanoseconds")
     assert [name for name in hidden if page.is_visible(name)] == []
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
