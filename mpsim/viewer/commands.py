@@ -120,11 +120,12 @@ class Commanded(Source):
         sim = self._demand_simulation(action.name)
         if action.name == "undo":
             self._broadcast.forget_radii()
-        before = self._hands.mark
+        undo = self._hands.undo
+        before = undo.last
         self._sim = self._hands.do(sim, action, time.perf_counter())
-        if action.name == "undo" and before:
+        if action.name == "undo" and undo.last != before:  # or it was refused
             self._trade.back(before)
-        self._changed(self._hands.mark if self._hands.mark > before else None)
+        self._changed(undo.last if undo.last > before else None)
 
     def _changed(self, mark: int | None = None) -> None:
         """Note that the simulation is another than it was at this frame: energies count from now on.
@@ -135,6 +136,8 @@ class Commanded(Source):
         self._renew_gauges()
         self._close_passes()
         self._trade.changed(self._simulation, mark)
+        self._hands.undo.trim(self._trade.bytes_of_moments)
+        self._trade.forget_all_but(self._hands.undo.numbers)
         self._broadcast.tell_if_new("hands", self._hands.told(self._simulation))
 
     # --- time
@@ -202,6 +205,7 @@ class Commanded(Source):
             case "found":
                 same = {"start_method": self._settings.start_method, "on_worker_death": self._settings.on_worker_death}
                 self._settings = dataclasses.replace(values["settings"], **same)
+                self._trade.fit(self._settings.dt)
             case _:  # there is news of the search
                 pass
         self._broadcast.tell_if_new("tune", self._tuning.told())

@@ -26,6 +26,9 @@ from mpsim.viewer.wire import Action
 HOLD_SECONDS = 3.0
 """A disc is let go when its page has said nothing for so long; it repeats itself every second."""
 
+MOST_HELD = 16
+"""Discs that pages may hold at a time: each is put in its place before all frames."""
+
 MOST_ADDED = 10_000
 """Discs that pages may add to one simulation."""
 
@@ -48,6 +51,10 @@ class _Held:
     until: float
 
 
+Key = tuple[str, Any]
+"""A gesture: its action, and the disc that is held or the parameter that is changed."""
+
+
 class Hands:
     """Actions of pages on one simulation after the other.
 
@@ -55,6 +62,8 @@ class Hands:
         owned: whether the simulations are the view's own. Others are changed, but not replaced: nothing is undone.
 
     Attributes:
+        undo: the moments before their gestures. A gesture is what a hand does from press to release, and one entry,
+            however many pages have their hands on the simulation at the same time.
         note: why the last action was refused, or what was different from what was asked for; None: nothing.
 
     >>> from mpsim import Scene
@@ -73,13 +82,12 @@ class Hands:
         self.note: str | None = None
         self._notes = 0
         self._owned = owned
-        self._undo = Undo()
-        self._held: _Held | None = None
-        self._last: tuple[Any, ...] = ()  # the action that "same" goes on with
+        self.undo: Undo = Undo()
+        self._held: dict[int, _Held] = {}  # by their numbers
+        self._gestures: dict[Key, int] = {}  # that "same" can go on with: the moment before each
         self._added = self._walls = 0
         self._sliders: Sliders | None = None
         self._acts: Mapping[str, Callable[..., None]] = {
-            "release": self._release,
             "add": self._add,
             "remove": self._remove,
             "wall": self._wall,
@@ -88,26 +96,21 @@ class Hands:
 
     def begin(self, sim: Simulation) -> None:
         """Begin with another simulation."""
-        self._held, self._last, self.note = None, (), None
+        self._held, self._gestures, self.note = {}, {}, None
         self._added = self._walls = 0
-        self._undo.clear()
+        self.undo.clear()
         self._sliders = Sliders(sim)
 
     def close(self) -> None:
         """Remove the checkpoints."""
-        self._undo.close()
-
-    @property
-    def mark(self) -> int:
-        """Number of the moment to which "undo" goes back; 0: there is none."""
-        return self._undo.last
+        self.undo.close()
 
     def told(self, sim: Simulation) -> dict[str, Any]:
         """What pages are told, as `wire.text_of` takes it."""
         assert self._sliders is not None  # since the beginning
         return {
-            "held": None if self._held is None else self._held.disc,
-            "undo": len(self._undo) if self._owned else None,
+            "held": sorted(self._held),
+            "undo": len(self.undo) if self._owned else None,
             "note": self.note,
             "notes": self._notes,
             "dt": sim.settings.dt,
@@ -125,6 +128,8 @@ class Hands:
                 return self._back(sim)
             if action.name == "hold":
                 self._hold(sim, now, **action.values)
+            elif action.name == "release":  # which ends a gesture that has begun
+                self._release(sim, **action.values)
             else:
                 self._with_mark(sim, action)
         except REFUSALS as error:
@@ -132,17 +137,18 @@ class Hands:
         return sim
 
     def hold_still(self, sim: Simulation, now: float) -> bool:
-        """Put a held disc where it is held, before frames are run; returns whether something is different then."""
-        held = self._held
-        if held is None:
-            return False
-        try:
-            if now <= held.until:
-                return _put(sim, held)
-        except REFUSALS as error:  # it has left, or there is no room any more
-            self._say(str(error))
-        self._held = None
-        return True
+        """Put held discs where they are held, before frames are run; returns whether something is different then."""
+        different = False
+        for held in list(self._held.values()):
+            try:
+                if now <= held.until:
+                    different |= _put(sim, held)
+                    continue
+            except REFUSALS as error:  # it has left, or there is no room any more
+                self._say(str(error))
+            del self._held[held.disc]
+            different = True
+        return different
 
     def _say(self, note: str) -> None:
         self.note = note
@@ -151,27 +157,29 @@ class Hands:
     # --- marks, and back to them
 
     def _with_mark(self, sim: Simulation, action: Action) -> None:
-        """Do an action that can be taken back, together with the one before if it goes on with that."""
+        """Do an action that can be taken back, together with the gesture that it goes on with."""
         values = dict(action.values)
         key = (action.name, values.get("name"))
-        goes_on = action.name == "release" or (values.pop("same", False) and key == self._last)
-        with self._marked(sim, not goes_on):
+        with self._marked(sim, key, values.pop("same", False) and key in self._gestures):
             self._acts[action.name](sim, **values)
-        self._last = key
 
     @contextlib.contextmanager
-    def _marked(self, sim: Simulation, wanted: bool = True) -> Iterator[None]:
-        """Remember this moment, unless what follows is refused."""
-        wanted = wanted and self._owned
-        if wanted:
-            self._undo.mark(sim)
+    def _marked(self, sim: Simulation, key: Key, goes_on: bool) -> Iterator[None]:
+        """Remember this moment as that before a gesture, unless it goes on, or what follows is refused."""
+        if goes_on:
+            yield
+            return
+        if self._owned:
+            self.undo.mark(sim)
         try:
             yield
         except REFUSALS:
-            if wanted:
-                self._undo.forget_last()
-                self._last = ()
+            self._gestures.pop(key, None)
+            if self._owned:
+                self.undo.forget_last()
             raise
+        self._gestures[key] = self.undo.last
+        self.undo.trim({})
 
     def _back(self, sim: Simulation) -> Simulation:
         if not self._owned:
@@ -179,30 +187,30 @@ class Hands:
                 "undo needs a simulation of the view's own; this one belongs to a program. Open the view with its "
                 "scene, or use sim.journal."
             )
-        self._held, self._last = None, ()
-        return self._undo.back(sim)
+        again = self.undo.back(sim)
+        kept = self.undo.numbers  # what has begun later is no longer there
+        self._gestures = {key: number for key, number in self._gestures.items() if number in kept}
+        self._held = {disc: held for disc, held in self._held.items() if ("hold", disc) in self._gestures}
+        return again
 
     # --- actions
 
     def _hold(self, sim: Simulation, now: float, id: int, x: float, y: float) -> None:
+        if id not in self._held and len(self._held) >= MOST_HELD:
+            raise InputError(f"pages may hold at most {MOST_HELD} discs at a time; got one more. Release another one.")
         held = _Held(id, (x, y), now + HOLD_SECONDS)
-        if self._held is not None and self._held.disc == id:
+        with self._marked(sim, ("hold", id), goes_on=id in self._held):
             _put(sim, held)
-        else:
-            with self._marked(sim):
-                _put(sim, held)
-            self._last = ("hold",)
-        self._held = held
+        self._held[id] = held
 
-    def _release(self, sim: Simulation, vx: float, vy: float) -> None:
-        held, self._held = self._held, None
-        if held is None:
+    def _release(self, sim: Simulation, id: int, vx: float, vy: float) -> None:
+        if self._held.pop(id, None) is None:
             return
-        limit, speed = _fastest(sim, held.disc), math.hypot(vx, vy)
+        limit, speed = _fastest(sim, id), math.hypot(vx, vy)
         if speed > limit:
             vx, vy = vx * limit / speed, vy * limit / speed
         if speed:
-            sim.set([held.disc], velocity=(vx, vy))
+            sim.set([id], velocity=(vx, vy))
         if speed > limit:
             self._say(f"thrown at speed {limit:.3g}, one radius a step: a faster disc may pass through others")
 
@@ -219,8 +227,7 @@ class Hands:
         self._added += 1
 
     def _remove(self, sim: Simulation, id: int) -> None:
-        if self._held is not None and self._held.disc == id:
-            self._held = None
+        self._held.pop(id, None)
         sim.remove([id])
 
     def _wall(self, sim: Simulation, ax: float, ay: float, bx: float, by: float) -> None:

@@ -3,7 +3,7 @@
 import contextlib
 import copy
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from mpsim.core.errors import ClosedError, InputError, MpsimError
@@ -142,22 +142,29 @@ class Pair:
     def _renew_steps(self, first: Simulation, dt: float) -> None:
         """Fit frames to another dt of the first stage: as long as they were, nearly."""
         exact = not capabilities_of(self._settings).has_steps
-        each = 1 if exact else max(round(dt / self._settings.dt), 1)
-        if self.sim.settings.dt != dt / each:
-            self.sim.change(dt=dt / each)
+        own = dt if exact else fitting(self._settings.dt, dt)
+        each = round(dt / own)
+        if self.sim.settings.dt != own:
+            self.sim.change(dt=own)
         self._steps = Steps(first.frame, self.sim.frame, each)
 
     # --- back
 
     def mark(self, number: int) -> None:
-        """Remember this moment, as one that the first stage can go back to; number: what that calls it.
-
-        Of too many, or of too many bytes, the first ones are forgotten, as `Undo` does.
-        """
+        """Remember this moment, as one that the first stage can go back to; number: what that calls it."""
         self._moments.keep(number, self.sim)
         self._marks[number] = _Mark(self._steps, self._taken, copy.deepcopy(self.comparison))
-        for each in self._moments.trim(spared={SNAPSHOT}):
-            del self._marks[each]
+
+    @property
+    def bytes_of_moments(self) -> Mapping[int, int]:
+        """Bytes of the checkpoint of each moment, by number."""
+        return self._moments.sizes
+
+    def forget_all_but(self, numbers: Iterable[int]) -> None:
+        """Forget the moments but for these and SNAPSHOT: the first stage can go back to no others."""
+        for number in self._marks.keys() - {SNAPSHOT, *numbers}:
+            self._moments.forget(number)
+            del self._marks[number]
 
     def back(self, number: int) -> None:
         """Go back to a moment.
@@ -168,6 +175,15 @@ class Pair:
         self.sim = self._moments.back(number, self.sim)
         mark = self._marks[number]
         self._steps, self._taken, self.comparison = mark.steps, mark.taken, copy.deepcopy(mark.comparison)
+
+
+def fitting(own: float, dt: float) -> float:
+    """The whole fraction of a first stage's dt that is nearest to that of a second one [time].
+
+    >>> fitting(0.003, dt=0.01), fitting(0.02, dt=0.01)
+    (0.0033333333333333335, 0.01)
+    """
+    return dt / max(round(dt / own), 1)
 
 
 def in_step(settings: Settings, dt: float) -> tuple[Settings, int]:

@@ -23,7 +23,7 @@ MOST_WAITING = 1000
 """Actions that wait for their turn at most."""
 
 REPLACING = ("play", "pause", "speed", "reset", "hold", "searching")
-"""Actions of which the last one counts, if several follow each other while frames are run."""
+"""Actions of which the last one counts, if several follow each other while frames are run; of "hold", for each disc."""
 
 CLOSING_SECONDS = 10.0
 """Time that `close` waits for the thread: longer than any frames, but not than all that may have to be compiled."""
@@ -75,12 +75,22 @@ class Source(ABC):
             InputError: if too many wait already.
         """
         with self._wake:
-            if self._actions and action.name in REPLACING and self._actions[-1].name == action.name:
-                self._actions.pop()
+            if action.name in REPLACING:
+                self._forget_replaced(action)
             if len(self._actions) >= MOST_WAITING:
                 raise InputError(f"at most {MOST_WAITING} actions may wait; got one more, {action.name}. Wait.")
             self._actions.append(action)
             self._wake.notify()
+
+    def _forget_replaced(self, action: wire.Action) -> None:
+        """Forget the action that this one replaces, if none of another kind has come between."""
+        for k in reversed(range(len(self._actions))):
+            waiting = self._actions[k]
+            if waiting.name != action.name:
+                return
+            if waiting.values.get("id") == action.values.get("id"):
+                del self._actions[k]
+                return
 
     def keep(self, what: str) -> "Future[keep.Kept]":
         """Have a file made of what is shown, soon; what: its name among `keep.KEEPING`.

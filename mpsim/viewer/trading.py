@@ -2,7 +2,7 @@
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from mpsim.core.errors import InputError, MpsimError
@@ -18,7 +18,7 @@ from mpsim.studies.comparison import divergence
 from mpsim.studies.tradeoff import label
 from mpsim.viewer.background import Background, Check
 from mpsim.viewer.comparison import measures_of
-from mpsim.viewer.pair import SNAPSHOT, Pair
+from mpsim.viewer.pair import SNAPSHOT, Pair, fitting
 
 MOST_DIVERGING = 5000
 """Discs of a scene at most for which the Lyapunov time is found, by two short exact runs."""
@@ -66,7 +66,8 @@ class Trade:
 
     def __init__(self, beside: Settings | None):
         self.pair: Pair | None = None
-        self._wanted: Beside = beside
+        self._asked: Beside = beside
+        self._wanted: Beside = beside  # as asked for, or fitted to another first stage
         self._note: str | None = None
         self._predictability: Predictability | None = None
         self._diverging: Scene | None = None  # whose Lyapunov time is known, or being found
@@ -74,7 +75,15 @@ class Trade:
 
     def choose(self, beside: Beside) -> None:
         """From the next beginning on, have this second stage."""
-        self._wanted = beside
+        self._asked = self._wanted = beside
+
+    def fit(self, dt: float) -> None:
+        """From the next beginning on, have what was asked for, with a dt that fits another first stage.
+
+        dt: of that stage [time].
+        """
+        if isinstance(self._asked, Settings):
+            self._wanted = dataclasses.replace(self._asked, dt=fitting(self._asked.dt, dt))
 
     def begin(self, scene: Scene, settings: Settings) -> None:
         """Begin both stages with a scene; settings: of the first one."""
@@ -151,6 +160,16 @@ class Trade:
                 if mark is not None:
                     self.pair.mark(mark)
                 self.pair.take(sim, sim.journal)
+
+    @property
+    def bytes_of_moments(self) -> Mapping[int, int]:
+        """Bytes of the checkpoint of each moment of the second stage, by number."""
+        return {} if self.pair is None else self.pair.bytes_of_moments
+
+    def forget_all_but(self, numbers: Iterable[int]) -> None:
+        """Forget the moments to which the first stage cannot go back; numbers: of those to which it can."""
+        if self.pair is not None:
+            self.pair.forget_all_but(numbers)
 
     def remember(self) -> None:
         """Remember this moment, as the first stage does."""

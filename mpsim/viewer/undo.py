@@ -1,21 +1,26 @@
 """Back in time: to the moment before a change, or to one that was remembered, from checkpoints."""
 
+import os
 import tempfile
-from collections.abc import Container
+from collections.abc import Mapping
 from pathlib import Path
 
 from mpsim.core.errors import InputError
 from mpsim.engine.simulation import Simulation
 
 MOST_POINTS = 16
-"""Moments before changes, of one simulation, that are remembered at most, the last ones."""
+"""Moments before changes that are remembered at most, the last ones."""
 
 MOST_BYTES = 2**28
-"""Bytes of their checkpoints together at most; of very many discs fewer moments are remembered."""
+"""Bytes of their checkpoints together at most, those of a second stage included; of very many discs fewer moments are
+remembered."""
 
 
 class Moments:
     """Moments of one simulation, by number, in a folder of their own that `close` removes.
+
+    Attributes:
+        sizes: bytes of the checkpoint of each, by number, the oldest first.
 
     >>> from mpsim import Scene
     >>> sim, moments = Simulation(Scene.random(count=5, packing=0.2, radius=0.5, seed=1)), Moments()
@@ -23,42 +28,27 @@ class Moments:
     >>> for _ in range(2):  # as often as one likes
     ...     report = sim.run(frames=3)
     ...     sim = moments.back(7, sim)
-    >>> sim.frame, len(moments), moments.last
-    (0, 1, 7)
+    >>> sim.frame, list(moments.sizes)
+    (0, [7])
     >>> sim.close(); moments.close()
     """
 
     def __init__(self) -> None:
-        self._sizes: dict[int, int] = {}  # bytes of the checkpoint of each, the oldest first
+        self.sizes: dict[int, int] = {}
         self._folder: tempfile.TemporaryDirectory[str] | None = None  # from the first one
-
-    def __len__(self) -> int:
-        return len(self._sizes)
-
-    @property
-    def last(self) -> int:
-        """Number of the last moment; 0 if there is none."""
-        return next(reversed(self._sizes), 0)
 
     def keep(self, number: int, sim: Simulation) -> None:
         """Remember this moment under a number, in place of the one that had it.
 
         Raises:
-            OutputError: if the checkpoint cannot be written.
+            OutputError: if the checkpoint cannot be written; the moment that had the number is still there.
         """
         if self._folder is None:
             self._folder = tempfile.TemporaryDirectory(prefix="mpsim-view-")
+        new = sim.save(self._path(number).with_suffix(".new"))
         self.forget(number)
-        self._sizes[number] = sim.save(self._path(number)).stat().st_size
-
-    def trim(self, spared: Container[int] = ()) -> list[int]:
-        """Forget the first of more than MOST_POINTS or MOST_BYTES; returns their numbers. Spared ones do not count."""
-        counted = [number for number in self._sizes if number not in spared]
-        forgotten: list[int] = []
-        while len(counted) > MOST_POINTS or sum(self._sizes[number] for number in counted) > MOST_BYTES:
-            forgotten.append(counted.pop(0))
-            self.forget(forgotten[-1])
-        return forgotten
+        self.sizes[number] = new.stat().st_size
+        os.replace(new, self._path(number))
 
     def back(self, number: int, sim: Simulation) -> Simulation:
         """The simulation as it was at a moment; the given one is closed.
@@ -66,7 +56,7 @@ class Moments:
         Raises:
             InputError: if that moment is not remembered.
         """
-        if number not in self._sizes:
+        if number not in self.sizes:
             raise InputError("going back needs a remembered moment; got none. Reset starts again.")
         settings = sim.settings
         again = Simulation.resume(self._path(number), workers=settings.workers, start_method=settings.start_method)
@@ -75,12 +65,12 @@ class Moments:
 
     def forget(self, number: int) -> None:
         """Forget a moment, if it is remembered."""
-        if self._sizes.pop(number, None) is not None:
+        if self.sizes.pop(number, None) is not None:
             self._path(number).unlink()
 
     def close(self) -> None:
         """Forget all, and remove the folder."""
-        self._sizes.clear()
+        self.sizes.clear()
         if self._folder is not None:
             self._folder.cleanup()
             self._folder = None
@@ -109,22 +99,38 @@ class Undo:
         self._made = 0
 
     def __len__(self) -> int:
-        return len(self._moments)
+        return len(self._moments.sizes)
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Numbers of the moments, the oldest first. No two have ever had the same."""
+        return tuple(self._moments.sizes)
 
     @property
     def last(self) -> int:
-        """Number of the last moment; 0 if there is none. No two have the same."""
-        return self._moments.last
+        """Number of the last moment; 0 if there is none."""
+        return max(self.numbers, default=0)
 
     def mark(self, sim: Simulation) -> None:
-        """Remember this moment; of too many the first ones are forgotten.
+        """Remember this moment.
 
         Raises:
             OutputError: if the checkpoint cannot be written.
         """
         self._made += 1
         self._moments.keep(self._made, sim)
-        self._moments.trim()
+
+    def trim(self, beside: Mapping[int, int]) -> None:
+        """Forget the first of more than MOST_POINTS, or of more than MOST_BYTES.
+
+        beside: bytes of the checkpoints that are kept elsewhere for the same moments, by number.
+        """
+        sizes = {number: size + beside.get(number, 0) for number, size in self._moments.sizes.items()}
+        for number in self.numbers:
+            if len(sizes) <= MOST_POINTS and sum(sizes.values()) <= MOST_BYTES:
+                break
+            del sizes[number]
+            self._moments.forget(number)
 
     def forget_last(self) -> None:
         """Forget the last moment, after which nothing has been changed."""
@@ -136,7 +142,7 @@ class Undo:
         Raises:
             InputError: if there is none.
         """
-        if not self._moments:
+        if not self.numbers:
             raise InputError("undo needs a remembered change; got none. Reset goes back to the start.")
         again = self._moments.back(self.last, sim)
         self.forget_last()
@@ -144,7 +150,7 @@ class Undo:
 
     def clear(self) -> None:
         """Forget all."""
-        while self._moments:
+        while self.numbers:
             self.forget_last()
 
     def close(self) -> None:

@@ -282,7 +282,7 @@ ACTIONS: Mapping[str, Mapping[str, Field]] = {
     "stop_tuning": {},
     # by hand, see hands.py; same: it goes on with the action before, and is taken back together with it
     "hold": {"id": _DISC, "x": _number, "y": _number},
-    "release": {"vx": _number, "vy": _number},
+    "release": {"id": _DISC, "vx": _number, "vy": _number},
     "add": {"x": _number, "y": _number, "same": checks.truth},
     "remove": {"id": _DISC, "same": checks.truth},
     "wall": {"ax": _number, "ay": _number, "bx": _number, "by": _number},

@@ -98,7 +98,7 @@ class Table:
         return self.sim.state.position[number]
 
     def holding(self):
-        return self.view._session._hands._held
+        return next(iter(self.view._session._hands._held.values()), None)
 
     def what(self):
         return [change.what for change in self.sim.journal]

@@ -172,7 +172,7 @@ function end(velocity, time) {
     const [x, y] = gesture.place, [dx, dy] = gesture.off, at = inside([x + dx, y + dy], radiusOf(gesture.disc));
     send({ do: "hold", id: gesture.disc, x: at[0], y: at[1] });
     const [vx, vy] = velocity ?? pointerVelocity(time);
-    send({ do: "release", vx, vy });
+    send({ do: "release", id: gesture.disc, vx, vy });
   } else if (gesture.tool === "wall" && !velocity) build();
   gesture = null;
   requestDraw();

@@ -2,6 +2,7 @@
 
 import json
 import time
+from pathlib import Path
 
 import pytest
 from support.scenes import gas
@@ -9,7 +10,7 @@ from support.watching import Watcher, do, step_to
 
 import mpsim
 from mpsim.viewer import session as session_module
-from mpsim.viewer import tuning, wire
+from mpsim.viewer import tuning, undo, wire
 from mpsim.viewer.session import Session
 
 SCENE = gas(300, 0.4)
@@ -117,6 +118,65 @@ def test_changes_by_hand_and_undo_reach_both(begin):
     assert not len(session._trade.pair.sim.journal)
 
 
+def change(session, watcher, value):
+    """One gesture."""
+    session.submit(wire.Action("change", {"name": "restitution", "value": value, "same": False}))
+    name = {"name": "restitution", "value": value}
+    watcher.wait(lambda w: any(each.items() >= name.items() for each in w.told["hands"]["parameters"]))
+
+
+def undo_all(session, watcher):
+    """Take all back, which the second stage outlives."""
+    while left := watcher.told["hands"]["undo"]:
+        do(session, "undo")
+        watcher.wait(lambda w, left=left: w.told["hands"]["undo"] < left)
+        assert session._trade.pair is not None, session._trade._note
+        assert session._trade.pair.sim.frame == session._sim.frame
+        assert len(session._trade.pair.sim.journal) == len(session._sim.journal)
+
+
+def test_undone_changes_push_no_moments_of_the_second_stage_out(begin, monkeypatch):
+    monkeypatch.setattr(undo, "MOST_POINTS", 3)
+    session, watcher = begin(beside=EVENT)
+    for frame in (1, 2, 3):
+        step_to(session, watcher, frame)
+        change(session, watcher, 1 - frame / 10)
+    for _ in range(2):
+        do(session, "undo")
+        change(session, watcher, 0.5)
+    undo_all(session, watcher)
+    assert session._sim.frame == 1
+
+
+def test_moments_of_both_stages_share_their_bytes(begin, monkeypatch):
+    session, watcher = begin(beside=EVENT)
+    change(session, watcher, 0.9)
+
+    def sizes():
+        return session._hands.undo._moments.sizes, session._trade.bytes_of_moments
+
+    monkeypatch.setattr(undo, "MOST_BYTES", 3.5 * sum(each[1] for each in sizes()))
+    for k in range(2, 7):
+        change(session, watcher, 1 - k / 10)
+        assert watcher.told["hands"]["undo"] == min(k, 3)
+        first, second = sizes()
+        assert first.keys() == second.keys()
+        assert sum(first.values()) + sum(second.values()) <= undo.MOST_BYTES
+    undo_all(session, watcher)
+
+
+def test_an_undo_that_fails_moves_no_stage(begin):
+    session, watcher = begin(beside=EVENT)
+    change(session, watcher, 0.9)
+    step_to(session, watcher, 3)
+    for path in Path(session._hands.undo._moments._folder.name).iterdir():
+        path.unlink()
+    do(session, "undo")
+    watcher.wait(lambda w: w.told["hands"]["note"] or w.told["status"]["note"])
+    assert (session._sim.frame, session._trade.pair.sim.frame) == (3, 3)
+    assert len(session._trade.pair.sim.journal) == 1
+
+
 def test_a_frame_pass_by_pass_ends_where_the_frame_does(begin):
     session, watcher = begin()
     step_to(session, watcher, 7)
@@ -187,12 +247,33 @@ def test_other_random_numbers_and_back_to_the_scene(begin):
     assert session._sim.digest() == alone(0)
 
 
-def test_settings_that_were_found_are_applied(begin, monkeypatch):
-    def search(scene, budgets, seconds, progress):
-        progress(1, 2, "halfway")
-        return type("Found", (), {"settings": mpsim.Settings(method="grid", dt=0.02)})()
+@pytest.fixture
+def finds(monkeypatch):
+    """Has the search find a dt."""
 
-    monkeypatch.setattr(tuning, "tune", search)
+    def set_up(dt):
+        def search(scene, budgets, seconds, progress):
+            progress(1, 2, "halfway")
+            return type("Found", (), {"settings": mpsim.Settings(method="grid", dt=dt)})()
+
+        monkeypatch.setattr(tuning, "tune", search)
+
+    return set_up
+
+
+@pytest.mark.parametrize(("found", "second"), [(0.013, 0.013 / 3), (0.002, 0.002), (0.02, 0.005)])
+def test_a_second_stage_with_a_dt_of_its_own_fits_the_settings_that_were_found(begin, finds, found, second):
+    session, watcher = begin(beside=mpsim.Settings(method="grid", contact="push", dt=0.005))
+    for dt in (0.0007, found):  # the second search starts from what was asked for, too
+        finds(dt)
+        do(session, "tune", measure="pressure", budget=0.02)
+        watcher.wait(lambda w, dt=dt: w.told["scene"]["dt"] == dt)
+    assert watcher.told["pair"]["note"] is None
+    assert session._trade.pair.sim.settings.dt == pytest.approx(second, rel=1e-12)
+
+
+def test_settings_that_were_found_are_applied(begin, finds):
+    finds(0.02)
     session, watcher = begin(beside=EVENT)
     step_to(session, watcher, 4)
     do(session, "tune", measure="pressure", budget=0.02)

@@ -9,6 +9,7 @@ from support.selection import long_but
 
 import mpsim
 from mpsim.viewer import hands as hands_module
+from mpsim.viewer import undo as undo_module
 from mpsim.viewer.hands import HOLD_SECONDS, Hands
 from mpsim.viewer.wire import Action
 
@@ -82,12 +83,12 @@ def test_a_disc_is_held_where_the_pointer_is_and_thrown(table, method):
     assert t.do("hold", id=7, x=x, y=y) is None
     assert t.sim.state.position[7].tolist() == [x, y]
     assert t.sim.state.velocity[7].tolist() == [0, 0]
-    assert t.told["held"] == 7
+    assert t.told["held"] == [7]
     x, y = free_place(t.sim)
     t.do("hold", id=7, x=x, y=y)
-    assert t.do("release", vx=1.0, vy=-2.0) is None
+    assert t.do("release", id=7, vx=1.0, vy=-2.0) is None
     assert t.sim.state.velocity[7].tolist() == [1.0, -2.0]
-    assert t.told["held"] is None
+    assert t.told["held"] == []
     with mpsim.Simulation.replay(t.sim.journal) as again:
         assert again.digest() == t.sim.digest()
 
@@ -114,21 +115,21 @@ def test_a_disc_is_let_go_when_its_page_falls_silent(table):
     t.do("hold", now=10.0, id=3, x=x, y=y)
     t.sim.run(frames=1)
     t.hands.hold_still(t.sim, now=10.0 + HOLD_SECONDS)
-    assert t.told["held"] == 3
+    assert t.told["held"] == [3]
     assert t.hands.hold_still(t.sim, now=10.1 + HOLD_SECONDS)
-    assert t.told["held"] is None
+    assert t.told["held"] == []
 
 
 def test_a_throw_is_at_most_one_radius_a_step_where_there_are_steps(table):
     t = table(dt=0.1)
     x, y = free_place(t.sim)
     t.do("hold", id=3, x=x, y=y)
-    note = t.do("release", vx=300.0, vy=400.0)
+    note = t.do("release", id=3, vx=300.0, vy=400.0)
     assert t.sim.state.velocity[3] == pytest.approx([3.0, 4.0])
     assert "thrown at speed 5, one radius a step" in note
     exact = table(method="event")
     exact.do("hold", id=3, x=x, y=y)
-    assert exact.do("release", vx=300.0, vy=400.0) is None
+    assert exact.do("release", id=3, vx=300.0, vy=400.0) is None
     assert exact.sim.state.velocity[3].tolist() == [300.0, 400.0]
 
 
@@ -198,7 +199,7 @@ def test_what_is_refused_is_a_note_and_changes_nothing(table, name, values, text
     t = table()
     before = t.sim.digest()
     assert text in t.do(name, **values)
-    assert (t.sim.digest(), len(t.sim.journal), t.told["undo"], t.told["held"]) == (before, 0, 0, None)
+    assert (t.sim.digest(), len(t.sim.journal), t.told["undo"], t.told["held"]) == (before, 0, 0, [])
     t.do("change", name="passes", value=2, same=False)
     assert t.told["note"] is None, "the next action takes the note away"
 
@@ -207,14 +208,14 @@ def test_a_place_on_another_disc_is_refused_by_the_exact_solver(table):
     t = table(method="event")
     x, y = t.sim.state.position[4]
     assert "discs that do not overlap" in t.do("hold", id=3, x=float(x), y=float(y))
-    assert t.told["held"] is None
+    assert t.told["held"] == []
     assert len(t.sim.journal) == 0
 
 
 ACTIONS = {
     "hold and throw": lambda t: (
         t.do("hold", id=7, x=free_place(t.sim)[0], y=free_place(t.sim)[1]), t.sim.run(frames=4),
-        t.hands.hold_still(t.sim, 0.0), t.do("release", vx=1.0, vy=0.5),
+        t.hands.hold_still(t.sim, 0.0), t.do("release", id=7, vx=1.0, vy=0.5),
     ),
     "add two": lambda t: [
         t.do("add", x=free_place(t.sim)[0], y=free_place(t.sim)[1], same=same) for same in (False, True)
@@ -268,6 +269,54 @@ def test_undo_goes_back_one_gesture_at_a_time(table):
     for number in reversed(range(4)):
         t.do("undo")
         assert (t.sim.digest(), t.sim.frame) == (digests[number], 2 * number)
+
+
+def test_gestures_of_two_pages_at_a_time_are_one_entry_each(table):
+    t = table(gas(50, 0.05))
+    start = t.sim.digest()
+    for k in range(6):  # each drags a disc
+        for disc in (3, 7):
+            x, y = free_place(t.sim) if not k else t.sim.state.position[disc] + [0.01, 0.0]
+            assert t.do("hold", id=disc, x=float(x), y=float(y)) is None
+        t.hands.hold_still(t.sim, 0.0)
+        t.sim.run(frames=1)
+    assert (t.told["undo"], t.told["held"]) == (2, [3, 7])
+    t.do("release", id=3, vx=1.0, vy=2.0)
+    assert t.sim.state.velocity[3].tolist() == [1.0, 2.0]
+    assert t.told["held"] == [7]
+    for k in range(4):  # one drags a slider, one adds discs along a stroke
+        t.do("change", name="restitution", value=0.9 - k / 10, same=k > 0)
+        x, y = free_place(t.sim)
+        assert t.do("add", x=x, y=y, same=k > 0) is None
+    assert t.told["undo"] == 4
+    t.do("undo")
+    assert (t.sim.count, t.told["undo"], t.told["held"]) == (50, 3, [7]), "a gesture that began before goes on"
+    x, y = free_place(t.sim)
+    t.do("hold", id=7, x=x, y=y)
+    t.do("change", name="restitution", value=0.5, same=True)
+    assert t.told["undo"] == 3
+    for _ in range(3):
+        t.do("undo")
+    assert (t.sim.digest(), t.told["held"]) == (start, [])
+
+
+def test_pages_can_hold_so_many_discs_and_no_more(table, monkeypatch):
+    monkeypatch.setattr(hands_module, "MOST_HELD", 1)
+    t = table()
+    x, y = free_place(t.sim)
+    t.do("hold", id=3, x=x, y=y)
+    assert "pages may hold at most 1 discs at a time" in t.do("hold", id=4, x=x, y=y)
+    assert (t.told["undo"], t.told["held"]) == (1, [3])
+    assert t.do("hold", id=3, x=x, y=y) is None
+
+
+def test_a_refused_change_costs_no_entry(table, monkeypatch):
+    monkeypatch.setattr(undo_module, "MOST_POINTS", 2)
+    t = table()
+    for number in range(2):
+        t.do("remove", id=number, same=False)
+    t.do("remove", id=99, same=False)
+    assert t.told["undo"] == 2
 
 
 def test_of_another_parameter_same_does_not_go_on(table):

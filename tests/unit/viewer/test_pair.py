@@ -5,9 +5,7 @@ import pytest
 from support.scenes import gas, simulate
 
 import mpsim
-from mpsim.viewer import undo
 from mpsim.viewer.pair import SNAPSHOT, Pair, in_step
-from mpsim.viewer.undo import MOST_POINTS
 
 SCENE = gas(50, 0.2)
 EVENT = mpsim.Settings(method="event")
@@ -203,31 +201,35 @@ def test_the_second_stage_goes_back_with_the_first(two):
         t.pair.back(3)
 
 
-def test_as_many_moments_are_kept_as_changes_can_be_taken_back_and_the_snapshot(two):
+def test_moments_are_kept_as_the_first_stage_says_and_the_snapshot(two):
     t = two()
-    t.pair.mark(SNAPSHOT)
-    for number in range(1, MOST_POINTS + 3):
-        t.run(1)
+    for number in (SNAPSHOT, 1, 2, 3):
         t.pair.mark(number)
+        t.run(1)
+    t.pair.forget_all_but([1, 3])
+    assert set(t.pair.bytes_of_moments) == {SNAPSHOT, 1, 3}
     with pytest.raises(mpsim.InputError, match="remembered moment"):
         t.pair.back(2)
-    for number, frame in ((3, 3), (SNAPSHOT, 0), (SNAPSHOT, 0)):
+    for number, frame in ((3, 3), (1, 1), (SNAPSHOT, 0), (SNAPSHOT, 0)):
         t.pair.back(number)
         assert t.second.frame == frame
 
 
-def test_moments_of_many_bytes_are_fewer_and_the_snapshot_stays(two, monkeypatch):
+def test_a_moment_that_cannot_be_kept_leaves_the_one_before(two, tmp_path, monkeypatch):
     t = two()
     t.pair.mark(SNAPSHOT)
-    t.pair.mark(1)
-    monkeypatch.setattr(undo, "MOST_BYTES", 2.5 * t.pair._moments._sizes[1])
-    for number in (2, 3):
-        t.run(1)
-        t.pair.mark(number)
-    with pytest.raises(mpsim.InputError, match="remembered moment"):
-        t.pair.back(1)
-    for number in (2, SNAPSHOT):
-        t.pair.back(number)
+    before = t.second.digest()
+    t.run(2)
+
+    def full(sim, path):
+        path.write_bytes(b"half of it")
+        raise mpsim.OutputError("no space left")
+
+    monkeypatch.setattr(mpsim.Simulation, "save", full)
+    with pytest.raises(mpsim.OutputError):
+        t.pair.mark(SNAPSHOT)
+    t.pair.back(SNAPSHOT)
+    assert t.second.digest() == before
 
 
 @pytest.mark.parametrize("dt", [0.02, 0.003, 0.0101])

@@ -75,6 +75,21 @@ def test_actions_are_done_in_their_order_between_opening_and_release(source):
     assert source.done == ["open", "play", "reset", "pause", "release"]
 
 
+def test_of_waiting_holds_the_last_one_of_each_disc_counts(source):
+    source.free.clear()
+    source.submit(wire.Action("play", {}))
+    until(lambda: not source._actions)
+    source.submit(wire.Action("hold", {"id": 4, "x": 0.0}))
+    source.submit(wire.Action("undo", {}))
+    for x in (1.0, 2.0, 3.0):
+        for disc in (4, 5):
+            source.submit(wire.Action("hold", {"id": disc, "x": x}))
+    assert [each.values for each in source._actions] == [
+        {"id": 4, "x": 0.0}, {}, {"id": 4, "x": 3.0}, {"id": 5, "x": 3.0},
+    ]  # fmt: skip
+    source.free.set()
+
+
 def test_it_advances_only_while_somebody_watches(source):
     source.ask()
     assert not source.advanced.wait(0.1)
