@@ -8,6 +8,8 @@ export const VIRIDIS = [0x440154, 0x472d7b, 0x3b528b, 0x2c728e, 0x21918c, 0x28ae
   .map((hex) => [hex >> 16, (hex >> 8) & 255, hex & 255]);
 
 export const $ = (id) => document.getElementById(id);
+/** Whether keys belong to an element: to a text, a number or a list. */
+export const isText = (element) => Boolean(element.closest?.("textarea, select, input:not([type=range], [type=checkbox])"));
 export const bound = (value, low, high) => Math.min(Math.max(value, low), high);
 
 /** Colour of a byte, as CSS. */

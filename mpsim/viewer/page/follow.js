@@ -1,14 +1,14 @@
 // One disc: its label under the pointer, following it, and its trail; or the trails of all, where there are few.
 
-import { $, ABSORBED, KNEE, FASTEST, digits, state } from "./common.js";
-import { discAt, isText, nearest, onCanvas, placeOf, say, toBox } from "./hands.js";
+import { $, ABSORBED, KNEE, FASTEST, digits, isText, state } from "./common.js";
+import { discAt, nearest, onCanvas, placeOf, say, toBox } from "./hands.js";
 import { legendShows } from "./legend.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
 
-const LABELLED = 100_000; // discs that are searched for the one under the pointer
 const TRAILED = 300, PLACES = 60; // discs whose trails are all drawn, and pictures that a trail goes back
 
-let pointer = null, asked = false, followed = null, trails = false, seen = null, past = [];
+let pointer = null, asked = false, followed = null, trails = false, seen = null;
+let past = [], own = []; // pictures, for the trails of all; places of the disc that is followed
 
 const label = (disc) => {
   const [x, y] = placeOf(disc), byte = state.picture.colours[disc], { usual, fastest } = state.picture;
@@ -16,8 +16,8 @@ const label = (disc) => {
   return `disc ${disc}: ${digits(x)}, ${digits(y)}${legendShows() === "speed" ? `; speed about ${digits(speed)}` : ""}`;
 };
 
-/** The disc under the pointer; null: there is none, or too many are there to look for it. */
-const pointed = () => (pointer && state.picture && state.radii && state.picture.count <= LABELLED ? discAt(toBox(pointer), 0) : null);
+/** The disc under the pointer; null: there is none. */
+const pointed = () => (pointer && state.picture && state.radii ? discAt(toBox(pointer), 0) : null);
 
 function showLabel() {
   asked = false;
@@ -47,7 +47,7 @@ document.addEventListener("keydown", (event) => {
     trails = !trails;
     say(!trails ? "No trails." : state.picture?.count > TRAILED ? `Trails of all only up to ${TRAILED} discs: here, of the one that is followed.` : "Trails.");
   } else return;
-  [past, seen] = [[], null];
+  [past, own, seen] = [[], [], null];
   event.preventDefault();
   requestDraw();
 });
@@ -55,21 +55,24 @@ document.addEventListener("keydown", (event) => {
 /** Note where the discs are in a picture; another run, or other discs, have other trails. */
 function record(picture) {
   if (seen && (picture.frame < seen.frame || picture.count !== seen.count)) {
-    past = [];
+    [past, own] = [[], []];
     if (followed >= picture.count) followed = null;
   }
   seen = picture;
   if (followed !== null && picture.colours[followed] === ABSORBED) followed = null;
-  if (followed !== null || trails) past.push(picture);
+  if (trails && picture.count <= TRAILED) past.push(picture);
   if (past.length > PLACES) past.shift();
-  if (followed !== null) camera.moveTo(...placeOf(followed));
+  if (followed === null) return;
+  own.push(placeOf(followed));
+  if (own.length > PLACES) own.shift();
+  camera.moveTo(...own.at(-1));
 }
 
-function drawTrail(c, disc) {
+function drawTrail(c, trail) {
   let before = null;
   c.beginPath();
-  for (const { places, extent } of past) {
-    const here = [0, 1].map((axis) => (places[2 * disc + axis] / 65535) * extent[axis]), pixel = camera.pixel(...here);
+  for (const here of trail) {
+    const pixel = camera.pixel(...here);
     const away = before?.map((each, axis) => here[axis] - each);
     const wrapped = away && nearest(away).some((each, axis) => Math.abs(each - away[axis]) > 1e-9);
     if (!before || wrapped) c.moveTo(...pixel); else c.lineTo(...pixel);
@@ -84,9 +87,9 @@ afterDrawing.push(() => {
   if (picture !== seen) record(picture);
   const all = trails && picture.count <= TRAILED, c = $("hand-canvas").getContext("2d"), ratio = window.devicePixelRatio || 1;
   [c.lineWidth, c.strokeStyle, c.lineJoin] = [1.2 * ratio, "#16191d99", "round"];
-  if (all) for (let k = 0; k < picture.count; k++) if (picture.colours[k] !== ABSORBED) drawTrail(c, k);
+  if (all) for (let k = 0; k < picture.count; k++) if (picture.colours[k] !== ABSORBED) drawTrail(c, past.map((each) => placeOf(k, each)));
   [c.lineWidth, c.strokeStyle] = [2.5 * ratio, "#d55e00"];
-  if (followed !== null) drawTrail(c, followed);
+  if (followed !== null) drawTrail(c, own);
   stage.dataset.followed = followed ?? "";
   if (followed !== null || pointer) askLabel();
 });

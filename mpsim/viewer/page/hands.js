@@ -1,7 +1,7 @@
 // Hands: discs are dragged, thrown, added and removed, and walls drawn, by pointer or by keys. What is refused is said on
 // the stage.
 
-import { $, ABSORBED, bound, state } from "./common.js";
+import { $, ABSORBED, bound, isText, state } from "./common.js";
 import { send, takers } from "./link.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
 
@@ -39,8 +39,14 @@ export const onCanvas = (event) => {
   return [(event.clientX - box.left - stage.clientLeft) * ratio, (event.clientY - box.top - stage.clientTop) * ratio];
 };
 const radiusOf = (disc) => (state.radii.length > 1 ? state.radii[disc] : state.radii[0] ?? 0);
-export const placeOf = (disc) => state.picture.extent.map((length, axis) => (state.picture.places[2 * disc + axis] / 65535) * length);
-const typicalRadius = () => (state.radii?.length > 1 ? [...state.radii].sort((a, b) => a - b)[state.radii.length >> 1] : state.radii?.[0] ?? 0);
+export const placeOf = (disc, picture = state.picture) => picture.extent.map((length, axis) => (picture.places[2 * disc + axis] / 65535) * length);
+
+let medianOf = null, median = 0;
+/** The middle radius by size; of a million it is found once, not at each message of a brush. */
+function typicalRadius() {
+  if (medianOf !== state.radii) [medianOf, median] = [state.radii, state.radii?.slice().sort()[state.radii.length >> 1] ?? 0];
+  return median;
+}
 
 /** A vector to the nearest image. */
 export const nearest = (vector) => vector.map((each, axis) => {
@@ -50,14 +56,21 @@ export const nearest = (vector) => vector.map((each, axis) => {
 
 /** The disc at a place, or else the nearest one within a distance; null: there is none. */
 export function discAt(place, reach) {
-  const picture = state.picture;
-  let found = null, least = Infinity;
-  for (let k = 0; k < picture.count; k++) {
-    if (picture.colours[k] === ABSORBED) continue;
-    const [x, y] = placeOf(k), gap = Math.hypot(...nearest([x - place[0], y - place[1]])) - radiusOf(k);
-    if (gap < least) [found, least] = [k, gap];
+  const { places, colours, count, extent: [width, height] } = state.picture, { radii, scene: { periodic: [aroundX, aroundY] } } = state;
+  const [x, y] = place, [perX, perY] = [width / 65535, height / 65535], same = radii.length === 1;
+  let found = null, least = reach;
+  for (let k = 0; k < count; k++) { // of a million at each message: nothing is made here
+    let dx = places[2 * k] * perX - x;
+    if (aroundX) dx -= width * Math.round(dx / width);
+    const most = least + (same ? radii[0] : radii[k]);
+    if (dx > most || dx < -most) continue;
+    let dy = places[2 * k + 1] * perY - y;
+    if (aroundY) dy -= height * Math.round(dy / height);
+    if (dx * dx + dy * dy > most * most || colours[k] === ABSORBED) continue;
+    least = Math.sqrt(dx * dx + dy * dy) - (same ? radii[0] : radii[k]);
+    found = k;
   }
-  return least <= reach ? found : null;
+  return found;
 }
 
 /** A place for the centre of a disc: in the box, a radius from its walls. */
@@ -100,17 +113,32 @@ function addAt(place) {
   if (gesture) [gesture.last, gesture.sent] = [place, true];
 }
 
-/** An end of a wall: on the edge of the box, if that is as near as a pointer can tell. */
-function endOfWall(place) {
-  return place.map((each, axis) => {
-    const at = bound(each, 0, state.picture.extent[axis]);
-    return Math.abs(each - at) <= gesture.reach ? at : each;
-  });
+/** The part of a line that lies in the box, from one end to the other; null: none does. */
+function clipped(from, to) {
+  let [first, last] = [0, 1];
+  for (const axis of [0, 1]) {
+    const step = to[axis] - from[axis], ends = [0, state.picture.extent[axis]].map((edge) => (edge - from[axis]) / step);
+    if (step) [first, last] = [Math.max(first, Math.min(...ends)), Math.min(last, Math.max(...ends))];
+    else if (from[axis] < 0 || from[axis] > state.picture.extent[axis]) return null;
+  }
+  return first > last ? null : [first, last].map((part) => from.map((each, axis) => each + part * (to[axis] - each)));
+}
+
+/** The wall along the line that is drawn: cut where it leaves the box, its ends on an edge that is as near as a pointer can
+ *  tell; null: all of it is outside. */
+function drawnWall() {
+  const onEdge = (each, axis) => {
+    const length = state.picture.extent[axis], at = bound(each, 0, length);
+    return at <= gesture.reach ? 0 : length - at <= gesture.reach ? length : at;
+  };
+  return clipped(gesture.from, gesture.to)?.map((end) => end.map(onEdge)) ?? null;
 }
 
 let building = null;
 function build() {
-  const [ax, ay] = gesture.from, [bx, by] = gesture.to;
+  const wall = drawnWall();
+  if (!wall) { say("A wall must be in the box. Draw it there."); return; }
+  const [[ax, ay], [bx, by]] = wall;
   send({ do: "wall", ax, ay, bx, by });
   clearTimeout(building);
   building = setTimeout(() => say("The wall is being put up … the first time, loops are compiled for up to half a minute", 60), 1000);
@@ -132,8 +160,7 @@ function begin(place, reach, time) {
     hold();
     gesture.again = setInterval(hold, 1000); // or the simulation lets it go, as when the page is closed
   } else if (tool === "wall") {
-    gesture = { tool, reach };
-    gesture.from = gesture.to = endOfWall(place);
+    gesture = { tool, reach, from: place, to: place };
   } else {
     gesture = { tool, sent: false, gone: new Set() };
     if (tool === "remove") removeAt(place); else addAt(place);
@@ -152,7 +179,7 @@ function go(place, time) {
   if (!gesture) return;
   if (gesture.tool === "brush") brush(place);
   else if (gesture.tool === "remove") erase(place);
-  else if (gesture.tool === "wall") { gesture.to = endOfWall(place); requestDraw(); }
+  else if (gesture.tool === "wall") { gesture.to = place; requestDraw(); }
   else if (gesture.tool === "hand") {
     gesture.place = place;
     gesture.trail.push([time, ...place]);
@@ -230,9 +257,8 @@ const undo = () => { if (!$("undo").disabled) { end([0, 0]); send({ do: "undo" }
 $("undo").addEventListener("click", undo);
 choose("hand");
 
-export const isText = (element) => element.closest?.("textarea, select, input:not([type=range])");
 document.addEventListener("keydown", (event) => {
-  if (event.altKey || isText(event.target)) return;
+  if (event.altKey || isText(event.target) || state.scene?.recording) return;
   const key = event.key.toLowerCase();
   if (key === "z" && !event.shiftKey) undo();
   else if (event.ctrlKey || event.metaKey) return;
@@ -319,12 +345,13 @@ afterDrawing.push(() => {
       c.stroke();
     }
   }
-  if (gesture?.tool === "wall") {
+  const wall = gesture?.tool === "wall" && state.picture ? drawnWall() : null;
+  if (wall) {
     for (const [width, colour] of [[7, "#fff"], [4, "#d55e00"]]) {
       [c.lineWidth, c.strokeStyle, c.lineCap] = [width * ratio, colour, "round"];
       c.beginPath();
-      c.moveTo(...camera.pixel(...gesture.from));
-      c.lineTo(...camera.pixel(...gesture.to));
+      c.moveTo(...camera.pixel(...wall[0]));
+      c.lineTo(...camera.pixel(...wall[1]));
       c.stroke();
     }
   }

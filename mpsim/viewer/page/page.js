@@ -1,6 +1,6 @@
 // The page of mpsim's live view: what people do. What it shows is in the other files of this folder.
 
-import { $, bound, state } from "./common.js";
+import { $, bound, isText, state } from "./common.js";
 import { drawGauges } from "./gauges.js";
 import "./hands.js";
 import "./follow.js";
@@ -42,7 +42,7 @@ $("zoom-out").addEventListener("click", () => camera.zoomBy(1 / 1.5));
 $("zoom-all").addEventListener("click", () => camera.all());
 
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || isText(event.target)) return;
   const on = event.target, key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
   const onControl = on.closest?.("button, input, summary");
   if (onControl && (key === " " || key === "Enter" || key.startsWith("Arrow"))) return; // it has a meaning of its own there

@@ -1,6 +1,6 @@
 // Time: a frame pass by pass, with who resolves what; a moment that is remembered; other random numbers.
 
-import { $, state } from "./common.js";
+import { $, isText, state } from "./common.js";
 import { send, takers } from "./link.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
 
@@ -15,7 +15,7 @@ const deeds = {
 for (const id of Object.keys(deeds)) $(id).addEventListener("click", deeds[id]);
 const KEYS = { p: "pass", s: "snapshot", g: "return" };
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest?.("textarea, select, input:not([type=range])")) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || isText(event.target)) return;
   const id = KEYS[event.key.toLowerCase()];
   if (!id || $(id).disabled) return;
   event.preventDefault();
@@ -23,7 +23,7 @@ document.addEventListener("keydown", (event) => {
 });
 
 takers.status.push(({ phase, snapshot, can_remember: can }) => {
-  const ready = phase === "playing" || phase === "paused";
+  const ready = (phase === "playing" || phase === "paused") && !state.scene?.recording;
   $("pass").disabled = !ready;
   $("snapshot").disabled = !ready || !can;
   $("return").disabled = !ready || snapshot === null || snapshot === undefined;

@@ -1,6 +1,6 @@
 // The time line of a recording: a slider over its frames, one frame back, and following what is being written.
 
-import { $, state } from "./common.js";
+import { $, isText, state } from "./common.js";
 import { paced } from "./hands.js";
 import { send, takers } from "./link.js";
 
@@ -15,8 +15,9 @@ $("back").addEventListener("click", back);
 $("follow").addEventListener("click", follow);
 
 document.addEventListener("keydown", (event) => {
-  if (!state.timeline || event.ctrlKey || event.metaKey || event.altKey || event.target.closest?.("input, select, textarea")) return;
-  const keys = { ",": back, f: follow, Home: () => seek(0), End: () => seek(last) };
+  if (!state.timeline || event.ctrlKey || event.metaKey || event.altKey || isText(event.target)) return;
+  const keys = { ",": back, l: follow };
+  if (!event.target.closest?.("input")) Object.assign(keys, { Home: () => seek(0), End: () => seek(last) });
   const act = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
   if (!act) return;
   event.preventDefault();

@@ -221,6 +221,19 @@ def test_a_wall_is_drawn_by_pointer_and_keys_refused_on_a_disc_and_taken_back(ta
     assert t.complaints == []
 
 
+def test_a_wall_is_cut_where_it_leaves_the_box(table):
+    t = table()
+    t.page.click("#tool-wall")
+    t.drag((-0.3, 3), (-0.3, 8))
+    until(lambda: t.text("hand-note") == "A wall must be in the box. Draw it there.")
+    t.drag((3, 9), (6, 15))
+    until(lambda: len(t.sim.scene.obstacles) == 1)
+    (wall,) = t.sim.scene.obstacles
+    assert np.allclose(wall.points, [(3, 9), (4.5, 12)], atol=0.05), "along the line that was drawn"
+    assert wall.points[1][1] == 12
+    assert t.complaints == []
+
+
 def test_gravity_is_dragged_on_the_dial_and_pressed_by_keys(table):
     t = table()
     t.show("parameters")

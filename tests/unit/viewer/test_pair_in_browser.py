@@ -121,6 +121,27 @@ def test_back_to_a_moment_and_other_seeds(shown):
     assert (session._sim.state.position == SCENE.redrawn(5).position).all()
 
 
+def test_what_is_typed_into_a_field_stays_there(shown):
+    page, _session = shown
+    step(page, 1)
+    page.click("#beside summary")
+    for name, text in (("tune-budget", "1.0e-2"), ("seed", "10")):
+        page.focus(f"#{name}")
+        page.keyboard.press("Control+a")
+        page.keyboard.type(text)
+        assert page.input_value(f"#{name}") == text
+    assert page.evaluate("import('./stage.js').then(({camera}) => [camera.zoom, camera.free])") == [1, False]
+    page.keyboard.press("Control+a")
+    page.keyboard.type("0")  # no other seed
+    page.focus("#colour")
+    for key in ("r", "[", "Space", "Escape"):
+        page.keyboard.press(key)
+    page.focus("#stage")
+    page.keyboard.press(".")
+    until(lambda: frame(page) == 2)  # neither reset nor played
+    assert (page.inner_text("#phase"), page.inner_text("#speed-text")) == ("paused", "1×, 60 frames a second")  # noqa: RUF001
+
+
 def test_at_390_pixels_nothing_is_cut(opened, capsys):
     with viewed(SCENE, GRID, beside=mpsim.Settings(method="event"), playing=False) as view:
         page = opened.new_page(viewport={"width": 390, "height": 844})

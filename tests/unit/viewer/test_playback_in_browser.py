@@ -45,8 +45,17 @@ def test_the_time_line_is_moved_by_pointer_and_keys(page):
     until(lambda: shown(page) == 5)
     page.click("#back")
     until(lambda: shown(page) == 0 and page.is_disabled("#back"))
-    page.keyboard.press("f")
+    page.keyboard.press("l")
     until(lambda: shown(page) == 100 and page.get_attribute("#follow", "aria-pressed") == "true")
+    box = page.locator("#stage").bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    for key in ("p", "s", "g", "x", "f", "f", "]"):  # keys of runs, which a recording has not, and of one disc
+        page.keyboard.press(key)
+    until(lambda: page.inner_text("#speed-text") == "1×, 60 recorded frames a second")  # noqa: RUF001
+    assert page.get_attribute("#follow", "aria-pressed") == "true", "it follows the file still"
+    assert page.get_attribute("#stage", "data-tool") == "hand"
+    page.keyboard.press("[")
+    until(lambda: page.inner_text("#speed-text").startswith("1/2"))
     assert page.inner_text("#speed-text") == "1/2×, 30 recorded frames a second"  # noqa: RUF001
     page.keyboard.press("[")
     page.keyboard.press("[")
