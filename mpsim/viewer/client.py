@@ -28,11 +28,13 @@ class Client:
         connection: to the page.
 
     Attributes:
-        visible: whether somebody can see the page.
+        visible: whether somebody can see the page, as it says itself.
+        silent: whether it has not answered for so long that there may be no page any more: it is sent nothing.
     """
 
     def __init__(self, connection: Connection):
         self.visible: bool = False
+        self.silent: bool = False
         self._connection = connection
         self._texts: dict[str, str] = {}
         self._picture: Shown | None = None
@@ -69,6 +71,16 @@ class Client:
         self.visible = visible
         self._news.set()
 
+    def set_silent(self, silent: bool) -> None:
+        """Note whether the page answers. What it is sent waits until it does."""
+        self.silent = silent
+        self._news.set()
+
+    @property
+    def watches(self) -> bool:
+        """Whether somebody sees what the page is sent."""
+        return self.visible and not self.silent
+
     def acknowledge(self, serial: int) -> None:
         """Note that the page has drawn a picture.
 
@@ -82,7 +94,7 @@ class Client:
 
     def needs_picture(self) -> bool:
         """Whether the page waits for a picture and there is none for it."""
-        return self.visible and self._in_flight is None and not self._can_show()
+        return self.watches and self._in_flight is None and not self._can_show()
 
     def _can_show(self) -> bool:
         return self._picture is not None and self._picture.serial > self._last
@@ -92,6 +104,8 @@ class Client:
         while True:
             await self._news.wait()
             self._news.clear()
+            if self.silent:
+                continue
             for kind in ORDER:
                 if (text := self._texts.pop(kind, None)) is not None:
                     await self._connection.send(text)

@@ -25,6 +25,9 @@ HEIGHT = 640
 LONGEST_NAME = 64
 """Characters of the name that a page gives itself."""
 
+PING_SECONDS = 10.0
+"""Time between two signs of life: a page that has sent nothing for once to twice as long is silent."""
+
 POLICY, LATER = 1008, 1013
 """Why a connection is ended, as in server.py."""
 
@@ -144,6 +147,11 @@ class NotebookPages(Pages):
 
     A notebook shows one widget in as many places as it likes; each is a page, with a name of its own in all messages.
 
+    Nobody says when a browser has died, so each page is asked now and then whether it is there. One that does not
+    answer is silent: nobody watches it, and it is sent nothing. It is not ended, because the kernel may be the one that
+    does not listen: it takes no message while it runs a cell. The answers wait there, and with the first one the page
+    is served again. Only where no place is left does a silent page lose its own.
+
     Args:
         widget: which hands over their messages and sends ours.
     """
@@ -152,12 +160,33 @@ class NotebookPages(Pages):
         super().__init__("mpsim live: notebook")
         self._widget = widget
         self._named: dict[str, Client] = {}
+        self._asked: set[str] = set()  # pages that have sent nothing since they were asked whether they are there
         widget.on_msg(lambda _, content, buffers: self.from_outside(self._take, content))
 
     async def _until_the_end(self) -> None:
-        await self._end.wait()
+        while not self._end.is_set():
+            try:
+                await asyncio.wait_for(self._end.wait(), PING_SECONDS)
+            except TimeoutError:
+                self._ask_for_life()
         for page in list(self._named):
             await self._end_of(page, POLICY, "the view was closed")
+
+    def _ask_for_life(self) -> None:
+        """Ask each page whether it is there; one that has not answered since the last time is silent."""
+        for page in self._named.keys() & self._asked:
+            self._named[page].set_silent(True)
+        for page in self._named.keys() - self._asked:
+            self._asked.add(page)
+            self._widget.send({"page": page, "ping": True})
+        self._count()
+
+    def _heard(self, page: str) -> None:
+        """Note a sign of life."""
+        self._asked.discard(page)
+        if (client := self._named[page]).silent:
+            client.set_silent(False)
+            self._count()
 
     def _take(self, content: Any) -> None:
         """Take what the widget's module has sent; anything else is no message of a page."""
@@ -165,16 +194,25 @@ class NotebookPages(Pages):
             case {"page": str(page), "open": True} if len(page) <= LONGEST_NAME:
                 self._open(page)
             case {"page": str(page), "close": True} if page in self._named:
-                asyncio.ensure_future(self._leave(self._named.pop(page)))  # noqa: RUF006 - nothing is left to do then
+                asyncio.ensure_future(self._leave(self._forget(page)))  # noqa: RUF006 - nothing is left to do then
+            case {"page": str(page), "pong": True} if page in self._named:
+                self._heard(page)
             case {"page": str(page), "text": str(text)} if page in self._named:
+                self._heard(page)
                 self._obey(page, text)
             case _:
                 pass
 
     def _open(self, page: str) -> None:
-        if self._full or page in self._named:
-            self._refuse(page, LATER, f"at most {MOST_PAGES} pages at a time: close another one")
+        if page in self._named:
+            self._end_of(page, POLICY, f"a page opens once; {page!r} was open")
             return
+        if len(self._named) >= MOST_PAGES:
+            silent = next((name for name, client in self._named.items() if client.silent), None)
+            if silent is None:
+                self._refuse(page, LATER, f"at most {MOST_PAGES} pages at a time: close another one")
+                return
+            self._end_of(silent, LATER, "it did not answer, and another page needed its place")
         self._widget.send({"page": page, "opened": True})
         self._named[page] = self._join(_Connection(self._widget, page))
 
@@ -184,13 +222,19 @@ class NotebookPages(Pages):
             client.spend(asyncio.get_running_loop().time())
             self._do(client, wire.read_action(text))
         except InputError as error:
-            asyncio.ensure_future(self._end_of(page, POLICY, str(error)))  # noqa: RUF006
+            self._end_of(page, POLICY, str(error))
 
-    async def _end_of(self, page: str, code: int, reason: str) -> None:
-        """End the connection of a page."""
-        if (client := self._named.pop(page, None)) is not None:
-            await self._leave(client)
-            self._refuse(page, code, reason)
+    def _forget(self, page: str) -> Client:
+        self._asked.discard(page)
+        return self._named.pop(page)
+
+    def _end_of(self, page: str, code: int, reason: str) -> asyncio.Task[None]:
+        """End the connection of a page; returns when that is done."""
+        return asyncio.ensure_future(self._leave_and_say(self._forget(page), page, code, reason))
+
+    async def _leave_and_say(self, client: Client, page: str, code: int, reason: str) -> None:
+        await self._leave(client)
+        self._refuse(page, code, reason)
 
     def _refuse(self, page: str, code: int, reason: str) -> None:
         self._widget.send({"page": page, "closed": {"code": code, "reason": reason}})

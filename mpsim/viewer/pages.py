@@ -89,10 +89,6 @@ class Pages(ABC):
         for client in self._clients:
             client.tell(kind, text)
 
-    @property
-    def _full(self) -> bool:
-        return len(self._clients) >= MOST_PAGES
-
     def _join(self, connection: Connection) -> Client:
         """Serve one page more, which is sent what there is."""
         client = Client(connection)
@@ -133,4 +129,4 @@ class Pages(ABC):
     def _count(self) -> None:
         """Tell the source how many pages are seen."""
         assert self._source is not None
-        self._source.watched_by(sum(client.visible for client in self._clients))
+        self._source.watched_by(sum(client.watches for client in self._clients))

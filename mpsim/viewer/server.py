@@ -176,7 +176,7 @@ class Server(Pages):
 
     async def _talk(self, connection: Any) -> None:
         """Serve one page until its connection ends."""
-        if self._full:
+        if len(self._clients) >= MOST_PAGES:
             await connection.close(LATER, f"at most {MOST_PAGES} pages at a time: close another one")
             return
         client = self._join(connection)

@@ -13,11 +13,16 @@ PATIENCE = 60.0
 
 
 class FrontEnd:
-    """Takes what the widget of a view sends, for all its pages."""
+    """Takes what the widget of a view sends, for all its pages.
+
+    Attributes:
+        busy: what waits for a kernel that takes no message while it runs a cell; None: it takes them as they come.
+    """
 
     def __init__(self, live: Live):
         self.widget, self.pages = live.widget, dict[str, "NotebookPage"]()
         self.news = threading.Condition()
+        self.busy: list[Any] | None = None
         live.widget.send = self._take  # in place of a notebook's connection
 
     def _take(self, content: dict[str, Any], buffers: Any = None) -> None:
@@ -27,7 +32,16 @@ class FrontEnd:
 
     def say(self, content: Any) -> None:
         """A message of the widget's module."""
+        if self.busy is not None:
+            self.busy.append(content)
+            return
         self.widget._handle_custom_msg(content, [])
+
+    def end_cell(self) -> None:
+        """The kernel takes what has waited."""
+        waited, self.busy = self.busy or [], None
+        for content in waited:
+            self.say(content)
 
     def open(self, name: str) -> "NotebookPage":
         page = self.pages[name] = NotebookPage(self, name)
@@ -36,17 +50,22 @@ class FrontEnd:
 
 
 class NotebookPage:
-    """One page. Attributes: opened, closed (code and reason), last (messages by kind), picture, pictures."""
+    """One page. Attributes: opened, closed (code and reason), last (messages by kind), picture, pictures, pings; dead:
+    its browser has died, and says nothing."""
 
     def __init__(self, front: FrontEnd, name: str):
         self.front, self.name = front, name
-        self.opened, self.closed, self.pictures = 0, None, 0
+        self.opened, self.closed, self.pictures, self.pings, self.dead = 0, None, 0, 0, False
         self.last: dict[str, dict[str, Any]] = {}
         self.picture: wire.Picture | None = None
 
     def take(self, content: dict[str, Any], buffers: Any) -> None:
         if content.get("opened"):
             self.opened += 1
+        elif content.get("ping"):
+            self.pings += 1
+            if not self.dead:
+                self.front.say({"page": self.name, "pong": True})
         elif "closed" in content:
             self.closed = content["closed"]
         elif "text" in content:
@@ -59,7 +78,8 @@ class NotebookPage:
                 self.say("ack", serial=found.header.serial)
 
     def say(self, do: str, **values: Any) -> None:
-        self.front.say({"page": self.name, "text": json.dumps({"do": do, **values})})
+        if not self.dead:
+            self.front.say({"page": self.name, "text": json.dumps({"do": do, **values})})
 
     def until(self, holds: Callable[["NotebookPage"], Any]) -> None:
         end = time.monotonic() + PATIENCE

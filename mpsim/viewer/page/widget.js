@@ -23,6 +23,7 @@ export default {
     const ready = (event) => { if (event.source === frame.contentWindow && event.data?.mpsim === "ready") open(); };
     const take = (content, buffers) => {
       if (content.page !== page) return;
+      if (content.ping) { model.send({ page, pong: true }); return; } // here, as a hidden page answers late
       if (content.bytes) {
         const { buffer, byteOffset, byteLength } = buffers[0], copy = buffer.slice(byteOffset, byteOffset + byteLength);
         port.postMessage(copy, [copy]);

@@ -98,6 +98,72 @@ def test_at_most_eight_outputs_at_a_time(front):
     assert page.opened == 0
 
 
+def test_a_name_that_is_open_already_ends_its_page(front):
+    page = seen(front)
+    front.say({"page": "a", "open": True})
+    page.until(lambda p: p.closed)
+    assert page.closed == {"code": 1008, "reason": "a page opens once; 'a' was open"}
+
+
+def comes_to_rest(live, within=20.0) -> bool:
+    """Whether the simulation stops within so many seconds."""
+    end = time.monotonic() + within
+    while time.monotonic() < end:
+        frame = live._session._sim.frame
+        time.sleep(0.3)
+        if live._session._sim.frame == frame:
+            return True
+    return False
+
+
+def test_a_browser_that_dies_lets_the_run_rest_and_gives_its_place(monkeypatch):
+    monkeypatch.setattr(notebook, "PING_SECONDS", 0.4)
+    with mpsim.live(SCENE, GRID) as live:
+        front = FrontEnd(live)
+        dying = [seen(front, str(number)) for number in range(8)]
+        dying[0].until(lambda p: p.pings > 2)
+        assert not comes_to_rest(live, 1), "negative control: pages that answer are watched"
+        for page in dying:
+            page.dead = True
+        assert comes_to_rest(live)
+        pings = [page.pings for page in dying]
+        time.sleep(1)
+        assert [page.pings for page in dying] == pings, "a dead page is sent nothing"
+        page, frame = seen(front, "another"), live._session._sim.frame
+        page.until(lambda p: p.frame > frame)
+        dying[0].until(lambda p: p.closed)
+        assert dying[0].closed == {"code": 1013, "reason": "it did not answer, and another page needed its place"}
+        assert all(each.closed is None for each in dying[1:])
+
+
+def test_a_hidden_page_that_answers_keeps_its_place(monkeypatch):
+    monkeypatch.setattr(notebook, "PING_SECONDS", 0.1)
+    with mpsim.live(SCENE, GRID) as live:
+        front = FrontEnd(live)
+        for number in range(8):
+            seen(front, str(number)).say("visible", value=False)
+        front.pages["7"].until(lambda p: p.pings > 5)
+        page = front.open("one more")
+        page.until(lambda p: p.closed)
+        assert page.closed["reason"] == "at most 8 pages at a time: close another one"
+
+
+def test_a_kernel_that_runs_a_long_cell_drops_no_page(monkeypatch):
+    monkeypatch.setattr(notebook, "PING_SECONDS", 0.4)
+    with mpsim.live(SCENE, GRID) as live:
+        front = FrontEnd(live)
+        page = seen(front)
+        page.until(lambda p: p.frame > 3)
+        front.busy = []
+        assert comes_to_rest(live)
+        page.say("speed", value=0.5)  # somebody moves a slider meanwhile
+        assert page.closed is None
+        frame = page.frame
+        front.end_cell()
+        page.until(lambda p: p.frame > frame + 3 and p.last["status"]["speed"] == 0.5)
+        assert (page.opened, page.closed) == (1, None)
+
+
 def test_closing_ends_its_threads_and_says_so():
     threads = threading.active_count()
     live = mpsim.live(SCENE, GRID)
