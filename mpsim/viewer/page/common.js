@@ -12,6 +12,17 @@ export const $ = (id) => document.getElementById(id);
 export const isText = (element) => Boolean(element.closest?.("textarea, select, input:not([type=range], [type=checkbox])"));
 export const bound = (value, low, high) => Math.min(Math.max(value, low), high);
 
+/** The middle one of many numbers by size, without sorting a million of them; 0 of none. */
+export function median(values) {
+  let low = Infinity, high = -Infinity, before = 0, bin = 0;
+  for (let k = 0; k < values.length; k++) [low, high] = [Math.min(low, values[k]), Math.max(high, values[k])];
+  const bins = new Uint32Array(4096), middle = values.length >> 1;
+  const binOf = (value) => (high > low ? Math.floor(((value - low) / (high - low)) * 4095) : 0);
+  for (let k = 0; k < values.length; k++) bins[binOf(values[k])] += 1;
+  while (before + bins[bin] <= middle && bin < 4095) before += bins[bin++];
+  return values.filter((each) => binOf(each) === bin).sort()[middle - before] ?? 0;
+}
+
 /** Colour of a byte, as CSS. */
 export function colourOf(byte) {
   const at = bound(byte / FASTEST, 0, 1) * (VIRIDIS.length - 1), low = Math.min(Math.floor(at), VIRIDIS.length - 2);

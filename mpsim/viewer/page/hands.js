@@ -1,7 +1,7 @@
 // Hands: discs are dragged, thrown, added and removed, and walls drawn, by pointer or by keys. What is refused is said on
 // the stage.
 
-import { $, ABSORBED, bound, isText, state } from "./common.js";
+import { $, ABSORBED, bound, isText, median, state } from "./common.js";
 import { send, takers } from "./link.js";
 import { afterDrawing, camera, requestDraw, stage } from "./stage.js";
 
@@ -41,11 +41,11 @@ export const onCanvas = (event) => {
 const radiusOf = (disc) => (state.radii.length > 1 ? state.radii[disc] : state.radii[0] ?? 0);
 export const placeOf = (disc, picture = state.picture) => picture.extent.map((length, axis) => (picture.places[2 * disc + axis] / 65535) * length);
 
-let medianOf = null, median = 0;
+let radiiOf = null, typical = 0;
 /** The middle radius by size; of a million it is found once, not at each message of a brush. */
 function typicalRadius() {
-  if (medianOf !== state.radii) [medianOf, median] = [state.radii, state.radii?.slice().sort()[state.radii.length >> 1] ?? 0];
-  return median;
+  if (radiiOf !== state.radii) [radiiOf, typical] = [state.radii, median(state.radii ?? [])];
+  return typical;
 }
 
 /** A vector to the nearest image. */

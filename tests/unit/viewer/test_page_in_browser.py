@@ -106,6 +106,28 @@ def test_discs_are_drawn_where_they_are(shown, query, by):
     assert page.complaints == []
 
 
+def test_small_discs_are_drawn_at_true_radius(shown):
+    radius = np.linspace(0.2, 0.7, 100)
+    place = np.stack(np.divmod(np.arange(100), 10), axis=1) * 10.03 + 4.9
+    scene = mpsim.Scene(width=100, height=100, position=place, velocity=radius[:, None] * [1, 0], radius=radius)
+    page = shown(scene, playing=False)
+    until(lambda: page.frame == 0 and page.text("phase") == "paused")
+    picture = page.stage()
+    height, width = picture.shape[:2]
+    scale = 0.96 * height / 100
+    x = (width / 2 + (place[:, 0] - 50) * scale).astype(int)
+    y = (height / 2 - (place[:, 1] - 50) * scale).astype(int)
+    found = np.array([picture[b - 8 : b + 9, a - 8 : a + 9, 3].sum() / 255 for a, b in zip(x, y, strict=True)])
+    assert found == pytest.approx(np.pi * (radius * scale) ** 2, rel=0.15)
+    assert picture[..., 3].sum() / 255 == pytest.approx(found.sum()), "and nothing elsewhere"
+    brightness = picture[y, x, :3].astype(float) @ (0.2126, 0.7152, 0.0722)
+    assert (np.diff(brightness) >= 0).all(), "faster is brighter"
+    middles = "[median(state.radii), median([3]), median([]), median([2, 1, 5])]"
+    middles = f"import('./common.js').then(({{median, state}}) => {middles})"
+    assert page.page.evaluate(middles) == [float(np.float32(radius[50])), 3, 0, 2]
+    assert page.complaints == []
+
+
 def test_buttons_do_what_they_say_and_numbers_are_those_of_the_library(shown):
     page = shown()
     until(lambda: page.frame > 5)
