@@ -12,7 +12,7 @@ from mpsim.engine import changes, insertion
 from mpsim.engine.access import Access, exclusive, reading
 from mpsim.engine.coordinator import Coordinator
 from mpsim.engine.journal import Journal
-from mpsim.engine.parameters import Parameters, check_names, plain
+from mpsim.engine.parameters import Parameters, check_names, demand_steps, plain
 
 
 class Changing:
@@ -155,8 +155,10 @@ class Changing:
 
         Args:
             parameters: by name, as Scene, Emitter and Settings have them: gravity, restitution, wall_restitution, dt,
-                contact, passes, substeps, workers; interval or every of emitters, one number for all that have it or a
-                list with one for each; piston_speed, of a piston that then goes on from where it is. What is left of an
+                contact, passes, substeps (the last three not of "event", which has no steps), workers; temperature, of
+                a thermostat; wall_temperature, one number for all thermal walls or a list with one for each, in the
+                order left, right, bottom, top; interval or every of emitters, one number for all that have it or a list
+                with one for each; piston_speed, of a piston that then goes on from where it is. What is left of an
                 emitter's interval shrinks or grows as the interval does. dt not in a callback of `run`.
 
         Raises:
@@ -175,6 +177,7 @@ class Changing:
         self._coordinator.open_solver().demand_alike("the parameters that are changed", given)
         place = self._place("change")
         check_names(given)
+        demand_steps(given, self._coordinator.settings)
         use = self._access.use
         if "dt" in given and use is not None and use.outer is not None:
             raise InputError(

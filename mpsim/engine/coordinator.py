@@ -413,8 +413,7 @@ class Coordinator:
         def act() -> None:
             self._adopt(scene, settings, origin)
             limits.set_limit(self.solver)
-            if self.solver.capabilities.has_steps and substeps != self.solver.substeps:
-                self.solver.divide(substeps)
+            self.solver.divide(substeps)
 
         with interrupts_held_back():
             before = self.solver.choice

@@ -16,9 +16,12 @@ from numpy.typing import ArrayLike
 from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.core.state import Box
+from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.features import FEATURES
 from mpsim.features.emitters import Emitter
 from mpsim.features.piston import PISTON, Piston
+from mpsim.features.thermal_walls import ThermalWalls
+from mpsim.features.thermostat import Thermostat
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 
@@ -32,6 +35,8 @@ class Parameters(TypedDict, total=False):
     piston_speed: float
     interval: float | Sequence[float]
     every: int | Sequence[int]
+    temperature: float
+    wall_temperature: float | Sequence[float]
     dt: float
     contact: str
     passes: int
@@ -39,7 +44,11 @@ class Parameters(TypedDict, total=False):
     workers: int | None
 
 
-OF_SETTINGS = ("dt", "contact", "passes", "substeps", "workers")
+OF_STEPS = ("contact", "passes", "substeps")
+
+OF_SETTINGS = ("dt", *OF_STEPS, "workers")
+
+ENERGY = "[mass length^2/time^2]"
 
 NAMES = tuple(Parameters.__annotations__)
 
@@ -60,6 +69,22 @@ def check_names(given: Mapping[str, Any]) -> None:
         raise InputError(f"change must be given parameters that may change; {name!r} {why}. {hint}")
     if not given:
         raise InputError(f"change needs something to change, one of {', '.join(NAMES)}; got none of them. Give one.")
+
+
+def demand_steps(given: Mapping[str, Any], settings: Settings) -> None:
+    """Refuse parameters of steps where frames have none: they would change nothing.
+
+    Raises:
+        InputError: naming the first one and the method.
+    """
+    if capabilities_of(settings).has_steps:
+        return
+    for name in given:
+        if name in OF_STEPS:
+            raise InputError(
+                f"{name} can be changed only where frames are made of steps, and got {checks.brief(given[name])} with "
+                f"method={settings.method!r}, which has none. Leave it out."
+            )
 
 
 def moves_origin(given: Mapping[str, Any]) -> bool:
@@ -92,6 +117,10 @@ def in_force(scene: Scene, settings: Settings, given: Mapping[str, Any], box: Bo
         for name, value in counts.items():
             emitters = _emitting(emitters, name, value)
         values["emitters"] = emitters
+    if "temperature" in given:
+        values["thermostat"] = _at_temperature(scene.thermostat, given["temperature"])
+    if "wall_temperature" in given:
+        values["thermal_walls"] = _with_walls_at(scene.thermal_walls, given["wall_temperature"])
     changed = dataclasses.replace(settings, **{name: given[name] for name in OF_SETTINGS if name in given})
     scene = scene.changed(**values) if values else scene
     for feature in FEATURES:
@@ -106,6 +135,33 @@ def _at_speed(piston: Piston | None, speed: Any) -> Piston:
             "one; a slow one hardly moves."
         )
     return dataclasses.replace(piston, speed=speed)
+
+
+def _at_temperature(thermostat: Thermostat | None, temperature: Any) -> Thermostat:
+    if thermostat is None:
+        raise InputError(
+            f"temperature can be changed only in a scene with a thermostat, and got {checks.brief(temperature)}. Give "
+            "the scene a Thermostat; one of a small rate hardly acts."
+        )
+    return dataclasses.replace(thermostat, temperature=checks.positive("temperature", temperature, ENERGY))
+
+
+def _with_walls_at(walls: ThermalWalls | None, value: Any) -> ThermalWalls:
+    """Thermal walls at another temperature: one number for all of them, or one for each."""
+    if walls is None:
+        raise InputError(
+            f"wall_temperature can be changed only in a scene with thermal walls, and got {checks.brief(value)}. Give "
+            "the scene ThermalWalls."
+        )
+    edges = list(walls.temperatures)
+    each = [value] * len(edges) if checks.dimensions(value) <= 0 else list(value)
+    if len(each) != len(edges):
+        raise InputError(
+            f"wall_temperature must be one number, or one for each of the thermal walls {', '.join(edges)}; got "
+            f"{checks.brief(value)}."
+        )
+    checked = [checks.positive("wall_temperature", one, ENERGY) for one in each]
+    return dataclasses.replace(walls, **dict(zip(edges, checked, strict=True)))
 
 
 def _emitting(emitters: tuple[Emitter, ...], name: str, value: Any) -> tuple[Emitter, ...]:

@@ -197,10 +197,11 @@ class StepLimits:
         Raises:
             TooFastError: if the settings do not allow such speeds, or they would need too many sub-steps.
         """
+        usual = self._settings.substeps if self._has_steps else 1
         if self._fast.given:
             if self._has_limit:
                 self.set_limit(solver)
-            return solver.substeps
+            return usual
         frame = solver.frame
         speeds = solver.speeds(new).or_faster(solver.disc_too_fast())
         if self.adapts:
@@ -210,7 +211,7 @@ class StepLimits:
         if text:
             self._refuse_if_wanted(text)
             notices.warn(text, FastWarning, self._fast)
-        return solver.substeps
+        return usual
 
     def look_for_pressed(self, solver: Solver, notices: Notices) -> None:
         """Look for discs that are pressed into each other, after frames that are checked, and warn once.

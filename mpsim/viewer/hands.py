@@ -242,6 +242,8 @@ class Hands:
         self._walls += 1
 
     def _change(self, sim: Simulation, name: str, value: Any) -> None:
+        assert self._sliders is not None  # since the beginning
+        self._sliders.demand_offered(sim, name, value)
         sim.change(**{name: value})  # type: ignore[misc]  # one of Parameters, checked by wire
 
 

@@ -83,6 +83,7 @@ class Session(Commanded):
         self._playing = playing
         self._meter = Meter(time.perf_counter())
         self._gauges: Gauges | None = None
+        self._told_dt: float | None = None
         self._last: Where | None = None  # that was looked at, ...
         self._gauged: Where | None = None  # ... that the gauges are of, ...
         self._compared: Where | None = None  # ... and that both stages were compared at
@@ -189,7 +190,8 @@ class Session(Commanded):
     def _look(self) -> None:
         """Make the picture and the gauges that are due, if the simulation has moved since the last ones."""
         sim, now = self._simulation, time.perf_counter()
-        if sim.scene.obstacles is not self._broadcast.scene.obstacles:  # a wall was drawn, or taken back
+        walls_differ = sim.scene.obstacles is not self._broadcast.scene.obstacles
+        if walls_differ or sim.settings.dt != self._told_dt:  # a wall was drawn, dt changed, or this taken back
             self._broadcast.scene = sim.scene
             self._tell_scene("playing" if self._playing else "paused")
         where = self._last = (self._run, sim.frame, sim.count)
@@ -247,11 +249,12 @@ class Session(Commanded):
     # --- what pages are shown and told
 
     def _tell_scene(self, phase: str) -> None:
-        """Tell what is shown: what stays the same as long as the session."""
+        """Tell what is shown: what stays the same for long."""
+        self._told_dt = (self._settings if self._sim is None else self._sim.settings).dt
         self._broadcast.tell_scene(
             self._name,
             method=self._settings.method,
-            dt=self._settings.dt,
+            dt=self._told_dt,
             can_reset=self._owned,
             can_redraw=self._owned and self._given.can_redraw,
             seed=self._seed,

@@ -1,20 +1,29 @@
 """The parameters of a simulation that a page offers to change, with their values and the ranges of their sliders."""
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from mpsim.core import checks
 from mpsim.core.cores import usable_cores
+from mpsim.core.errors import InputError
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.kernels import layout
+from mpsim.scene.scene import Scene
 
 MOST_PASSES, MOST_SUBSTEPS = 4, 16
 """Ends of their sliders; what the simulation has is inside in any case."""
 
 DECADE = 10.0
-"""Sliders of times and rates go from a tenth to ten times what the simulation began with."""
+"""Sliders of times, rates and temperatures go from a tenth to ten times what the simulation began with."""
+
+TEMPERATURES = "temperature", "wall_temperature"
+
+ROUNDING = 0.005
+"""Of a value of a slider, of which pages send three digits."""
 
 
 class Sliders:
@@ -29,11 +38,13 @@ class Sliders:
     """
 
     def __init__(self, sim: Simulation):
-        scene, self._dt = sim.scene, sim.settings.dt
-        self._gravity = _rounded_up(_usual_gravity(sim))
+        start = sim.journal
+        scene, self._dt = start.scene, start.settings.dt
+        self._gravity = _rounded_up(_usual_gravity(scene))
         self._piston = None if scene.piston is None else scene.piston.speed
         self._cores = usable_cores()
-        self._interval, self._every = _rate(sim, "interval"), _rate(sim, "every")
+        self._interval, self._every = _rate(scene, "interval"), _rate(scene, "every")
+        self._temperatures = {name: _temperature(scene, name) for name in TEMPERATURES}
 
     def of(self, sim: Simulation) -> list[dict[str, Any]]:
         """Name, value and range of each, as pages are told: `low` and `high`, or `choices`.
@@ -42,6 +53,34 @@ class Sliders:
         value is (x, y), and `high` the length of the longest arrow.
         """
         return [*self._of_scene(sim), *self._of_settings(sim)]
+
+    def demand_offered(self, sim: Simulation, name: str, value: Any) -> None:
+        """Refuse numbers that no slider gives: one could make a frame so long that the page does not answer.
+
+        Raises:
+            InputError: naming the parameter, its rule and the value received.
+        """
+        offered = {each["name"]: each for each in self.of(sim)}
+        remedy = "Use the slider, or Simulation.change in a program."
+        if name not in offered:
+            raise InputError(
+                f"{name} is no parameter that the page offers for this simulation, which are {', '.join(offered)}; got "
+                f"{checks.brief(value)}. Use Simulation.change in a program."
+            )
+        ends, given = offered[name], [value] if checks.dimensions(value) <= 0 else list(value)
+        if not all(isinstance(each, int | float) for each in given):
+            return  # the simulation knows words, and refuses what is neither
+        if name == "gravity":
+            longest = ends["high"] * (1 + ROUNDING)
+            if len(given) == len("xy") and math.hypot(*given) > longest:
+                raise InputError(f"gravity must be at most {ends['high']:g} here; got {checks.brief(value)}. {remedy}")
+            return
+        if "low" not in ends:
+            return
+        low, high = ends["low"], ends["high"]
+        for each in given:
+            if not low - ROUNDING * abs(low) <= each <= high + ROUNDING * abs(high):
+                raise InputError(f"{name} must be from {low:.4g} to {high:.4g} here; got {each:g}. {remedy}")
 
     def _of_scene(self, sim: Simulation) -> Iterator[dict[str, Any]]:
         scene = sim.scene
@@ -53,9 +92,12 @@ class Sliders:
         if scene.piston is not None and self._piston is not None:
             ends = sorted((self._piston / DECADE, self._piston * DECADE))
             yield _slider("piston_speed", scene.piston.speed, *ends, log=True)
-        if (interval := _rate(sim, "interval")) is not None and self._interval is not None:
+        for name, first in self._temperatures.items():
+            if (temperature := _temperature(scene, name)) is not None and first is not None:
+                yield _slider(name, temperature, first / DECADE, first * DECADE, log=True)
+        if (interval := _rate(scene, "interval")) is not None and self._interval is not None:
             yield _slider("interval", interval, self._interval / DECADE, self._interval * DECADE, log=True)
-        if (every := _rate(sim, "every")) is not None and self._every is not None:
+        if (every := _rate(scene, "every")) is not None and self._every is not None:
             yield _slider("every", every, 1, int(self._every * DECADE), log=True, whole=True)
 
     def _of_settings(self, sim: Simulation) -> Iterator[dict[str, Any]]:
@@ -74,21 +116,27 @@ def _slider(name: str, value: float, low: float, high: float, log: bool = False,
     return {"name": name, "value": value, **ends, "log": log, "whole": whole}
 
 
-def _rate(sim: Simulation, name: str) -> Any:
+def _rate(scene: Scene, name: str) -> Any:
     """The interval, or every, of the first emitter that has one; None: there is none."""
-    return next((value for each in sim.scene.emitters if (value := getattr(each, name)) is not None), None)
+    return next((value for each in scene.emitters if (value := getattr(each, name)) is not None), None)
 
 
-def _usual_gravity(sim: Simulation) -> float:
+def _temperature(scene: Scene, name: str) -> float | None:
+    """The temperature of the thermostat, or the one of all thermal walls; None: there is none, or several."""
+    if name == "temperature":
+        return None if scene.thermostat is None else scene.thermostat.temperature
+    found = set() if scene.thermal_walls is None else set(scene.thermal_walls.temperatures.values())
+    return found.pop() if len(found) == 1 else None
+
+
+def _usual_gravity(scene: Scene) -> float:
     """Length of the longest arrow: twice the gravity of the scene; without one, what holds discs of a usual speed down.
 
     That is v^2 over half the height of the box [length/time^2].
     """
-    scene = sim.scene
     if scene.gravity is not None and (length := float(np.hypot(*scene.gravity))) > 0:
         return 2 * length
-    velocity = sim.state.velocity[~sim.absorbed]
-    square = float(np.mean(np.sum(velocity.astype(np.float64) ** 2, axis=1))) if len(velocity) else 0.0
+    square = float(np.mean(np.sum(scene.velocity**2, axis=1))) if scene.count else 0.0
     return 2 * square / scene.height or 10 * scene.height
 
 

@@ -38,6 +38,11 @@ def stage(count: int = 60) -> mpsim.Scene:
     )
 
 
+def two_passes(sim: mpsim.Simulation) -> dict[str, Any]:
+    """Parameters that give a simulation two passes, if its method has any."""
+    return {} if sim.settings.method == "event" else {"passes": 2}
+
+
 STEPS = {
     "kick": lambda sim: sim.kick([1, 7], (0.5, 0.25)),
     "kick each": lambda sim: sim.kick([2, 3], [(0.5, 0.25), (-0.25, 0.5)]),
@@ -47,7 +52,7 @@ STEPS = {
     "add": lambda sim: sim.add(first_free_place(sim.state), (0.0, 0.5), mass=1.5, spin=0.5),
     "rates": lambda sim: sim.change(interval=0.2, piston_speed=-0.5),
     "dt": lambda sim: sim.change(dt=0.0125),
-    "losses": lambda sim: sim.change(restitution=0.9, wall_restitution=0.8, passes=2),
+    "losses": lambda sim: sim.change(restitution=0.9, wall_restitution=0.8, **two_passes(sim)),
     "remove one more": lambda sim: sim.remove(0),
     "kick again": lambda sim: sim.kick([60], (0.0, -1.0)),
 }

@@ -7,7 +7,8 @@ import { send, takers } from "./link.js";
 const STEPS = 1000; // of a slider
 const NAMES = {
   restitution: "Restitution", wall_restitution: "Restitution of walls", piston_speed: "Speed of the piston",
-  interval: "Time between two discs", every: "Frames between two discs", dt: "Time of a frame, dt", contact: "Contact",
+  temperature: "Temperature of the bath", wall_temperature: "Temperature of the walls", interval: "Time between two discs",
+  every: "Frames between two discs", dt: "Time of a frame, dt", contact: "Contact",
   passes: "Passes", substeps: "Sub-steps", workers: "Workers",
 };
 

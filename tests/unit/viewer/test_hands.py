@@ -1,5 +1,6 @@
 """What is done by hand: each action is what was asked for, refused ones change nothing, all are taken back."""
 
+import json
 import tempfile
 
 import numpy as np
@@ -11,7 +12,7 @@ import mpsim
 from mpsim.viewer import hands as hands_module
 from mpsim.viewer import undo as undo_module
 from mpsim.viewer.hands import HOLD_SECONDS, Hands
-from mpsim.viewer.wire import Action
+from mpsim.viewer.wire import Action, read_action
 
 SCENE = gas(50, 0.2)
 CONTACTS = {"grid": {"method": "grid"}, "event": {"method": "event"}, "naive": {"method": "naive"}}
@@ -182,12 +183,12 @@ REFUSED = [
     ("wall", {"ax": 1.0, "ay": 0.0, "bx": 1.0, "by": 0.9}, "as long as a disc is wide, 1; got 0.9. Drag further."),
     ("wall", {"ax": 1.0, "ay": 0.0, "bx": 1.0, "by": -9.0}, "must be in the box"),
     ("wall", {"ax": 0.0, "ay": 0.0, "bx": 14.0, "by": 14.0}, "a wall must be clear of all discs; got disc"),
-    ("change", {"name": "dt", "value": -1.0, "same": False}, "dt must be a finite number > 0"),
+    ("change", {"name": "dt", "value": -1.0, "same": False}, "dt must be from 0.001 to 0.1 here; got -1"),
     ("change", {"name": "dt", "value": [1.0, 2.0], "same": False}, "dt must be"),
     ("change", {"name": "gravity", "value": 3.0, "same": False}, "gravity must"),
-    ("change", {"name": "restitution", "value": 7.0, "same": False}, "restitution must be a number from 0 to 1"),
-    ("change", {"name": "piston_speed", "value": 1.0, "same": False}, "only in a scene with a piston"),
-    ("change", {"name": "interval", "value": 1.0, "same": False}, "only in a scene with emitters"),
+    ("change", {"name": "restitution", "value": 7.0, "same": False}, "restitution must be from 0 to 1 here; got 7"),
+    ("change", {"name": "piston_speed", "value": 1.0, "same": False}, "no parameter that the page offers"),
+    ("change", {"name": "interval", "value": 1.0, "same": False}, "no parameter that the page offers"),
     ("change", {"name": "passes", "value": 2.5, "same": False}, "passes must be a whole number"),
     ("change", {"name": "contact", "value": 1.0, "same": False}, "contact must be one of"),
     ("undo", {}, "undo needs a remembered change"),
@@ -222,7 +223,7 @@ ACTIONS = {
     ],
     "remove": lambda t: t.do("remove", id=5, same=False),
     "gravity dragged": lambda t: [
-        (t.do("change", name="gravity", value=[0.0, -pull], same=pull > 1), t.sim.run(frames=3)) for pull in (1.0, 2.0)
+        (t.do("change", name="gravity", value=[0.0, -g], same=g > 0.3), t.sim.run(frames=3)) for g in (0.25, 0.5)
     ],
     "dt": lambda t: t.do("change", name="dt", value=0.005, same=False),
     "wall": draw_wall,
@@ -346,6 +347,63 @@ def test_the_sliders_are_those_of_the_scene(table):
                 assert t.values()[each["name"]] == end
     assert set(table(method="event").values()) == {"gravity", "restitution", "wall_restitution", "dt"}
     assert table(method="parallel", workers=1).values()["workers"] == 1
+
+
+MOVED = zoo("piston emitters", count=5, side=20.0)
+BATH = gas(60, 0.4, seed=2, boundary="periodic", thermostat=mpsim.Thermostat(temperature=1.0, rate=4.0, seed=5))
+WALLS = gas(60, 0.4, seed=2, thermal_walls=mpsim.ThermalWalls(left=2.0, right=2.0, bottom=2.0, top=2.0, seed=5))
+BEYOND = [
+    (SCENE, "dt", 1e100, "dt must be from 0.001 to 0.1 here; got 1e+100"),
+    (SCENE, "dt", 1e-9, "dt must be from 0.001 to 0.1 here"),
+    (SCENE, "substeps", 1_000_000, "substeps must be from 1 to 16 here"),
+    (SCENE, "passes", 1000, "passes must be from 1 to 4 here"),
+    (SCENE, "gravity", [1e99, 0.0], "gravity must be at most "),
+    (SCENE, "workers", 1024, "workers is no parameter that the page offers"),
+    (MOVED, "piston_speed", -1e99, "piston_speed must be from -15 to -0.15 here"),
+    (MOVED, "interval", 1e-99, "interval must be from 0.012 to 1.2 here"),
+    (MOVED, "interval", [1e-99, 1.0], "interval must be from 0.012 to 1.2 here"),
+    (MOVED, "every", 10**9, "every must be from 1 to 30 here"),
+    (BATH, "temperature", 1e99, "temperature must be from 0.1 to 10 here"),
+    (BATH, "wall_temperature", 1.0, "wall_temperature is no parameter that the page offers"),
+    (WALLS, "wall_temperature", 1e99, "wall_temperature must be from 0.2 to 20 here"),
+]
+
+
+@pytest.mark.parametrize(("scene", "name", "value", "text"), BEYOND)
+def test_what_no_slider_offers_is_refused(table, scene, name, value, text):
+    """Through the schema, as a message of a page: one of these could keep the simulation busy for hours."""
+    t = table(scene)
+    action = read_action(json.dumps({"do": "change", "name": name, "value": value, "same": False}))
+    before = t.sim.settings, t.sim.scene
+    note = t.do(action.name, **action.values)
+    assert text in note
+    assert "Simulation.change" in note
+    assert (t.sim.settings, t.sim.scene, len(t.sim.journal), t.told["undo"]) == (*before, 0, 0)
+
+
+def test_the_ends_of_sliders_follow_from_the_start_of_a_simulation(table):
+    """Not from where it is when the page goes back to a moment: else each return would move them on."""
+    t = table()
+    assert t.do("change", name="dt", value=0.1, same=False) is None
+    t.hands.begin(t.sim)
+    assert "dt must be from 0.001 to 0.1 here" in t.do("change", name="dt", value=1.0, same=False)
+    assert "dt must be from 0.002 to 0.2 here" in table(dt=0.02).do("change", name="dt", value=1.0, same=False)
+
+
+@pytest.mark.parametrize(("scene", "name"), [(BATH, "temperature"), (WALLS, "wall_temperature")])
+def test_a_temperature_has_a_slider_where_the_scene_has_one(table, scene, name):
+    t = table(scene)
+    assert {"temperature", "wall_temperature"} & t.values().keys() == {name}
+    assert t.do("change", name=name, value=4.0, same=False) is None
+    assert (t.values()[name], t.sim.journal.changes[-1].values) == (4.0, {name: 4.0})
+    assert not {"temperature", "wall_temperature"} & table().values().keys(), "negative control"
+
+
+def test_walls_of_several_temperatures_have_no_slider(table):
+    """One would make them alike."""
+    t = table(WALLS)
+    t.sim.change(wall_temperature=[1.0, 2.0, 2.0, 2.0])
+    assert "wall_temperature" not in t.values()
 
 
 def test_checkpoints_of_undo_are_gone_in_the_end(table, tmp_path, monkeypatch):

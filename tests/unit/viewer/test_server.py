@@ -354,7 +354,7 @@ def test_what_is_refused_by_hand_reaches_the_page_and_ends_nothing(view):
         visitor.say("hold", id=10**6, x=1.0, y=1.0)
         visitor.hear_until(lambda v: "id must be the number of a disc" in (v.last["hands"]["note"] or ""))
         visitor.say("change", name="dt", value=-1.0, same=False)
-        visitor.hear_until(lambda v: "dt must be a finite number > 0" in (v.last["hands"]["note"] or ""))
+        visitor.hear_until(lambda v: "dt must be from 0.001 to 0.1 here" in (v.last["hands"]["note"] or ""))
         frame = visitor.frame
         visitor.hear_until(lambda v: v.frame > frame + 5)
         assert visitor.phase == "playing"

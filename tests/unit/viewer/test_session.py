@@ -72,6 +72,21 @@ def test_one_played_at_any_speed_has_them_too(start):
         assert alone.digest() != digest, "negative control"
 
 
+def test_pages_are_told_the_dt_in_force(start):
+    """After a change, after undo, and after a reset."""
+    session, watcher = start(gas(50, 0.2), GRID, playing=False)
+    watcher.wait(lambda w: w.told.get("scene", {}).get("dt") == 0.01)
+    for action, values, dt in (
+        ("change", {"name": "dt", "value": 0.02, "same": False}, 0.02),
+        ("undo", {}, 0.01),
+        ("change", {"name": "dt", "value": 0.005, "same": False}, 0.005),
+        ("reset", {}, 0.01),
+    ):
+        session.submit(wire.Action(action, values))
+        watcher.wait(lambda w, dt=dt: w.told["scene"]["dt"] == dt)
+        assert watcher.told["hands"]["dt"] == session._sim.settings.dt == dt
+
+
 def test_the_first_picture_is_the_scene_before_anything_runs(start):
     scene = gas(50, 0.2)
     _, watcher = start(scene, GRID, watched=0)
