@@ -15,7 +15,10 @@ export const bound = (value, low, high) => Math.min(Math.max(value, low), high);
 /** The middle one of many numbers by size, without sorting a million of them; 0 of none. */
 export function median(values) {
   let low = Infinity, high = -Infinity, before = 0, bin = 0;
-  for (let k = 0; k < values.length; k++) [low, high] = [Math.min(low, values[k]), Math.max(high, values[k])];
+  for (let k = 0; k < values.length; k++) {
+    if (values[k] < low) low = values[k];
+    if (values[k] > high) high = values[k];
+  }
   const bins = new Uint32Array(4096), middle = values.length >> 1;
   const binOf = (value) => (high > low ? Math.floor(((value - low) / (high - low)) * 4095) : 0);
   for (let k = 0; k < values.length; k++) bins[binOf(values[k])] += 1;

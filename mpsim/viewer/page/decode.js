@@ -7,7 +7,7 @@ const HEADER = 96;
 export function decode(buffer) {
   const view = new DataView(buffer);
   if (buffer.byteLength < HEADER || view.getUint32(0, false) !== 0x4d505356) throw new Error("not a picture");
-  if (view.getUint8(4) !== VERSION) throw new Error("another version of mpsim runs now: load the page again");
+  if (view.getUint8(4) !== VERSION) throw new Error("Another version of mpsim is running. Reload the page.");
   const kind = view.getUint8(5), count = view.getUint32(12, true);
   if (buffer.byteLength !== HEADER + count * (kind === RADII ? 4 : 5)) throw new Error("a picture was cut");
   const stage = view.getUint16(6, true);

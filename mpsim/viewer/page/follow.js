@@ -42,10 +42,10 @@ document.addEventListener("keydown", (event) => {
   const key = event.key.toLowerCase();
   if (key === "f") {
     followed = followed === null ? pointed() : null;
-    say(followed === null ? "Following no disc. Point at one and press F." : `Following disc ${followed}. F ends it.`);
+    say(followed === null ? "No disc is followed. Point at one and press F." : `Following disc ${followed}. F ends it.`);
   } else if (key === "t") {
     trails = !trails;
-    say(!trails ? "No trails." : state.picture?.count > TRAILED ? `Trails of all only up to ${TRAILED} discs: here, of the one that is followed.` : "Trails.");
+    say(!trails ? "Trails off." : state.picture?.count > TRAILED ? `Trails of all discs are drawn for at most ${TRAILED} discs. Here only the disc that is followed has one.` : "Trails on.");
   } else return;
   [past, own, seen] = [[], [], null];
   event.preventDefault();

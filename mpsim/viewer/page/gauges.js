@@ -24,8 +24,8 @@ export function drawGauges() {
   }
   $("drift-name").textContent = gauges?.energy_note ? "Energy change" : "Energy drift";
   $("drift-note").textContent = gauges?.energy_note
-    ? `not conserved here: ${gauges.energy_note}` : "since the start, of the kinetic energy";
-  $("speeds-note").textContent = gauges ? gauges.speeds?.note ?? (gauges.speeds ? "" : "no disc moves") : "";
+    ? `not conserved here: ${gauges.energy_note}` : "since the start, relative to the kinetic energy";
+  $("speeds-note").textContent = gauges ? gauges.speeds?.note ?? (gauges.speeds ? "" : "no disc is moving") : "";
   $("count").checked = Boolean(gauges?.counting);
   $("pressure-note").textContent = pressureNote(gauges);
   drawSpeeds(gauges?.speeds);
@@ -36,7 +36,7 @@ function pressureNote(gauges) {
   if (!gauges?.counting) return "not counted";
   if (gauges.pressure_note) return gauges.pressure_note;
   const error = gauges.pressure_error === null ? "error not known yet" : "";
-  const bulk = gauges.bulk_pressure === null ? "" : `equation of state of the bulk ${digits(gauges.bulk_pressure)}`;
+  const bulk = gauges.bulk_pressure === null ? "" : `bulk equation of state ${digits(gauges.bulk_pressure)}`;
   return [error, bulk].filter(Boolean).join("; ");
 }
 
@@ -46,7 +46,7 @@ function drawWorkers(gauges) {
   canvas.style.height = `${1.3 * (each?.length ?? 1) + 1.6 * Math.ceil((gauges?.phases.length ?? 1) / 2)}rem`;
   const { width, height, ratio } = sharpen(canvas), c = canvas.getContext("2d"), size = fontSize(ratio);
   c.clearRect(0, 0, width, height);
-  $("workers-note").textContent = each ? `waiting ${Math.round(100 * gauges.waiting)} %` : "nothing runs";
+  $("workers-note").textContent = each ? `waiting ${Math.round(100 * gauges.waiting)} %` : "not running";
   if (!each) return;
   const rows = Math.ceil(gauges.phases.length / 2), bar = (height - 1.5 * size * rows) / each.length;
   c.font = `${size}px system-ui, "DejaVu Sans", sans-serif`;

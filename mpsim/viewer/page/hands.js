@@ -141,7 +141,7 @@ function build() {
   const [[ax, ay], [bx, by]] = wall;
   send({ do: "wall", ax, ay, bx, by });
   clearTimeout(building);
-  building = setTimeout(() => say("The wall is being put up … the first time, loops are compiled for up to half a minute", 60), 1000);
+  building = setTimeout(() => say("Adding the wall … The first time, code is compiled for up to half a minute.", 60), 1000);
 }
 function built() {
   if (building === null) return;
@@ -299,7 +299,7 @@ function press(time) {
   if (gesture?.tool === "hand") { // the cross goes to the disc, and both move together
     cross = gesture.place = placeOf(gesture.disc);
     gesture.off = [0, 0];
-    say(`disc ${gesture.disc} is held`);
+    say(`Disc ${gesture.disc} is held.`);
   }
 }
 
@@ -325,8 +325,8 @@ takers.hands.push((message) => {
   built();
   state.hands = message;
   $("undo").disabled = !message.undo;
-  $("undo").title = message.undo === null ? "This simulation belongs to a program: only that can start it anew."
-    : "Z: back to the moment before the last change";
+  $("undo").title = message.undo === null ? "This simulation belongs to a program, so changes cannot be undone here."
+    : "Z: returns to the moment before the last change";
   if (message.note && message.notes !== notes && !first) say(message.note);
   [notes, first] = [message.notes, false];
 });

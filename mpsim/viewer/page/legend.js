@@ -5,7 +5,7 @@ import { send, takers } from "./link.js";
 import { afterDrawing, requestDraw } from "./stage.js";
 
 const LOW = FASTEST - KNEE; // as in mpsim/viewer/colouring.py
-const NAMES = { speed: "speed [length/time]", worker: "worker", column: "column", collision: "since the last collision [time]", own: "own values" };
+const NAMES = { speed: "speed [length/time]", worker: "worker", column: "column", collision: "time since the last collision", own: "own values" };
 
 let colours = { by: "speed" }, legendKey = "";
 /** Draw the legend again, even where its numbers are the same. */

@@ -7,10 +7,10 @@ import { inNotebook, openSocket } from "./socket.js";
 import { requestDraw } from "./stage.js";
 
 const REFUSED = [1003, 1008, 1013]; // closed for a reason that trying again would not change
-export const SPEEDS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, null]; // null: as fast as it goes
+export const SPEEDS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, null]; // null: as fast as possible
 
 const NO_ANSWER = inNotebook
-  ? "Python does not answer: it runs a cell, or this view or its kernel has ended. To see the view again, run its cell."
+  ? "Python does not answer: it is running a cell, or this view or its kernel has ended. To see the view again, run its cell."
   : "No connection to mpsim. Is it still running? Trying again …";
 
 /** What else is done with a message of a kind, and when the connection is there: other parts of the page add to these. */
@@ -18,11 +18,11 @@ export const takers = { scene: [], hands: [], timeline: [], status: [], pair: []
 
 export function take(message) {
   if (message.type === "scene") {
-    if (message.version !== VERSION) return refuse("another version of mpsim runs now: load the page again");
+    if (message.version !== VERSION) return refuse("Another version of mpsim is running. Reload the page.");
     state.scene = message;
     $("name").textContent = document.title = message.name || "mpsim";
     $("reset").disabled = !message.can_reset;
-    $("reset").title = message.can_reset ? "R" : "This simulation belongs to a program: only that can start it anew.";
+    $("reset").title = message.can_reset ? "R" : "This simulation belongs to a program, which alone can reset it.";
     const periodic = message.periodic.every(Boolean) ? "periodic" : message.periodic.some(Boolean) ? `periodic along ${message.periodic[0] ? "x" : "y"}` : "walls";
     $("about").textContent = `box ${digits(message.width)} × ${digits(message.height)}, ${periodic}; ${message.recording ? `recording ${message.recording}` : `method ${message.method}, dt ${digits(message.dt)}`}`;
     requestDraw();
@@ -67,11 +67,11 @@ export function showStatus() {
   $("speed").setAttribute("aria-valuetext", speedText(speed));
   const seconds = Math.round((performance.now() - state.since) / 1000);
   notice(state.refused ?? (!open ? (seconds > 1 ? NO_ANSWER : null)
-    : phase === "starting" ? `Getting ready … ${seconds > 1 ? `${seconds} s; the first time, loops are compiled for up to half a minute` : ""}` : note));
+    : phase === "starting" ? `Getting ready … ${seconds > 1 ? `${seconds} s. The first time, code is compiled for up to half a minute.` : ""}` : note));
 }
 
 export function speedText(speed) {
-  if (speed === null) return "as fast as it goes";
+  if (speed === null) return "as fast as possible";
   return `${speed < 1 ? `1/${Math.round(1 / speed)}` : digits(speed).replace(/\.0+$/, "")}×, ${speed * 60 < 10 ? +(speed * 60).toFixed(2) : Math.round(speed * 60)} ${state.scene?.recording ? "recorded frames" : "frames"} a second`;
 }
 
@@ -105,7 +105,7 @@ export function connect() {
   };
   socket.onclose = ({ code, reason }) => {
     if (state.refused) return;
-    if (REFUSED.includes(code)) { refuse(`mpsim has ended the connection: ${reason}. ${inNotebook ? "Run the cell" : "Load the page"} again.`); return; }
+    if (REFUSED.includes(code)) { refuse(`mpsim closed the connection: ${reason}. ${inNotebook ? "Run the cell again" : "Reload the page"}.`); return; }
     state.since = patience === 500 ? performance.now() : state.since;
     setTimeout(connect, patience);
     patience = Math.min(2 * patience, 5000);

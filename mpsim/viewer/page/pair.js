@@ -32,7 +32,7 @@ const NUMBERS = {
     () => `of ${whole(told.collisions[1])}`],
   pressure: ["Pressure difference", () => difference(told.pressure_difference, told.difference_error),
     () => `${digits(told.pressure[0])} and ${digits(told.pressure[1])}`],
-  cost: ["Cost", () => (told.cost_ratio === null ? NONE : `${digits(told.cost_ratio)}×`), () => "of the second over the first"],
+  cost: ["Cost", () => (told.cost_ratio === null ? NONE : `${digits(told.cost_ratio)}×`), () => "second stage / first stage"],
 };
 
 for (const [name, [title]] of Object.entries(NUMBERS)) {
@@ -65,9 +65,9 @@ function drawDistance() {
 
 /** What a page may still compare. */
 function partedText() {
-  const when = `They have parted for good, at time ${digits(told.parted)}: where a disc is on one stage says nothing about the other. Compare averages only.`;
+  const when = `The stages parted for good at time ${digits(told.parted)}: the position of a disc on one stage says nothing about the other. Compare only averages.`;
   return told.lyapunov_time === null ? when
-    : `${when} A difference grows e-fold in ${digits(told.lyapunov_time)} (the Lyapunov time); two correct solvers agree until about ${digits(told.agree_until)}.`;
+    : `${when} A difference grows by a factor of e in ${digits(told.lyapunov_time)} (the Lyapunov time). Two correct solvers agree until about ${digits(told.agree_until)}.`;
 }
 
 takers.pair.push((message) => {
@@ -77,7 +77,7 @@ takers.pair.push((message) => {
   $("first-name").textContent = message.first;
   $("second-name").textContent = two ? `${message.second}${message.exact ? ", exact" : ""}` : "";
   $("beside-note").textContent = message.note ?? (message.skipped
-    ? `${message.skipped} changes by hand were refused by the second stage, where a disc was in the way.` : "");
+    ? `${message.skipped} changes by hand were skipped on the second stage, where a disc was in the way.` : "");
   if (!two || message.time === undefined) {
     history.length = 0;
     if (!two) state.beside.picture = null;
@@ -117,6 +117,6 @@ takers.tune.push(({ phase, text, done, of }) => {
   searching = phase === "searching";
   $("tune").textContent = searching ? "Stop" : "Tune";
   $("tune-text").hidden = phase === "none";
-  $("tune-text").textContent = searching ? `${Math.round((100 * done) / (of || 1))} %: ${text}\nThe stages wait meanwhile.` : text;
+  $("tune-text").textContent = searching ? `${Math.round((100 * done) / (of || 1))} %: ${text}\nMeanwhile the stages wait.` : text;
   $("tune-text").dataset.phase = phase;
 });

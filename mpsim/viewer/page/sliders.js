@@ -6,9 +6,9 @@ import { send, takers } from "./link.js";
 
 const STEPS = 1000; // of a slider
 const NAMES = {
-  restitution: "Restitution", wall_restitution: "Restitution of walls", piston_speed: "Speed of the piston",
-  temperature: "Temperature of the bath", wall_temperature: "Temperature of the walls", interval: "Time between two discs",
-  every: "Frames between two discs", dt: "Time of a frame, dt", contact: "Contact",
+  restitution: "Restitution", wall_restitution: "Wall restitution", piston_speed: "Piston speed",
+  temperature: "Temperature of the thermostat", wall_temperature: "Wall temperature", interval: "Time between two emitted discs",
+  every: "Frames between two emitted discs", dt: "Time step, dt", contact: "Contact",
   passes: "Passes", substeps: "Sub-steps", workers: "Workers",
 };
 

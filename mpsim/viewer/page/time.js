@@ -27,7 +27,7 @@ takers.status.push(({ phase, snapshot, can_remember: can }) => {
   $("pass").disabled = !ready;
   $("snapshot").disabled = !ready || !can;
   $("return").disabled = !ready || snapshot === null || snapshot === undefined;
-  if (!$("return").disabled) $("return").title = `G: back to frame ${snapshot.toLocaleString("en")}, which is marked`;
+  if (!$("return").disabled) $("return").title = `G: returns to the mark, frame ${snapshot.toLocaleString("en")}`;
 });
 
 takers.scene.push((scene) => {

@@ -73,7 +73,7 @@ def test_a_disc_is_dragged_to_where_the_pointer_lets_it_go(table):
     assert t.complaints == []
 
 
-def test_a_drag_of_the_ground_moves_the_view_and_no_disc(table):
+def test_a_drag_of_the_background_moves_the_view_and_no_disc(table):
     t = table()
     before = t.sim.digest()
     t.drag((6, 9), (8, 10))
@@ -301,7 +301,7 @@ def test_keys_do_what_the_pointer_does(table):
     until(lambda: t.holding() is not None)
     number = t.holding().disc
     assert number == 1, "from the middle of the box"
-    until(lambda: f"disc {number} is held" in t.text("hand-note"))
+    until(lambda: f"Disc {number} is held." in t.text("hand-note"))
     for _ in range(5):
         t.keys("ArrowUp")
     t.keys("Enter")

@@ -80,7 +80,7 @@ def test_they_part_and_the_page_says_so(shown):
     page.click("#play")
     parted = session._trade.pair.comparison.parted
     assert parted > 0
-    assert "They have parted for good" in page.inner_text("#parted")
+    assert "The stages parted for good" in page.inner_text("#parted")
     assert page.inner_text("#trade-distance") == "parted"
     assert page.inner_text("#trade-missed").endswith("%"), "averages only"
     page.select_option("#beside-choice", "null", force=True)
