@@ -33,7 +33,7 @@ export function drawGauges() {
 }
 
 function pressureNote(gauges) {
-  if (!gauges?.counting) return "not counted";
+  if (!gauges || (!gauges.counting && gauges.pressure === null)) return "not counted";
   if (gauges.pressure_note) return gauges.pressure_note;
   const error = gauges.pressure_error === null ? "error not known yet" : "";
   const bulk = gauges.bulk_pressure === null ? "" : `bulk equation of state ${digits(gauges.bulk_pressure)}`;

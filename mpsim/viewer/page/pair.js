@@ -98,7 +98,17 @@ takers.pair.push((message) => {
   requestDraw();
 });
 
-$("beside-choice").addEventListener("change", (event) => send({ do: "beside", settings: JSON.parse(event.target.value) }));
+const choice = $("beside-choice"), given = new Option("", "given");
+given.disabled = true; // of a view that was opened with a second stage
+takers.pair.push(({ second }) => {
+  if (second === null) given.remove();
+  else if (choice.value === "null" || given.selected) {
+    given.textContent = second;
+    choice.append(given);
+    choice.value = "given";
+  }
+});
+choice.addEventListener("change", (event) => send({ do: "beside", settings: JSON.parse(event.target.value) }));
 
 takers.scene.push((scene) => {
   for (const id of ["beside-choice", "tune", "tune-budget", "tune-measure"]) $(id).disabled = !scene.can_reset;

@@ -65,6 +65,7 @@ def test_the_numbers_are_those_of_both_states(shown):
     until(lambda: value(page, "distance") == pytest.approx(expected, rel=1e-12))
     assert page.inner_text("#first-name") == "grid push dt=0.01"
     assert page.inner_text("#second-name") == "event, exact"
+    assert page.evaluate("document.querySelector('#beside-choice').selectedOptions[0].text") == "event"
     assert not page.is_visible("#parted")
     first, second = drawn(page, "discs-canvas"), drawn(page, "second-discs")
     assert first.shape == second.shape
