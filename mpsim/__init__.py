@@ -1,4 +1,4 @@
-"""mpsim: many moving discs in two dimensions, simulated by worker processes over shared memory.
+"""Simulations of moving discs in two dimensions, by worker processes that share memory.
 
 >>> import mpsim
 >>> scene = mpsim.Scene.random(count=100, packing=0.4, radius=0.5, temperature=1.0, seed=7)

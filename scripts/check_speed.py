@@ -1,4 +1,4 @@
-"""The frames of three scenes against an earlier version: fails where one is much slower, three times in a row.
+"""Compares frame times of three scenes with an earlier version; fails if one is much slower three times in a row.
 
 python scripts/check_speed.py                       against the commit before
 python scripts/check_speed.py --before REVISION

@@ -1,4 +1,4 @@
-"""Whether every public name of mpsim has a complete type: pyright --verifytypes, on the package as it is installed.
+"""Checks that every public name of mpsim has a complete type (pyright --verifytypes).
 
 Also whether pyright refuses misspelt words, such as `Settings(method="gird")`.
 

@@ -1,4 +1,4 @@
-"""Windows of the exact solver, played by hand: what each tile finds in one, and what is true.
+"""Runs windows of the exact solver and compares each tile with a simulation of the whole box.
 
 A window is played from the present of a simulation, and nothing is taken over: the simulation stays as it is. It may
 have any length and halo, where the solver's own end with a lap of the calendar at the latest.

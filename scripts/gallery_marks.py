@@ -1,4 +1,4 @@
-"""What the gallery draws over the discs of a scene: trails, counts and curves."""
+"""Trails, counters and curves that the gallery draws over the discs."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, cast

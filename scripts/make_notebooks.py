@@ -1,4 +1,4 @@
-"""Notebooks of the tutorial: each page as a file that JupyterLab opens. The build of the site makes them, too.
+"""Makes a Jupyter notebook from each page of the tutorial.
 
 python scripts/make_notebooks.py                       all pages of the tutorial, under results/notebooks/
 python scripts/make_notebooks.py docs/howto/sweeps.md  other pages

@@ -1,4 +1,4 @@
-"""The fenced blocks of a page of the docs, as its tests run them and as its notebook holds them."""
+"""The code blocks of a page of the docs, for tests and notebooks."""
 
 import re
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Tables and pictures of the docs, renewed by the script that made them."""
+"""Writes tables and pictures into pages of the docs."""
 
 import re
 import shlex

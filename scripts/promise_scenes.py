@@ -1,4 +1,4 @@
-"""Thirty generated scenes for run_promise.py: every feature, alone and together, at rest, moving, dense and dilute."""
+"""Thirty generated scenes for run_promise.py: all features, alone and combined, dense and dilute."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What a step costs in accuracy, and how fast the exact solver is: two tables under results/accuracy/.
+"""Accuracy of time steps, and speed of the exact solver: two tables under results/accuracy/.
 
 bias.md: pressure of 100 discs in a closed box, push and impact against the exact solver. exact_speed.md: collisions
 a second of the exact solver on one core, with the energy of the same runs.

@@ -1,4 +1,4 @@
-"""The main job: the term-project report's experiments done by mpsim, with tables and pictures under results/bench/.
+"""The main job: the experiments of the term-project report with mpsim; tables and pictures under results/bench/.
 
 python scripts/run_bench.py            everything, under a minute on two cores
 python scripts/run_bench.py --quick    a few seconds

@@ -1,4 +1,4 @@
-"""Are the standard errors that runs give those that other starts would show? A table of their ratio.
+"""Compares standard errors of runs with the scatter of runs from other starts.
 
 For each kind of run: the scatter of a measure over independent starts, divided by the root mean square of the errors
 that the runs themselves claim. 1: right; 2: half of what it should be. What a run calls "not settled" claims no error:

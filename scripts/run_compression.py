@@ -1,4 +1,4 @@
-"""How dense `Scene.compressed` gets, and in what time: the table of docs/howto/dense-starts.md.
+"""Packings that `Scene.compressed` reaches, and the time that it needs: the table of docs/howto/dense-starts.md.
 
 Equal discs and discs of two sizes, periodic, are compressed from packing 0.4 at several rates: to a packing below
 jamming, with the time that takes, and on until they jam.

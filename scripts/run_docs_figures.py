@@ -1,4 +1,4 @@
-"""The pictures of the tutorial and of the explanations.
+"""Makes the pictures of the tutorial and of the explanations.
 
 python scripts/run_docs_figures.py                       under results/docs/
 python scripts/run_docs_figures.py --out docs/pictures   as the pages show them

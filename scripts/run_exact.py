@@ -1,4 +1,4 @@
-"""What the exact solver takes on one worker and on several, and how often its tiles agree: tables of the docs.
+"""Times of the exact solver on one and several workers, and how often its tiles disagree.
 
 python scripts/run_exact.py                                          all of them, some ten minutes on two cores
 python scripts/run_exact.py table --discs 10000 --workers 1 2 4      other sizes, more workers

@@ -1,4 +1,4 @@
-"""The gallery of the docs: each named scene as a picture and a short animation, with what to look for.
+"""Makes the gallery of the docs: a picture and an animation of each named scene.
 
 python scripts/run_gallery.py                    all scenes, under results/gallery/
 python scripts/run_gallery.py hopper galton      some of them

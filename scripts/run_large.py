@@ -1,4 +1,4 @@
-"""What a large scene costs besides its frames: time and memory of what comes before, between and after them.
+"""Time and memory of large scenes outside of frames: start, measures, files.
 
 python scripts/run_large.py                       ten million discs; needs 4 GiB of memory and of disk, some minutes
 python scripts/run_large.py --discs 100000 --page results/large.md

@@ -1,4 +1,4 @@
-"""mpsim beside the engines that a user would take instead: docs/peers.md, its pictures and the claim of the README.
+"""Compares mpsim with other engines: docs/peers.md, its pictures and the claim of the README.
 
 python scripts/run_peers.py                    everything, at most 25 minutes on two cores
 python scripts/run_peers.py --quick            a look of seconds at mpsim, NumPy and the yardstick, under results/peers/

@@ -1,4 +1,4 @@
-"""Is what `mpsim.tune` calls verified inside its budget? Named and generated scenes, three budgets each, checked anew.
+"""Checks with new runs that settings from `mpsim.tune` are within their budgets, on named and generated scenes.
 
 python scripts/run_promise.py                 all scenes: about two hours on two cores
 python scripts/run_promise.py medium hopper   some scenes

@@ -1,4 +1,4 @@
-"""A frame on the ranks of MPI: its time beside that of workers, what is sent, counted, and a model of larger machines.
+"""Frame times on MPI ranks, compared with workers; size of messages; a model of larger machines.
 
 python scripts/run_ranks.py                       some two minutes on two cores; needs mpi4py and an MPI library
 python scripts/run_ranks.py --discs 30000 --page results/ranks.md

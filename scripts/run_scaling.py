@@ -1,4 +1,4 @@
-"""How a frame scales with the number of workers: measured up to the cores of this machine, and a model beyond them.
+"""Frame times by number of workers: measured on this machine, and a model beyond its cores.
 
 python scripts/run_scaling.py                                     some minutes, 4 GiB; into docs/performance.md
 python scripts/run_scaling.py --discs 100000 --workers 8 --page results/scaling.md

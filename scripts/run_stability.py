@@ -1,15 +1,17 @@
-"""What becomes of every method, contact, law and precision at the extremes: table, JSON and heat maps.
+"""Runs the trials of the stability map: every method, contact, law and precision on extreme scenes.
 
 python scripts/run_stability.py                    all axes, under three minutes on two cores once kernels are compiled
 python scripts/run_stability.py --only step map    some of them
 python scripts/run_stability.py --full             also millions of discs and a million frames
-python scripts/run_stability.py --docs docs/stability.md    and renew that page and its pictures
-python scripts/run_stability.py --cost             only what the looks at the speeds take of a run's time
+python scripts/run_stability.py --docs docs/stability.md    and renew that page, its pictures and its outcomes.json.gz
+python scripts/run_stability.py --draw docs/stability/outcomes.json.gz    only the pictures, of outcomes that were kept
+python scripts/run_stability.py --cost             only the fraction of a run's time that checks of speeds take
 
 Everything is written under results/stability/. Exit code 1 if anything forbidden was found.
 """
 
 import argparse
+import gzip
 import statistics
 import sys
 import time
@@ -33,8 +35,9 @@ console = Console()
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", metavar="AXIS", help=f"{', '.join([*AXES, stability.MAP])}")
-    parser.add_argument("--full", action="store_true", help="also what takes long")
-    parser.add_argument("--cost", action="store_true", help="measure what looks at the speeds take, nothing else")
+    parser.add_argument("--full", action="store_true", help="also the long trials")
+    parser.add_argument("--cost", action="store_true", help="measure the time of checks of speeds, nothing else")
+    parser.add_argument("--draw", type=Path, metavar="FILE", help="draw these outcomes again, without any trial")
     parser.add_argument("--workers", type=int, default=2, help="processes that try at the same time (default: 2)")
     parser.add_argument("--out", type=Path, default=Path("results/stability"), help="default: results/stability")
     parser.add_argument("--docs", type=Path, help="page whose tables and pictures are renewed: docs/stability.md")
@@ -58,8 +61,16 @@ def cost() -> None:
         )
 
 
+def draw(kept: Path, out: Path) -> None:
+    """Draw the outcomes in a file, JSON or JSON in gzip."""
+    make_folder(out)
+    data = kept.read_bytes()
+    text = gzip.decompress(data) if kept.suffix == ".gz" else data
+    stability_map.save(stability.from_json(text.decode()), out)
+
+
 def run(options: argparse.Namespace) -> int:
-    """All that was asked for; 1 if anything forbidden was found."""
+    """Run the trials, write everything; 1 if an outcome is forbidden."""
     make_folder(options.out)
     chosen = stability.trials(options.only, options.full)
     columns = (TextColumn("{task.description:36.36}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
@@ -71,7 +82,8 @@ def run(options: argparse.Namespace) -> int:
 
         outcomes = stability.run_trials(chosen, options.workers, tick)
     machine_now = machine()
-    (options.out / "stability.json").write_text(stability.to_json(outcomes, machine=machine_now))
+    text = stability.to_json(outcomes, machine=machine_now)
+    (options.out / "stability.json").write_text(text)
     stability_map.save(outcomes, options.out)
     table, worst = stability.counts_table(outcomes), stability.findings_table(outcomes)
     made = made_by(machine_now)
@@ -81,6 +93,7 @@ def run(options: argparse.Namespace) -> int:
     if options.docs:
         pictures = {picture.name: picture for picture in options.out.glob("*.png")}
         fill_page(options.docs, "run_stability", {"counts": table, "findings": worst, "made": made}, pictures)
+        (options.docs.with_suffix("") / "outcomes.json.gz").write_bytes(gzip.compress(text.encode(), mtime=0))
     found = stability.counts(outcomes)
     return int(any(found[kind] for kind in stability.FORBIDDEN))
 
@@ -90,6 +103,9 @@ def main() -> int:
     started = time.perf_counter()
     if options.cost:
         cost()
+        return 0
+    if options.draw:
+        draw(options.draw, options.out)
         return 0
     try:
         code = run(options)

@@ -1,4 +1,4 @@
-"""What settings cost and how wrong they are, on six scenes: tables and pictures under results/tradeoff/.
+"""Costs and errors of settings on six scenes: tables and pictures under results/tradeoff/.
 
 python scripts/run_tradeoff.py                    all scenes, some two minutes on two cores
 python scripts/run_tradeoff.py --answers          and what follows from them, with tuned settings: two minutes more

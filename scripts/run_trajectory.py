@@ -1,4 +1,4 @@
-"""What writing a trajectory costs beside the frames themselves: a table and a picture under results/trajectory/.
+"""Cost of writing trajectories: a table and a picture under results/trajectory/.
 
 python scripts/run_trajectory.py            a minute
 python scripts/run_trajectory.py --quick    a few seconds

@@ -1,4 +1,4 @@
-"""Pictures of the live view with two stages, for the tutorial: the frame of the first missed collision, and later.
+"""Pictures of the live view with two stages, for the tutorial.
 
 python scripts/run_two_stages.py                    those of the tutorial, into docs/pictures
 python scripts/run_two_stages.py --sizes FOLDER     each moment at 390, 1280 and 1920 px, to look at

@@ -1,4 +1,4 @@
-"""Published numbers beside those of the exact solver, with chi^2: the tables of docs/validation.md.
+"""Compares the exact solver with published numbers, with chi^2: the tables of docs/validation.md.
 
 python scripts/run_validation.py                   some twenty minutes of one core
 python scripts/run_validation.py --quick           half a minute, with errors ten times as large

@@ -1,4 +1,4 @@
-"""The unit and determinism tests on each version of Python, with the lowest and newest of all that mpsim depends on.
+"""Runs the unit and determinism tests on each version of Python, with oldest and newest dependencies.
 
 python scripts/run_versions.py                                  every cell that is not under results/versions/ yet
 python scripts/run_versions.py --docs docs/contributing.md      and the table there renewed

@@ -1,4 +1,4 @@
-"""What a live view costs, and pictures of its page: tables under results/view/ and, with --docs, in its how-to page.
+"""Cost of the live view, and pictures of its page.
 
 python scripts/run_view.py                     two minutes
 python scripts/run_view.py --quick             some seconds

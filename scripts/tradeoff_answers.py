@@ -1,4 +1,4 @@
-"""Answers that run_tradeoff.py draws from its tables, and from runs of its own, as Markdown."""
+"""Tables that answer questions of docs/accuracy.md, from results of run_tradeoff.py and runs of its own."""
 
 import json
 import math
@@ -154,8 +154,9 @@ def where_exact_is_cheaper(tables: Mapping[str, mpsim.Tradeoff]) -> str:
         "## Where the exact solver is the cheaper one",
         "",
         "The error of the best stepped settings at the cost of `event`. For smaller errors `event` is cheaper.",
-        "`~`: from the fitted order of convergence, at the step that costs as much as `event`. `<`: the errors are",
-        "below the noise, so that no order can be fitted; this is the bound for a cheaper setting.",
+        '"About 0.08" is calculated for the step that costs as much as `event`, from the errors at other steps and the',
+        'order with which they fall. "< 0.3" means at most 0.3: the errors are below the noise, so no order can be',
+        "fitted, and the bound is that of a cheaper setting.",
         "",
         f"| scene | event [ns per disc and unit of time] | {' | '.join(heads)} |",
         f"|{'---|' * (len(heads) + 2)}",
@@ -181,7 +182,7 @@ def at_cost(table: mpsim.Tradeoff, measure: str, limit: float) -> str:
             order = float(np.clip(np.polyfit(steps, errors, 1)[0], 0, most))
             near = int(np.abs(steps - np.log(dt)).argmin())
             error = float(np.exp(errors[near] + order * (np.log(dt) - steps[near])))
-            text = f"~ {error if measure in UNITS else 100 * error:.2g}"
+            text = f"about {error if measure in UNITS else 100 * error:.2g}"
             found.append((error, text, replace(contact, dt=dt)))
         cheaper = [row for row in rows if row.cost and row.cost.median < limit]
         found += [

@@ -1,4 +1,4 @@
-"""What run_validation.py measures: each row is a number that others have published, and ours by the exact solver.
+"""The rows of run_validation.py: each has an expected number and one found by the exact solver.
 
 Discs have mass 1 and diameter 1, and temperatures are 1, unless a row says otherwise.
 """

@@ -1,4 +1,4 @@
-"""What run_validation.py expects besides published numbers: kinetic theory, corrections for few discs, chi^2.
+"""Expected numbers of run_validation.py: kinetic theory, corrections for few discs, chi^2.
 
 Discs have mass 1, radius 1/2 and mean square 1 of one velocity component; periodic boxes are at rest.
 """

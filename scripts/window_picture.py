@@ -1,4 +1,4 @@
-"""The picture of one window of the exact solver: what two tiles find in it, and how far what is unknown comes in."""
+"""The figure of one window of the exact solver in two tiles, with the depth of errors."""
 
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -1,1 +1,1 @@
-"""The command line, a module per group of commands; nothing else prints."""
+"""The command line: one module per group of commands."""

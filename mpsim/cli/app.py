@@ -1,4 +1,4 @@
-"""The command `mpsim`: a thin layer over the library. Commands are in mpsim.cli, one module per group.
+"""The command `mpsim`, which only collects the commands of the other modules.
 
 Results go to standard output, progress and errors to standard error. Exit codes: 0 done, 1 failed, with a sentence that
 says why, 2 wrong usage or input, 130 Ctrl-C.

@@ -1,4 +1,4 @@
-"""`mpsim clean`: what killed programs have left in shared memory."""
+"""`mpsim clean`: removes shared memory that killed programs have left."""
 
 import dataclasses
 

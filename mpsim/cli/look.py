@@ -1,4 +1,4 @@
-"""`mpsim plot` and `mpsim animate`: what there is to see."""
+"""`mpsim plot` and `mpsim animate`: pictures and films of scenes and runs."""
 
 from pathlib import Path
 from typing import Any, Literal

@@ -1,4 +1,4 @@
-"""`mpsim bench`, `mpsim warmup`, `mpsim completion`: mpsim and this machine."""
+"""`mpsim bench`, `mpsim warmup` and `mpsim completion`: benchmarks and setup on this machine."""
 
 import time
 from typing import Any

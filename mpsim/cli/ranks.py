@@ -1,4 +1,4 @@
-"""A command on the ranks of MPI: the first one speaks and writes for all, and the end of one is the end of all."""
+"""Commands on MPI ranks: the first rank prints and writes; if one rank ends, all end."""
 
 import contextlib
 import io

@@ -1,4 +1,4 @@
-"""`mpsim run` and `mpsim resume`: simulate a scene; a folder holds the results, and what is needed to continue."""
+"""`mpsim run` and `mpsim resume`: simulate a scene; a folder keeps the results and a checkpoint."""
 
 import contextlib
 import dataclasses

@@ -1,4 +1,4 @@
-"""`mpsim scenes` and `mpsim show`: what there is to simulate."""
+"""`mpsim scenes` and `mpsim show`: lists and describes scenes."""
 
 import dataclasses
 import textwrap

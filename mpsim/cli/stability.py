@@ -1,4 +1,4 @@
-"""`mpsim stability`: every method at the extremes, on this machine."""
+"""`mpsim stability`: runs the trials of the stability map on this machine."""
 
 from pathlib import Path
 

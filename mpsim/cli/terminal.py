@@ -1,4 +1,4 @@
-"""What commands share: kinds of arguments, progress."""
+"""Kinds of arguments and progress bars, shared by the commands."""
 
 import contextlib
 import dataclasses

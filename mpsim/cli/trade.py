@@ -1,4 +1,4 @@
-"""`mpsim tune` and `mpsim tradeoff`: speed against accuracy, on any scene."""
+"""`mpsim tune` and `mpsim tradeoff`: speed against accuracy of settings."""
 
 import dataclasses
 import math

@@ -1,1 +1,1 @@
-"""What every other package stands on: errors, the gates for input and files, the columns of a state."""
+"""Basic modules that all packages use: errors, checks of input and files, columns of a state."""

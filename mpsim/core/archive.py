@@ -1,4 +1,4 @@
-"""Named arrays in one file, a NumPy .npz, read without trusting it: no declared size is used before it is checked.
+"""Reads and writes files of arrays (NumPy .npz); no declared size is trusted before it is checked.
 
 Nothing is compressed and nothing is an object: a file cannot declare more than its own length, and nothing in it is
 executed.

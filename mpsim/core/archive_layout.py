@@ -1,4 +1,4 @@
-"""Where each byte of a file of arrays stands, known before any of them is written: a NumPy .npz, uncompressed.
+"""Byte positions of the arrays in an uncompressed .npz file, computed before it is written.
 
 So processes can write parts of one file, and it is the same to the byte whoever writes which part. Beside the contents
 of its arrays it has headers and a directory, which hold sums over the contents and so come last. All sizes are written

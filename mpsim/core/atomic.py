@@ -1,4 +1,4 @@
-"""Files that are always whole: the old content or the new one, whenever the process or the machine dies.
+"""Writes a file completely or not at all: it has its old or its new content, even after a crash.
 
 The content goes to a draft beside the file. The draft has a random name, where no link can have been planted, and is
 created (O_EXCL) without following one (O_NOFOLLOW). It is flushed to the disk and renamed in one step; then the folder

@@ -1,4 +1,4 @@
-"""Something that belongs to the first object it meets."""
+"""Binds an observer to the first simulation that it sees."""
 
 import weakref
 

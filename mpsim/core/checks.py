@@ -1,4 +1,4 @@
-"""All checks of user input: finite first, then dtype, shape, range. Texts: name, rule, value, remedy."""
+"""All checks of user input: finite, dtype, shape, range. Messages: name, rule, value received, what to do."""
 
 import difflib
 import functools

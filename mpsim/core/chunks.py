@@ -1,4 +1,4 @@
-"""Arrays with a row for each disc that are read in chunks, as no process holds them whole."""
+"""Arrays with a row per disc that are read in chunks, because no process holds them completely."""
 
 from collections.abc import Callable, Iterator
 from typing import Any

@@ -1,4 +1,4 @@
-"""Columns by id: numbers of each disc that lie in the block in the order of the discs' numbers. Each is declared here.
+"""The declaration of all columns: numbers of each disc that are stored by disc number.
 
 Block, discs that enter, snapshots and with them checkpoints, states, their digests and files, and the frames of
 trajectories follow from the declarations. Which scenes have a column its feature says (`Feature.columns`). What every

@@ -1,4 +1,4 @@
-"""How many cores this process may really use: affinity and container quota, whichever is less."""
+"""Number of cores that this process may use: the smaller of CPU affinity and container quota."""
 
 import math
 import multiprocessing

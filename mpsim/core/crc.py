@@ -1,4 +1,4 @@
-"""The CRC-32 of a whole from those of its parts, for parts that different processes write.
+"""CRC-32 of a file from the CRCs of its parts, which different processes write.
 
 A CRC-32 is the rest of a division of polynomials over {0, 1} by P, of degree 32. Bytes b take the register s to
 U(s, b), and as that is linear in both, U(s, b) = U(t, b) + (s + t) x^(8 len(b)) mod P, where + is exclusive or. The

@@ -1,4 +1,4 @@
-"""Signals deferred where handling them would do harm, and SIGTERM where it would leave something behind."""
+"""Defers signals while handling them would do harm; turns SIGTERM into a clean exit."""
 
 import _signal  # type: ignore[import-not-found]
 import ctypes

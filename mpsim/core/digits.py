@@ -1,4 +1,4 @@
-"""Numbers in words: a value with as many digits as its error allows."""
+"""Numbers as text with as many digits as their errors allow."""
 
 import math
 

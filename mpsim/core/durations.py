@@ -1,4 +1,4 @@
-"""Times in words."""
+"""Durations as text, such as "2 min 5 s"."""
 
 
 def duration(seconds: float) -> str:

@@ -1,4 +1,4 @@
-"""Every exception and warning a user can meet. Each text says: what, the rule, the value received, what to do."""
+"""All exceptions and warnings of mpsim. Each message says what, the rule, the value received, what to do."""
 
 import os
 import sys

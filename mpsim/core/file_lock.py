@@ -1,4 +1,4 @@
-"""A file with one writer, in this process and in others."""
+"""Locks a file, so that it has only one writer in all processes."""
 
 import fcntl
 import os

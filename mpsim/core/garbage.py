@@ -1,4 +1,4 @@
-"""Garbage collection while very many objects are made at once."""
+"""Pauses garbage collection while very many objects are created."""
 
 import contextlib
 import gc

@@ -1,4 +1,4 @@
-"""Arrays in one file, written by several processes, and what is told of their content: a digest for each piece."""
+"""Arrays in one file that several processes write, with a digest for each piece."""
 
 import hashlib
 import os

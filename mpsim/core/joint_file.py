@@ -1,4 +1,4 @@
-"""One file that several processes write at once, each at its own places.
+"""A file that several processes write at the same time, each at its own positions.
 
 The first process has made it. Another one writes to it only after both have seen in it what the other has written
 there: a name, or even the number of a file, may be the same on machines that do not share it, and what a machine keeps

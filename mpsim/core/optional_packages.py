@@ -1,4 +1,4 @@
-"""Packages that mpsim can do without: imported when they are first needed."""
+"""Imports optional packages when they are first needed, and explains what is missing."""
 
 import importlib
 from typing import Any

@@ -1,4 +1,4 @@
-"""Long loops in pieces, by a thread for each core: for kernels, which run without the lock of the interpreter."""
+"""Divides long loops among threads, one per core, for kernels that run without the interpreter's lock."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor

@@ -1,4 +1,4 @@
-"""Plain values as JSON, for the command line and for tables."""
+"""Converts values to plain JSON values, for the command line and tables."""
 
 import json
 import math

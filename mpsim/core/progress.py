@@ -1,4 +1,4 @@
-"""Progress on standard error, of runs, studies, animations and commands: how much is done, the rate, and the time left.
+"""Progress of runs, studies and commands on standard error: fraction done, rate, time left.
 
 On a terminal and in a notebook it is a line that is rewritten; elsewhere, as in a log file, a new line now and then.
 """

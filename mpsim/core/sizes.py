@@ -1,4 +1,4 @@
-"""Radii and masses of discs: where all are equal, they take the memory of one number."""
+"""Radii and masses of discs, stored as one number if all are equal."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""State: all discs at one moment. What it has beside places and speeds is declared in `mpsim.core.columns`."""
+"""`State`: all discs at one time."""
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.

@@ -1,4 +1,4 @@
-"""Tables in files: text (CSV, JSON) and Parquet, each written as a whole or not at all."""
+"""Writes tables as text (CSV, JSON) or Parquet, each completely or not at all."""
 
 import io
 import os

@@ -1,4 +1,4 @@
-"""Processes that make the same calls in the same order, as ranks do, or one process alone."""
+"""Processes that make the same calls in the same order (MPI ranks), or one process alone."""
 
 from collections.abc import Callable
 from typing import Any, Protocol, TypeVar

@@ -1,4 +1,4 @@
-"""Units: the numbers of a scene in SI, and back."""
+"""Conversion between the numbers of a scene and SI units."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of unknown origin: their kind and size are checked before anything in them is read."""
+"""Opens files of unknown origin: checks kind and size before it reads the content."""
 
 import errno
 import json

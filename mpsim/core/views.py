@@ -1,4 +1,4 @@
-"""What upper packages do for objects of lower ones: pictures of a scene, tables of a trade-off study, files.
+"""Registry through which upper packages offer functions to objects of lower ones, such as pictures of scenes.
 
 An object asks for it by name. mpsim/__init__.py registers the functions when mpsim is imported.
 """

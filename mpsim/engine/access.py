@@ -1,4 +1,4 @@
-"""Who may use a simulation: the process that made it, and one thread of that process at a time.
+"""Access to a simulation: only from the process that made it, and from one thread at a time.
 
 Compiled code reads and writes the block without asking, so every public door of a simulation asks here first. What
 changes a simulation is `exclusive`: it is refused at once while another thread is at it. What only reads is `reading`:

@@ -1,4 +1,4 @@
-"""How many frames the next command runs, and on how many workers."""
+"""Number of frames of the next command, and number of workers that run it."""
 
 import math
 import statistics

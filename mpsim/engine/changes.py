@@ -1,4 +1,4 @@
-"""Changes of a simulation between two frames: checked against what is there, then made of a copy of its discs.
+"""Changes of discs between two frames: checked, then applied to a copy.
 
 A change is a plain record of what was asked for, once that has passed the gate. The same record is applied, kept in the
 journal, written to checkpoints and session files, and applied again when those are replayed.

@@ -1,4 +1,4 @@
-"""The doors of a simulation by which it is changed between two frames: what comes in passes the gate here."""
+"""The public methods that change a simulation between two frames, with checks of their input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checkpoints: the whole state of a simulation in one file, which is never half written and contains no code.
+"""Checkpoints: the complete state of a simulation in one file without executable code.
 
 A checkpoint is a NumPy .npz without pickled objects: one JSON header, and arrays. It is written as every file is (see
 mpsim.core.atomic); the one before is kept as <name>.previous. A kill at any moment leaves a whole checkpoint under

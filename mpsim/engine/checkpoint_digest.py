@@ -1,4 +1,4 @@
-"""The digest over all that a checkpoint holds, made of one for each piece of its arrays."""
+"""The digest of a checkpoint, computed from digests of pieces of its arrays."""
 
 import hashlib
 import json

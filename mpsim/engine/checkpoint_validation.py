@@ -1,4 +1,4 @@
-"""Whether a simulation can be in the state that a checkpoint holds."""
+"""Checks whether the state in a checkpoint is possible for its scene."""
 
 import math
 from typing import Any

@@ -1,4 +1,4 @@
-"""Checkpoints along a run, and the one when the process is asked to end."""
+"""Writes checkpoints during a run, and one more on SIGTERM."""
 
 import signal
 import time

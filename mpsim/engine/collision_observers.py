@@ -1,4 +1,4 @@
-"""Observers of collisions: all of them in a table, and counters of those on an obstacle, on a wall or in a region."""
+"""Observers of collisions: a table of all of them, and counters for an obstacle, a wall or a region."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which columns by id a scene has: those of its features, and what is here. `mpsim.core.columns` declares them."""
+"""The columns of a scene, which its features determine."""
 
 from collections.abc import Callable
 from typing import Any

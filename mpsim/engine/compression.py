@@ -1,4 +1,4 @@
-"""Whether discs are pressed into each other, or into capsules, for want of room, which no shorter step would change.
+"""Detects discs that are pressed into each other or into obstacles, which smaller steps cannot cure.
 
 Because of steps discs overlap, by as much as they move in a few of them; discs that overlap more are pressed. Moving
 walls, emitters and added discs can cause it. So scenes with these are checked, in the frames in which speeds are

@@ -1,4 +1,4 @@
-"""The coordinator of a simulation: its solver, and what acts on it between two commands.
+"""The coordinator: owns the solver, and does what happens between two commands to it.
 
 Emitters add discs, speeds are checked, the length of the next command is chosen, and if a worker has died the run goes
 back to a snapshot. Who may call is settled before (`access.py`); who calls holds `access.state_lock`.

@@ -1,4 +1,4 @@
-"""Emitters: discs that enter a running scene."""
+"""Emitters: discs that enter a running simulation."""
 
 import copy
 import heapq

@@ -1,4 +1,4 @@
-"""The flight of a disc from its entry inside a frame to the end of that frame, or to the first obstacle."""
+"""The flight of an emitted disc in its first frame, up to the end of the frame or the first obstacle."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The arrays that a scene's features need in the shared block, and what stands in them at the start."""
+"""The arrays that features of a scene need in the shared block, and their initial values."""
 
 import math
 from typing import Any

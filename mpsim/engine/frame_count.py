@@ -1,4 +1,4 @@
-"""Frames until a time, and in a run."""
+"""Number of frames until a given time, and in a run."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Ctrl-C in a run that several processes share: it comes to all of them between the same two slices of frames."""
+"""Ctrl-C in a run on MPI ranks: all ranks stop after the same slice of frames."""
 
 import signal
 

@@ -1,4 +1,4 @@
-"""The journal of a simulation: what it started from and every change since, in files that replay it.
+"""The journal of a simulation: its start and all later changes, in files from which it can be run again.
 
 In memory and in checkpoints a change is `changes.Change`. A session file is TOML beside a scene file:
 

@@ -1,4 +1,4 @@
-"""Warnings and log lines, held back until the simulation holds no lock: a handler of them may wait for a reader."""
+"""Delays warnings and log lines until the simulation holds no lock, because a handler may wait for a reader."""
 
 import logging
 import warnings

@@ -1,4 +1,4 @@
-"""Observers look at a simulation along a run, for instance to write a trajectory."""
+"""Observers: objects that are called during a run, for example to write a trajectory."""
 
 import time
 from collections.abc import Iterable

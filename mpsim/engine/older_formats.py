@@ -1,4 +1,4 @@
-"""Arrays of checkpoints of older formats, as the present one has them, and their digest."""
+"""Reads checkpoints of older formats."""
 
 import hashlib
 import math

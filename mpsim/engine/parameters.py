@@ -1,4 +1,4 @@
-"""Parameters of scene and settings that may change while a simulation runs, and what is in force after a change."""
+"""Parameters of scene and settings that may change during a simulation, and their present values."""
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.

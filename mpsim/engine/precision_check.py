@@ -1,4 +1,4 @@
-"""Whether the precision of a run suffices for the scene: what it loses is refused or warned of."""
+"""Checks whether the floating-point precision is sufficient for a scene; refuses it or warns."""
 
 import math
 

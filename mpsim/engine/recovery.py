@@ -1,4 +1,4 @@
-"""When a worker dies: go back to the last snapshot in memory, and continue on new workers."""
+"""Recovery after the death of a worker: back to the last snapshot in memory, then on with new workers."""
 
 import time
 from collections.abc import Callable

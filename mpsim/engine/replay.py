@@ -1,4 +1,4 @@
-"""A journal replayed: the same simulation again, on any number of workers."""
+"""Runs the simulation of a journal again, on any number of workers."""
 
 import dataclasses
 import os

@@ -1,4 +1,4 @@
-"""Report: timings and counts of one `run`."""
+"""`Report`: timings, counts and averages of one run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The loop of a run: slices of frames, and between them observers, checkpoints, progress and readers."""
+"""The run loop: slices of frames, with observers, checkpoints, progress and readers between them."""
 
 from collections.abc import Callable
 from typing import Generic, NamedTuple

@@ -1,4 +1,4 @@
-"""What a run has taken and counted so far."""
+"""Times and counts that a run has collected so far."""
 
 from typing import Any, NamedTuple
 

@@ -1,4 +1,4 @@
-"""Closes simulations that are left open: when they are collected, when the program ends, in a fork."""
+"""Closes simulations that were left open: on garbage collection, at the end of the program, in a fork."""
 
 import multiprocessing.util
 import os

@@ -1,4 +1,4 @@
-"""Simulation, the public face: doors that check what comes in, and hand out copies."""
+"""`Simulation`, the public class: checks arguments and returns copies."""
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.

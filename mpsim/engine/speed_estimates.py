@@ -1,4 +1,4 @@
-"""How fast discs will become: after a fall, in equilibrium, from emitters, pushed by a wall, in a heat bath."""
+"""Speeds that discs will reach: after a fall, in equilibrium, from emitters, at a moving wall, in a heat bath."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Whether steps are short enough for the speeds, and what is done where they are not.
+"""Limits of the time step: checks speeds and collision rates, and warns, refuses or uses sub-steps.
 
 Two discs that touch at the start of a step and move towards each other are 2 R - 2 v dt apart at its end. While each
 moves less than its own radius, centres cannot pass one another, nor the middle of a capsule: whatever overlaps is

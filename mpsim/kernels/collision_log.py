@@ -1,4 +1,4 @@
-"""The log of collisions: rows that kernels write one after the other, where somebody has asked for them.
+"""The log of collisions: rows that kernels write if a run records collisions.
 
 Each worker has a log of its own. Where nobody asks there is none (None), and what would write to it compiles to
 nothing. A row that does not fit is counted all the same, so a log that was too small is found out.

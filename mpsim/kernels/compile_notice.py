@@ -1,4 +1,4 @@
-"""What is said while kernels are compiled, and how long that takes.
+"""The message while kernels are compiled, and the time that this takes.
 
 Numba compiles a kernel inside its first call with new types, without a word. A call of the compiler that is not
 answered from the cache is timed here, and announced once it has taken `QUIET_FOR`. A thread of its own announces: who

@@ -1,4 +1,4 @@
-"""Of processes that need the same kernel at once, one compiles it; the others wait, and load what it has compiled.
+"""Several processes that need the same kernel: one compiles it, the others wait and load the result.
 
 Ranks and runs that begin together would otherwise each compile it, on cores that the others need. The lock of the
 system (`flock`) ends with its process. A fork may keep it longer: nobody waits for more than LONGEST.

@@ -1,4 +1,4 @@
-"""How a kernel is compiled, and where the machine code is kept between runs.
+"""Compilation of kernels, and the cache of their machine code.
 
 Numba's own cache looks only at the file in which a function stands: after an edit in a second file, a cached
 caller continues to run the old callee. The kernels here call each other across files, so their machine code lies

@@ -1,4 +1,4 @@
-"""How the functions of kernels become one: those that only kernels call are parts, without machine code of their own.
+"""Merges functions into one kernel; functions that only kernels call get no machine code of their own.
 
 Numba optimises each function together with all that it calls, and makes machine code of that. Of ten levels of calls
 the innermost is then optimised ten times, and nine of ten results are thrown away: this was half of the time of a first

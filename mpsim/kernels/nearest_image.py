@@ -1,4 +1,4 @@
-"""Images of a disc beyond a periodic border, for exact impacts and for placement."""
+"""Nearest images of a disc at a periodic border, for exact impacts and for placement."""
 
 from mpsim.kernels.compiling import inlined
 

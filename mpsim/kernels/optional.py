@@ -1,4 +1,4 @@
-"""What a scene may lack, looked up in one line. For each of these None means "as if it were not there".
+"""Optional arguments of kernels: None stands for a feature that a scene does not have.
 
 Numba compiles a function anew for a None argument and drops what is tested against it, if the test is of one argument
 alone: not of an attribute, nor of several at once. So each accessor is the value itself, a constant, or nothing at all,

@@ -1,4 +1,4 @@
-"""Measures from sums that the kernels keep for each frame: impulses on walls and between discs, collisions, overlaps.
+"""Measures from counts of the kernels in each frame: impulses on walls and between discs, collisions, overlaps.
 
 A pressure has a kinetic and a collisional part. The first needs velocities, which are sampled along the run; the second
 is counted.

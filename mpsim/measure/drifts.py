@@ -1,4 +1,4 @@
-"""Drifts: what the first and the last state of a run and the counts in between say about its conservation laws."""
+"""Drifts of conserved quantities, from the first and last state of a run and the counts in between."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

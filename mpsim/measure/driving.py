@@ -1,4 +1,4 @@
-"""What changes the number of discs of a scene, or their energy: features, fields, moving walls, losses."""
+"""Features of a scene that change its number of discs or its energy."""
 
 import numpy as np
 from numpy.typing import NDArray

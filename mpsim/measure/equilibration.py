@@ -1,4 +1,4 @@
-"""Where a series has come to its stationary state, by the marginal standard error rule."""
+"""The start of the stationary part of a series, by the marginal standard error rule."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sums over discs, a chunk of them at a time, in float64: where no process holds all discs, as on ranks, none has to.
+"""Sums over discs in float64, in chunks, so that no process has to hold all discs.
 
 The sum of each chunk is added in the order of the discs' numbers. So it has the same bits wherever the discs are, and
 those of one sum over all where they fit one chunk. Only the discs that are present count.

@@ -1,4 +1,4 @@
-"""Motion of discs as correlations in time: what is correlated, and the functions and diffusion constant that follow."""
+"""Functions from correlations in time: displacements, velocity autocorrelation, scattering, diffusion constant."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What observers that measure read of a simulation, and that each of them belongs to one."""
+"""Reads from a simulation what observers measure, and binds each observer to one simulation."""
 
 from typing import Protocol
 

@@ -1,4 +1,4 @@
-"""How long two correct runs of one scene agree, and the refusal to compare them for longer.
+"""The time for which two correct runs of a scene agree, and the check that comparisons are not longer.
 
 Hard discs are chaotic: a difference between two runs, even a single rounding, grows on average as exp(lambda t), where
 lambda is the largest Lyapunov exponent. Beyond a horizon the distance between two trajectories is meaningless.

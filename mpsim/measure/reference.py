@@ -1,4 +1,4 @@
-"""Equilibrium without simulation: closed forms and published values, each with its source.
+"""Equilibrium properties: closed forms and published values, each with its source.
 
 Discs have mass 1 and, unless stated otherwise, restitution 1. kT is the mean square of one velocity component
 [length^2/time^2], packing the fraction of the area covered by discs, sigma = 2 radius their diameter. The collision

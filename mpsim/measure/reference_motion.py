@@ -1,4 +1,4 @@
-"""Motion without simulation: single discs, discs in line, gases that cool or relax, errors of stepped methods.
+"""Closed forms for motion: single discs, discs in line, cooling and relaxing gases, errors of stepped methods.
 
 Each with its source. Discs are equal, of mass 1; kT is the mean square of one velocity component [length^2/time^2].
 Equilibrium is in `reference`.

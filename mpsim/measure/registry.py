@@ -1,4 +1,4 @@
-"""All that runs can measure, and all errors that a trade-off study can measure: one entry each.
+"""The registry of all quantities that runs and trade-off studies can measure.
 
 A run measures by three kinds of functions. *Counted* ones take sums that the kernels keep for each frame on request:
 impulses on walls and between discs, overlaps. *Sampled* ones are functions of a state, of which the run averages those

@@ -1,4 +1,4 @@
-"""Averages along a run: what each measure needs, and how its value and error follow from the frames.
+"""Averages during a run: what each measure needs, and how its value and error are computed.
 
 Which there are, and of which kinds, `registry` says. States are sampled at fixed frames, so that neither the number of
 workers nor the length of a slice can change an average.

@@ -1,4 +1,4 @@
-"""Animations: discs at true radius, coloured, written frame by frame to a GIF or an MP4."""
+"""Animations: discs at true radius, written frame by frame as GIF or MP4."""
 
 from __future__ import annotations
 

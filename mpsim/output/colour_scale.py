@@ -1,4 +1,4 @@
-"""The scale of colours of a picture: from the numbers it shows, with arrows for what lies outside."""
+"""Colour scales from the numbers in a picture, with arrows for values outside."""
 
 from typing import Literal, NamedTuple
 

@@ -1,4 +1,4 @@
-"""Whether a file of frames belongs to a simulation: what must agree before the file is continued."""
+"""Checks that a trajectory file belongs to a simulation before it is continued."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""A scene as a picture: discs at true radius, their images at periodic edges, what stands in it, walls that move."""
+"""Draws discs at true radius, with periodic images, obstacles and moving walls."""
 
 import io
 import os

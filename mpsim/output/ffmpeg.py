@@ -1,4 +1,4 @@
-"""Where ffmpeg is, which encodes MP4."""
+"""Finds ffmpeg, which encodes MP4."""
 
 import shutil
 

@@ -1,4 +1,4 @@
-"""Figures of the benchmark: the same colour for a method everywhere, units on every axis, readable without the text."""
+"""Figures of the benchmark."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

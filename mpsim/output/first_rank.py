@@ -1,4 +1,4 @@
-"""Files that the ranks of MPI share: the first rank reads and writes them, and the others take what it finds."""
+"""Files of MPI ranks: the first rank reads and writes them, and sends the content to the others."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""One frame of a trajectory, and what the files of trajectories have in common."""
+"""One frame of a trajectory, and the common parts of all trajectory formats."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path

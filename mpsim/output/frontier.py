@@ -1,4 +1,4 @@
-"""Pictures of a trade-off study: cost against error, and the Pareto front."""
+"""Figures of a trade-off study: cost against error, with the Pareto front."""
 
 from collections.abc import Sequence
 from itertools import pairwise

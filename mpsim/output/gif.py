@@ -1,4 +1,4 @@
-"""GIFs whose pictures share one palette: without bands, without flicker, and small."""
+"""Writes GIFs with one palette for all frames, without bands or flicker."""
 
 import io
 from typing import Any

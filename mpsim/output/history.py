@@ -1,4 +1,4 @@
-"""The record of a run as pictures: energy, overlap, collision rate along the run, and the final state."""
+"""Figures of a run: energy, overlap and collision rate against time, and the final state."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The picture of a simulation that is brought up to date again and again, and what is to be seen at one moment."""
+"""A picture of a simulation that is updated for each frame of an animation."""
 
 import contextlib
 import tempfile

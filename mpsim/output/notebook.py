@@ -1,4 +1,4 @@
-"""How scenes and reports look in a notebook: a small still and small tables, never a film."""
+"""Scenes and reports in a notebook: a small picture and small tables."""
 
 import html
 import io

@@ -1,4 +1,4 @@
-"""An observer that writes belongs to one simulation: mixed frames would be meaningless."""
+"""Observers that write files belong to one simulation, because mixed frames would be meaningless."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The table of a run: energy, overlap and collisions."""
+"""The table of a run: energy, overlap and collisions against time."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""The stability map as heat maps: where correct, where degraded and by how much, where refused."""
+"""Figures of the stability map: outcomes of all trials, and how large their errors are."""
 
 import math
 from collections.abc import Sequence
@@ -7,7 +7,9 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from mpsim.output.drawing import STYLE, new_figure, save_figure
@@ -20,7 +22,13 @@ LEVELS = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0, math.inf)
 COLOURS = ("#08306B", "#2171B5", "#6BAED6", "#FEE391", "#FE9929", "#CC4C02")
 """Blues for correct, yellow to brown for degraded: safe for colour-blind readers, and in grey by lightness."""
 
-WORDS = ("below 0.1", "to 0.5", "to 1", "degraded: to 2", "to 5", "above 5")
+WORDS = ("correct: to 0.1", "correct: to 0.5", "correct: to 1", "degraded: to 2", "degraded: to 5", "degraded: above 5")
+
+MOST_VALUES = 12
+"""Values along an axis that a panel shows: more are divided among several panels."""
+
+WIDTH, ROW, LETTER, TEXT = 7.5, 0.2, 0.08, 9
+"""Width of a picture, which is that of a page; height of a row, width of a letter [inch]; size of texts [pt]."""
 
 REFUSED, BAD, NOTHING = "#BBBBBB", "#000000", "#FFFFFF"
 
@@ -38,38 +46,52 @@ def save(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
 
 
 def _draw_axis(name: str, outcomes: Sequence[Outcome], path: Path) -> None:
-    """Rows of settings against values along the axis."""
+    """Rows of settings against values along the axis, in panels of at most MOST_VALUES below each other."""
     values = list(dict.fromkeys(_text(outcome.value) for outcome in outcomes))
     rows = list(dict.fromkeys(outcome.row for outcome in outcomes))
     by_place = {(outcome.row, _text(outcome.value)): outcome for outcome in outcomes}
-    figure = new_figure(max(7.5, 3.6 + 0.5 * len(values)), 1.8 + 0.27 * len(rows))
-    axes = figure.add_subplot()
-    _cells(axes, [[by_place.get((row, value)) for value in values] for row in rows])
-    axes.set_xticks(range(len(values)), values, rotation=90 if max(map(len, values)) > 5 else 0)
-    axes.set_yticks(range(len(rows)), rows, fontsize=8)
-    axes.set(xlabel=AXES[name].title, title=f"{name}: largest error, as a multiple of what counts as correct")
-    _legend(figure)
-    save_figure(figure, path)
+    count = math.ceil(len(values) / MOST_VALUES)
+    wide = math.ceil(len(values) / count)  # of each panel; the last one may have empty columns
+    height = ROW * len(rows) + 0.5 + LETTER * max(map(len, values))
+    figure = new_figure(WIDTH, 1.0 + count * height)
+    for panel, first in zip(_panels(figure, count), range(0, len(values), wide), strict=True):
+        shown = values[first : first + wide]
+        padded = [*shown, *[""] * (wide - len(shown))]
+        _cells(panel, [[by_place.get((row, value)) for value in padded] for row in rows])
+        panel.set_xticks(range(len(shown)), shown, rotation=90 if max(map(len, values)) > 5 else 0)
+        panel.set_yticks(range(len(rows)), rows)
+    panel.set_xlabel(AXES[name].title)
+    _finish(figure, path)
 
 
 def _draw_pairs(outcomes: Sequence[Outcome], path: Path) -> None:
     """A panel for each row of settings: packing against the displacement in a step."""
-    figure = new_figure(11, 8)
+    figure = new_figure(WIDTH, 1.0 + len(MAP_ROWS) * (ROW * len(PACKINGS) + 0.75))
     by_place = {(outcome.row, *map(float, outcome.value)): outcome for outcome in outcomes}
-    for panel, row in zip(figure.subplots(2, 2).flat, MAP_ROWS, strict=True):
+    for panel, row in zip(_panels(figure, len(MAP_ROWS)), MAP_ROWS, strict=True):
         table = [
             [by_place.get((row.label, part, packing)) for part in STEP_FRACTIONS] for packing in reversed(PACKINGS)
         ]
         _cells(panel, table)
         panel.set_xticks(range(len(STEP_FRACTIONS)), map(_text, STEP_FRACTIONS))
         panel.set_yticks(range(len(PACKINGS)), map(_text, reversed(PACKINGS)))
-        panel.set(xlabel=AXES["step"].title, ylabel="packing fraction", title=row.label)
-    figure.suptitle("Largest error, as a multiple of what counts as correct; !: with a warning")
-    _legend(figure)
-    save_figure(figure, path)
+        panel.set(ylabel="packing fraction", title=row.label)
+    panel.set_xlabel(AXES["step"].title)
+    _finish(figure, path)
 
 
-def _cells(axes: Any, table: Sequence[Sequence[Outcome | None]]) -> None:
+def _panels(figure: Figure, count: int) -> list[Axes]:
+    """Panels below each other, with text that can be read at the width of a page."""
+    panels = list(figure.subplots(count, 1, squeeze=False).flat)
+    for panel in panels:
+        panel.tick_params(labelsize=TEXT, length=2)
+        panel.xaxis.label.set_size(TEXT + 1)
+        panel.yaxis.label.set_size(TEXT + 1)
+        panel.title.set_size(TEXT + 1)
+    return panels
+
+
+def _cells(axes: Axes, table: Sequence[Sequence[Outcome | None]]) -> None:
     """Colour each outcome; mark refused ones by R, warnings by !, forbidden ones by X."""
     levels = np.array([[_excess(outcome) for outcome in row] for row in table])
     norm = BoundaryNorm([*LEVELS[:-1], 1e300], len(COLOURS))
@@ -81,7 +103,7 @@ def _cells(axes: Any, table: Sequence[Sequence[Outcome | None]]) -> None:
             if face is not None:
                 axes.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, color=face, linewidth=0))
             if mark:
-                axes.text(x, y, mark, ha="center", va="center", color=colour, fontsize=8)
+                axes.text(x, y, mark, ha="center", va="center", color=colour, fontsize=TEXT)
 
 
 def _mark(outcome: Outcome | None) -> tuple[str, str, str | None]:
@@ -102,11 +124,17 @@ def _excess(outcome: Outcome | None) -> float:
     return min(outcome.errors[outcome.worst] / TOLERANCE[outcome.worst], 1e299)
 
 
-def _legend(figure: Any) -> None:
+def _finish(figure: Figure, path: Path) -> None:
+    """Legend and title above the panels; written to the file."""
     patches = [Patch(color=colour, label=word) for colour, word in zip(COLOURS, WORDS, strict=True)]
     patches.append(Patch(color=REFUSED, label="R: refused"))
     patches.append(Patch(color=BAD, label="X: forbidden"))
-    figure.legend(handles=patches, loc="outside lower center", ncols=8, fontsize=8, handlelength=1.2)
+    title = "Largest error, as a multiple of its limit; !: with a warning"
+    legend = figure.legend(
+        handles=patches, loc="outside upper center", ncols=4, fontsize=TEXT, handlelength=1.2, title=title
+    )
+    legend.get_title().set_size(TEXT + 2)
+    save_figure(figure, path)
 
 
 def _text(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""One picture of discs at one moment: a state, a frame of a trajectory, a simulation as it is now, or a start."""
+"""One picture of a state, a frame of a trajectory, a simulation or a scene."""
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.

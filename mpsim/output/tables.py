@@ -1,4 +1,4 @@
-"""Tables of a trade-off study for people: in a terminal, in a notebook, on a page."""
+"""Tables of a trade-off study as text, for a terminal, a notebook or a page."""
 
 import html
 import io

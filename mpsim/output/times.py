@@ -1,4 +1,4 @@
-"""A report as a picture: the time of each frame, and of its phases for each worker."""
+"""Figure of a report: time of each frame, and of its phases for each worker."""
 
 import matplotlib
 import numpy as np

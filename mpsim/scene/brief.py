@@ -1,4 +1,4 @@
-"""A scene in a line, for its repr."""
+"""A scene in one line, for its repr."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The discs of a scene at its start: arrays that were given, or a lattice, of which any range can be made alone."""
+"""The discs of a scene at its start: given arrays, or a lattice of which any range can be computed."""
 
 from __future__ import annotations
 

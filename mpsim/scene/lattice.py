@@ -1,4 +1,4 @@
-"""Equal discs on a lattice that fills the box: a disc follows from its number, so that any of them come without others.
+"""Equal discs on a lattice that fills the box; each is computed from its number alone.
 
 They are numbered column by column, so that discs that follow each other are a strip of the box. Random numbers come
 from blocks of discs: each has a stream of its own (Philox, Salmon et al. 2011), which only the seed and the number of

@@ -1,4 +1,4 @@
-"""Names that Scene once had, until they end (docs/policy.md)."""
+"""Deprecated names of Scene (docs/policy.md)."""
 
 import warnings
 from typing import TYPE_CHECKING, Any

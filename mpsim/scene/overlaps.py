@@ -1,4 +1,4 @@
-"""Overlaps at the start of a scene, in words."""
+"""Messages about overlaps at the start of a scene."""
 
 from typing import Any
 

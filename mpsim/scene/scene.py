@@ -1,4 +1,4 @@
-"""Scene: what is simulated."""
+"""`Scene`: what is simulated."""
 
 from __future__ import annotations
 

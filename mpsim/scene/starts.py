@@ -1,4 +1,4 @@
-"""Initial states by rule: lattices, random places among discs and capsules, thermal velocities."""
+"""Starts: lattices, random positions among discs and obstacles, thermal velocities."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The term-project report's experiments with this engine: fixed, growth, repeat, final states; and scaling.
+"""The experiments of the term-project report: fixed, growth, repeat, final states, scaling.
 
 Every experiment checks its results in the same run and fails rather than report the speed of a wrong one. Frame times
 are taken inside the compiled loop, after compilation and a warm-up run.

@@ -1,4 +1,4 @@
-"""Independent tasks handed to any executor: their outcomes as they come, and an end of all that has not begun."""
+"""Runs independent tasks on any executor, yields results as they come, and cancels those that have not begun."""
 
 from collections.abc import Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future

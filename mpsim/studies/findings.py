@@ -1,4 +1,4 @@
-"""What a named scene promises, expected beside found."""
+"""One result of a named scene: the expected and the found number."""
 
 from __future__ import annotations
 

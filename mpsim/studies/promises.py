@@ -1,4 +1,4 @@
-"""What the named scenes show when they run as recommended: what is watched along a run, and found at its end."""
+"""What named scenes should show in their recommended runs: expected and found numbers."""
 
 import math
 from abc import ABC, abstractmethod

@@ -1,4 +1,4 @@
-"""One accuracy run of one candidate: a pure function of scene, settings and plan, so that any executor can run it.
+"""One accuracy run of one candidate, a pure function that any executor can run.
 
 The physics of a scene is an average over starts (`independent_starts.Starts`). If they are variations of one start,
 collisions soon decorrelate them. Before that all runs are a single sample, whose noise their scatter does not show:

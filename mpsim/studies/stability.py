@@ -1,4 +1,4 @@
-"""Outcomes of every method, contact, law and precision on extreme scenes: correct, degraded, refused, or forbidden.
+"""Trials of the stability map: outcomes of every method, contact, law and precision on extreme scenes.
 
 correct   all errors are within TOLERANCE, with or without a warning
 degraded  an error is larger, and a warning was raised before or during the run
@@ -397,6 +397,11 @@ def to_json(outcomes: Iterable[Outcome], **more: Any) -> str:
     """All outcomes as JSON."""
     listed = [asdict(outcome) for outcome in outcomes]
     return json.dumps({**more, "counts": counts(outcomes), "outcomes": listed}, indent=1)
+
+
+def from_json(text: str) -> list[Outcome]:
+    """The outcomes in a text of `to_json`; values along an axis come back as they were, pairs as lists."""
+    return [Outcome(**{**each, "told": tuple(each["told"])}) for each in json.loads(text)["outcomes"]]
 
 
 def counts_table(outcomes: Sequence[Outcome]) -> str:

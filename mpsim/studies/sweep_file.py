@@ -1,4 +1,4 @@
-"""The file of a sweep: a line of JSON for each finished run, below one that says of what the runs are.
+"""The file of a sweep: a header, and one line of JSON for each finished run.
 
 A line is written by one call of the system when its run is done. So Ctrl-C leaves whole lines, and a kill at most one
 that is cut off, which the next sweep removes with a warning. One sweep at a time may have the file.

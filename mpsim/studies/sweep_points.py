@@ -1,4 +1,4 @@
-"""The points of a sweep: combinations of the values of a grid, each with a text of its own, from which seeds follow.
+"""The points of a sweep: combinations of the values of a grid, and the seed of each.
 
 The text of a point is JSON of its values by name, sorted, with nothing but the point in it. So neither the order of the
 names nor that of the values, nor other values of the grid, change the seed of a point, or its row in a file.

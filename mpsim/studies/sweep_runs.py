@@ -1,4 +1,4 @@
-"""One run of a sweep, wherever the executor runs it: a function of a point, or a scene that is simulated.
+"""One run of a sweep, wherever the executor runs it.
 
 Whatever goes wrong in it becomes a part of its outcome, which holds nothing but plain values: it can always be sent
 back, and one run does not end the others.

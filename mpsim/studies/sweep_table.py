@@ -1,4 +1,4 @@
-"""The answer of a sweep: one row for each run, as a table."""
+"""The result of a sweep: a table with one row for each run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a sweep does at each point: a function that is called, or a scene that is run; checked before anything runs."""
+"""The task of a sweep: a function or a scene, checked before anything runs."""
 
 import dataclasses
 import functools

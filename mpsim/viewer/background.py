@@ -1,4 +1,4 @@
-"""Work that takes longer than a page waits, in a thread of its own, which can be given up."""
+"""Long work in a thread of its own, which can be cancelled."""
 
 import threading
 from collections.abc import Callable

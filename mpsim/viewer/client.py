@@ -1,4 +1,4 @@
-"""One page that is connected: what it has been sent, what it may still be sent, and how often it may speak."""
+"""One connected page: what was sent to it, what may be sent next, and its limit on messages."""
 
 import asyncio
 from typing import Protocol

@@ -1,4 +1,4 @@
-"""What the colour of a disc stands for: its speed, or what people choose instead, with a scale that leaves none out."""
+"""Quantities that the colours of discs can show, such as speed, and their scales."""
 
 import math
 from typing import Any

@@ -1,4 +1,4 @@
-"""From speeds to colours: one byte a disc, by a scale that follows the scene."""
+"""Maps numbers of discs to colours, one byte per disc."""
 
 from dataclasses import dataclass
 

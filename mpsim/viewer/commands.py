@@ -1,4 +1,4 @@
-"""What pages may do to a simulation that is watched: play it, change it, go back, begin anew, look into a frame."""
+"""Actions that control a simulation: play, change, go back, restart, show a frame pass by pass."""
 
 import contextlib
 import dataclasses

@@ -1,4 +1,4 @@
-"""Two stages compared: how far the same discs are apart, what each run counted and took, and when they have parted.
+"""Compares two stages: distance of the same discs, counts and times, and when the stages diverge.
 
 Hard discs are chaotic: any difference between two runs grows until nothing that happened to one disc says anything of
 the other. From then on their distance means nothing, and averages alone can be compared.

@@ -1,4 +1,4 @@
-"""What frames must count while they run, for gauges that are asked for: the pressure, and the largest overlap.
+"""What frames have to count for the gauges: pressure, and the largest overlap.
 
 Counting is another kernel, and makes frames slower, so nobody pays for it who has not asked.
 """

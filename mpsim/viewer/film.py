@@ -1,4 +1,4 @@
-"""A film of what pages were shown last: a GIF or an MP4, drawn from the pictures that were sent."""
+"""A film of the latest pictures of a view, as GIF or MP4."""
 
 import io
 import subprocess

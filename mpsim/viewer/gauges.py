@@ -1,4 +1,4 @@
-"""The numbers beside the picture: those of mpsim.measure for the state that is shown, and what the run takes.
+"""The numbers beside the picture: measures of the present state, and times of the run.
 
 What is not known yet, or means nothing for a scene, is NaN or None, and a page shows a dash.
 """

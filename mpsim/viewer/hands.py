@@ -1,4 +1,4 @@
-"""What people do to a simulation on the page: drag, add and remove discs, draw walls, change parameters.
+"""Actions that change discs: drag, add and remove them, draw walls, change parameters.
 
 All of it goes through the doors of the simulation (`set`, `add`, `remove`, `add_wall`, `change`), so that the journal
 has it. What these refuse becomes a note for the page; the simulation is then as it was.

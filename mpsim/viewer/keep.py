@@ -1,4 +1,4 @@
-"""What people take home from a live view: the session, the scene of this moment, a program, the command line.
+"""Downloads of a view: the session, the present scene, a program, the command line.
 
 All of it is made in memory, or in a folder of its own that is gone before the answer is sent; no name from a page ever
 becomes a path.

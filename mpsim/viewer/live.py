@@ -1,4 +1,4 @@
-"""`mpsim.view`: a page in the browser that shows a simulation as it runs, or one that was recorded."""
+"""`mpsim.view`: shows a running or recorded simulation on a page in the browser."""
 
 from __future__ import annotations
 

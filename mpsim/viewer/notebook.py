@@ -1,4 +1,4 @@
-"""`mpsim.live`: the page of a live view in the output of a notebook's cell."""
+"""`mpsim.live`: the live view in the output of a notebook cell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From what people ask a view to show to the source that its pages show."""
+"""Finds the source of pictures for a scene, a run folder or a trajectory."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""How many frames to run now, so that a simulation keeps a given speed and a page is answered soon."""
+"""Number of frames to run before the next picture, for a given speed and fast responses."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The files of the page, as they are sent: read once from the package; no name from outside ever becomes a path."""
+"""The files of the page, read once from the package; no name from outside becomes a path."""
 
 import base64
 import json

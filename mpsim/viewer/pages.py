@@ -1,4 +1,4 @@
-"""What the pages of a view have in common, be they connected by a server or a notebook: who is there, what is sent.
+"""All pages of a view, connected by a server or a notebook.
 
 They are served by an event loop in a thread of its own. A page that breaks a rule loses its connection; nothing else
 notices.

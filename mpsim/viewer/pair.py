@@ -1,4 +1,4 @@
-"""A second stage: the same start by other settings, kept at the same simulated time as the first, changes included."""
+"""A second stage: the same start with other settings, kept at the same time as the first."""
 
 import contextlib
 import copy

@@ -1,4 +1,4 @@
-"""One frame of a simulation, shown pass by pass: the even one, the odd one, and which worker resolves what in each."""
+"""One frame pass by pass, with the worker that resolves each contact."""
 
 from typing import Any
 

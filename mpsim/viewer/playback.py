@@ -1,4 +1,4 @@
-"""A recording that is played: a place on its time line, which plays, steps, is moved, or follows what is written."""
+"""Playback of a recording: play, step, move along the time line, follow a file that is being written."""
 
 import time
 

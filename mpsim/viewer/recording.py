@@ -1,4 +1,4 @@
-"""The frames of a trajectory as a view shows them: states with all numbers of discs, and the scene that they are of."""
+"""The frames of a trajectory as states for a view, with their scene."""
 
 import os
 import warnings

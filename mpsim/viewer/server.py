@@ -1,4 +1,4 @@
-"""The server of a view: the files of the page by HTTP, and a connection of WebSocket for each page.
+"""The server of a view: files of the page by HTTP, and a WebSocket for each page.
 
 It runs in a thread of its own. A page that breaks a rule loses its connection; nothing else notices.
 """

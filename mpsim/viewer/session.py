@@ -1,4 +1,4 @@
-"""A simulation that is watched: it runs frames as they are due, does what pages ask for, and makes pictures and gauges.
+"""A running simulation in a view: runs frames, executes actions, makes pictures and gauges.
 
 Pictures are made from the state between two frames.
 """

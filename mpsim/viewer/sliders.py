@@ -1,4 +1,4 @@
-"""The parameters of a simulation that a page offers to change, with their values and the ranges of their sliders."""
+"""The parameters that a page can change, with values and ranges of their sliders."""
 
 import math
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""What pages show, in a thread of its own: the thread, the actions that wait for it, and who is watching.
+"""Base of all sources of pictures: a thread with an inbox of actions.
 
 The thread never waits for a page. A picture is made when somebody has asked for one (`ask`); who is slow asks less
 often. While nobody watches, nothing runs and nothing is made.

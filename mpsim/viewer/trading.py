@@ -1,4 +1,4 @@
-"""The trade of speed for accuracy, as a page shows it: a second stage beside the first, and how they compare."""
+"""Speed against accuracy in a view: a second stage, and its comparison with the first."""
 
 import contextlib
 import dataclasses

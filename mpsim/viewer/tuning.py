@@ -1,4 +1,4 @@
-"""The search for settings, in a thread of its own, while pages are told how far it is."""
+"""The search for settings in a thread, with messages about its progress."""
 
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""Back in time: to the moment before a change, or to one that was remembered, from checkpoints."""
+"""Undo: goes back to an earlier moment, from checkpoints."""
 
 import os
 import tempfile

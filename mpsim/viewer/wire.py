@@ -1,4 +1,4 @@
-"""What goes between a simulation and the pages that show it: pictures as bytes, everything else as JSON.
+"""The format of messages between a simulation and its pages: pictures as bytes, all else as JSON.
 
 All numbers are little-endian. A message of bytes begins with HEADER, of 96 bytes:
 

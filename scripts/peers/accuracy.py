@@ -1,4 +1,4 @@
-"""The longest step at which an engine's pressure on the walls is within an error, and what that costs.
+"""The longest step at which an engine's pressure has at most a given error, and its cost.
 
 The pressure is the impulse on the walls over time and perimeter, of runs of TIME from several starts; its error is
 relative to that of mpsim's exact solver from the same starts. Nothing is divided by the energy that an engine has left:

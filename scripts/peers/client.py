@@ -1,4 +1,4 @@
-"""The other end of worker.py: an engine in a process, asked with a limit on the time."""
+"""Starts worker.py with an engine, and asks it with a time limit."""
 
 import contextlib
 import json

@@ -1,4 +1,4 @@
-"""What every engine of the comparison is given, and what it must answer."""
+"""The interface of all engines of the comparison."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass

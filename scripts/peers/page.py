@@ -1,4 +1,4 @@
-"""The page and its pictures, and the claim of the README, from the record of a study."""
+"""Makes the page, its pictures and the claim of the README from the record of a study."""
 
 import textwrap
 from pathlib import Path

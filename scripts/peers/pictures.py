@@ -1,4 +1,4 @@
-"""A picture of each table."""
+"""Figures of the comparison, one for each table."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""The engines of the comparison, one entry each."""
+"""The registry of engines."""
 
 import importlib
 import importlib.util

@@ -1,4 +1,4 @@
-"""All that a page is made of, as one record of plain values: frames timed by turns, and costs at given errors."""
+"""The record of a study: frame times in alternating runs, and costs at given errors."""
 
 import time
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""Engines timed by turns: in each turn every one runs once, the yardstick among them, so that a busy machine shows."""
+"""Times engines in alternating runs with a reference program, so that load of the machine shows."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""One engine in a process of its own: commands come as lines of JSON, answers go back as such.
+"""Runs one engine in a process; commands and answers are lines of JSON.
 
 python -m peers.worker NAME
 """

@@ -1,1 +1,1 @@
-"""The solvers as the coordinator sees them, and which one a run uses."""
+"""The solvers, and the choice of the solver of a run."""

@@ -1,4 +1,4 @@
-"""What every solver promises: the protocol by which a simulation, its emitters and its limits know a method.
+"""The protocol of all solvers, which the rest of the engine uses.
 
 A new method is one file with a class that derives from `Solver`, a line in `methods.METHODS`, and its name in `METHODS`
 of `scene/settings.py`. Callers ask for `capabilities` (`methods.capabilities_of`), never for a class or a name.

@@ -1,4 +1,4 @@
-"""Stepped solvers whose discs lie in a shared block: the block and its moves, and one command after the other."""
+"""Stepped solvers in shared memory: the block, its growth, and the execution of commands."""
 
 import math
 import os

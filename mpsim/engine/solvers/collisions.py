@@ -1,4 +1,4 @@
-"""Collisions that a solver has logged: the arrays of the logs, and the table that is made of their rows."""
+"""The logs of collisions of a solver, and the table made from them."""
 
 from collections.abc import Mapping
 from typing import Any

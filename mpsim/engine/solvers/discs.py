@@ -1,4 +1,4 @@
-"""Discs in the block of a stepped solver: written, and read back in the order of the scene."""
+"""Writes discs into the block of a stepped solver, and reads them in the order of their numbers."""
 
 from typing import Any
 

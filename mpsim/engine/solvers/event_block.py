@@ -1,4 +1,4 @@
-"""The block of the exact solver: which arrays it has for a scene, and what kernels take of it."""
+"""The shared block of the exact solver: its arrays for a scene, and the arguments of its kernels."""
 
 from typing import Any, NamedTuple
 

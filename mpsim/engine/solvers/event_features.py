@@ -1,4 +1,4 @@
-"""What the exact solver's kernels are given of features, apart from columns of discs; the scene alone decides it."""
+"""Data of features for the kernels of the exact solver, apart from columns."""
 
 from typing import Any
 

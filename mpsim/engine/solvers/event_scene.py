@@ -1,4 +1,4 @@
-"""Scenes for the exact solver: what it cannot do, and the units and times that follow from a scene."""
+"""Scenes for the exact solver: which are unsupported, and the units and times derived from a scene."""
 
 import math
 from typing import Any

@@ -1,4 +1,4 @@
-"""Snapshots of the exact solver: what is in them, and what such a one must be."""
+"""Snapshots of the exact solver: their content, and checks of it."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""How the box of the exact solver is divided into tiles, and the arrays in which workers play them."""
+"""Division of the box into tiles for the exact solver, and the arrays in which workers simulate them."""
 
 import functools
 import math

@@ -1,4 +1,4 @@
-"""Windows of time as the coordinator plays them: on the tiles of a block, with its workers."""
+"""Runs windows of time on the tiles of the exact solver, with its workers."""
 
 from typing import Any
 

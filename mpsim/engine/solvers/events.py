@@ -1,4 +1,4 @@
-"""The exact solver as the coordinator sees it: event-driven, one process, float64."""
+"""The method event: the exact, event-driven solver in float64."""
 
 import contextlib
 import dataclasses

@@ -1,4 +1,4 @@
-"""The methods grid and parallel: cells, columns in an even and an odd pass, in one process or on workers."""
+"""The methods grid and parallel: a grid whose columns are processed in an even and an odd pass."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""Discs as a solver keeps them, for readers that need no copies in the order of the scene."""
+"""Reads discs where a solver stores them, without copies in the order of their numbers."""
 
 from typing import NamedTuple
 

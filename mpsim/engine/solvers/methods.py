@@ -1,4 +1,4 @@
-"""The registry of methods: what runs each, and which one `auto` stands for."""
+"""The registry of methods, and the method that `auto` chooses."""
 
 import logging
 from typing import Any, NamedTuple

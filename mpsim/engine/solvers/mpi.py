@@ -1,4 +1,4 @@
-"""The method mpi: frames on the ranks of a communicator, each with a range of the grid's columns and its own discs.
+"""The method mpi: each rank has a range of columns of the grid, with the discs in them.
 
 All ranks make the same calls, and get the same answers and exceptions. A step is that of `grid`, with two exchanges:
 discs that have left a rank's columns go to the rank that has theirs, and at a border both ranks give each other the

@@ -1,4 +1,4 @@
-"""How the columns of the grid are dealt to ranks, and where those of two ranks meet."""
+"""Distribution of the columns of the grid to ranks, and the borders between ranks."""
 
 from typing import Any, NamedTuple
 

@@ -1,4 +1,4 @@
-"""The discs of all ranks in the order of their numbers: any range of them, which is all that one rank has to hold."""
+"""Ranges of the discs of all ranks in the order of their numbers, so that no rank has to hold all discs."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

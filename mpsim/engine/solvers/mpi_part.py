@@ -1,4 +1,4 @@
-"""The part of a scene that one rank holds: the discs of its columns, and the calls that run a step of them."""
+"""The part of a scene on one rank: the discs of its columns, and the calls that make up a step."""
 
 from typing import Any
 

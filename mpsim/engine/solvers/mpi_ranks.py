@@ -1,4 +1,4 @@
-"""What ranks tell each other. All of them make the same calls in the same order; `mpi4py` is imported here alone."""
+"""Messages between ranks. All ranks make the same calls in the same order. Only this module imports `mpi4py`."""
 
 import contextlib
 import hashlib

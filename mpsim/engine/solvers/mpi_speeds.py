@@ -1,4 +1,4 @@
-"""How fast the discs of all ranks are."""
+"""Speeds of the discs of all ranks."""
 
 from typing import NamedTuple
 

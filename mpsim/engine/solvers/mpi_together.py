@@ -1,4 +1,4 @@
-"""What the ranks of a solver do together: what one of them raises, all raise."""
+"""Common errors of ranks: an error on one rank is raised on all."""
 
 import contextlib
 from abc import abstractmethod

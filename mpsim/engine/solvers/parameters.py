@@ -1,4 +1,4 @@
-"""`parameters` and `control` of the stepped solvers: what follows from scene, settings and number of discs."""
+"""The records `parameters` and `control` of stepped solvers, from scene, settings and number of discs."""
 
 from typing import Any, NamedTuple
 

@@ -1,4 +1,4 @@
-"""One frame pass by pass: what the grid does between the start and the end of a frame, on a copy of the discs.
+"""One frame of the method grid, pass by pass, on a copy of the discs.
 
 A solver runs whole frames in one call of its kernel. Here the parts of a step that ranks call one by one
 (`kernels/frame/rank.py`) run the same frame, one part at a time, so that the discs can be looked at in between. They

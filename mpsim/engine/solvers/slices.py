@@ -1,4 +1,4 @@
-"""What one command of a solver took and counted: a slice of a run."""
+"""Times and counts of one command of a solver."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -1,4 +1,4 @@
-"""Snapshots of solvers, and what is looked at in those that come from a file.
+"""Snapshots of solvers, and checks of those that come from a file.
 
 The digest of a file tells that it is what was written. A file that was written by hand can have the right
 digest; kernels index arrays without looking, so nothing that they follow may lead out of them.

@@ -1,4 +1,4 @@
-"""The speed above which a disc ends a command: the number that kernels compare with, and what they have found."""
+"""The speed above which a disc ends a command, with which kernels compare each disc."""
 
 import math
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""How fast the discs of a state are, as a fraction of what their steps allow."""
+"""Speeds of the discs of a state, relative to what the step allows."""
 
 import functools
 import math

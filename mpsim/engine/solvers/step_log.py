@@ -1,4 +1,4 @@
-"""The log of collisions of solvers whose frames are made of steps."""
+"""The log of collisions of stepped solvers."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple

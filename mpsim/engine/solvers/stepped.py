@@ -1,4 +1,4 @@
-"""What solvers have in common whose frames are made of steps: time, the division of frames, the grid, snapshots."""
+"""Common code of stepped solvers: time, division of frames into steps, the grid, snapshots."""
 
 from abc import abstractmethod
 from typing import Any, ClassVar

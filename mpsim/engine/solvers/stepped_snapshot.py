@@ -1,4 +1,4 @@
-"""Snapshots of the stepped solvers: taken from a block, and what such a one must be."""
+"""Snapshots of stepped solvers: how they are taken, and checks of their content."""
 
 from typing import Any
 

@@ -1,1 +1,1 @@
-"""Worker processes, the shared block, and what the system allows."""
+"""Worker processes, the shared block, and limits of the system."""

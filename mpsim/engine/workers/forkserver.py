@@ -1,4 +1,4 @@
-"""What Python's fork server imports, and nothing else does: what a worker needs, and a way back for other processes.
+"""Makes Python's fork server import what workers need, without effect on other processes.
 
 The server is started while Ctrl-C is blocked, so that workers come up with it blocked: a start prints no traceback.
 Processes of the program that the server starts later must not inherit that.

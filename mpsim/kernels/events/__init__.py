@@ -1,1 +1,1 @@
-"""The exact solver. It shares nothing with the stepped one, so that the two cannot share a mistake."""
+"""The exact solver. It shares no code with the stepped one, so that a bug in one cannot hide in the other."""

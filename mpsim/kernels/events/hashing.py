@@ -1,4 +1,4 @@
-"""A hash of numbers, one after the other, to compare what two have found."""
+"""A hash of a sequence of numbers, by which two tiles compare their results."""
 
 import math
 

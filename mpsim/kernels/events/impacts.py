@@ -1,4 +1,4 @@
-"""Impacts: what becomes of two discs that meet, and of a disc that meets a wall."""
+"""Impacts: new velocities of two discs that collide, and of a disc at a wall."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tiles: rectangles of cells that are played one by one, each with what lies around it, as if nothing lay beyond.
+"""Tiles: rectangles of cells that are simulated separately, each with a halo of the cells around it.
 
 A tile is loaded from the store of the whole box into one of its own, with all discs of the `halo` cells around it, and
 played up to the end of a window. What is missing beyond the halo spreads inward by a few diameters. So what happened is

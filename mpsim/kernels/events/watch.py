@@ -1,4 +1,4 @@
-"""What happens in the bands along a tile's borders, summed up so that two tiles can see whether they found the same.
+"""Hash sums of the events in bands along the borders of a tile, by which neighbouring tiles are compared.
 
 Each event in a band adds a hash of all that it leaves of the disc: state, counts and predictions. A sum does not depend
 on the order of events; sums that are equal stand for equal histories but for one case in 2^64.

@@ -1,4 +1,4 @@
-"""Windows of time, which workers play tile by tile, and all take over together, or nobody does.
+"""Windows of time: workers simulate them tile by tile; all results are accepted, or none.
 
     plan      worker 0: how far the window goes, at most to the end of the calendar's lap
     ------------------------------------------------------------------------------------------------- barrier

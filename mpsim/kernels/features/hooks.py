@@ -1,4 +1,4 @@
-"""Which features there are, what a scene has of them, and at which points of a step they act.
+"""The features of the stepped solvers, which of them a scene has, and at which points of a step they act.
 
 A new feature is a file with its FIELDS, an entry in FEATURES, and a line at each point where it acts, here or in
 `contact_hooks.py`. What acts there takes its own field first, so that it compiles to nothing where that is None.

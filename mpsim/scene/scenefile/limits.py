@@ -1,4 +1,4 @@
-"""Upper bounds on a scene file and its arrays: far above any scene, and low enough to refuse larger ones quickly.
+"""Largest scene file and arrays that are read.
 
 They bound what is processed item by item in Python; long arrays of numbers belong in .npy files.
 """

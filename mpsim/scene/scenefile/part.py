@@ -1,4 +1,4 @@
-"""A feature in scene files: its tables, the values made from them, and how they are written."""
+"""A feature in scene files: its tables, how its values are made from them, and how it is written."""
 
 from pathlib import Path
 from typing import Annotated, Any

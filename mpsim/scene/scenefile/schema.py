@@ -1,4 +1,4 @@
-"""What a scene file may hold: a table of keys per level. Every rule is that of the corresponding Python class."""
+"""The tables and keys of a scene file. Every rule is that of the corresponding Python class."""
 
 import dataclasses
 from typing import TYPE_CHECKING, Annotated, Any

@@ -11,6 +11,7 @@ import pytest
 from support.processes import wait_until
 
 import mpsim
+from mpsim.output import stability_map
 from mpsim.studies import stability
 from mpsim.studies.stability import Row, Trial, attempt
 
@@ -105,3 +106,31 @@ def test_a_trial_of_masses_lasts_until_light_discs_are_fast():
 def test_an_unknown_axis_is_refused():
     with pytest.raises(mpsim.InputError, match=r"axis must be one of step, packing, .* got 'stepp'"):
         stability.trials(["stepp"])
+
+
+def test_outcomes_kept_as_json_are_drawn_again(tmp_path):
+    rows = ("event", "grid impact elastic float64")
+    step = [
+        stability.Outcome("step", value, row, errors={"overlap": 0.3}, worst="overlap")
+        for value in range(14)
+        for row in rows
+    ]
+    step[3] = stability.Outcome("step", 1, rows[1], "refused", told=("FastWarning",), text="InputError: too far")
+    pairs = [stability.Outcome(stability.MAP, (0.1, 0.3), "event")]
+    kept = stability.from_json(stability.to_json([*step, *pairs]))
+    assert kept[: len(step)] == step
+    assert tuple(kept[-1].value) == (0.1, 0.3)
+    assert [path.name for path in stability_map.save(kept, tmp_path)] == ["step.png", "map.png"]
+
+
+def test_values_of_an_axis_are_divided_among_panels_of_equal_width(monkeypatch, tmp_path):
+    drawn = []
+    monkeypatch.setattr(stability_map, "_finish", lambda figure, path: drawn.append(figure))
+    for count in (12, 13, 25):
+        outcomes = [stability.Outcome("step", value, "event") for value in range(count)]
+        stability_map.save(outcomes, tmp_path)
+    assert [len(figure.axes) for figure in drawn] == [1, 2, 3]
+    assert [[len(panel.get_xticks()) for panel in figure.axes] for figure in drawn] == [[12], [7, 6], [9, 9, 7]]
+    assert all(
+        label.get_fontsize() >= 9 for figure in drawn for panel in figure.axes for label in panel.get_yticklabels()
+    )

@@ -1,1 +1,1 @@
-"""What only some scenes have, in the exact solver: each file owns the law of one feature, hooks.py lists them."""
+"""Features in the exact solver: one file each; hooks.py lists them."""

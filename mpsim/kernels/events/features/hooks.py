@@ -1,4 +1,4 @@
-"""Which features the exact solver has, what a scene has of them, and at which points of an event they act.
+"""The features of the exact solver, which of them a scene has, and at which points of an event they act.
 
 Callers hand over `features`, and know no feature. A new one is a file with its FIELDS, an entry in FEATURES, and a line
 at each point where it acts. What acts there takes its own field first, so that it compiles to nothing where that is
