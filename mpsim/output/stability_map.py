@@ -54,13 +54,14 @@ def _draw_axis(name: str, outcomes: Sequence[Outcome], path: Path) -> None:
     wide = math.ceil(len(values) / count)  # of each panel; the last one may have empty columns
     height = ROW * len(rows) + 0.5 + LETTER * max(map(len, values))
     figure = new_figure(WIDTH, 1.0 + count * height)
-    for panel, first in zip(_panels(figure, count), range(0, len(values), wide), strict=True):
+    panels = _panels(figure, count)
+    for panel, first in zip(panels, range(0, len(values), wide), strict=True):
         shown = values[first : first + wide]
         padded = [*shown, *[""] * (wide - len(shown))]
         _cells(panel, [[by_place.get((row, value)) for value in padded] for row in rows])
         panel.set_xticks(range(len(shown)), shown, rotation=90 if max(map(len, values)) > 5 else 0)
         panel.set_yticks(range(len(rows)), rows)
-    panel.set_xlabel(AXES[name].title)
+    panels[-1].set_xlabel(AXES[name].title)
     _finish(figure, path)
 
 
@@ -68,7 +69,8 @@ def _draw_pairs(outcomes: Sequence[Outcome], path: Path) -> None:
     """A panel for each row of settings: packing against the displacement in a step."""
     figure = new_figure(WIDTH, 1.0 + len(MAP_ROWS) * (ROW * len(PACKINGS) + 0.75))
     by_place = {(outcome.row, *map(float, outcome.value)): outcome for outcome in outcomes}
-    for panel, row in zip(_panels(figure, len(MAP_ROWS)), MAP_ROWS, strict=True):
+    panels = _panels(figure, len(MAP_ROWS))
+    for panel, row in zip(panels, MAP_ROWS, strict=True):
         table = [
             [by_place.get((row.label, part, packing)) for part in STEP_FRACTIONS] for packing in reversed(PACKINGS)
         ]
@@ -76,7 +78,7 @@ def _draw_pairs(outcomes: Sequence[Outcome], path: Path) -> None:
         panel.set_xticks(range(len(STEP_FRACTIONS)), map(_text, STEP_FRACTIONS))
         panel.set_yticks(range(len(PACKINGS)), map(_text, reversed(PACKINGS)))
         panel.set(ylabel="packing fraction", title=row.label)
-    panel.set_xlabel(AXES["step"].title)
+    panels[-1].set_xlabel(AXES["step"].title)
     _finish(figure, path)
 
 
@@ -130,10 +132,15 @@ def _finish(figure: Figure, path: Path) -> None:
     patches.append(Patch(color=REFUSED, label="R: refused"))
     patches.append(Patch(color=BAD, label="X: forbidden"))
     title = "Largest error, as a multiple of its limit; !: with a warning"
-    legend = figure.legend(
-        handles=patches, loc="outside upper center", ncols=4, fontsize=TEXT, handlelength=1.2, title=title
+    figure.legend(
+        handles=patches,
+        loc="outside upper center",
+        ncols=4,
+        fontsize=TEXT,
+        handlelength=1.2,
+        title=title,
+        title_fontsize=TEXT + 2,
     )
-    legend.get_title().set_size(TEXT + 2)
     save_figure(figure, path)
 
 
