@@ -489,3 +489,9 @@ def _box(width: float, height: float, radius: float, diameters: int, name: str) 
             f"{width:g} and {height:g}. Use smaller discs or a larger box."
         )
     return width, height, radius
+
+
+def __dir__() -> list[str]:
+    """What is public: constants, functions and classes of this module."""
+    own = (name for name, value in globals().items() if getattr(value, "__module__", None) == __name__)
+    return sorted({*(name for name in own if name[0] != "_"), *filter(str.isupper, globals()), "__doc__", "__name__"})

@@ -293,3 +293,9 @@ def _restitution(value: float) -> float:
     if restitution > 1:
         raise InputError(f"restitution must be a number from 0 to 1; got {value!r}. Above 1, energy would be created.")
     return restitution
+
+
+def __dir__() -> list[str]:
+    """What is public: constants, functions and classes of this module."""
+    own = (name for name, value in globals().items() if getattr(value, "__module__", None) == __name__)
+    return sorted({*(name for name in own if name[0] != "_"), *filter(str.isupper, globals()), "__doc__", "__name__"})
