@@ -118,7 +118,7 @@ class Album:
             radii = radii or wire.pack_radii(scene.radii, header)
             packed = read_in_place(self._sim, functools.partial(wire.pack, header))
             self.seconds.append(time.thread_time() - before)
-            self._server.show(Shown(serial, packed, radii))
+            self._server.show(Shown(serial, packed, radii, scene.capsules))
         self._asked.acquire()
         return (time.process_time() - started) / (pictures - 3)
 

@@ -34,12 +34,14 @@ class Shown:
     Attributes:
         serial: its number, from 1.
         packed, radii: as those of `Stage`, of the first stage or the only one.
+        capsules: obstacles of both, as of `Scene.capsules`, at this moment.
         second: the second stage at the same moment; None: there is none.
     """
 
     serial: int
     packed: bytes | bytearray
     radii: bytes
+    capsules: NDArray[np.float64]
     second: Stage | None = None
 
 
@@ -102,7 +104,7 @@ class Broadcast:
         self._serial += 1
         first = self._stage(0, discs, colours, plain)
         other = None if second is None else self._stage(1, second, colours, plain)
-        self._audience.show(Shown(self._serial, first.packed, first.radii, other))
+        self._audience.show(Shown(self._serial, first.packed, first.radii, self.scene.capsules, other))
 
     def _stage(self, stage: int, discs: InPlace, colours: NDArray[np.uint8] | None, plain: bool) -> Stage:
         scene, count = self.scene, len(discs.number)

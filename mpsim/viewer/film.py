@@ -1,10 +1,13 @@
-"""A film of the latest pictures of a view, as GIF or MP4."""
+"""A film of the latest pictures of a view, as GIF or MP4.
+
+Two stages are side by side. Each picture has the walls of its time.
+"""
 
 import io
 import subprocess
 import tempfile
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +16,6 @@ from PIL import Image, ImageDraw
 
 from mpsim.core.errors import InputError, OutputError
 from mpsim.output import ffmpeg
-from mpsim.scene.scene import Scene
 from mpsim.viewer import wire
 from mpsim.viewer.broadcast import Shown
 from mpsim.viewer.colours import ABSORBED, FASTEST
@@ -22,13 +24,16 @@ SECONDS, PICTURES_A_SECOND = 6, 20
 """Length of a film at most, and its pictures."""
 
 MOST_BYTES = 2**26
-"""Bytes of the pictures that are kept at most."""
+"""Bytes of the pictures that are kept at most, of both stages."""
 
 MOST_DISCS = 150_000
 """Discs in all pictures of a film together at most, some seconds of drawing; with more, it has fewer pictures."""
 
 PIXELS, FINER = 480, 2
 """Longer side of the box, and how many times finer it is drawn than shown, so that edges are smooth."""
+
+GAP = 8
+"""Pixels between two stages."""
 
 SMALL = 1.5
 """Radius in drawn pixels below which discs are squares of four of them."""
@@ -43,11 +48,10 @@ GROUND, CLOSED, SOLID = (255, 255, 255), (154, 163, 173), (58, 63, 69)
 
 
 class Film:
-    """The pictures of the last seconds in which there were any."""
+    """The pictures of the last seconds in which there were any, since a second stage has begun or ended."""
 
     def __init__(self) -> None:
         self._kept: deque[Shown] = deque()
-        self._bytes = 0
         self._next = 0.0
 
     def add(self, picture: Shown, now: float) -> None:
@@ -55,23 +59,35 @@ class Film:
         if now < self._next:
             return
         self._next = max(self._next + 1 / PICTURES_A_SECOND, now + 0.5 / PICTURES_A_SECOND)
+        if self._kept and (self._kept[-1].second is None) != (picture.second is None):
+            self._kept.clear()
         self._kept.append(picture)
-        self._bytes += len(picture.packed)
-        while len(self._kept) > SECONDS * PICTURES_A_SECOND or (self._bytes > MOST_BYTES and len(self._kept) > 1):
-            self._bytes -= len(self._kept.popleft().packed)
+        while len(self._kept) > SECONDS * PICTURES_A_SECOND or (len(self._kept) > 1 and self._bytes() > MOST_BYTES):
+            self._kept.popleft()
+
+    def _bytes(self) -> int:
+        """Bytes of all that the pictures hold; radii and walls are mostly those of the picture before."""
+        held = {id(each): each for picture in self._kept for each in _buffers(picture)}
+        return sum(each.nbytes if isinstance(each, np.ndarray) else len(each) for each in held.values())
 
     def pictures(self) -> list[Shown]:
         """Those that are kept, the oldest first."""
         return list(self._kept)
 
 
-def gif(pictures: Sequence[Shown], scene: Scene) -> bytes:
+def _buffers(picture: Shown) -> Iterator[bytes | bytearray | NDArray[np.float64]]:
+    yield from (picture.packed, picture.radii, picture.capsules)
+    if picture.second is not None:
+        yield from (picture.second.packed, picture.second.radii)
+
+
+def gif(pictures: Sequence[Shown]) -> bytes:
     """Pictures as a GIF that repeats itself.
 
     Raises:
         InputError: if there are none.
     """
-    frames, step = _frames(pictures, scene)
+    frames, step = _frames(pictures)
     palette = frames[-1].quantize(128)
     indexed = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     file = io.BytesIO()
@@ -81,7 +97,7 @@ def gif(pictures: Sequence[Shown], scene: Scene) -> bytes:
     return file.getvalue()
 
 
-def mp4(pictures: Sequence[Shown], scene: Scene) -> bytes:
+def mp4(pictures: Sequence[Shown]) -> bytes:
     """Pictures as an MP4 (H.264).
 
     Raises:
@@ -89,7 +105,7 @@ def mp4(pictures: Sequence[Shown], scene: Scene) -> bytes:
         OutputError: without ffmpeg, or if it fails.
     """
     encoder = ffmpeg.executable("take the film as a GIF")
-    frames, step = _frames(pictures, scene)
+    frames, step = _frames(pictures)
     width, height = (side - side % 2 for side in frames[0].size)  # H.264 has even sides
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
@@ -106,7 +122,7 @@ def mp4(pictures: Sequence[Shown], scene: Scene) -> bytes:
         return path.read_bytes()
 
 
-def _frames(pictures: Sequence[Shown], scene: Scene) -> tuple[list[Image.Image], int]:
+def _frames(pictures: Sequence[Shown]) -> tuple[list[Image.Image], int]:
     """Drawn pictures, of so many one, so that drawing takes seconds at most.
 
     Raises:
@@ -114,22 +130,35 @@ def _frames(pictures: Sequence[Shown], scene: Scene) -> tuple[list[Image.Image],
     """
     if not pictures:
         raise InputError("a film needs pictures; got none yet. Show the simulation in the page first.")
-    each = max(len(pictures[-1].packed) // 5, 1)
+    last = pictures[-1]
+    each = max((len(last.packed) + len(b"" if last.second is None else last.second.packed)) // 5, 1)
     step = -(-len(pictures) * each // MOST_DISCS)
-    return [_drawn(shown, scene) for shown in pictures[::step]], step
+    return [_drawn(shown) for shown in pictures[::step]], step
 
 
-def _drawn(shown: Shown, scene: Scene) -> Image.Image:
-    """One picture: the box from edge to edge."""
-    header, position, colour = wire.unpack(shown.packed)
-    radii = np.broadcast_to(wire.unpack_radii(shown.radii).astype(np.float64), len(colour))
-    scale = FINER * PIXELS / max(scene.width, scene.height)
-    size = max(round(scene.width * scale), FINER), max(round(scene.height * scale), FINER)
+def _drawn(shown: Shown) -> Image.Image:
+    """One picture: its stage, or both side by side."""
+    first = _stage(shown.packed, shown.radii, shown.capsules)
+    if shown.second is None:
+        return first
+    both = Image.new("RGB", (2 * first.width + GAP, first.height), CLOSED)
+    both.paste(first, (0, 0))
+    both.paste(_stage(shown.second.packed, shown.second.radii, shown.capsules), (first.width + GAP, 0))
+    return both
+
+
+def _stage(packed: bytes | bytearray, packed_radii: bytes, capsules: NDArray[np.float64]) -> Image.Image:
+    """One stage: the box from edge to edge."""
+    header, position, colour = wire.unpack(packed)
+    radii = np.broadcast_to(wire.unpack_radii(packed_radii).astype(np.float64), len(colour))
+    width, height = header.extent
+    scale = FINER * PIXELS / max(width, height)
+    size = max(round(width * scale), FINER), max(round(height * scale), FINER)
     image = Image.new("RGB", size, CLOSED)
     draw = ImageDraw.Draw(image)
     x_low, x_high, y_low, y_high = (value * scale for value in header.walls)
     draw.rectangle((x_low, size[1] - y_high, x_high, size[1] - y_low), GROUND)
-    for ax, ay, bx, by, radius in (scene.capsules * scale).tolist():
+    for ax, ay, bx, by, radius in (capsules * scale).tolist():
         draw.line((ax, size[1] - ay, bx, size[1] - by), SOLID, max(round(2 * radius), FINER))
         for x, y in ((ax, ay), (bx, by)):
             draw.ellipse((x - radius, size[1] - y - radius, x + radius, size[1] - y + radius), SOLID)

@@ -8,6 +8,7 @@ import http
 import logging
 import socket
 import time
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 from mpsim.core.errors import InputError, MpsimError, ResourceError
@@ -87,12 +88,14 @@ class Server(Pages):
         self._socket = found
         self._admission = admission
         self._film = film.Film()
+        self._drawing = ThreadPoolExecutor(MOST_KEEPING, "mpsim view: film")
         self._keeping = 0
         self._websockets = websockets()
 
     def close(self) -> None:
         """End all connections, and the thread."""
         super().close()
+        self._drawing.shutdown(cancel_futures=True)
         self._socket.close()
 
     # --- the thread
@@ -146,22 +149,27 @@ class Server(Pages):
             raise Refusal(404, f"There is no {name[:40]!r} to keep.")
         if self._keeping >= MOST_KEEPING:
             raise Refusal(503, f"At most {MOST_KEEPING} files are made at a time. Try again.")
-        self._keeping += 1
         try:
-            return await asyncio.wait_for(self._made(name), KEEP_SECONDS)
+            made = self._begin_to_make(name)
+            self._keeping += 1
+            made.add_done_callback(lambda _: self.from_outside(self._end_keeping))
+            return await asyncio.wait_for(asyncio.wrap_future(made), KEEP_SECONDS)
         except TimeoutError:
             raise Refusal(503, "The simulation is busy. Try again.") from None
         except MpsimError as error:
             raise Refusal(409, str(error)) from None
-        finally:
-            self._keeping -= 1
 
-    async def _made(self, name: str) -> keep.Kept:
+    def _begin_to_make(self, name: str) -> Future[keep.Kept]:
+        """A file that is made by another thread, which may go on when nobody waits for it any more."""
         assert self._source is not None  # since the start
         if name not in FILMS:
-            return await asyncio.wrap_future(self._source.keep(name))
+            return self._source.keep(name)
         make, kind = FILMS[name]
-        return keep.Kept(await asyncio.to_thread(make, self._film.pictures(), self._source.drawn), kind)
+        pictures = self._film.pictures()
+        return self._drawing.submit(lambda: keep.Kept(make(pictures), kind))
+
+    def _end_keeping(self) -> None:
+        self._keeping -= 1
 
     def _response(self, status: int, body: bytes, kind: str, host: str) -> Any:
         policy = (

@@ -59,11 +59,6 @@ class Source(ABC):
 
     # --- called by other threads
 
-    @property
-    def drawn(self) -> Scene:
-        """The scene with what stands in its box now, as pages draw it."""
-        return self._broadcast.scene
-
     def start(self) -> None:
         """Start the thread."""
         self._thread.start()

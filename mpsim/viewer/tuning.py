@@ -60,10 +60,12 @@ class Tuning:
 
         try:
             found = tune(scene, budgets, seconds=SECONDS, progress=progress)
-        except MpsimError as error:
+        except Exception as error:  # whatever it is, the stages wait no longer
             check()
-            self._tell(phase="failed", text=str(error))
-            return
+            self._tell(phase="failed", text=str(error) or type(error).__name__)
+            if isinstance(error, MpsimError):
+                return
+            raise
         check()
         self._tell(phase="found", text=str(found))
         self._finished(found.settings)

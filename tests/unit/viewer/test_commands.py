@@ -282,6 +282,26 @@ def test_settings_that_were_found_are_applied(begin, finds):
     assert (session._sim.frame, session._sim.settings.dt, session._trade.pair.sim.settings.dt) == (0, 0.02, 0.02)
 
 
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of time steps that the search tries
+def test_a_search_runs_to_its_end_and_its_answer_is_applied_to_both_stages(begin, monkeypatch):
+    monkeypatch.setattr(tuning, "SECONDS", 3.0)
+    session, watcher = begin(gas(50, 0.2), beside=mpsim.Settings(method="grid", contact="push", dt=0.005))
+    step_to(session, watcher, 4)
+    do(session, "tune", measure="pressure", budget=0.2)
+    watcher.wait(lambda w: w.told.get("tune", {}).get("phase") == "searching")
+    session._tuning._work.wait(2 * PATIENCE)
+    watcher.wait(lambda w: w.told["tune"]["phase"] != "searching")
+    assert watcher.told["tune"]["phase"] == "found", watcher.told["tune"]["text"]
+    watcher.wait(lambda w: w.told["scene"]["dt"] > GRID.dt)  # which the budget allows
+    assert session._sim.frame == 0
+    assert watcher.told["pair"]["note"] is None
+    first, second = session._sim, session._trade.pair.sim
+    assert first.settings.dt / second.settings.dt == pytest.approx(round(first.settings.dt / 0.005))
+    step_to(session, watcher, 3)
+    until(lambda: second.time == pytest.approx(first.time))
+
+
 @pytest.mark.parametrize(
     ("name", "values"),
     [("snapshot", {}), ("seed", {"value": 1}), ("beside", {"settings": None}), ("reset", {})],

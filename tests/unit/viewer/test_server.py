@@ -385,6 +385,31 @@ def test_files_to_keep_need_the_token_and_a_name_that_there_is(view):
     still_works(view)
 
 
+def test_a_film_that_nobody_waits_for_any_more_still_counts_until_it_is_drawn(view, monkeypatch):
+    drawing, free = threading.Event(), threading.Event()
+
+    def slow(pictures, scene=None):
+        drawing.set()
+        assert free.wait(60)
+        return b"GIF8"
+
+    monkeypatch.setitem(server_module.FILMS, "film.gif", (slow, "image/gif"))
+    monkeypatch.setattr(server_module, "MOST_KEEPING", 1)
+    monkeypatch.setattr(server_module, "KEEP_SECONDS", 0.2)
+    assert fetch(view.address, path="keep/film.gif").status == 503
+    assert drawing.is_set()
+    try:
+        answer = fetch(view.address, path="keep/session.zip")
+        assert (answer.status, answer.body[:7]) == (503, b"At most")
+    finally:
+        free.set()
+    monkeypatch.setattr(server_module, "KEEP_SECONDS", 60)
+    end = time.monotonic() + 60
+    while fetch(view.address, path="keep/film.gif").status != 200:
+        assert time.monotonic() < end
+    still_works(view)
+
+
 def test_files_to_keep_are_made_few_at_a_time(view, monkeypatch):
     monkeypatch.setattr(server_module, "MOST_KEEPING", 0)
     answer = fetch(view.address, path="keep/session.zip")

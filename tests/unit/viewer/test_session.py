@@ -182,7 +182,7 @@ def test_a_wall_that_is_drawn_is_shown_and_gone_after_undo_and_reset(start):
         assert watcher.told["scene"]["capsules"] == []
         do(session, "wall", **wall)
         watcher.wait(lambda w: w.told["scene"]["capsules"] == [[2.0, 0.0, 2.0, 14.0, 0.125]])
-        assert session.drawn.obstacles == session._sim.scene.obstacles
+        watcher.see(session, lambda w: w.pictures[-1].capsules.tolist() == session._sim.scene.capsules.tolist())
         step_to(session, watcher, 205)
         if way == "undo":
             assert session._sim.digest() == expected, "with a page as without"

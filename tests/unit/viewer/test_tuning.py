@@ -63,6 +63,18 @@ def test_a_budget_out_of_reach_is_told(searched):
     assert not found
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+@pytest.mark.parametrize(("error", "text"), [(MemoryError(), "MemoryError"), (UserWarning("too fast"), "too fast")])
+def test_a_search_that_ends_by_another_error_is_over_too(searched, error, text):
+    def search(scene, budgets, seconds, progress):
+        raise error
+
+    tuning, told, found = searched(search)
+    tuning._work.wait(PATIENCE)
+    assert (told[-1]["phase"], told[-1]["text"], found) == ("failed", text, [])
+    assert not tuning.running, "or the stages would wait for ever"
+
+
 def test_a_search_that_is_given_up_says_nothing_more(searched):
     started, released = threading.Event(), threading.Event()
 
