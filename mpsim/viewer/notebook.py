@@ -44,9 +44,9 @@ def live(
 ) -> Live:
     """Show a simulation as it runs, in a notebook: the page of `mpsim.view` as the output of a cell.
 
-    For JupyterLab, where it is tested; other notebooks that show widgets of anywidget have not been tried. It runs
-    while the output can be seen in the browser's tab, and rests while it cannot. Nothing is fetched from elsewhere,
-    and no port is opened: all goes through the notebook's own connection.
+    For JupyterLab, where it is tested; docs/howto/notebook.md says what was tried in other notebooks. It runs while
+    the output can be seen in the browser's tab, and rests while it cannot. Nothing is fetched from elsewhere, and no
+    port is opened: all goes through the notebook's own connection.
 
     Args:
         source: a scene, which is simulated, again from the start at each reset; a simulation, which stays yours; or a

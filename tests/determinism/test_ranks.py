@@ -80,6 +80,42 @@ if MPI.COMM_WORLD.rank == 0:
 """
 
 
+WALLED = """
+import json, sys
+import numpy as np, mpsim
+from mpi4py import MPI
+from support.scenes import gas
+
+def digests(walls, **settings):
+    start = gas(300, 0.2, seed=3)
+    at = start.width / 2
+    clear = np.abs(start.position[:, 0] - at) > 1.6
+    scene = mpsim.Scene(width=start.width, height=start.height, position=start.position[clear],
+                        velocity=start.velocity[clear], radius=0.5)
+    found = []
+    with mpsim.Simulation(scene, mpsim.Settings(dt=0.02, **settings)) as sim:
+        for y in (1.0, 4.0)[:walls]:
+            sim.run(frames=9)
+            sim.add_wall([(at, y), (at, y + start.height / 2)], thickness=0.2)
+            found.append(sim.digest())
+        sim.run(frames=120 - sim.frame)
+        return [*found, sim.digest()]
+
+told = [digests(2, method="mpi", workers=int(sys.argv[1])), digests(2, method="grid"), digests(0, method="grid")]
+if MPI.COMM_WORLD.rank == 0:
+    print(json.dumps(told))
+"""
+
+
+@pytest.mark.long
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize(("number", "workers"), [(2, 1), (2, 2), (3, 1)])
+def test_walls_that_are_added_between_frames_are_the_same_on_ranks(number, workers):
+    on_several, alone_there, control = told_by_script(number, str(workers), script=WALLED)
+    assert on_several == alone_there
+    assert control[-1] != alone_there[-1], "discs have met the walls"
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("workers", [2, 4])
 def test_workers_without_columns_change_nothing(workers):
