@@ -202,13 +202,14 @@ def names_of(function: Callable[..., Any]) -> tuple[str, ...]:
 
 
 def known_names(
-    *further: Callable[..., Any], without: Iterable[str] = ()
+    *further: Callable[..., Any], without: Iterable[str] = (), called: str = ""
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """A decorator: keywords that a function does not have raise UnknownArgumentError, which suggests a similar one.
 
     Args:
         further: functions whose arguments it takes as well, as `**others`.
         without: those of their arguments that it sets itself.
+        called: its name in texts; "": that which it has.
 
     >>> @known_names()
     ... def draw(*, colour): ...
@@ -225,7 +226,7 @@ def known_names(
         every = dict.fromkeys(name for each in (function, *further) for name in names_of(each))
         names = tuple(name for name in every if name not in without)
         known = frozenset(names)
-        what = f"an argument of {function.__qualname__.removesuffix('.__init__')}"
+        what = f"an argument of {called or function.__qualname__.removesuffix('.__init__')}"
 
         @functools.wraps(function)
         def door(*args: P.args, **kwargs: P.kwargs) -> R:

@@ -48,6 +48,7 @@ GAP = 64 * float(np.finfo(np.float64).eps)
 class Compresses:
     """A scene that can be compressed."""
 
+    @checks.known_names(called="Scene.compressed")
     def compressed(self: S, packing: float, *, rate: float = 0.01) -> S:
         """The same discs in a smaller box of the same shape, at a higher packing fraction, without overlap.
 
@@ -73,41 +74,34 @@ class Compresses:
         >>> dense, dense.overlaps_at_start()
         (<Scene: 100 discs of radius 0.5 in 10.2333 x 10.2333, packing 0.75, periodic xy>, '')
         """
-        return compress(self, packing, rate)
-
-
-Compresses.compressed.__qualname__ = "Scene.compressed"  # the name in texts of errors
-Compresses.compressed = checks.known_names()(Compresses.compressed)
-
-
-def compress(scene: Any, packing: float, rate: float) -> Any:
-    """As `Compresses.compressed`."""
-    packing = checks.positive("packing", packing, "(a fraction of the area)")
-    rate = checks.between("rate", rate, SLOWEST, FASTEST)
-    _demand_packing(scene, packing)
-    _demand_free_flight(scene)
-    shrink = math.sqrt(packing / scene.packing)
-    width, height = scene.width / shrink, scene.height / shrink
-    for length, kind in zip((width, height), kinds_of(scene.boundary), strict=True):
-        if length < 2 * kind.least_diameters * scene.largest_radius:
-            raise InputError(
-                f"packing must leave a box with room for its largest disc, {kind.least_diameters} of them along each "
-                f"axis here; at {packing:g} it would be {width:.6g} x {height:.6g}. Use a lower one or more discs."
-            )
-    grown, velocity = _grown(scene, shrink, rate)
-    made = copy.copy(scene)
-    made.width, made.height = width, height
-    low, high = made.limits(made.radius)
-    made.start_anew(np.clip(grown / shrink, low, high), velocity)
-    for array in (made.position, made.velocity):
-        array.flags.writeable = False
-    if scene.can_redraw:
-        made.redraw_with(partial(_redrawn, scene, packing, rate))
-    return made
+        scene: Any = self
+        packing = checks.positive("packing", packing, "(a fraction of the area)")
+        rate = checks.between("rate", rate, SLOWEST, FASTEST)
+        _demand_packing(scene, packing)
+        _demand_free_flight(scene)
+        shrink = math.sqrt(packing / scene.packing)
+        width, height = scene.width / shrink, scene.height / shrink
+        for length, kind in zip((width, height), kinds_of(scene.boundary), strict=True):
+            if length < 2 * kind.least_diameters * scene.largest_radius:
+                raise InputError(
+                    f"packing must leave a box with room for its largest disc, {kind.least_diameters} of them along "
+                    f"each axis here; at {packing:g} it would be {width:.6g} x {height:.6g}. Use a lower one or more "
+                    "discs."
+                )
+        grown, velocity = _grown(scene, shrink, rate)
+        made = copy.copy(scene)
+        made.width, made.height = width, height
+        low, high = made.limits(made.radius)
+        made.start_anew(np.clip(grown / shrink, low, high), velocity)
+        for array in (made.position, made.velocity):
+            array.flags.writeable = False
+        if scene.can_redraw:
+            made.redraw_with(partial(_redrawn, scene, packing, rate))
+        return made
 
 
 def _redrawn(scene: Any, packing: float, rate: float, seed: int) -> Any:
-    return compress(scene.redrawn(seed), packing, rate)
+    return scene.redrawn(seed).compressed(packing, rate=rate)
 
 
 def _demand_packing(scene: Any, packing: float) -> None:
