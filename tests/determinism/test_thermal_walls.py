@@ -1,64 +1,28 @@
-"""Velocities at thermal walls follow from the disc and its contact: on workers, in pieces, after a resume, on tiles."""
+"""Velocities at thermal walls follow from the disc and its contact, in whatever way a run is made; also on tiles."""
 
 import dataclasses
 
 import numpy as np
 import pytest
 from support.compare import assert_same_bits
+from support.same_bits import SameBits
 from support.scenes import gas, simulate, state_after
 
 import mpsim
 from mpsim import ThermalWalls
 
 WALLS = ThermalWalls(left=4.0, right=4.0, bottom=4.0, top=4.0, seed=5)
-SETTINGS = {"dt": 0.05, "contact": "impact"}
-FRAMES = 60
 
 pytestmark = pytest.mark.timeout(300)
 
 
-def scene(**change):
-    return gas(1500, 0.4, seed=2, thermal_walls=dataclasses.replace(WALLS, **change))
+class TestThermalWalls(SameBits):
+    features = {"thermal_walls": WALLS}  # noqa: RUF012
+    dt = 0.05
 
-
-@pytest.fixture(scope="module")
-def expected():
-    """By `grid`, in one piece."""
-    return state_after(scene(), FRAMES, method="grid", **SETTINGS)
-
-
-@pytest.mark.parametrize("workers", [1, 2, 3])
-def test_any_number_of_workers_has_the_bits_of_grid(workers, expected):
-    with simulate(scene(), method="parallel", workers=workers, **SETTINGS) as sim:
-        sim.run(frames=FRAMES)
-        assert_same_bits(sim.state, expected, f"{workers} workers")
-
-
-def test_pieces_and_a_resume_have_the_same_bits(expected, tmp_path):
-    with simulate(scene(), method="grid", **SETTINGS) as sim:
-        for frames in (1, 7, 12):
-            sim.run(frames=frames)
-        path = sim.save(tmp_path / "run")
-    with mpsim.Simulation.resume(path, workers=2) as sim:
-        sim.run(frames=FRAMES - 20)
-        assert_same_bits(sim.state, expected, "resumed")
-
-
-@pytest.mark.parametrize("change", [{"seed": 6}, {"left": 5.0}, {"top": None}])
-def test_other_walls_have_other_bits(change, expected):
-    """The control."""
-    assert state_after(scene(**change), FRAMES, method="grid", **SETTINGS).digest() != expected.digest()
-
-
-def test_the_exact_solver_has_the_same_bits_in_pieces_and_after_a_resume(tmp_path):
-    small = gas(100, 0.4, seed=2, thermal_walls=WALLS)
-    whole = state_after(small, 40, method="event", dt=0.05)
-    with simulate(small, method="event", dt=0.05) as sim:
-        sim.run(frames=13)
-        path = sim.save(tmp_path / "run")
-    with mpsim.Simulation.resume(path) as sim:
-        sim.run(frames=27)
-        assert_same_bits(sim.state, whole, "resumed")
+    @pytest.mark.parametrize("change", [{"seed": 6}, {"left": 5.0}, {"top": None}])
+    def test_other_walls_have_other_bits(self, change, expected):
+        self.assert_other_bits(expected, thermal_walls=dataclasses.replace(WALLS, **change))
 
 
 @pytest.mark.long  # a compilation of the kernels of tiles

@@ -1,80 +1,37 @@
 """A thermostat's velocities follow from seed, disc and frame: on workers, in pieces, after a resume or a death."""
 
 import dataclasses
-import os
-import signal
 
 import numpy as np
 import pytest
-from support.compare import assert_same_bits
-from support.scenes import gas, simulate, state_after
+from support.same_bits import FRAMES, SameBits
+from support.scenes import simulate, state_after
 
 import mpsim
 from mpsim import Thermostat
 from mpsim.kernels import random_numbers
 
 BATH = Thermostat(temperature=1.5, rate=2.0, seed=5)
-SETTINGS = {"dt": 0.02, "contact": "impact"}
-FRAMES = 40
 
 pytestmark = pytest.mark.timeout(300)
 
 
-def scene(**change):
-    return gas(1500, 0.4, seed=2, boundary="periodic", thermostat=dataclasses.replace(BATH, **change))
+class TestThermostat(SameBits):
+    features = {"boundary": "periodic", "thermostat": BATH}  # noqa: RUF012
 
+    @pytest.mark.parametrize("change", [{"seed": 6}, {"rate": 2.5}, {"temperature": 1.25}])
+    def test_another_bath_has_other_bits(self, change, expected):
+        self.assert_other_bits(expected, thermostat=dataclasses.replace(BATH, **change))
 
-@pytest.fixture(scope="module")
-def expected():
-    """By `grid`, in one piece."""
-    return state_after(scene(), FRAMES, method="grid", **SETTINGS)
-
-
-@pytest.mark.parametrize("workers", [1, 2, 3])
-def test_any_number_of_workers_has_the_bits_of_grid(workers, expected):
-    with simulate(scene(), method="parallel", workers=workers, **SETTINGS) as sim:
-        sim.run(frames=FRAMES)
-        assert_same_bits(sim.state, expected, f"{workers} workers")
-
-
-def test_pieces_and_a_resume_have_the_same_bits(expected, tmp_path):
-    with simulate(scene(), method="grid", **SETTINGS) as sim:
-        for frames in (1, 7, 12):
-            sim.run(frames=frames)
-        path, halfway = sim.save(tmp_path / "run"), sim.state
-    with mpsim.Simulation.resume(path, workers=2) as sim:
-        sim.run(frames=FRAMES - 20)
-        assert_same_bits(sim.state, expected, "resumed")
-    anew = mpsim.Scene(**{name: getattr(scene(), name) for name in ("width", "height", "radius", "boundary")},
-                       position=halfway.position, velocity=halfway.velocity, thermostat=BATH)  # fmt: skip
-    other = state_after(anew, FRAMES - 20, method="grid", **SETTINGS)
-    assert other.digest() != expected.digest(), "the control: frames counted anew"
-
-
-def test_a_healed_run_has_the_same_bits(expected):
-    with simulate(scene(), method="parallel", workers=2, on_worker_death="restart", **SETTINGS) as sim:
-        sim.run(frames=FRAMES // 2)
-        os.kill(sim.pids[0], signal.SIGKILL)
-        sim.run(frames=FRAMES - FRAMES // 2)
-        assert_same_bits(sim.state, expected, "healed")
-
-
-@pytest.mark.parametrize("change", [{"seed": 6}, {"rate": 2.5}, {"temperature": 1.25}])
-def test_another_bath_has_other_bits(change, expected):
-    """The control."""
-    assert state_after(scene(**change), FRAMES, method="grid", **SETTINGS).digest() != expected.digest()
-
-
-def test_a_session_is_played_again(tmp_path):
-    with simulate(scene(), method="grid", **SETTINGS) as sim:
-        sim.run(frames=10)
-        sim.change(dt=0.01)
-        sim.kick([3, 4], [1.0, 0.0])
-        sim.run(frames=10)
-        sim.journal.save(tmp_path / "session.toml")
-        digest = sim.digest()
-    with mpsim.Simulation.replay(tmp_path / "session.toml") as sim:
-        assert sim.digest() == digest
+    def test_frames_are_counted_from_the_start(self, expected):
+        """Also in pieces: counted anew from a state, they give other bits."""
+        with self.begun() as sim:
+            sim.run(frames=20)
+            halfway = sim.state
+        anew = mpsim.Scene(**{name: getattr(self.scene(), name) for name in ("width", "height", "radius", "boundary")},
+                           position=halfway.position, velocity=halfway.velocity, thermostat=BATH)  # fmt: skip
+        other = state_after(anew, FRAMES - 20, method="grid", dt=self.dt, contact="impact")
+        assert other.digest() != expected.digest()
 
 
 # --- which discs, and when
@@ -129,22 +86,6 @@ def test_the_exact_solver_gives_the_same_velocities_at_the_end_of_a_frame():
     later = state_after(bare, 21, method="grid", dt=0.02, contact="impact")
     assert (later.velocity == exact.velocity).all()
     assert (later.velocity != grid.velocity).any(), "the control"
-
-
-def test_the_exact_solver_has_the_same_bits_in_pieces_and_after_a_resume(tmp_path):
-    small = gas(100, 0.4, seed=2, boundary="periodic", thermostat=BATH)
-    whole = state_after(small, 40, method="event", dt=0.05)
-    with simulate(small, method="event", dt=0.05) as sim:
-        for part in (1, 4):
-            sim.run(frames=part)
-        sim.run(until=0.62)
-        path = sim.save(tmp_path / "run")
-    with mpsim.Simulation.resume(path) as sim:
-        sim.run(frames=40 - sim.frame)
-        assert_same_bits(sim.state, whole, "resumed")
-    other = dataclasses.replace(BATH, seed=6)
-    assert state_after(gas(100, 0.4, seed=2, boundary="periodic", thermostat=other), 40, method="event",
-                       dt=0.05).digest() != whole.digest(), "the control"  # fmt: skip
 
 
 @pytest.mark.long  # a compilation
