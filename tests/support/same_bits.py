@@ -6,7 +6,7 @@ A test file names its scene and makes a class of `SameBits` with it: pytest then
 import os
 import signal
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import pytest
 
@@ -26,15 +26,15 @@ class SameBits:
         dt: of the stepped methods.
     """
 
-    features: ClassVar[dict[str, object]]
+    features: ClassVar[dict[str, Any]]
     packing: ClassVar[float] = 0.4
     dt: ClassVar[float] = 0.02
 
     @classmethod
-    def scene(cls, count: int = 1500, **change: object) -> mpsim.Scene:
+    def scene(cls, count: int = 1500, **change: Any) -> mpsim.Scene:
         return gas(count, cls.packing, seed=2, **{**cls.features, **change})
 
-    def begun(self, **more: object) -> mpsim.Simulation:
+    def begun(self, **more: Any) -> mpsim.Simulation:
         return simulate(self.scene(), dt=self.dt, contact="impact", **{"method": "grid", **more})
 
     @pytest.fixture(scope="class")
@@ -88,7 +88,7 @@ class SameBits:
             sim.run(frames=40 - sim.frame)
             assert_same_bits(sim.state, whole, "resumed")
 
-    def assert_other_bits(self, expected: mpsim.State, **change: object) -> None:
+    def assert_other_bits(self, expected: mpsim.State, **change: Any) -> None:
         """The control: of another scene the bits are others, by `grid` and by `event`."""
         other = self.scene(**change)
         assert state_after(other, FRAMES, method="grid", dt=self.dt, contact="impact").digest() != expected.digest()
