@@ -54,6 +54,12 @@ def check_recommended(
     return found
 
 
+def no_scene(value: object) -> InputError:
+    """The error for a value that should be a scene; of a text, which may be the name of one, it says how to load it."""
+    remedy = f"Use mpsim.Scene.load({value!r})" if isinstance(value, str) else "Make one with Scene(...)"
+    return InputError(f"scene must be an mpsim.Scene; got {type(value).__name__}. {remedy}.")
+
+
 def settings_for(scene: Recommends, settings: Settings | None) -> Settings:
     """The settings for a run: those given, else those that the scene recommends, else the defaults.
 
@@ -61,7 +67,7 @@ def settings_for(scene: Recommends, settings: Settings | None) -> Settings:
         InputError: for what is no scene, or no settings.
     """
     if not isinstance(scene, Recommends):
-        raise InputError(f"scene must be an mpsim.Scene; got {type(scene).__name__}. Make one with Scene(...).")
+        raise no_scene(scene)
     if settings is None:
         return scene.settings or Settings()
     return _checked(settings)

@@ -21,6 +21,7 @@ from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.measure.driving import adds_discs
 from mpsim.measure.registry import LONG, OBSERVABLES, SHORT
+from mpsim.scene.recommended import no_scene
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies import cost
@@ -90,7 +91,7 @@ class Ensemble:
         progress: Callable[[int, int, str], None] | None = None,
     ):
         if not isinstance(scene, Scene):
-            raise InputError(f"scene must be an mpsim.Scene; got {type(scene).__name__}. Make one with Scene(...).")
+            raise no_scene(scene)
         if until is not None:
             until = checks.positive("until", until, "[time]")
         if contact_time is not None:

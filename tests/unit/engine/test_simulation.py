@@ -59,6 +59,9 @@ def test_a_bad_disc_is_not_added(arguments, parts):
 def test_a_simulation_needs_a_scene_and_settings():
     with pytest.raises(mpsim.InputError, match=r"scene must be an mpsim.Scene; got dict.*Make one with Scene"):
         mpsim.Simulation(GOOD)
+    for door in (mpsim.Simulation, mpsim.tradeoff):
+        with pytest.raises(mpsim.InputError, match=r"got str. Use mpsim.Scene.load\('gas'\)\."):
+            door("gas")
     with pytest.raises(mpsim.InputError, match=r"settings must be mpsim.Settings; got str.*Use Settings"):
         mpsim.Simulation(gas(5, 0.1), "grid")
 
