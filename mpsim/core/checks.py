@@ -202,7 +202,10 @@ def names_of(function: Callable[..., Any]) -> tuple[str, ...]:
 
 
 def known_names(
-    *further: Callable[..., Any], without: Iterable[str] = (), called: str = ""
+    *further: Callable[..., Any],
+    without: Iterable[str] = (),
+    called: str = "",
+    elsewhere: Callable[[str], str] = lambda name: "",
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """A decorator: keywords that a function does not have raise UnknownArgumentError, which suggests a similar one.
 
@@ -210,6 +213,7 @@ def known_names(
         further: functions whose arguments it takes as well, as `**others`.
         without: those of their arguments that it sets itself.
         called: its name in texts; "": that which it has.
+        elsewhere: from a name, what to write instead where another function takes it; "" for all other names.
 
     >>> @known_names()
     ... def draw(*, colour): ...
@@ -232,7 +236,9 @@ def known_names(
         def door(*args: P.args, **kwargs: P.kwargs) -> R:
             if not kwargs.keys() <= known:
                 unknown = next(name for name in kwargs if name not in known)
-                raise UnknownArgumentError(_must_be_one_of(what, unknown, names))
+                instead = elsewhere(unknown)
+                hint = f" Use {instead}." if instead else ""
+                raise UnknownArgumentError(_must_be_one_of(what, unknown, names) + hint)
             return function(*args, **kwargs)
 
         return door

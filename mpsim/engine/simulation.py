@@ -74,7 +74,7 @@ class Simulation(Changing):
     (100, 1.0, 100, 'grid')
     """
 
-    @checks.known_names()
+    @checks.known_names(elsewhere=lambda name: f"Settings({name}=...)" if name in checks.names_of(Settings) else "")
     def __init__(self, scene: Scene, settings: Settings | None = None, *, comm: object = None):
         chosen = scene.settings if settings is None and isinstance(scene, Scene) else settings
         with _refused_together(chosen, comm):

@@ -206,13 +206,13 @@ class Hands:
     def _release(self, sim: Simulation, id: int, vx: float, vy: float) -> None:
         if self._held.pop(id, None) is None:
             return
-        limit, speed = _fastest(sim, id), math.hypot(vx, vy)
+        (limit, why), speed = _fastest(sim, id), math.hypot(vx, vy)
         if speed > limit:
             vx, vy = vx * limit / speed, vy * limit / speed
         if speed:
             sim.set([id], velocity=(vx, vy))
         if speed > limit:
-            self._say(f"thrown at speed {limit:.3g}, one radius a step: a faster disc may pass through others")
+            self._say(f"thrown at speed {limit:.3g}, {why}")
 
     def _add(self, sim: Simulation, x: float, y: float) -> None:
         if self._added >= MOST_ADDED:
@@ -259,11 +259,15 @@ def _put(sim: Simulation, held: _Held) -> bool:
     return True
 
 
-def _fastest(sim: Simulation, disc: int) -> float:
-    """Largest speed of a throw: one radius in a step, and any where there are no steps [length/time]."""
+def _fastest(sim: Simulation, disc: int) -> tuple[float, str]:
+    """Largest speed of a throw [length/time], and why.
+
+    One radius in a step; where there are no steps, the shorter side of the box in a frame, whose events are then few.
+    """
+    scene, dt = sim.scene, sim.settings.dt
     if not capabilities_of(sim.settings).has_steps:
-        return math.inf
-    return float(sim.radii[disc]) * sim.substeps / sim.settings.dt
+        return min(scene.width, scene.height) / dt, "one side of the box a frame: a faster disc makes frames long"
+    return float(sim.radii[disc]) * sim.substeps / dt, "one radius a step: a faster disc may pass through others"
 
 
 def _typical(values: NDArray[np.float64], absorbed: NDArray[np.bool_]) -> float:

@@ -5,6 +5,7 @@ from typing import get_args
 
 import pytest
 from support.refusals import assert_says
+from support.scenes import gas
 
 import mpsim
 from mpsim.engine.solvers.methods import METHODS as SOLVERS
@@ -71,6 +72,14 @@ def test_an_unknown_keyword_is_refused_with_the_one_that_was_meant(case):
         call()
     assert_says(caught, [f"{what} must be one of", f"got {got}. Did you mean {meant}?"])
     assert isinstance(caught.value, TypeError), "as Python raises it"
+
+
+def test_a_setting_where_a_simulation_begins_is_sent_to_settings():
+    with pytest.raises(mpsim.UnknownArgumentError, match=r"got 'dt'\. Use Settings\(dt=\.\.\.\)\."):
+        mpsim.Simulation(gas(3), dt=0.01)
+    with pytest.raises(mpsim.UnknownArgumentError) as caught:
+        mpsim.Simulation(gas(3), colour="red")
+    assert "Settings" not in str(caught.value), "no setting either"
 
 
 def test_settings_are_immutable_and_equal_by_value():

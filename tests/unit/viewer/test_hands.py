@@ -130,8 +130,13 @@ def test_a_throw_is_at_most_one_radius_a_step_where_there_are_steps(table):
     assert "thrown at speed 5, one radius a step" in note
     exact = table(method="event")
     exact.do("hold", id=3, x=x, y=y)
-    assert exact.do("release", id=3, vx=300.0, vy=400.0) is None
-    assert exact.sim.state.velocity[3].tolist() == [300.0, 400.0]
+    assert exact.do("release", id=3, vx=3.0, vy=4.0) is None
+    assert exact.sim.state.velocity[3].tolist() == [3.0, 4.0]
+    exact.do("hold", id=3, x=x, y=y)
+    assert "one side of the box a frame" in exact.do("release", id=3, vx=3e9, vy=4e9)
+    scene = exact.sim.scene
+    side = min(scene.width, scene.height) / exact.sim.settings.dt
+    assert exact.sim.state.velocity[3] == pytest.approx([0.6 * side, 0.8 * side])
 
 
 @pytest.mark.parametrize("name", long_but(["radii masses", "", "rough radii"], "radii masses", ""))
