@@ -9,16 +9,13 @@ import click
 
 from mpsim.cli import terminal
 from mpsim.cli.runfolder import RECORD, RunFolder
+from mpsim.core.errors import InputError
 from mpsim.output.frame_file import ENDINGS
 from mpsim.scene import scenefile
-from mpsim.scene.settings import METHODS, Settings
-
-BESIDE: dict[str, type] = {
-    "dt": float, "method": str, "contact": str, "law": str, "precision": str, "passes": int, "substeps": int,
-}  # fmt: skip
-"""Settings that a second stage can be given, and of which type they are."""
+from mpsim.scene.settings import Settings
 
 if TYPE_CHECKING:
+    from mpsim.viewer.link import Link
     from mpsim.viewer.recording import Recording
 
 VIEW_EXAMPLES = """\b
@@ -28,6 +25,7 @@ Examples:
   mpsim view gas --beside event                 the exact solver beside it, from the same start
   mpsim view dense --beside dt=0.001,passes=2
   mpsim view my_scene.toml --method parallel --workers 2
+  mpsim view '?scene=gas&dt=0.005&seed=3&wait'  what somebody has sent: a link, or a whole address with one
   mpsim view run                                the folder of a run, which may still be in progress
   mpsim view trajectory.xyz
   mpsim view gas --port 8000 --no-browser       on a machine without a screen: ssh -L 8000:127.0.0.1:8000 there
@@ -51,14 +49,19 @@ def view(scene: str, host: str, port: int, browser: bool, paused: bool, beside: 
     """Show SCENE (default: gas) in the browser while it runs, until Ctrl-C.
 
     SCENE may also be the folder of a run or the file of a trajectory: it is shown with a time line, and followed
-    while another process writes it. A scene runs while a page shows it. Only this machine can open the page, unless
-    --host is given. Then anyone who can reach that address and knows the token in it can open the page; the
-    connection is not encrypted.
+    while another process writes it. Or it is an address that was copied from the page of another view: only the part
+    from the question mark on is used, and nothing is fetched. A scene runs while a page shows it. Only this machine
+    can open the page, unless --host is given. Then anyone who can reach that address and knows the token in it can
+    open the page; the connection is not encrypted.
     """
-    from mpsim.viewer import live  # noqa: PLC0415 - other commands need no server
+    from mpsim.viewer import link, live  # noqa: PLC0415 - other commands need no server
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends it as Ctrl-C does
     where: dict[str, Any] = {"host": host, "port": port, "browser": browser, "playing": not paused}
+    if link.is_link(scene):
+        asked = _link(scene, beside, options)
+        live.view(asked, name=asked.scene, **{**where, "playing": not paused and "wait" not in asked.seen})
+        return
     if (recording := _recording(scene, {**options, "beside": beside})) is not None:
         live.view(recording, name=Path(scene).name, **where)
         return
@@ -91,20 +94,30 @@ def _recording(path: str, options: dict[str, Any]) -> "Recording | None":
     return Recording(run.trajectory, run.scene, follow=run.record["status"] == "running")
 
 
+def _link(text: str, beside: str | None, options: dict[str, Any]) -> "Link":
+    """What an address asks for, with the options that were given put in its place."""
+    from mpsim.viewer import link  # noqa: PLC0415 - as above
+
+    query = link.query_of(text)
+    if not query:
+        raise click.BadParameter(
+            f"{text!r} must have a scene behind a question mark, as in '?scene=gas&dt=0.005'. "
+            "Open the address of a running view in the browser.",
+            param_hint="SCENE",
+        )
+    asked = link.read(query)
+    given = {name: value for name, value in options.items() if value is not None}
+    settings = dataclasses.replace(asked.settings, **given)
+    if beside is not None:
+        return asked._replace(settings=settings, beside=_beside(settings, beside))
+    return asked._replace(settings=settings)
+
+
 def _beside(first: Settings, text: str) -> Settings:
     """Settings of a second stage: those of the first, with what a text says in their place."""
-    values: dict[str, Any] = {}
-    for word in text.split(","):
-        name, equals, value = word.strip().partition("=")
-        if not equals and name in METHODS:
-            name, value = "method", name
-        try:
-            values[name] = BESIDE[name](value)
-        except (KeyError, ValueError):
-            raise click.BadParameter(
-                f"{word!r} must be a method, or one of {', '.join(BESIDE)} with its value, such as dt=0.001.",
-                param_hint="--beside",
-            ) from None
-    if "method" in values:
-        values["workers"] = None
-    return dataclasses.replace(first, **values)
+    from mpsim.viewer import link  # noqa: PLC0415 - as above
+
+    try:
+        return link.beside_of(first, text)
+    except InputError as error:
+        raise click.BadParameter(str(error), param_hint="--beside") from None

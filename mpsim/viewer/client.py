@@ -9,7 +9,7 @@ from mpsim.viewer.broadcast import Shown
 MOST_A_SECOND, BURST = 200.0, 400.0
 """Messages that a page may send: a second on average, and at once. It sends one for each picture, and one a key."""
 
-ORDER = ("scene", "status", "timeline", "gauges", "hands", "colours", "pair", "tune", "pass")
+ORDER = ("scene", "status", "timeline", "gauges", "hands", "link", "colours", "pair", "tune", "pass")
 """Kinds of messages, in the order in which they are sent."""
 
 

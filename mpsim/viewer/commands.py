@@ -4,6 +4,8 @@ import contextlib
 import dataclasses
 import time
 from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Any
 
 from mpsim.core.errors import ClosedError, InputError
 from mpsim.engine.simulation import Simulation
@@ -11,9 +13,10 @@ from mpsim.engine.solvers.in_place import in_place
 from mpsim.scene.recommended import frames_between_pictures, settings_for
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-from mpsim.viewer import keep, wire
+from mpsim.viewer import keep, link, wire
 from mpsim.viewer.broadcast import Audience
 from mpsim.viewer.hands import Hands
+from mpsim.viewer.link import Link
 from mpsim.viewer.pace import Pace, first_speed
 from mpsim.viewer.pair import SNAPSHOT
 from mpsim.viewer.passes import PassView
@@ -30,18 +33,26 @@ class Commanded(Source):
     """A simulation that pages control; `Session` runs and shows it.
 
     Args:
-        source, settings, beside, audience: as of `Session`.
+        source, settings, name, beside, audience: as of `Session`.
     """
 
     def __init__(
-        self, source: Scene | Simulation, settings: Settings | None, beside: Settings | None, audience: Audience
+        self,
+        source: Scene | Simulation | Link,
+        settings: Settings | None,
+        name: str,
+        beside: Settings | None,
+        audience: Audience,
     ):
-        super().__init__(source if isinstance(source, Scene) else source.scene, audience)
-        self._owned = isinstance(source, Scene)
-        self._sim = None if isinstance(source, Scene) else source
+        asked = source if isinstance(source, Link) else None
+        shown = source.given if isinstance(source, Link) else source
+        super().__init__(shown if isinstance(shown, Scene) else shown.scene, audience)
+        self._owned = isinstance(shown, Scene)
+        self._sim = None if isinstance(shown, Scene) else shown
         self._settings = _checked(settings, self._sim, self.scene)
-        self._given, self._seed = self.scene, 0
-        self._name = ""
+        self._given, self._seed, self._name = self.scene, 0, name
+        self._parameters: Mapping[str, Any] = {}
+        self._has_link = self._owned and keep.is_named(self.scene, name)
         # of the thread alone
         self._playing = False
         self._steps = 0
@@ -56,6 +67,29 @@ class Commanded(Source):
         self._passes = PassView()
         self._moments = Moments()
         self._snapshot: int | None = None  # frame of the moment that is remembered
+        if asked is not None:
+            self._take(asked)
+
+    def _take(self, asked: Link) -> None:
+        """Have what a link asks for, from the next beginning on."""
+        scene = asked.given.redrawn(asked.seed) if asked.seed else asked.given
+        self._given, self._seed, self._name, self._has_link = asked.given, asked.seed, asked.scene, True
+        self._settings, self._parameters = asked.settings, asked.changed
+        self._show_scene(scene)
+        self._trade.choose(asked.beside)
+        self._pace.speed = first_speed(frames_between_pictures(scene, asked.settings))
+
+    def _link(self) -> str | None:
+        """The link to what is shown, with the values in force; None: only scenes that come with mpsim have one."""
+        if not self._has_link:
+            return None
+        sim = self._sim
+        settings, scene = (self._settings, self.scene) if sim is None else (sim.settings, sim.scene)
+        changed = link.changed_of(scene, self._given)
+        return link.write(Link(self._name, self._seed, settings, changed, self._trade.settings))
+
+    def _tell_link(self) -> None:
+        self._broadcast.tell_if_new("link", {"text": self._link()})
 
     def _release(self) -> None:
         with contextlib.suppress(Exception):  # the first error counts
@@ -110,7 +144,7 @@ class Commanded(Source):
                 self._by_hand(action)
             case "pass" | "snapshot" | "return" as name:
                 {"pass": self._show_pass, "snapshot": self._remember, "return": self._go_back}[name]()
-            case "seed" | "beside" | "tune" | "stop_tuning" | "searching" | "found":
+            case "seed" | "beside" | "open" | "tune" | "stop_tuning" | "searching" | "found":
                 self._choose(action)
             case name:
                 raise InputError(f"a simulation cannot {name}. Send it to the server.")
@@ -139,6 +173,7 @@ class Commanded(Source):
         self._hands.undo.trim(self._trade.bytes_of_moments)
         self._trade.forget_all_but(self._hands.undo.numbers)
         self._broadcast.tell_if_new("hands", self._hands.told(self._simulation))
+        self._tell_link()
 
     # --- time
 
@@ -198,6 +233,10 @@ class Commanded(Source):
                 self._show_scene(self._given.redrawn(self._seed) if self._seed else self._given)
             case "beside":
                 self._trade.choose(values["settings"])
+            case "open":
+                self._take(values["link"])
+                self._tuning.stop()
+                self._forget_own_colours()
             case "tune":
                 self._tuning.start(self.scene, {values["measure"]: values["budget"]})
             case "stop_tuning":
@@ -209,9 +248,12 @@ class Commanded(Source):
             case _:  # there is news of the search
                 pass
         self._broadcast.tell_if_new("tune", self._tuning.told())
-        if action.name in ("seed", "beside", "found"):
+        if action.name in ("seed", "beside", "open", "found"):
             self._steps = 0
-            self._begin()
+            if action.name == "open":
+                self._open()
+            else:
+                self._begin()
             self._tell_scene("playing" if self._playing else "paused")
 
     def _found(self, settings: Settings) -> None:
@@ -247,6 +289,10 @@ class Commanded(Source):
     @abstractmethod
     def _show_more(self, action: wire.Action) -> None:
         """Count more, or colour discs by something else, from now on."""
+
+    @abstractmethod
+    def _forget_own_colours(self) -> None:
+        """Colour discs by speed: those that a program gave numbers to are not shown any more."""
 
     @abstractmethod
     def _renew_gauges(self) -> None:

@@ -52,12 +52,17 @@ class Film:
 
     def __init__(self) -> None:
         self._kept: deque[Shown] = deque()
+        self._extent = (0.0, 0.0)
         self._next = 0.0
 
     def add(self, picture: Shown, now: float) -> None:
         """Keep a picture, if it is time for one; now: of a clock [s]."""
         if now < self._next:
             return
+        extent = wire.HEADER.unpack_from(picture.packed)[12:14]
+        if extent != self._extent:  # of another scene
+            self._kept.clear()
+            self._extent = extent
         self._next = max(self._next + 1 / PICTURES_A_SECOND, now + 0.5 / PICTURES_A_SECOND)
         if self._kept and (self._kept[-1].second is None) != (picture.second is None):
             self._kept.clear()

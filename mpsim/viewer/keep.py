@@ -1,4 +1,4 @@
-"""Downloads of a view: the session, the present scene, a program, the command line.
+"""Downloads of a view: the session, the present scene, a program.
 
 All of it is made in memory, or in a folder of its own that is gone before the answer is sent; no name from a page ever
 becomes a path.
@@ -8,7 +8,6 @@ import dataclasses
 import inspect
 import io
 import math
-import shlex
 import tempfile
 import zipfile
 from collections.abc import Callable, Mapping
@@ -29,13 +28,9 @@ from mpsim.features.thermal_walls import ThermalWalls
 from mpsim.features.thermostat import Thermostat
 from mpsim.scene import recommended, scenefile
 from mpsim.scene.scene import Scene
-from mpsim.scene.settings import Settings
 
 MOST_WRITTEN_OUT = 2000
 """Discs of a scene that a program holds as numbers; of more it would be longer than anybody reads."""
-
-WITHOUT_OPTION = ("start_method", "unguarded")
-"""Settings that `mpsim view` has no option for."""
 
 _PARTS = (FixedDisc, Polyline, Emitter, Piston, Thermostat, ThermalWalls)
 """Parts of a scene that are written as calls."""
@@ -202,7 +197,7 @@ def _call(part: Any, leave_defaults: bool = False) -> str:
     return f"mpsim.{type(part).__name__}({', '.join(f'{name}={_text(value)}' for name, value in values.items())})"
 
 
-# --- named scenes, and the command line
+# --- named scenes
 
 
 def is_named(scene: Scene, name: str) -> bool:
@@ -211,25 +206,6 @@ def is_named(scene: Scene, name: str) -> bool:
         return False
     other = _arguments(Scene.load(name))
     return all(_same(value, other[argument]) for argument, value in _arguments(scene).items())
-
-
-def command(scene: Scene, settings: Settings, name: str) -> str | None:
-    """The command line that opens such a view; None where there is none, as for a scene made in Python.
-
-    >>> command(Scene.load("gas"), Settings(method="grid", dt=0.02), "gas")
-    'mpsim view gas --dt 0.02 --method grid'
-    """
-    if not is_named(scene, name):
-        return None
-    usual = Scene.load(name).settings or Settings()
-    words = ["mpsim", "view", name]
-    for setting, value in dataclasses.asdict(settings).items():
-        if value == getattr(usual, setting):
-            continue
-        if value is None or setting in WITHOUT_OPTION:
-            return None
-        words += [f"--{setting.replace('_', '-')}", str(value)]
-    return shlex.join(words)
 
 
 def _same(one: Any, other: Any) -> bool:

@@ -6,13 +6,16 @@ import os
 import sys
 import webbrowser
 from typing import Any
+from urllib.parse import urlencode
 
 from numpy.typing import ArrayLike
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.scene.settings import Settings
+from mpsim.viewer import link
 from mpsim.viewer.admission import Admission
+from mpsim.viewer.link import Link
 from mpsim.viewer.opening import Viewed, demand_viewed, source_of
 from mpsim.viewer.server import Server, listening, websockets
 from mpsim.viewer.source import Source
@@ -136,6 +139,8 @@ class View:
             found.close()
             raise
         self.address: str = admission.address
+        if isinstance(source, Link):  # whose page reads the rest of it
+            self.address += f"?{link.write(source)}&{urlencode(source.seen)}".rstrip("&")
 
     def start(self, browser: bool) -> None:
         """Start it, and print its address; browser: open it there, too."""

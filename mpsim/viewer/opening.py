@@ -11,13 +11,14 @@ from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.viewer.broadcast import Audience
 from mpsim.viewer.colouring import own_colours
+from mpsim.viewer.link import Link
 from mpsim.viewer.playback import Playback
 from mpsim.viewer.recording import Recording
 from mpsim.viewer.session import Session
 from mpsim.viewer.source import Source
 
-Viewed = Scene | Simulation | Trajectory | Recording
-"""What a view shows; a recording is the file of a trajectory together with its scene."""
+Viewed = Scene | Simulation | Trajectory | Recording | Link
+"""What a view shows; a recording is the file of a trajectory together with its scene, a link asks for a scene."""
 
 
 def demand_viewed(viewed: object, settings: object, beside: object = None) -> None:
@@ -57,7 +58,7 @@ def source_of(
     if isinstance(viewed, Trajectory):
         viewed = Recording(viewed.path)
     if not isinstance(viewed, Recording):
-        own = own_colours(colour, viewed.count)
+        own = own_colours(colour, viewed.given.count if isinstance(viewed, Link) else viewed.count)
         options: dict[str, Any] = {"name": name, "playing": playing, "colour": own, "beside": beside}
         return Session(viewed, settings, **options, audience=audience)
     if beside is not None:

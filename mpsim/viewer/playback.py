@@ -51,7 +51,7 @@ class Playback(Source):
     # --- the thread
 
     def _open(self) -> None:
-        self._broadcast.tell_scene(self._name, recording=self._recording.name, can_reset=True, command=None)
+        self._broadcast.tell_scene(self._name, recording=self._recording.name, can_reset=True)
         self._gauges = Gauges(self.scene, self._recording.at(0).state)
         if self._follow:
             self._index = self._last

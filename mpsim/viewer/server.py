@@ -13,7 +13,7 @@ from typing import Any
 
 from mpsim.core.errors import InputError, MpsimError, ResourceError
 from mpsim.core.optional_packages import imported
-from mpsim.viewer import film, keep, wire
+from mpsim.viewer import film, keep, link, wire
 from mpsim.viewer.admission import Admission, Refusal
 from mpsim.viewer.broadcast import Shown
 from mpsim.viewer.client import Client
@@ -25,6 +25,9 @@ SOCKET = "socket"
 
 KEEP = "keep/"
 """What files to download are asked for under."""
+
+LINK = "link"
+"""What a page asks, with a link as the query, to learn what it means."""
 
 FILMS = {"film.gif": (film.gif, "image/gif"), "film.mp4": (film.mp4, "video/mp4")}
 """Films among them: what makes each, and its type as HTTP says it."""
@@ -130,6 +133,9 @@ class Server(Pages):
             if name == SOCKET:
                 self._admission.demand_own_page(request.headers)
                 return None
+            if name == LINK:
+                asked = await asyncio.to_thread(_read_link, request.path)
+                return self._response(200, asked.encode(), "text/plain; charset=utf-8", "")
             if name.startswith(KEEP):
                 kept = await self._kept(name.removeprefix(KEEP))
                 return self._response(200, kept.content, kept.kind, "")
@@ -206,6 +212,18 @@ class Server(Pages):
             await connection.close(POLICY, _short(str(error)))
         except self._websockets.exceptions.ConnectionClosed:
             pass  # too long a message, or no sign of life
+
+
+def _read_link(path: str) -> str:
+    """What the link in an address asks for, as every page writes it.
+
+    Raises:
+        Refusal: if it cannot be had.
+    """
+    try:
+        return link.write(link.read(link.query_of(path)))
+    except MpsimError as error:
+        raise Refusal(409, str(error)) from None
 
 
 def _short(text: str) -> str:

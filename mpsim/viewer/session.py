@@ -15,13 +15,14 @@ from mpsim.engine.simulation import Simulation, read_in_place
 from mpsim.engine.solvers.in_place import InPlace
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-from mpsim.viewer import keep, wire
+from mpsim.viewer import wire
 from mpsim.viewer.broadcast import Audience
 from mpsim.viewer.colouring import Colouring
 from mpsim.viewer.colours import scale_of
 from mpsim.viewer.commands import Commanded, Where
 from mpsim.viewer.counting import Counting, bulk_pressure
 from mpsim.viewer.gauges import Gauges, Meter
+from mpsim.viewer.link import Link
 from mpsim.viewer.pace import LOOK, TURN, Allowance
 
 PICTURE_SECONDS = 0.8 * LOOK
@@ -54,7 +55,8 @@ class Session(Commanded):
     """One simulation, or a scene that is simulated again and again.
 
     Args:
-        source: a scene, whose simulations the session makes and closes; or a simulation, which stays its owner's.
+        source: a scene, or a link to one, whose simulations the session makes and closes; or a simulation, which stays
+            its owner's.
         settings: of the scene's simulations; None: those it recommends, or the defaults.
         name: what it is called on the page.
         playing: whether it begins as soon as somebody watches.
@@ -68,7 +70,7 @@ class Session(Commanded):
 
     def __init__(
         self,
-        source: Scene | Simulation,
+        source: Scene | Simulation | Link,
         settings: Settings | None = None,
         *,
         name: str = "",
@@ -77,8 +79,7 @@ class Session(Commanded):
         beside: Settings | None = None,
         audience: Audience,
     ):
-        super().__init__(source, settings, beside, audience)
-        self._name = name
+        super().__init__(source, settings, name, beside, audience)
         # of the thread alone
         self._playing = playing
         self._meter = Meter(time.perf_counter())
@@ -113,6 +114,8 @@ class Session(Commanded):
         self._drop()
         if self._owned:
             self._sim = Simulation(self.scene, self._settings)
+            if self._parameters:
+                self._sim.change(**self._parameters)
         assert self._sim is not None
         state = self._sim.state
         self._gauges, self._broadcast.scale = Gauges(self.scene, state), scale_of(state)
@@ -127,10 +130,12 @@ class Session(Commanded):
         self._forget_moment()
         if self._owned:
             self._trade.begin(self.scene, self._settings)
+            self._trade.changed(self._sim)
         self._resume()
         self._tell_trade()
         self._broadcast.tell_if_new("pass", self._passes.told())
         self._broadcast.tell_if_new("hands", self._hands.told(self._sim))
+        self._tell_link()
 
     def _show_more(self, action: wire.Action) -> None:
         if action.name == "count":
@@ -139,6 +144,9 @@ class Session(Commanded):
         else:
             self._colouring.choose(action.values["by"], self._demand_simulation("colour"))
             self._shown = None
+
+    def _forget_own_colours(self) -> None:
+        self._colouring = Colouring(None)
 
     def _renew_gauges(self) -> None:
         self._gauges = None
@@ -258,7 +266,6 @@ class Session(Commanded):
             can_reset=self._owned,
             can_redraw=self._owned and self._given.can_redraw,
             seed=self._seed,
-            command=keep.command(self.scene, self._settings, self._name) if self._owned else None,
         )
         self._broadcast.tell("status", self._status(phase))
 

@@ -43,8 +43,8 @@ class Sliders:
         self._gravity = _rounded_up(_usual_gravity(scene))
         self._piston = None if scene.piston is None else scene.piston.speed
         self._cores = usable_cores()
-        self._interval, self._every = _rate(scene, "interval"), _rate(scene, "every")
-        self._temperatures = {name: _temperature(scene, name) for name in TEMPERATURES}
+        self._interval, self._every = rate_of(scene, "interval"), rate_of(scene, "every")
+        self._temperatures = {name: temperature_of(scene, name) for name in TEMPERATURES}
 
     def of(self, sim: Simulation) -> list[dict[str, Any]]:
         """Name, value and range of each, as pages are told: `low` and `high`, or `choices`.
@@ -93,11 +93,11 @@ class Sliders:
             ends = sorted((self._piston / DECADE, self._piston * DECADE))
             yield _slider("piston_speed", scene.piston.speed, *ends, log=True)
         for name, first in self._temperatures.items():
-            if (temperature := _temperature(scene, name)) is not None and first is not None:
+            if (temperature := temperature_of(scene, name)) is not None and first is not None:
                 yield _slider(name, temperature, first / DECADE, first * DECADE, log=True)
-        if (interval := _rate(scene, "interval")) is not None and self._interval is not None:
+        if (interval := rate_of(scene, "interval")) is not None and self._interval is not None:
             yield _slider("interval", interval, self._interval / DECADE, self._interval * DECADE, log=True)
-        if (every := _rate(scene, "every")) is not None and self._every is not None:
+        if (every := rate_of(scene, "every")) is not None and self._every is not None:
             yield _slider("every", every, 1, int(self._every * DECADE), log=True, whole=True)
 
     def _of_settings(self, sim: Simulation) -> Iterator[dict[str, Any]]:
@@ -116,12 +116,12 @@ def _slider(name: str, value: float, low: float, high: float, log: bool = False,
     return {"name": name, "value": value, **ends, "log": log, "whole": whole}
 
 
-def _rate(scene: Scene, name: str) -> Any:
+def rate_of(scene: Scene, name: str) -> Any:
     """The interval, or every, of the first emitter that has one; None: there is none."""
     return next((value for each in scene.emitters if (value := getattr(each, name)) is not None), None)
 
 
-def _temperature(scene: Scene, name: str) -> float | None:
+def temperature_of(scene: Scene, name: str) -> float | None:
     """The temperature of the thermostat, or the one of all thermal walls; None: there is none, or several."""
     if name == "temperature":
         return None if scene.thermostat is None else scene.thermostat.temperature

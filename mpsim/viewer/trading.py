@@ -68,6 +68,7 @@ class Trade:
         self.pair: Pair | None = None
         self._asked: Beside = beside
         self._wanted: Beside = beside  # as asked for, or fitted to another first stage
+        self._settings: Settings | None = None
         self._note: str | None = None
         self._predictability: Predictability | None = None
         self._diverging: Scene | None = None  # whose Lyapunov time is known, or being found
@@ -85,14 +86,21 @@ class Trade:
         if isinstance(self._asked, Settings):
             self._wanted = dataclasses.replace(self._asked, dt=fitting(self._asked.dt, dt))
 
+    @property
+    def settings(self) -> Settings | None:
+        """Settings of the second stage, or of the one that was refused; None: none was asked for."""
+        return self._settings if self.pair is None else self.pair.sim.settings
+
     def begin(self, scene: Scene, settings: Settings) -> None:
         """Begin both stages with a scene; settings: of the first one."""
         self._end(None)
+        self._settings = None
         if self._wanted is None:
             return
         try:
             wanted = self._wanted if isinstance(self._wanted, Settings) else settings_beside(settings, self._wanted)
-            self.pair = Pair(scene, demand_one_process(wanted), settings.dt)
+            self._settings = demand_one_process(wanted)
+            self.pair = Pair(scene, wanted, settings.dt)
         except MpsimError as error:
             self._note = str(error)
             return

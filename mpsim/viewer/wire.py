@@ -42,8 +42,10 @@ from mpsim.engine.solvers.in_place import InPlace
 from mpsim.kernels.painting import paint_places
 from mpsim.measure.registry import ERRORS
 from mpsim.scene.settings import CONTACTS, METHODS, PRECISIONS
+from mpsim.viewer import link
 from mpsim.viewer.colouring import CHOICES
 from mpsim.viewer.colours import SpeedScale
+from mpsim.viewer.link import MOST_DIVISIONS, QUICKEST, SLOWEST
 
 MAGIC, VERSION = b"MPSV", 1
 PICTURE, RADII = 1, 2
@@ -54,14 +56,8 @@ STEPS = 65535
 MOST_BYTES = 4096
 """Length of a message from a page; one that is larger ends its connection."""
 
-SLOWEST, QUICKEST = 0.01, 1000.0
-"""Bounds of the speed that a page may ask for, in units of Pace.UNIT frames a second."""
-
 MOST_STEPS = 10_000
 """Frames of the action `step` at most."""
-
-MOST_DIVISIONS = 100
-"""Passes, and frames in one frame of the first stage, of a second stage at most."""
 
 MOST_NUMBER, MOST_WHOLE = 1e100, 10**9
 """Size of a number that a page may send for a place, a velocity or a parameter, and of one that must be whole."""
@@ -249,6 +245,12 @@ def _beside(name: str, value: Any) -> dict[str, Any] | None:
     return {each: BESIDE[each](f"{each} of {name}", found) for each, found in value.items()}
 
 
+def _link(name: str, value: Any) -> link.Link:
+    if not isinstance(value, str):
+        raise InputError(f"{name} must be a text; got {checks.brief(value)}.")
+    return link.read(value)
+
+
 _DISC = _whole(0, 2**31 - 1)
 
 BESIDE: Mapping[str, Field] = {
@@ -278,6 +280,7 @@ ACTIONS: Mapping[str, Mapping[str, Field]] = {
     "return": {},
     "seed": {"value": _whole(0, MOST_WHOLE)},
     "beside": {"settings": _beside},
+    "open": {"link": _link},
     "tune": {"measure": _measure, "budget": _budget},
     "stop_tuning": {},
     # by hand, see hands.py; same: it goes on with the action before, and is taken back together with it

@@ -57,38 +57,19 @@ $("keep-program").addEventListener("click", async () => {
   if (blob) await copy(await blob.text(), "The program");
 });
 
-$("keep-address").addEventListener("click", () => {
-  const query = new URLSearchParams(location.search);
-  query.set("wait", "");
-  query.set("speed", state.status.speed ?? "max");
-  for (const name of ["x", "y", "zoom"]) {
-    if (camera.free) query.set(name, +camera[name].toPrecision(6)); else query.delete(name);
-  }
-  const text = new URL(`?${query.toString().replace("wait=&", "wait&")}`, location.href);
-  copy(text.href.replace(/#.*$/, ""), "The address");
-});
+/** What is shown, as an address asks for it: scene and settings, speed, and the part of the box. It starts paused. */
+function asking() {
+  const found = new URLSearchParams();
+  found.set("speed", state.status.speed ?? "max");
+  if (camera.free) for (const name of ["x", "y", "zoom"]) found.set(name, +camera[name].toPrecision(6));
+  return `?${state.link ? `${state.link}&` : ""}wait&${found}`;
+}
+$("keep-address").addEventListener("click", () => copy(new URL(asking(), location.href).href, "The address"));
+$("keep-command").addEventListener("click", () => copy(`mpsim view '${asking()}'`, "The command"));
 
-// --- what an address asks for, once
-
-const asked = new URLSearchParams(location.search);
-const number = (name) => (asked.has(name) && Number.isFinite(+asked.get(name)) ? +asked.get(name) : null);
-let done = false;
-opened.push(() => {
-  if (done) return;
-  done = true;
-  if (asked.has("wait")) send({ do: "pause" });
-  const speed = asked.get("speed") === "max" ? null : number("speed");
-  if (asked.has("speed") && SPEEDS.includes(speed)) send({ do: "speed", value: speed });
-});
-
-let placed = false;
-takers.scene.push((scene) => {
-  const line = $("keep-command");
-  line.hidden = !scene.command;
-  line.querySelector("code").textContent = scene.command ?? "";
-  if (placed || number("zoom") === null) return;
-  placed = true;
-  camera.zoom = Math.min(Math.max(number("zoom"), 0.5), 64);
-  camera.moveTo(number("x") ?? scene.width / 2, number("y") ?? scene.height / 2);
-  requestDraw();
+takers.link.push(({ text }) => {
+  state.link = text;
+  $("keep-command").disabled = text === null;
+  $("keep-command-note").textContent = text === null
+    ? "For another machine: send the file under Scene. Only scenes that come with mpsim have a command." : "";
 });

@@ -14,7 +14,7 @@ const NO_ANSWER = inNotebook
   : "No connection to mpsim. Is it still running? Trying again …";
 
 /** What else is done with a message of a kind, and when the connection is there: other parts of the page add to these. */
-export const takers = { scene: [], hands: [], timeline: [], status: [], pair: [], tune: [], pass: [] }, opened = [];
+export const takers = { scene: [], hands: [], timeline: [], status: [], pair: [], tune: [], pass: [], link: [] }, opened = [];
 
 export function take(message) {
   if (message.type === "scene") {

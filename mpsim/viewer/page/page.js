@@ -5,6 +5,7 @@ import { drawGauges } from "./gauges.js";
 import "./hands.js";
 import "./follow.js";
 import "./keep.js";
+import "./address.js";
 import { offerSaving } from "./export.js";
 import "./pair.js";
 import "./sliders.js";

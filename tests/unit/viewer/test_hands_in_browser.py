@@ -404,10 +404,9 @@ def test_an_address_that_waits_starts_paused_with_the_view_it_holds(table, capsy
     assert t.sim.frame == 0
     assert t.text("speed-text").startswith("2×")  # noqa: RUF001 - a sign that the page shows
     t.show("keep")
-    assert t.page.inner_text("#keep-command code") == "mpsim view gas --method grid"
     t.page.click("#keep-address")
     text = until(lambda: t.page.input_value("#kept-text"))
-    assert text.startswith(t.view.address + "?wait&")
+    assert text.startswith(t.view.address + "?scene=gas&method=grid&wait&")
     assert {"speed=2", "zoom=2", "x=3", "y=4"} <= set(text.partition("?")[2].split("&"))
     assert t.complaints == []
 

@@ -1,4 +1,4 @@
-"""What is kept of a view: a session and a program that run again to the same bits, a scene that goes on, a command."""
+"""What is kept of a view: a session and a program that run again to the same bits, a scene that goes on."""
 
 import io
 import subprocess
@@ -8,7 +8,6 @@ import zipfile
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from support.scenes import gas, simulate, zoo
 from support.sessions import stage
 from support.tiles import first_free_place
@@ -131,32 +130,6 @@ def test_a_scene_of_this_moment_that_would_guess_is_refused():
         sim.add((1.0, 1.0), (0, 0), (3.0, 0.0))
         with pytest.raises(mpsim.InputError, match="needs the acceleration of each disc"):
             keep.scene_now(sim, "")
-
-
-@pytest.mark.parametrize("name", ["gas", "hopper", "pi", "cradle"])
-def test_the_command_line_opens_the_same_view(name, monkeypatch):
-    from mpsim.viewer import live  # noqa: PLC0415
-
-    file = scenefile.load(name)
-    usual = file.settings or mpsim.Settings()
-    seen = []
-    monkeypatch.setattr(live, "view", lambda scene, settings, **more: seen.append((settings, more["name"])))
-    for settings in (usual, mpsim.Settings(dt=0.015625, method="parallel", workers=2, on_fast="substep", passes=3)):
-        line = keep.command(file.scene, settings, name)
-        assert line.startswith(f"mpsim view {name}")
-        from mpsim.cli.view import view  # noqa: PLC0415
-
-        outcome = CliRunner().invoke(view, line.split()[2:])
-        assert outcome.exit_code == 0, outcome.output
-        assert seen.pop() == (settings, name)
-
-
-def test_no_command_line_is_shown_for_what_has_none():
-    gas_file = scenefile.load("gas")
-    assert keep.command(gas(100, 0.3), mpsim.Settings(), "gas") is None
-    assert keep.command(gas_file.scene, mpsim.Settings(), "") is None
-    assert keep.command(gas_file.scene, mpsim.Settings(), "../gas") is None
-    assert keep.command(gas_file.scene, mpsim.Settings(start_method="spawn"), "gas") is None
 
 
 def test_session_files_are_toml_that_people_can_read(tmp_path):

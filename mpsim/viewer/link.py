@@ -1,0 +1,293 @@
+"""What an address asks a view for: a scene that comes with mpsim, its settings and parameters, a second stage.
+
+It is the part of an address behind the question mark, `scene=gas&dt=0.005&seed=3&beside=event&wait`. It names scenes,
+and never files; each value goes through the gate of the library, with closer bounds where a hostile one could make a
+frame very long. What is only seen (`wait`, `speed`, `zoom`, `x`, `y`) is read by the page.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Iterable, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+from urllib.parse import parse_qsl, quote, urlencode
+
+from mpsim.core import checks
+from mpsim.core.errors import InputError
+from mpsim.engine import parameters
+from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.scene import scenefile
+from mpsim.scene.recommended import settings_for
+from mpsim.scene.scene import Scene
+from mpsim.scene.settings import METHODS, Settings
+from mpsim.viewer.pair import in_step
+from mpsim.viewer.sliders import TEMPERATURES, rate_of, temperature_of
+
+LONGEST = 1000
+"""Characters of a link at most."""
+
+MOST_DIVISIONS = 100
+"""Passes, sub-steps, and frames of a second stage in one frame of the first, at most."""
+
+RANGE = 100.0
+"""How many times larger, or smaller, than those of its scene a link may ask times and speeds to be."""
+
+SLOWEST, QUICKEST = 0.01, 1000.0
+"""Bounds of the speed that a page may ask for, in units of Pace.UNIT frames a second."""
+
+MOST_SEED = 1_000_000
+"""Largest seed, that of the page."""
+
+SETTINGS: Mapping[str, type] = {
+    "dt": float, "method": str, "contact": str, "law": str, "precision": str, "passes": int, "substeps": int,
+    "on_fast": str, "contact_time": float,
+}  # fmt: skip
+"""Settings that a link can hold, and of which type they are. The others change no result, or belong to a machine."""
+
+BESIDE = tuple(name for name in SETTINGS if name not in ("on_fast", "contact_time"))
+"""Settings that a second stage can be given."""
+
+SEEN = ("wait", "speed", "zoom", "x", "y")
+"""What the page reads itself."""
+
+VALUES: Mapping[str, Callable[[Scene], Any]] = {
+    "gravity": lambda scene: [0.0, 0.0] if scene.gravity is None else scene.gravity.tolist(),
+    "restitution": lambda scene: scene.restitution,
+    "wall_restitution": lambda scene: scene.wall_restitution,
+    "piston_speed": lambda scene: None if scene.piston is None else scene.piston.speed,
+    "interval": lambda scene: rate_of(scene, "interval"),
+    "every": lambda scene: rate_of(scene, "every"),
+    **{name: functools.partial(temperature_of, name=name) for name in TEMPERATURES},
+}
+"""Parameters of the scene that a link can hold, those that a page can change, and their values; None: it has none."""
+
+NAMES = ("scene", "seed", *SETTINGS, *VALUES, "beside", *SEEN)
+
+
+class Link(NamedTuple):
+    """What is asked for, checked.
+
+    Attributes:
+        scene: name of a scene that comes with mpsim.
+        seed: of other random numbers than those of the scene; 0: its own.
+        settings: of the first stage.
+        changed: parameters that are different from those of the scene, as `Simulation.change` takes them.
+        beside: settings of the second stage; None: there is none.
+        seen: what the page reads itself, as it was given: names among SEEN, and their texts.
+    """
+
+    scene: str
+    seed: int
+    settings: Settings
+    changed: Mapping[str, Any]
+    beside: Settings | None
+    seen: Mapping[str, str] = MappingProxyType({})
+
+    @property
+    def given(self) -> Scene:
+        """The scene as it comes with mpsim."""
+        return named(self.scene)
+
+
+@functools.cache
+def named(name: str) -> Scene:
+    """A scene that comes with mpsim; always the same one."""
+    return Scene.load(name)
+
+
+def is_link(text: str) -> bool:
+    """Whether a text is an address, or the part of one from the question mark on, and no name or path.
+
+    >>> is_link("?scene=gas"), is_link("http://127.0.0.1:8000/token/?scene=gas"), is_link("gas")
+    (True, True, False)
+    """
+    return text.startswith(("?", "http://", "https://"))
+
+
+def query_of(text: str) -> str:
+    """The part of an address behind its question mark, without what follows a `#`.
+
+    >>> query_of("http://127.0.0.1:8000/token/?scene=gas&wait#top")
+    'scene=gas&wait'
+    """
+    return text.partition("#")[0].partition("?")[2]
+
+
+def read(query: str) -> Link:
+    """What a link asks for.
+
+    Raises:
+        InputError: naming what cannot be had, its rule and the value received.
+
+    >>> found = read("scene=gas&dt=0.005&seed=3&beside=event&wait")
+    >>> found.scene, found.seed, found.settings.dt, found.beside.method
+    ('gas', 3, 0.005, 'event')
+    >>> read("scene=/etc/passwd")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+        ...
+    mpsim.InputError: scene of a link must be one of 'brownian', ...; got '/etc/passwd'.
+    """
+    texts = _texts(query)
+    if "scene" not in texts:
+        raise InputError("a link must have a scene, as in ?scene=gas&dt=0.005; got none. Add scene=NAME.")
+    name = checks.choice("scene of a link", texts["scene"], scenefile.names())
+    scene = named(name)
+    seed = checks.whole("seed", _number(int, texts.get("seed", "0")), 0, MOST_SEED, "Any of them will do.")
+    if seed and not scene.can_redraw:
+        raise InputError(f"seed must be left out for a scene without random numbers; got {seed} for {name!r}.")
+    usual = settings_for(scene, None)
+    values = {each: _number(kind, texts[each]) for each, kind in SETTINGS.items() if each in texts}
+    settings = dataclasses.replace(usual, **values)
+    _demand_short_frames(settings, usual.dt)
+    changed = {each: _parameter(each, texts[each]) for each in VALUES if each in texts}
+    parameters.in_force(scene, settings, changed, None)
+    for each in ("interval", "piston_speed", *TEMPERATURES):
+        if each in changed:
+            _demand_near(each, changed[each], VALUES[each](scene))
+    beside = _second(settings, texts["beside"]) if "beside" in texts else None
+    return Link(name, seed, settings, changed, beside, _seen(texts))
+
+
+def _texts(query: str) -> dict[str, str]:
+    """The values of a link by their names, each once.
+
+    Raises:
+        InputError: for what no link has.
+    """
+    if len(query) > LONGEST:
+        raise InputError(f"a link must have at most {LONGEST} characters; got {len(query):,}. Send a scene file.")
+    try:
+        pairs = parse_qsl(query, keep_blank_values=True, errors="strict", max_num_fields=len(NAMES))
+    except ValueError as error:  # bytes that are no UTF-8, or too many fields
+        raise InputError(f"a link must be names and values, as in ?scene=gas&dt=0.005; got {error!s:.60}.") from None
+    texts: dict[str, str] = {}
+    for name, value in pairs:
+        checks.choice("a name in a link", name, NAMES)
+        if name in texts:
+            raise InputError(f"{name} must be in a link once; got it twice. Leave one out.")
+        texts[name] = value
+    return texts
+
+
+def _number(kind: type, text: str) -> Any:
+    """The value that a text stands for; what is no number stays a text, for the gate to refuse."""
+    try:
+        return kind(text)
+    except ValueError:
+        return text
+
+
+def _parameter(name: str, text: str) -> Any:
+    """The value of a parameter: a number, or of gravity two of them."""
+    if name == "gravity":
+        return [_number(float, each) for each in text.split(",", 2)]
+    return _number(int if name == "every" else float, text)
+
+
+def _demand_short_frames(settings: Settings, usual: float) -> None:
+    """Refuse settings that no view can run, or with which a frame would take very long; usual: dt."""
+    if capabilities_of(settings).on_ranks:
+        raise InputError(f"method of a link must run in one process; got {settings.method!r}. Use method=grid.")
+    _demand_near("dt", settings.dt, usual)
+    for name in ("passes", "substeps"):
+        checks.whole(name, getattr(settings, name), 1, MOST_DIVISIONS, "A link may not ask for more.")
+
+
+def _demand_near(name: str, value: float, usual: float) -> None:
+    """Refuse a time or a speed that is far from what the scene has."""
+    checks.between(f"size of {name}", abs(value), abs(usual) / RANGE, abs(usual) * RANGE)
+
+
+def _second(first: Settings, text: str) -> Settings:
+    """Settings of a second stage whose frames fit those of the first."""
+    wanted = beside_of(first, text)
+    if not capabilities_of(wanted).has_steps:
+        wanted = dataclasses.replace(wanted, dt=first.dt)  # its frames mean nothing else
+    _demand_short_frames(wanted, first.dt)
+    return in_step(wanted, first.dt)[0]
+
+
+def _seen(texts: Mapping[str, str]) -> dict[str, str]:
+    """What the page reads itself, which must not have to ignore it."""
+    for name in ("zoom", "x", "y"):
+        if name in texts:
+            checks.finite_array(name, _number(float, texts[name]), (), "()")
+    if texts.get("speed", "max") != "max":
+        checks.between("speed", _number(float, texts["speed"]), SLOWEST, QUICKEST)
+    return {name: texts[name] for name in SEEN if name in texts}
+
+
+def beside_of(first: Settings, text: str) -> Settings:
+    """Settings of a second stage: those of the first, with what a text says in their place.
+
+    Args:
+        first: settings of the first stage.
+        text: a method, or settings, with commas between.
+
+    Raises:
+        InputError: for anything else.
+
+    >>> beside_of(Settings(method="grid"), "dt=0.001,passes=2").passes, beside_of(Settings(), "event").method
+    (2, 'event')
+    """
+    values: dict[str, Any] = {}
+    for word in text.split(","):
+        name, equals, value = word.strip().partition("=")
+        if not equals and name in METHODS:
+            name, value = "method", name
+        if name not in BESIDE or name in values:
+            raise InputError(
+                f"beside must be a method, or {', '.join(BESIDE)} with a value, each once; got {checks.brief(word)}. "
+                "Use dt=0.001,passes=2."
+            )
+        values[name] = _number(SETTINGS[name], value)
+    if "method" in values:
+        values["workers"] = None
+    return dataclasses.replace(first, **values)
+
+
+# --- the other way round
+
+
+def write(link: Link) -> str:
+    """The text of a link: what is different from what the scene recommends, without what is only seen.
+
+    Two links that ask for the same have one text.
+
+    >>> write(read("beside=dt%3D0.001&seed=007&dt=5e-3&wait&scene=gas&law=elastic"))
+    'scene=gas&seed=7&dt=0.005&beside=dt=0.001'
+    """
+    usual = settings_for(link.given, None)
+    values = {"scene": link.scene} | ({"seed": str(link.seed)} if link.seed else {})
+    values |= _differences(link.settings, usual, SETTINGS)
+    values |= {name: _text(link.changed[name]) for name in VALUES if name in link.changed}
+    if link.beside is not None:
+        values["beside"] = _beside_text(link.beside, link.settings)
+    return urlencode(values, safe=",=", quote_via=quote)
+
+
+def _beside_text(second: Settings, first: Settings) -> str:
+    """The text of `beside`."""
+    names = BESIDE if capabilities_of(second).has_steps else ("method", "law", "precision")
+    differing = _differences(second, first, names)
+    words = [value if name == "method" else f"{name}={value}" for name, value in differing.items()]
+    return ",".join(words) or second.method
+
+
+def _differences(settings: Settings, usual: Settings, names: Iterable[str]) -> dict[str, str]:
+    found = {name: getattr(settings, name) for name in names}
+    return {name: _text(value) for name, value in found.items() if value is not None and value != getattr(usual, name)}
+
+
+def _text(value: Any) -> str:
+    return ",".join(map(repr, value)) if isinstance(value, list) else str(value)
+
+
+def changed_of(now: Scene, given: Scene) -> dict[str, Any]:
+    """Parameters that are different now from those of a scene.
+
+    >>> changed_of(named("gas").changed(gravity=(0, -1), restitution=0.9), named("gas"))
+    {'gravity': [0.0, -1.0], 'restitution': 0.9}
+    """
+    values = {name: value_of(now) for name, value_of in VALUES.items()}
+    return {name: value for name, value in values.items() if value is not None and value != VALUES[name](given)}

@@ -1,0 +1,79 @@
+// What the address asks for: a scene with settings, which this page may run instead; start paused, a speed, a part of the box.
+
+import { $, bound, state } from "./common.js";
+import { opened, send, takers } from "./link.js";
+import { camera, requestDraw } from "./stage.js";
+
+const SEEN = ["wait", "speed", "zoom", "x", "y", "canvas"]; // the rest asks for a scene
+const asked = new URLSearchParams(location.search);
+const number = (name) => (asked.has(name) && Number.isFinite(+asked.get(name)) ? +asked.get(name) : null);
+const asksForScene = [...asked.keys()].some((name) => !SEEN.includes(name));
+let wanted = null, settled = false; // the scene that is asked for, as mpsim writes it; whether that is what runs
+
+/** Pause, speed and place, once it is sure that they are meant for what runs. */
+function settle() {
+  settled = true;
+  $("asked").hidden = true;
+  if (asked.has("wait")) send({ do: "pause" });
+  const speed = asked.get("speed") === "max" ? null : number("speed");
+  if (asked.has("speed") && (speed === null ? asked.get("speed") === "max" : speed >= 0.01 && speed <= 1000)) send({ do: "speed", value: speed });
+  place();
+}
+
+let placed = false, shown = null;
+function place() {
+  if (!settled || placed || !state.scene || number("zoom") === null) return;
+  placed = true;
+  camera.zoom = bound(number("zoom"), 0.5, 64);
+  camera.moveTo(number("x") ?? state.scene.width / 2, number("y") ?? state.scene.height / 2);
+  requestDraw();
+}
+
+// --- another scene, or the same with other settings
+
+/** Say something beside the stage; ask whether to restart, if that is possible. */
+function ask(text, canRestart) {
+  $("asked").hidden = false;
+  $("asked-text").textContent = text;
+  $("asked-restart").hidden = !canRestart;
+  $("asked-keep").textContent = canRestart ? "Keep this run" : "Close";
+}
+
+const inWords = (link) => link.split("&").map(decodeURIComponent).map((each) => each.replace("scene=", "")).join(", ");
+
+function compare() {
+  if (settled || wanted === null || state.link === undefined || !state.scene) return;
+  if (wanted === state.link) settle();
+  else if (state.scene.recording || !state.scene.can_reset) {
+    ask(`This address asks for ${inWords(wanted)}. This view shows ${state.scene.recording ? "a recording" : "a simulation that belongs to a program"}, and nothing else. In a terminal: mpsim view '?${wanted}'`, false);
+  } else ask(`This address asks for ${inWords(wanted)}. ${state.link ? inWords(state.link) : state.scene.name || "A scene of a program"} is running now. A restart changes all pages of this view.`, true);
+}
+
+$("asked-restart").addEventListener("click", () => {
+  const link = wanted;
+  wanted = null; // asked once
+  if (asked.has("wait")) send({ do: "pause" });
+  send({ do: "open", link });
+  settle();
+});
+$("asked-keep").addEventListener("click", () => {
+  wanted = null;
+  $("asked").hidden = true;
+  history.replaceState(null, "", location.pathname); // or it would be asked again when the page is loaded again
+});
+
+if (asksForScene) {
+  fetch(`link${location.search}`).then(async (answer) => {
+    const text = await answer.text();
+    if (!answer.ok) ask(`This address cannot be followed: ${text}`, false);
+    else { wanted = text; compare(); }
+  }, () => ask("This address could not be read: no connection to mpsim.", false));
+} else opened.push(() => { if (!settled) settle(); });
+takers.link.push(compare);
+takers.scene.push((scene) => {
+  const other = shown !== null && (shown.width !== scene.width || shown.height !== scene.height);
+  shown = scene;
+  if (other) camera.all();
+  place();
+  compare();
+});

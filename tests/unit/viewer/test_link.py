@@ -1,0 +1,193 @@
+"""What an address asks for: read and written, refused by name, and opened by `mpsim view` and by a view that runs."""
+
+import dataclasses
+
+import pytest
+from click.testing import CliRunner
+from support.scenes import gas
+from support.viewing import Visitor, fetch, viewed
+
+import mpsim
+from mpsim.cli.view import view as command
+from mpsim.viewer import link, live
+
+ASKED = "scene=gas&seed=3&dt=0.005&method=grid&gravity=0.0,-1.5&restitution=0.9&beside=event"
+
+HOSTILE = {
+    "": "must have a scene",
+    "wait": "must have a scene",
+    "dt=0.005": "must have a scene",
+    "scene=": "scene of a link must be one of",
+    "scene=gass": "Did you mean 'gas'",
+    "scene=/etc/passwd": "scene of a link must be one of",
+    "scene=..%2F..%2Fmine.toml": "scene of a link must be one of",
+    "scene=mine.toml": "scene of a link must be one of",
+    "scene=gas%00": "scene of a link must be one of",
+    "scene=gas&scene=dense": "scene must be in a link once",
+    "scene=gas&dt=0.01&dt=0.01": "dt must be in a link once",
+    "scene=gas&count=1000000000": "a name in a link must be one of",
+    "scene=gas&workers=1024": "a name in a link must be one of",
+    "scene=gas&unguarded=true": "a name in a link must be one of",
+    "scene=gas&start_method=fork": "a name in a link must be one of",
+    "scene=gas&%3Cscript%3E=1": "a name in a link must be one of",
+    "scene=gas&dt=nan": "dt must be a finite number",
+    "scene=gas&dt=-1": "dt must be a finite number > 0",
+    "scene=gas&dt=1e300": "size of dt must be a number from 0.0001 to 1",
+    "scene=gas&dt=1e-300": "size of dt must be a number from 0.0001 to 1",
+    "scene=gas&passes=1000": "passes must be a whole number from 1 to 100",
+    "scene=gas&substeps=1000000": "substeps must be a whole number from 1 to 100",
+    "scene=gas&passes=1e2": "passes must be",
+    "scene=gas&seed=-1": "seed must be a whole number from 0",
+    "scene=gas&seed=99999999999999999999": "seed must be a whole number from 0",
+    "scene=cradle&seed=3": "seed must be left out",
+    "scene=gas&method=mpi": "must run in one process",
+    "scene=gas&method=events": "Did you mean 'event'",
+    "scene=gas&gravity=1": "gravity must",
+    "scene=gas&gravity=1,2,3": "gravity must",
+    "scene=gas&gravity=inf,0": "gravity must be finite",
+    "scene=gas&restitution=2": "restitution must be",
+    "scene=gas&piston_speed=1": "piston_speed can be changed only in a scene with a piston",
+    "scene=piston&piston_speed=-1e9": "size of piston_speed must be",
+    "scene=galton&interval=1e-9": "size of interval must be",
+    "scene=gas&beside=": "beside must be a method",
+    "scene=gas&beside=event,event": "beside must be a method",
+    "scene=gas&beside=workers=8": "beside must be a method",
+    "scene=gas&beside=dt=0.003": "must be that of the first one",
+    "scene=gas&beside=dt=1e-9": "size of dt must be",
+    "scene=gas&beside=substeps=1000000": "substeps must be",
+    "scene=gas&speed=quick": "speed must be",
+    "scene=gas&speed=1e9": "speed must be",
+    "scene=gas&zoom=nan": "zoom must be finite",
+    "scene=%ff": "a link must be names and values",
+    "&".join(["scene=gas"] * 100): "a link must be names and values",
+    "scene=" + "x" * 2000: "at most 1000 characters",
+}
+
+
+@pytest.mark.parametrize("query", HOSTILE)
+def test_what_cannot_be_had_is_refused_by_name(query):
+    with pytest.raises(mpsim.InputError) as refused:
+        link.read(query)
+    assert HOSTILE[query] in str(refused.value)
+    assert len(str(refused.value)) < 500
+
+
+def test_a_link_says_what_it_holds_and_is_written_again_as_it_was():
+    found = link.read(ASKED)
+    assert (found.scene, found.seed, found.beside.method, found.beside.dt) == ("gas", 3, "event", 0.005)
+    assert found.settings == mpsim.Settings(dt=0.005, method="grid")
+    assert found.changed == {"gravity": [0.0, -1.5], "restitution": 0.9}
+    assert link.write(found) == ASKED
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        "method=grid&wait&beside=%65vent&scene=gas&dt=5e-3",
+        "scene=gas&dt=0.0050&method=grid&beside=method=event",
+    ],
+)
+def test_links_that_ask_for_the_same_have_one_text(query):
+    assert link.write(link.read(query)) == "scene=gas&dt=0.005&method=grid&beside=event"
+
+
+@pytest.mark.parametrize("beside", ["event", "dt=0.001", "contact=push,passes=3", "grid,precision=float32", "naive"])
+def test_a_second_stage_is_written_as_it_is_read(beside):
+    found = link.read(f"scene=gas&beside={beside}")
+    again = link.read(link.write(found))
+    assert again == found
+    assert found.beside != found.settings
+
+
+@pytest.mark.parametrize("where", ["?", "http://127.0.0.1:8000/a-token/?", "https://elsewhere.example/?"])
+def test_a_command_opens_what_an_address_asks_for(where, monkeypatch):
+    seen = []
+    monkeypatch.setattr(live, "view", lambda asked, **more: seen.append((asked, more)))
+    outcome = CliRunner().invoke(command, [f"{where}{ASKED}&wait&speed=2#top", "--passes", "2"])
+    assert outcome.exit_code == 0, outcome.output
+    asked, more = seen.pop()
+    assert (more["name"], more["playing"], more["host"]) == ("gas", False, "127.0.0.1")
+    assert asked.settings == mpsim.Settings(dt=0.005, method="grid", passes=2), "options count more"
+    assert asked._replace(settings=link.read(ASKED).settings, seen={}) == link.read(ASKED)._replace(seen={})
+    assert asked.seen == {"wait": "", "speed": "2"}
+
+
+def test_an_address_of_a_running_view_alone_is_no_scene():
+    outcome = CliRunner().invoke(command, ["http://127.0.0.1:8000/a-token/"])
+    assert outcome.exit_code == 2
+    assert "must have a scene behind a question mark" in outcome.output
+
+
+def state_of(asked):
+    """Digest of ten frames of what a link asks for, by the library alone."""
+    with mpsim.Simulation(asked.given.redrawn(asked.seed), asked.settings) as sim:
+        sim.change(**asked.changed)
+        sim.run(frames=10)
+        return sim.digest()
+
+
+def test_a_view_of_a_link_has_its_scene_seed_parameters_and_second_stage(capsys):
+    asked = link.read(ASKED)
+    with viewed(asked._replace(seen={"wait": ""}), name="gas", playing=False) as view:
+        address = view.address.partition("?")
+        assert address[2] == f"{ASKED}&wait="
+        with Visitor(address[0]) as page:
+            page.say("visible", value=True)
+            page.say("step", frames=10)
+            page.hear_until(lambda page: page.frame == 10)
+            assert page.last["link"]["text"] == ASKED
+            assert page.last["pair"]["second"] == "event"
+            assert view._session._sim.digest() == state_of(asked)
+            assert state_of(asked._replace(changed={"restitution": 0.8})) != state_of(asked), "negative control"
+
+
+def test_a_running_view_begins_anew_with_another_scene_on_all_pages(capsys):
+    options = {"name": "mine", "playing": False}
+    with (
+        viewed(gas(80, 0.2), mpsim.Settings(method="grid"), **options) as view,
+        Visitor(view.address) as page,
+        Visitor(view.address) as other,
+    ):
+        for each in (page, other):
+            each.say("visible", value=True)
+        page.hear_until(lambda page: page.frame == 0 and "link" in page.last)
+        assert page.last["link"]["text"] is None, "it does not come with mpsim"
+        page.say("open", link=ASKED)
+        for each in (page, other):
+            each.hear_until(lambda each: (each.last.get("link") or {}).get("text") == ASKED)
+            each.hear_until(lambda each: each.phase == "paused" and len(each.picture.position) == 100)
+            assert each.last["scene"]["name"] == "gas"
+        page.say("change", name="dt", value=0.01, same=False)
+        page.hear_until(lambda page: "dt=0.005" not in page.last["link"]["text"])
+        page.say("reset")
+        page.hear_until(lambda page: page.last["link"]["text"] == ASKED)
+
+
+def test_a_wrong_link_ends_the_connection_that_sent_it_and_changes_nothing(capsys):
+    with viewed(gas(80, 0.2), mpsim.Settings(method="grid"), playing=False) as view:
+        with Visitor(view.address) as hostile:
+            hostile.say("open", link="scene=/etc/passwd")
+            with pytest.raises(Exception, match="scene of a link must be one of"):
+                hostile.hear_for(10)
+        with Visitor(view.address) as page:
+            page.say("visible", value=True)
+            page.hear_until(lambda page: page.phase == "paused" and page.frame == 0)
+            assert len(page.picture.position) == 80
+
+
+def test_a_page_can_ask_what_a_link_means(capsys):
+    with viewed(gas(80, 0.2), mpsim.Settings(method="grid"), playing=False) as view:
+        answer = fetch(view.address, path="link?wait&dt=5e-3&scene=gas")
+        assert (answer.status, answer.body) == (200, b"scene=gas&dt=0.005")
+        answer = fetch(view.address, path="link?scene=gas&count=1000000000")
+        assert answer.status == 409
+        assert b"a name in a link must be one of" in answer.body
+        assert answer.getheader("Content-Type").startswith("text/plain")
+        assert fetch(view.address.rstrip("/") + "x/", path="link?scene=gas").status == 404, "without the token"
+
+
+def test_settings_that_no_result_depends_on_are_in_no_link():
+    settings = mpsim.Settings(method="parallel", workers=2, on_worker_death="restart")
+    assert link.write(link.Link("gas", 0, settings, {}, None)) == "scene=gas&method=parallel"
+    left = {each.name for each in dataclasses.fields(mpsim.Settings)} - set(link.SETTINGS)
+    assert left == {"workers", "start_method", "unguarded", "on_worker_death"}
