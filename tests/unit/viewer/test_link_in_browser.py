@@ -45,8 +45,8 @@ def test_another_scene_is_asked_for_and_then_shown_on_all_pages(shown):
     page = page_at("?wait&method=grid&scene=dense&speed=0.5", size=(390, 844))
     until(lambda: page.is_visible("#asked-restart"))
     assert page.inner_text("#asked-text") == (
-        "This address asks for dense, method=grid. gas, method=grid is running now. A restart changes all pages of this "
-        "view."
+        "This address asks for dense, method=grid. gas, method=grid is running now. A restart changes all pages of "
+        "this view."
     )
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     assert session._name == "gas", "nothing is changed before somebody says so"
