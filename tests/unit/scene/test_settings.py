@@ -76,9 +76,9 @@ def test_an_unknown_keyword_is_refused_with_the_one_that_was_meant(case):
 
 def test_a_setting_where_a_simulation_begins_is_sent_to_settings():
     with pytest.raises(mpsim.UnknownArgumentError, match=r"got 'dt'\. Use Settings\(dt=\.\.\.\)\."):
-        mpsim.Simulation(gas(3), dt=0.01)
+        mpsim.Simulation(gas(3, 0.1), dt=0.01)
     with pytest.raises(mpsim.UnknownArgumentError) as caught:
-        mpsim.Simulation(gas(3), colour="red")
+        mpsim.Simulation(gas(3, 0.1), colour="red")
     assert "Settings" not in str(caught.value), "no setting either"
 
 
