@@ -64,7 +64,16 @@ export class ByWebGL {
       this.buffer[name] = gl.createBuffer();
     }
     this.fill("corner", new Float32Array([-1, -1, 1, -1, -1, 1, 1, 1]), 2, gl.FLOAT, false, 0);
-    this.loaded = this.radii = null;
+    this.loaded = this.radii = this.fence = this.drawn = null;
+  }
+
+  /** Whether the graphics processor, or who stands in for it, still works on the last drawing. */
+  busy() {
+    if (!this.fence || this.lost) return false;
+    if (this.gl.clientWaitSync(this.fence, 0, 0) === this.gl.TIMEOUT_EXPIRED) return true;
+    this.gl.deleteSync(this.fence);
+    this.fence = null;
+    return false;
   }
 
   fill(name, values, size, type, normalized, divisor) {
@@ -105,6 +114,9 @@ export class ByWebGL {
   draw(picture, radii, camera, images) {
     if (this.lost) return;
     const gl = this.gl, [width, height] = [this.canvas.width, this.canvas.height];
+    const asked = [picture, radii, width, height, camera.x, camera.y, camera.scale, images.length];
+    if (this.drawn?.every((each, k) => each === asked[k])) return; // the canvas still shows it
+    this.drawn = asked;
     gl.viewport(0, 0, width, height);
     gl.disable(gl.SCISSOR_TEST);
     gl.clearColor(0, 0, 0, 0);
@@ -127,6 +139,9 @@ export class ByWebGL {
       if (points) gl.drawArrays(gl.POINTS, 0, picture.count);
       else gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, picture.count);
     }
+    if (this.fence) gl.deleteSync(this.fence);
+    this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
   }
 }
 
@@ -136,6 +151,8 @@ export class ByCanvas {
     this.canvas = canvas;
     this.context = canvas.getContext("2d");
   }
+
+  busy() { return false; }
 
   draw(picture, radii, camera, images) {
     const c = this.context;

@@ -4,7 +4,7 @@ import { $, digits, state } from "./common.js";
 import { RADII, VERSION, decode } from "./decode.js";
 import { KEPT, RECORDED, drawGauges } from "./gauges.js";
 import { inNotebook, openSocket } from "./socket.js";
-import { requestDraw } from "./stage.js";
+import { afterDrawing, requestDraw } from "./stage.js";
 
 const REFUSED = [1003, 1008, 1013]; // closed for a reason that trying again would not change
 export const SPEEDS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, null]; // null: as fast as possible
@@ -48,9 +48,17 @@ export function takeBytes(buffer) {
   if (found.kind === RADII) { shown.radii = found.radii; return; }
   shown.picture = found;
   if (found.stage) return; // the picture of the first stage, of the same moment, follows
-  send({ do: "ack", serial: found.serial });
-  requestDraw();
+  due = { serial: found.serial, socket: state.socket };
+  if (document.visibilityState === "visible") requestDraw(); else acknowledge();
 }
+
+let due = null;
+/** Ask for the next picture, once the last one is drawn: a slow page is sent fewer. */
+function acknowledge() {
+  if (due?.socket === state.socket) send({ do: "ack", serial: due.serial });
+  due = null;
+}
+afterDrawing.push(() => { if (due) acknowledge(); });
 
 export function showStatus() {
   const { phase, speed, note } = state.status, open = state.socket?.readyState === WebSocket.OPEN;

@@ -35,14 +35,19 @@ export const camera = {
 
 export const stage = $("stage"), discs = $("discs-canvas"), lines = $("lines");
 
+const renderers = [];
+
 /** Who draws discs on a canvas. */
 export function rendererFor(canvas) {
+  let made;
   try {
     if (new URLSearchParams(location.search).get("canvas") === "2d") throw new Error("asked for");
-    return new ByWebGL(canvas);
+    made = new ByWebGL(canvas);
   } catch {
-    return new ByCanvas(canvas);
+    made = new ByCanvas(canvas);
   }
+  renderers.push(made);
+  return made;
 }
 export const renderer = rendererFor(discs);
 
@@ -55,10 +60,14 @@ export function images(scene) {
 export const afterDrawing = []; // other parts of the page draw over the discs
 
 let asked = false;
+/** Draw soon: when the last drawing is on the screen, or the page would be blocked until it is. */
 export function requestDraw() {
   if (asked) return;
   asked = true;
-  requestAnimationFrame(() => { asked = false; draw(); });
+  requestAnimationFrame(() => {
+    asked = false;
+    if (renderers.some((each) => each.busy())) requestDraw(); else draw();
+  });
 }
 
 export function draw() {
