@@ -77,10 +77,13 @@ class Counting:
             self._fewest *= 2
 
     def numbers(self) -> dict[str, Any]:
-        """The numbers until now, by name: pressure [mass/time^2] and its standard error, overlap [diameters]."""
+        """The numbers until now, by name: pressure [mass/time^2] and its standard error, overlap [diameters].
+
+        There is no pressure before some frames are counted, nor before a collision is: zero would be no measurement.
+        """
         value = error = math.nan
-        if self._parts:
-            totals, frames = np.array(self._parts, float).T
+        totals, frames = np.array(self._parts, float).reshape(-1, 2).T
+        if frames.sum() >= FEWEST_FRAMES and totals.any():
             found = ratio_average(totals, frames)
             value, error = found.value, found.error if found.settled else math.nan
         return {

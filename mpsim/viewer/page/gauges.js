@@ -35,6 +35,7 @@ export function drawGauges() {
 function pressureNote(gauges) {
   if (!gauges || (!gauges.counting && gauges.pressure === null)) return "not counted";
   if (gauges.pressure_note) return gauges.pressure_note;
+  if (gauges.pressure === null) return "too little counted yet";
   const error = gauges.pressure_error === null ? "error not known yet" : "";
   const bulk = gauges.bulk_pressure === null ? "" : `bulk equation of state ${digits(gauges.bulk_pressure)}`;
   return [error, bulk].filter(Boolean).join("; ");

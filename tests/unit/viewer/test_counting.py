@@ -51,6 +51,20 @@ class Some:
         self.measures, self.frames = {"pressure": mpsim.measure.Measure(pressure, 0.1, frames)}, frames
 
 
+def test_there_is_no_pressure_before_frames_and_a_collision_are_counted():
+    def counted(*runs):
+        counting = Counting()
+        for pressure, frames in runs:
+            counting.note(Some(pressure, frames))
+        return counting.numbers()["pressure"]
+
+    assert math.isnan(counted((0.0, 1)))
+    assert math.isnan(counted((2.0, 15)))
+    assert math.isnan(counted((0.0, 100)))
+    assert counted((2.0, 16)) == 2.0
+    assert counted((0.0, 8), (2.0, 8)) == 1.0
+
+
 def test_parts_stay_few_and_keep_the_mean_and_its_error():
     rng, counting = np.random.default_rng(1), Counting()
     pressures = rng.normal(2.0, 0.5, 40_000)
