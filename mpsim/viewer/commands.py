@@ -228,7 +228,10 @@ class Commanded(Source):
         self._demand_scene(action.name)
         values = action.values
         match action.name:
+            case "found" if values["number"] != self._tuning.number:
+                return  # it was given up meanwhile
             case "seed":
+                self._tuning.stop()  # it searches for another start
                 self._seed = values["value"]
                 self._show_scene(self._given.redrawn(self._seed) if self._seed else self._given)
             case "beside":
@@ -256,9 +259,9 @@ class Commanded(Source):
                 self._begin()
             self._tell_scene("playing" if self._playing else "paused")
 
-    def _found(self, settings: Settings) -> None:
+    def _found(self, number: int, settings: Settings) -> None:
         """Have settings that the search has found applied. Called by its thread."""
-        self.submit(wire.Action("found", {"settings": settings}))
+        self.submit(wire.Action("found", {"number": number, "settings": settings}))
 
     def _demand_simulation(self, what: str) -> Simulation:
         if self._over:

@@ -18,15 +18,19 @@ class Tuning:
 
     Args:
         news: called when there is something new to tell, from the thread of the search.
-        finished: called with the settings that were found, likewise.
+        finished: called with the number of the search and the settings that it has found, likewise.
+
+    Attributes:
+        number: that of the search that counts: an answer with another one comes too late.
 
     >>> tuning = Tuning(news=lambda: None, finished=print)
     >>> tuning.told()["phase"]
     'none'
     """
 
-    def __init__(self, news: Callable[[], None], finished: Callable[[Settings], None]):
+    def __init__(self, news: Callable[[], None], finished: Callable[[int, Settings], None]):
         self._news, self._finished = news, finished
+        self.number: int = 0
         self._work = Background("mpsim view: tune")
         self._told: dict[str, Any] = {"phase": "none", "text": "", "done": 0, "of": 1}
 
@@ -46,14 +50,16 @@ class Tuning:
         """Start a search; one that is under way is given up. budgets: as of `mpsim.tune`."""
         self.stop()
         self._told = {"phase": "searching", "text": "preliminary run", "done": 0, "of": 1}
-        self._work.start(lambda check: self._search(scene, budgets, check))
+        number = self.number
+        self._work.start(lambda check: self._search(scene, budgets, check, number))
 
     def stop(self) -> None:
         """Give a search up, at the next moment at which it reports its progress."""
+        self.number += 1
         self._work.stop()
         self._told = {**self._told, "phase": "none"}
 
-    def _search(self, scene: Scene, budgets: Mapping[str, float], check: Check) -> None:
+    def _search(self, scene: Scene, budgets: Mapping[str, float], check: Check, number: int) -> None:
         def progress(done: int, of: int, what: str) -> None:
             check()
             self._tell(phase="searching", text=what, done=done, of=of)
@@ -68,7 +74,7 @@ class Tuning:
             raise
         check()
         self._tell(phase="found", text=str(found))
-        self._finished(found.settings)
+        self._finished(number, found.settings)
 
     def _tell(self, **values: Any) -> None:
         self._told = {**self._told, **values}

@@ -282,6 +282,21 @@ def test_settings_that_were_found_are_applied(begin, finds):
     assert (session._sim.frame, session._sim.settings.dt, session._trade.pair.sim.settings.dt) == (0, 0.02, 0.02)
 
 
+def test_an_answer_that_comes_after_its_search_was_given_up_changes_nothing(begin, finds):
+    finds(0.02)
+    session, watcher = begin()
+    late = session._tuning.number
+    do(session, "tune", measure="pressure", budget=0.02)
+    watcher.wait(lambda w: w.told["scene"]["dt"] == 0.02)
+    counted = session._tuning.number
+    do(session, "seed", value=5)  # gives any search up
+    watcher.wait(lambda w: w.told["scene"]["seed"] == 5)
+    for number in (late, counted):
+        do(session, "found", number=number, settings=mpsim.Settings(method="grid", dt=0.005))
+    step_to(session, watcher, 2)
+    assert session._sim.settings.dt == 0.02
+
+
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of time steps that the search tries
 def test_a_search_runs_to_its_end_and_its_answer_is_applied_to_both_stages(begin, monkeypatch):

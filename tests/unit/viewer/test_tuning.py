@@ -29,7 +29,7 @@ def searched(monkeypatch):
     def begin(search):
         monkeypatch.setattr(module, "tune", search)
         told, found = [], []
-        tuning = Tuning(lambda: told.append(tuning.told()), found.append)
+        tuning = Tuning(lambda: told.append(tuning.told()), lambda number, settings: found.append(settings))
         tuning.start(SCENE, {"pressure": 0.02})
         return tuning, told, found
 
