@@ -59,6 +59,8 @@ def description(file: SceneFile) -> dict[str, str]:
     words = {"box": f"{scene.width:g} x {scene.height:g}, {boundary}"}
     words["discs"] = f"{scene.count}, radius {_range(scene.radii)}, mass {_range(scene.masses)}, "
     words["discs"] += f"packing {scene.packing:.3g}"
+    if file.compressed is not None:
+        words["start"] = f"compressed to packing {file.compressed['packing']:g} at rate {file.compressed['rate']:g}"
     if scene.count:
         mean = float(np.sqrt((scene.velocity**2).sum(axis=1).mean()))
         words["speed"] = f"{mean:.3g} (root mean square)"
@@ -96,6 +98,7 @@ def record(file: SceneFile) -> dict[str, Any]:
         "boundary": scene.boundary,
         "count": scene.count,
         "packing": scene.packing,
+        "compressed": file.compressed,
         **{feature.argument: feature.record(scene) for feature in FEATURES},
         **{name: getattr(scene, name) for name in NUMBERS},
         "duration": scene.duration,

@@ -107,7 +107,7 @@ def _redrawn(scene: Any, packing: float, rate: float, seed: int) -> Any:
 def _demand_packing(scene: Any, packing: float) -> None:
     """Refuse a packing fraction below that of the scene, or above all that discs can have."""
     if not scene.count:
-        raise InputError(f"compressed needs discs; got {scene!r}. Make a scene with some.")
+        raise InputError("compressed needs discs; got 0 discs. Make a scene with some.")
     densest = densest_packing(scene.smallest_radius, scene.largest_radius)
     if not scene.packing < packing < densest:
         raise InputError(

@@ -225,7 +225,7 @@ def random_places(
     if packing > placement.LARGEST_PACKING:
         raise InputError(
             f"packing must be at most {placement.LARGEST_PACKING} for random places; got {packing:.3g}. "
-            "Use fewer or smaller discs, a larger box or region, or a lattice."
+            "Use fewer or smaller discs, a larger box or region, or a lattice; a table [compressed] shrinks the box."
         )
     near = taken.near((corner[0], corner[1], corner[0] + width, corner[1] + height))
     if isinstance(radius, float) and not len(near) and not any(periodic):

@@ -1,6 +1,7 @@
 """Makes the Scene from the tables of a checked scene file."""
 
 import functools
+import logging
 import math
 from collections.abc import Callable, Iterator
 from itertools import islice
@@ -16,9 +17,11 @@ from mpsim.scene.scene import LARGEST_COUNT, Scene
 from mpsim.scene.scenefile.limits import MOST_PROBLEMS
 from mpsim.scene.scenefile.part import Problem
 from mpsim.scene.scenefile.parts import PARTS
-from mpsim.scene.scenefile.schema import Discs, SceneTable
+from mpsim.scene.scenefile.schema import Compressed, Discs, SceneTable
 from mpsim.scene.settings import Settings
 from mpsim.scene.starts import Taken, demand_area, lattice_sites, random_places, side_for, thermal_velocities
+
+logger: logging.Logger = logging.getLogger("mpsim")
 
 Arguments = dict[str, Any]
 """Position, velocity and what features have of each disc, of a group of discs."""
@@ -72,12 +75,21 @@ def build(table: SceneTable, variation: int | None = None) -> Scene:
     try:
         scene = Scene(**box, **_joined(groups), **parts, **plain)
         if any(discs.places == "random" or discs.temperature for discs in table.discs):
-            scene.redraw_with(functools.partial(build, table))
-        return scene
+            scene.redraw_with(functools.partial(build, table.model_copy(update={"compressed": None})))
     except InputError as error:
         tables = {name: owners for name, (_, owners) in made.items()}
         found = list(islice(_all_problems(box, groups, parts, tables), MOST_PROBLEMS + 1))
         raise ProblemsError(found or [("", str(error))]) from None
+    return scene if table.compressed is None else _compressed(scene, table.compressed)
+
+
+def _compressed(scene: Scene, wanted: Compressed) -> Scene:
+    """The scene that starts from the one given."""
+    logger.info("mpsim: compressing %r to packing %g", scene, wanted.packing)
+    try:
+        return scene.compressed(**dict(wanted))
+    except InputError as error:
+        raise ProblemsError([("compressed", str(error))]) from None
 
 
 def _box(table: SceneTable, problems: list[Problem]) -> tuple[float, float] | None:

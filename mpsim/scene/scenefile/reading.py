@@ -58,6 +58,7 @@ class SceneFile:
         scene: the scene.
         title, text, look_for: for people; "" without any.
         read: files that were read, the scene file first.
+        compressed: packing and rate of its table [compressed]; None without one.
     """
 
     name: str
@@ -66,6 +67,7 @@ class SceneFile:
     text: str
     look_for: str
     read: tuple[Path, ...]
+    compressed: dict[str, float] | None
 
     @property
     def comes_with_mpsim(self) -> bool:
@@ -116,7 +118,8 @@ def load(source: str | os.PathLike[str]) -> SceneFile:
     except RecursionError:
         raise SceneFileError(label, [_TOO_DEEP]) from None
     about = table.about or schema.About(title="")
-    return SceneFile(path.stem, scene, about.title, about.text, about.look_for, (path, *arrays.read))
+    compressed = None if table.compressed is None else dict(table.compressed)
+    return SceneFile(path.stem, scene, about.title, about.text, about.look_for, (path, *arrays.read), compressed)
 
 
 def _find(source: Any) -> Path:

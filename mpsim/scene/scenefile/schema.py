@@ -10,6 +10,7 @@ from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.features import NUMBERS, PER_DISC, VECTORS
 from mpsim.features.feature import PerDisc
+from mpsim.scene.compression import FASTEST, SLOWEST
 from mpsim.scene.scene import LARGEST_COUNT, Scene
 from mpsim.scene.scenefile.parts import PARTS
 from mpsim.scene.scenefile.rules import (
@@ -88,6 +89,16 @@ def _key_of(each: PerDisc) -> tuple[Any, Any]:
     return Annotated[float | Numbers | None, rule, Field(description=description)], default
 
 
+def _start(name: str, value: Any) -> str:
+    """A word for the start of a group; the others belong elsewhere."""
+    if value == "compressed":
+        raise InputError(
+            f"{name} must be a start of one group; got 'compressed', which is for all groups together. Use 'random' "
+            "here, and a table [compressed]."
+        )
+    return checks.choice(name, value, ("random", *LATTICES))
+
+
 class _Places(Table):
     """Where the discs of a group are."""
 
@@ -96,7 +107,7 @@ class _Places(Table):
     ] = None
     places: Annotated[
         str | None,
-        plain(checks.choice, ("random", *LATTICES)),
+        plain(_start),
         Field(description="instead of position: random, square or hexagonal (a lattice)"),
     ] = None
     count: Annotated[Count | None, Field(description="number of discs; default for a lattice: all that fit")] = None
@@ -155,6 +166,21 @@ class Discs(_Own):
         return self
 
 
+class Compressed(Table):
+    """The start is compressed: the arguments of Scene.compressed."""
+
+    packing: Annotated[
+        float,
+        plain(checks.positive, "(a fraction of the area)"),
+        Field(description="packing fraction of the scene, above that of the box as it is given"),
+    ]
+    rate: Annotated[
+        float,
+        plain(checks.between, SLOWEST, FASTEST),
+        Field(description="speed at which discs grow, as a fraction of the thermal speed, 1e-6 to 10"),
+    ] = 0.01
+
+
 _SCENE = (Scene, {"width": 1.0, "height": 1.0, "position": (), "velocity": (), "radius": 0.1})
 
 
@@ -205,6 +231,9 @@ class _SceneTable(_Physics):
     ] = ()
     about: Annotated[About | None, Field(description="title and texts")] = None
     settings: Annotated[SettingsTable | None, Field(description="recommended settings")] = None
+    compressed: Annotated[
+        Compressed | None, Field(description="the start is compressed to a higher packing, in a smaller box")
+    ] = None
     discs: Annotated[list[Discs], Field(description="groups of discs")] = []  # noqa: RUF012 - pydantic copies it
 
     @model_validator(mode="after")
@@ -233,6 +262,7 @@ LEVELS: dict[str, list[type[Table]]] = {
     "": [SceneTable],
     "about": [About],
     "settings": [SettingsTable],
+    "compressed": [Compressed],
     "discs": [Discs],
     **{part.argument: [table for _, _, table in part.tables] for part in PARTS},
 }
@@ -249,6 +279,7 @@ def reference() -> str:
     parts: list[tuple[str, type[Table]]] = [
         ("The file itself", SceneTable),
         ("`[about]`", About),
+        ("`[compressed]`", Compressed),
         ("`[[discs]]`", Discs),
     ]
     for part in PARTS:

@@ -9,7 +9,6 @@ from support.scenes import lattice
 
 import mpsim
 from mpsim.kernels.events.features import expansion
-from mpsim.scene import compression
 
 SIZES = np.repeat([0.5, 0.7], 32)
 MIXTURE = {"count": 64, "packing": 0.5, "radius": SIZES, "mass": SIZES**2, "seed": 2}
@@ -112,15 +111,6 @@ def test_jammed_discs_are_reported_with_the_packing_that_can_be_had():
 
 
 # --- negative controls: what becomes of it without growth in one of the rules, in plain Python ----------------------
-
-
-@pytest.fixture
-def plain(monkeypatch):
-    """The kernels as plain Python, of which a test can change a part."""
-    for name in ("schedule", "advance"):
-        function = getattr(compression.solver, name)
-        monkeypatch.setattr(compression.solver, name, getattr(function, "py_func", function))
-    return monkeypatch
 
 
 def few():

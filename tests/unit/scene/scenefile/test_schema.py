@@ -180,7 +180,8 @@ WRONG = {
     + "[[discs]]\nplaces = 'random'\nradius = 1\ncount = 1\nregion = [3, 3, 2, 4]": "discs[0].region must be [x_low, "
     "y_low, x_high, y_high], low before high; got [3.0, 3.0, 2.0, 4.0].",
     HEAD + "[[discs]]\nplaces = 'random'\nradius = 1\ncount = 30": "discs[0]: packing must be at most 0.8 for "
-    "random places; got 1.18. Use fewer or smaller discs, a larger box or region, or a lattice.",
+    "random places; got 1.18. Use fewer or smaller discs, a larger box or region, or a lattice; "
+    "a table [compressed] shrinks the box.",
     HEAD
     + "[piston]\nwall = 'right'\nspeed = 1\nstop = 5": "piston.speed must point into the box, < 0 for the right wall; "
     "got 1. Turn its sign, or leave the piston out.",
