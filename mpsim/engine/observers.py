@@ -66,7 +66,7 @@ class Observers(Generic[Observed]):
                 )
             if hasattr(each, "take_collisions"):
                 self._of_collisions.append(each)
-            checks.whole("every of an observer", getattr(each, "every", None), 1, 10**12, "1 looks at every frame.")
+            checks.whole("every of an observer", getattr(each, "every", None), 1, 10**12, "1 samples every frame.")
 
     @property
     def want_collisions(self) -> bool:

@@ -30,9 +30,9 @@ class Report:
         phase_seconds: phase name -> shape (frames, workers) [s]; "wait" is the time spent at barriers. For each worker
             the phases of a frame add up to its frame time.
         collisions: contacts resolved.
-        method, workers: what ran ("auto" is resolved).
+        method, workers: those used ("auto" is resolved).
         memory_bytes: resident memory of each process at the end of the run, the coordinator first; 0 for a process that
-            has died since its last frame. The shared block counts in each process that has used it.
+            has died since its last frame. The shared block is included for each process that has used it.
         block_bytes: size of the shared block.
         measures: name -> Measure(value, error, samples), for the measures that `run` was given.
         guarded: number of collisions in which the exact solver suppressed the energy loss (see `contact_time`).
@@ -110,7 +110,7 @@ class Report:
         write_parquet(self.to_pandas().reset_index(), path, TABLE)
 
     def plot(self) -> Any:
-        """Figure of the frame times, and of working and waiting of each worker: a matplotlib Figure without a window.
+        """matplotlib Figure, without a window, of the frame times and of each worker's working and waiting times.
 
         >>> from mpsim import Scene, Simulation
         >>> with Simulation(Scene.random(count=50, packing=0.2, radius=0.5)) as sim:

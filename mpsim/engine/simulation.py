@@ -51,8 +51,8 @@ class Simulation(Changing):
     """A scene being simulated. Use it in a `with` block: leaving it stops the workers and frees the shared memory.
 
     Args:
-        scene: what is simulated, in units of its own: [length], [time], [mass].
-        settings: how; if left out, those that the scene recommends, or the defaults.
+        scene: what is simulated, in its own units of [length], [time] and [mass].
+        settings: how it is simulated; None: those that the scene recommends, or the defaults.
         comm: with method="mpi", a communicator of mpi4py whose ranks all make the same calls; None: all ranks.
 
     Raises:
@@ -60,12 +60,13 @@ class Simulation(Changing):
         TooFastError: with on_fast="error", or with "substep" if it would need too many sub-steps; also during a run,
             which can then be continued.
         ResourceError, WorkerDied: if the block (SharedMemoryError) or the workers cannot be created.
-        BusyError, ForkedError: at any use, while another thread changes it, or in a fork of the process that made it.
+        BusyError, ForkedError: at any use while another thread changes the simulation, or in a fork of the process that
+            made it.
 
     Warns:
-        OverlapWarning: if discs of the start overlap.
-        FastWarning: if discs move so far in a step that they may pass through each other (also during a run, once).
-        ResolutionWarning: if the precision of the run is too coarse for the scene.
+        OverlapWarning: if discs overlap at the start. FastWarning: if discs move so far in a step that they may pass
+        through each other (also during a run, once). ResolutionWarning: if the precision of the run is too coarse for
+        the scene.
 
     >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
     >>> with Simulation(scene, Settings(dt=0.01, method="grid")) as sim:
@@ -98,7 +99,7 @@ class Simulation(Changing):
         self.close()
 
     def close(self) -> None:
-        """Stop the workers and free the shared memory. May be called again; in a fork it takes nothing from its parent.
+        """Stop the workers and free the shared memory. May be repeated; a call in a fork does not affect the parent.
 
         Raises:
             BusyError: while another thread is changing the simulation.
@@ -112,12 +113,12 @@ class Simulation(Changing):
 
     @property
     def scene(self) -> Scene:
-        """The scene as given, with the changes by `change` and `add_wall`; without discs added since."""
+        """The scene as given, with the changes made by `change` and `add_wall`, but without discs added since."""
         return self._coordinator.scene
 
     @property
     def settings(self) -> Settings:
-        """The settings as given, with the changes by `change`."""
+        """The settings as given, with the changes made by `change`."""
         return self._coordinator.settings
 
     @property
@@ -129,7 +130,7 @@ class Simulation(Changing):
     @property
     @reading
     def time(self) -> float:
-        """Simulated time since the start [time]: frame * dt (of `event` after Ctrl-C inside a frame: a little more)."""
+        """Simulated time since the start [time]: frame * dt; a little more after Ctrl-C inside a frame of `event`."""
         return self._solver.time if self._coordinator.alive else self._coordinator.last_time
 
     @property
@@ -141,7 +142,7 @@ class Simulation(Changing):
     @property
     @reading
     def substeps(self) -> int:
-        """Steps of a frame now: as set, or as on_fast="substep" has chosen; 1 for `event`, which has none."""
+        """Steps in each frame now: as set, or as chosen by on_fast="substep"; 1 for `event`, which has no steps."""
         return self._coordinator.open_solver().substeps
 
     @property
@@ -216,7 +217,7 @@ class Simulation(Changing):
 
     @property
     def pids(self) -> list[int]:
-        """Process numbers of the worker processes (the coordinator, this process, is not among them); at any moment."""
+        """Process numbers of the worker processes, without this process, the coordinator. May be read at any moment."""
         return self._coordinator.open_solver().pids
 
     @reading
@@ -241,22 +242,24 @@ class Simulation(Changing):
 
         Args:
             frames: how many, >= 0.
-            until: simulated time at which to stop [time]: the first frame that reaches it is the last; not before now.
+            until: simulated time at which to stop, not before the present one [time]. The first frame that reaches it
+                is the last.
             measures: what to measure during the run, for report.measures: "pressure", "pressure_virial", "pressure_xx",
                 "pressure_yy", "pressure_xy", "collision_rate", "contact_rate", "overlap", "largest_overlap",
                 "kinetic_energy", "temperature", "speed_kurtosis", "energy_drift", "momentum_drift". Measuring never
-                changes the digest; other measures cost nothing. If a run begins inside a frame (`event`, after Ctrl-C),
-                the two drifts are NaN.
-            progress: True: a line on standard error, with rate and time left; or a function, called as
-                progress(done, of_frames) about twenty times a second, inside a long frame as well (of `event`; of the
-                others at the end of each frame).
-            observe: an observer or several, called during the run, such as mpsim.Trajectory.write(...); changes no bit.
+                changes the digest; measures that are not asked for cost nothing. If a run begins inside a frame
+                (`event`, after Ctrl-C), the two drifts are NaN.
+            progress: True: a line on standard error, with rate and time left; or a function, called as progress(done,
+                of_frames) about twenty times a second. `event` calls it inside a long frame as well, other methods only
+                at the end of a frame.
+            observe: an observer or several, called during the run, such as mpsim.Trajectory.write(...). Observers do
+                not change the result.
             checkpoint: file for `resume`, written during the run, at its end, and on SIGTERM, which then ends the
                 process by SystemExit.
             checkpoint_every: frames between two checkpoints, >= 1; None: every checkpoint_seconds [s], > 0.
 
         Raises:
-            InputError: both or neither of frames and until, or one out of range.
+            InputError: for both or neither of frames and until, or one out of range.
             ClosedError: after `close`.
             DivergedError, WorkerDied, WorkerStalled: the run cannot continue; the simulation is closed.
             OutputError: a checkpoint or trajectory cannot be written; the simulation is as it was before that.
@@ -292,13 +295,13 @@ class Simulation(Changing):
 
     @exclusive
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write everything that the next frame depends on to a file; `resume` continues with the same bits.
+        """Write everything that the next frame depends on to a file, from which `resume` continues with the same bits.
 
-        The file is complete or absent, whenever the process or the machine dies; the previous one is kept as
-        <path>.previous. No pickle: reading it runs no code.
+        The file is never incomplete, even if the process or the machine dies while it is written. The previous one is
+        kept as <path>.previous. The file contains no pickle: reading it runs no code.
 
         Raises:
-            OutputError: if it cannot be written; what was there before is untouched.
+            OutputError: if it cannot be written; an existing file is left untouched.
             ClosedError: after `close`.
 
         >>> import tempfile
@@ -339,8 +342,8 @@ class Simulation(Changing):
             comm: as of a new simulation.
 
         Raises:
-            CheckpointError: if there is no undamaged file, or it is of a newer version.
-            InputError: for a method with other bits than the saved one.
+            CheckpointError: if there is no undamaged file, or a newer version wrote it.
+            InputError: for a method that does not give the same bits as the saved one.
         """
         saved = checkpoint_file.method_of(path) if method is None else method
         found = _read(path, comm, on_ranks(saved) or comm is not None)
@@ -371,8 +374,8 @@ class Simulation(Changing):
     ) -> Simulation:
         """Run the simulation of a journal again, and return it; it can be continued.
 
-        Its state has the digest of the journal, and its time [time] is that of the last frame: on one machine, with one
-        version; between machines see docs/determinism.md.
+        Its state has the digest of the journal, and its time [time] is that of the last frame. This holds on one
+        machine with one version; for other machines, see docs/determinism.md.
 
         Args:
             source: `sim.journal`, or a path to which `journal.save` has written it.
@@ -382,7 +385,7 @@ class Simulation(Changing):
             comm: as of a new simulation.
 
         Raises:
-            InputError: for no journal, a change in it that is refused, or one that was made inside a frame.
+            InputError: if source is not a journal, or a change in it is refused or was made inside a frame.
 
         >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
         >>> with Simulation(scene) as sim:
@@ -410,24 +413,24 @@ class Simulation(Changing):
     @property
     @reading
     def array_names(self) -> tuple[str, ...]:
-        """Names of the arrays in the shared block: those of features are there only where the scene has them."""
+        """Names of the arrays in the shared block; those of a feature exist only if the scene has the feature."""
         return self._coordinator.open_solver().array_names
 
     @property
     @reading
     def radii(self) -> NDArray[np.float64]:
-        """Radius of each disc, those added included, shape (N,), read-only [length]."""
+        """Radius of each disc, including added ones, shape (N,), read-only [length]."""
         return self._coordinator.open_solver().radii
 
     @property
     @reading
     def masses(self) -> NDArray[np.float64]:
-        """Mass of each disc, those added included, shape (N,), read-only [mass]."""
+        """Mass of each disc, including added ones, shape (N,), read-only [mass]."""
         return self._coordinator.open_solver().masses
 
     @reading
     def columns(self) -> Columns:
-        """Column of the grid that each disc is in, the worker that the column belongs to, and how many there are.
+        """Grid column of each disc, the worker that the column belongs to, and the number of workers.
 
         Raises:
             InputError: for `naive` and `event`, which have no columns.
@@ -444,7 +447,7 @@ class Simulation(Changing):
     @property
     @reading
     def absorbed(self) -> NDArray[np.bool_]:
-        """Discs that have left through an absorbing edge, shape (N,), bool. They rest where they left."""
+        """Discs that have left through an absorbing edge, shape (N,), bool. They stay where they left."""
         return self._coordinator.open_solver().absorbed
 
     @property

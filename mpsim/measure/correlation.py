@@ -32,7 +32,8 @@ class PairCorrelation:
     Attributes:
         r: shape (bins,), middle of each shell, from one diameter to r_max [length].
         g: shape (bins,), density at that distance from a disc, over the mean density [1].
-        error: shape (bins,), its standard error from the number of pairs counted, a fraction 1/sqrt(pairs) [1].
+        error: shape (bins,), its standard error, a relative error of 1/sqrt(pairs) from the number of pairs counted
+            [1].
         contact: g at one diameter, extrapolated; its error comes from the counts [1].
         density: number density of the region of the reference discs [1/length^2].
         references: number of reference discs, over all states.
@@ -52,21 +53,22 @@ def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r
     A periodic axis needs no margin: nearest images count. Between walls a disc is a reference only if its centre is at
     least radius + r_max from every wall, so that centres may lie anywhere in the shells around it. Then no shell needs
     a correction, the layers of discs at the walls bias only the shells that reach them, and the density is that of the
-    same inner region: g = pairs / (states x inner area x density^2 x shell area). The price: only the inner discs are
-    references. In dense gases choose r_max of about 4 diameters or more: closer to the walls their layers still affect
-    the density.
+    same inner region: g = pairs / (states x inner area x density^2 x shell area). The price is that only the inner
+    discs are references. In dense gases choose r_max of at least about 4 diameters: closer to the walls, the layers
+    still affect the density.
 
     The contact value comes from exp(quadratic in r), fitted to the counts as Poisson numbers up to CONTACT_RANGE
     diameters beyond contact. Pairs closer than a diameter are not counted: see `overlap`.
 
-    The density must be uniform, or g would reflect its variation in space. So scenes with gravity, acceleration,
-    emitters or capsules are refused, and states with absorbed discs or a moving wall. After a wall has come to rest,
-    the box is that of the state (`State.box`).
+    The density must be uniform, or g would reflect its variation in space. Scenes with gravity, acceleration, emitters
+    or capsules are therefore refused, as are states with absorbed discs or a moving wall. After a wall has come to
+    rest, the box is that of the state (`State.box`).
 
     Args:
         states: of equal discs in the scene's box; independent ones lower the noise.
         scene: gives box and radius, the same for all discs.
-        bins: number of shells of equal width, >= 1; for a contact value at least 4 within CONTACT_RANGE, else NaN.
+        bins: number of shells of equal width, >= 1; the contact value needs at least 4 within CONTACT_RANGE, and is NaN
+            otherwise.
         r_max: [length], > one diameter, at most half of a periodic axis, and so small that an inner region remains.
 
     Raises:

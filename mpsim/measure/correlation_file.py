@@ -1,4 +1,4 @@
-"""The file of correlations in time: all that a run has gathered so far, to be continued with the same bits."""
+"""The file of time correlations: all the data of a run so far, so that a resumed run gives the same bits."""
 
 import os
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ MOST_LEVELS = 40
 
 
 class Contents(NamedTuple):
-    """What a file holds: what was gathered, and the arguments by name."""
+    """Contents of a file: the accumulated data, and the arguments by name."""
 
     motion: Motion
     numbers: dict[str, int]
@@ -36,10 +36,10 @@ class Contents(NamedTuple):
 
 
 def new_place(path: str | os.PathLike[str]) -> Path:
-    """The path of a file that is not there yet.
+    """The path of a file that does not exist yet.
 
     Raises:
-        InputError: for another ending, or if it is there.
+        InputError: for another ending, or if the file exists.
     """
     target = place(path)
     if target.exists():
@@ -98,10 +98,10 @@ def write(
 
 
 def read(path: str | os.PathLike[str]) -> Contents:
-    """What `write` wrote, with the same bits. Nothing in the file is executed.
+    """Read what `write` wrote, bit for bit. Nothing in the file is executed.
 
     Raises:
-        InputError: if it is no such file.
+        InputError: if it is not such a file.
     """
     source = place(path)
     try:

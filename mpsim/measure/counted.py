@@ -30,7 +30,7 @@ class Run:
         speed: root mean square of one velocity component, if a measure needs it [length/time].
         flow: sums of m v_x v_x, m v_y v_y and m v_x v_y, without those of a drift along periodic axes, shape
             (samples, 3), if a measure needs them [mass length^2/time^2].
-        every: number of frames between two of these samples; the first is taken after as many.
+        every: number of frames between two of these samples; the first is taken after that many frames.
     """
 
     scene: Scene
@@ -63,8 +63,8 @@ Counts = NDArray[Any]
 def pressure(counts: Counts, run: Run) -> Measure:
     """Pressure on the walls: their total impulse / (time x their length) [mass/time^2].
 
-    Walls are the edges that are neither periodic nor absorbing. If one axis is periodic, only the other one has walls:
-    P_yy in a box periodic in x. If both are, it is `pressure_virial`.
+    Walls are the edges that are neither periodic nor absorbing. If one axis is periodic, only the other one has walls,
+    so a box periodic in x gives P_yy. If both are, it is `pressure_virial`.
     """
     if all(run.scene.periodic):
         return pressure_virial(counts, run)
@@ -94,13 +94,14 @@ def pressure_virial(counts: Counts, run: Run) -> Measure:
     In a box with hard walls, exact for any number of discs of one size (Clausius 1870):
     (W - s) F_x + (H - s) F_y = 2 E + sum r.dp / time, with s the diameter, r.dp = s |dp| of each collision, and F the
     mean force on one wall; here F_x = P H and F_y = P W. Along a periodic axis s is left out and F is the force through
-    a section of the box, so that with two of them P = (E + sum r.dp / (2 time)) / area, for discs of any sizes. E is
-    the kinetic energy, in a periodic box without that of its drift: the momentum of the whole box is no pressure, so
-    this P is kT / area below that of a system whose momentum fluctuates (Ray and Zhang, Phys. Rev. E 59, 4781, 1999).
-    Where one axis is periodic, the two directions differ (`pressure_xx`, `pressure_yy`), and `pressure` is one of them:
-    this is their mean, weighted with (W - s) H and (H - s) W. Without gravity only.
+    a section of the box, so that with two periodic axes P = (E + sum r.dp / (2 time)) / area, for discs of any sizes. E
+    is the kinetic energy. In a periodic box that of the drift is subtracted, since a common motion of all discs exerts
+    no pressure; P is then kT / area below that of a system whose total momentum fluctuates (Ray and Zhang, Phys. Rev. E
+    59, 4781, 1999). Where one axis is periodic, the two directions differ (`pressure_xx`, `pressure_yy`), and
+    `pressure` is one of them: this is their mean, weighted with (W - s) H and (H - s) W. Valid only without gravity.
 
-    E is constant, so the error is that of the collisions, with the bound for few events where there were few.
+    E is constant, so the error is that of the collisional part. If there were few collisions, it is the upper bound for
+    few events.
     """
     free_x, free_y = _free(run.scene)
     area = free_x * run.scene.height + free_y * run.scene.width
@@ -124,8 +125,8 @@ def pressure_xx(counts: Counts, run: Run) -> Measure:
     sum x dp_x / time, where x dp_x = s |dp| n_x^2 for each collision. If x is periodic, s and the drift along x are
     left out. If x has walls it is the pressure on them. If only y has walls, P_xx is less than P_yy, which is physical:
     no centre comes closer to a wall than a radius, so that less momentum flows along it. For 100 discs at packing 0.3
-    between two walls P_xx is 0.803(2) and P_yy 0.839(2) kT / diameter^2; in a larger box they differ less. Without
-    gravity only.
+    between two walls P_xx is 0.803(2) and P_yy 0.839(2) kT / diameter^2; in a larger box they differ less. Valid only
+    without gravity.
     """
     return _component(counts, counts["virial_xx"], 0, _free(run.scene)[0] * run.scene.height, run)
 
@@ -140,7 +141,7 @@ def pressure_xy(counts: Counts, run: Run) -> Measure:
     """Shear component of the pressure: flow of x momentum along y [mass/time^2], in a box without walls.
 
     (sum m v_x v_y + sum x dp_y / time) / area, of mean 0 without shear (Irving and Kirkwood, J. Chem. Phys. 18, 817,
-    1950). Smooth walls would not take up any of it.
+    1950). Smooth walls take up no shear.
     """
     return _component(counts, counts["virial_xy"], 2, run.scene.width * run.scene.height, run)
 
@@ -179,10 +180,10 @@ def contact_rate(counts: Counts, run: Run) -> Measure:
     """Contacts in which velocities changed, per disc and time [1/time]; each counts for both discs.
 
     These are collisions unless discs rest on each other. Such a contact is permanent, and a stepped method resolves it
-    again in each step: in a heap this is a number of contacts per step, which grows as 1 / dt.
+    again in each step: in a heap the rate then counts contacts per step, and grows as 1 / dt.
 
-    It goes by two names: `collision_rate` is refused in scenes where discs come to rest on each other, and is a
-    physical rate wherever it is given; `contact_rate` is given in all of them.
+    It has two names. `collision_rate` is always a physical rate, and is refused in scenes where discs come to rest on
+    each other. `contact_rate` is available in all scenes.
     """
     unit = 2 / (run.dt * max(run.count, 1))
     return block_average(counts["collisions"] * unit, event=unit, constant=True)

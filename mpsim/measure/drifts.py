@@ -30,8 +30,9 @@ class Drift(NamedTuple):
     """A drift.
 
     Attributes:
-        of: what it takes of a state.
-        rate: the drift, from what it took of the first and the last state of a run and the counts in between.
+        of: function that gives the value in a state.
+        rate: function that gives the drift, from the values in the first and last state of a run and the counts in
+            between.
     """
 
     of: Callable[[Discs, Scene], Any]

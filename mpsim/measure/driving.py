@@ -23,7 +23,7 @@ def acceleration_bound(scene: Scene) -> float:
 
 
 def strongest_field(scene: Scene) -> float:
-    """The larger of |g| and the largest acceleration given for a disc: a scale, no bound [length/time^2]."""
+    """The larger of |g| and the largest acceleration given for a disc: a scale, not a bound [length/time^2]."""
     return max(gravity_strength(scene), _largest(scene.acceleration))
 
 
@@ -33,7 +33,7 @@ def has_body_force(scene: Scene) -> bool:
 
 
 def is_inelastic(scene: Scene) -> bool:
-    """Whether a restitution below 1 takes energy: of two discs, or of a disc and what it can meet besides discs."""
+    """Whether a restitution below 1 takes energy, in contacts of two discs or of a disc with anything else."""
     has_surfaces = not all(scene.periodic) or any(each.excludes and each.is_in(scene) for each in FEATURES)
     return scene.restitution < 1 or (scene.wall_restitution < 1 and has_surfaces)
 

@@ -17,12 +17,13 @@ FEWEST_BATCHES = 10
 
 @dataclass(frozen=True)
 class Equilibration:
-    """Where a series has come to its stationary state.
+    """Where the stationary part of a series begins.
 
     Attributes:
-        start: number of samples to leave out; the first one of the stationary part [1].
+        start: number of samples to leave out, which is the index of the first stationary one [1].
         found: False if the series is too short, or never becomes stationary.
-        measure: mean of the stationary part, with its error [of the series]; not settled if it was not found.
+        measure: mean of the stationary part, with its error [of the series]; not settled if no stationary part was
+            found.
     """
 
     start: int
@@ -31,19 +32,21 @@ class Equilibration:
 
 
 def equilibration(series: ArrayLike, *, batch: int = 5) -> Equilibration:
-    """Where to cut a series off, so that its mean is not biased by how it began.
+    """Where to start averaging a series, so that its mean is not biased by the initial transient.
 
-    Of averages over batches of five samples, y_1 ... y_k, the first d are left out for which the sum of (y_i - mean)^2
-    over the others, divided by (k - d)^2, is least: leaving out more of the transient makes the scatter smaller,
-    leaving out more of the stationary part the number. It is not found if the least value is at half of the series, or
-    if the rest is correlated over so long that the error of its mean is not settled: it may drift still.
+    The series is averaged over batches of five samples, y_1 ... y_k, and the first d batches are left out. The d is
+    chosen that minimizes the sum of (y_i - mean)^2 over the other batches, divided by (k - d)^2. Leaving out more of
+    the transient reduces the scatter; leaving out more of the stationary part reduces only the number of batches. The
+    start is not found if the minimum is in the middle of the series, or if the rest is correlated over so long a time
+    that the error of its mean is not settled: the series may still be drifting.
 
-    The rule looks at the series alone. It knows nothing of transients slower than the series, and of a metastable state
-    it says that it is stationary.
+    The rule sees only the series. It cannot detect transients slower than the series, and it takes a metastable state
+    for a stationary one.
 
     Args:
         series: shape (n,), n >= 10 batches, samples at equal intervals in time, from the start [any].
-        batch: samples averaged first, >= 1; one that is short beside the correlation time changes little.
+        batch: number of samples in a batch, >= 1; it matters little if a batch is short compared with the correlation
+            time.
 
     Raises:
         InputError: if the series is not finite, not one-dimensional or too short, or batch is out of range.

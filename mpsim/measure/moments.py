@@ -1,7 +1,7 @@
 """Sums over discs in float64, in chunks, so that no process has to hold all discs.
 
-The sum of each chunk is added in the order of the discs' numbers. So it has the same bits wherever the discs are, and
-those of one sum over all where they fit one chunk. Only the discs that are present count.
+The sums of the chunks are added in the order of the discs' numbers, so the result has the same bits wherever the discs
+are. If all discs fit in one chunk, it has the bits of a single sum. Only discs that are present count.
 """
 
 import functools
@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 
 class Part(NamedTuple):
-    """Some discs one after the other, of which K are present. What it gives is of these.
+    """Consecutive discs, of which K are present. All properties are those of the present ones.
 
     Attributes:
         rows: their numbers.
@@ -66,7 +66,7 @@ def parts(discs: Discs) -> Iterator[Part]:
 
 
 def total(discs: Discs, term: Callable[[Part], Any]) -> Any:
-    """The sum of what a term gives of each part: numbers, or arrays of one shape.
+    """The sum of a term over all parts; the term gives numbers, or arrays of one shape.
 
     >>> total(State(np.zeros((3, 2)), np.ones((3, 2))), lambda part: part.velocity.sum(axis=0)).tolist()
     [3.0, 3.0]
@@ -80,10 +80,10 @@ def checked_positions(position: NDArray[np.floating]) -> Floats:
 
 
 def masses_of(name: str, scene: Scene, discs: Discs) -> Floats:
-    """Mass of each disc, shape (N,) [mass]; of discs that were added as well if all masses are 1.
+    """Mass of each disc, shape (N,) [mass]. It includes discs that were added if all masses are 1.
 
     Raises:
-        InputError: naming who asks, if the scene does not hold those of all discs.
+        InputError: naming the caller, if the scene does not hold the masses of all discs.
     """
     if scene.mass is None and all(emitter.mass in (None, 1.0) for emitter in scene.emitters):
         return equal_sizes(1.0, count_of(discs))
@@ -98,10 +98,10 @@ def radii_of(name: str, scene: Scene, discs: Discs) -> Floats:
 
 
 def one_of_each(name: str, what: str, values: Floats, discs: Discs) -> Floats:
-    """Values that the scene has for each disc, if it has one for each.
+    """Values of the scene, one for each disc.
 
     Raises:
-        InputError: naming who asks, if it has not.
+        InputError: naming the caller, if the scene has another number of values.
     """
     if len(values) != (count := count_of(discs)):
         raise InputError(

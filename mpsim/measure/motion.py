@@ -1,4 +1,4 @@
-"""Functions from correlations in time: displacements, velocity autocorrelation, scattering, diffusion constant."""
+"""Functions of time correlations: displacements, velocity autocorrelation, scattering, diffusion constant."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SQUARES, VELOCITIES, WAVES = 0, 1, 2
 """Numbers of the quantities that are correlated; WAVES is that of the first wave number."""
 
 MOST_WAVE_NUMBERS = 64
-"""Wave numbers at most: each takes a cosine per disc, axis and lag at every look."""
+"""Wave numbers at most: each takes a cosine per disc, axis and lag at every sample."""
 
 CHUNK = 2**16
 """Numbers that are multiplied together: they fit the cache of a core."""
@@ -44,8 +44,8 @@ class TimeCorrelation:
 
     Attributes:
         lag: shape (L,), rising [time].
-        width: shape (L,), half the width of the triangle over which a value is averaged in lag, by the average over
-            blocks of velocities; 0 where it is of that lag alone [time].
+        width: shape (L,), half the width of the triangular window of lags over which a value is averaged, because
+            velocities are averaged over blocks; 0 where the value belongs to that lag alone [time].
         measures: L values, each with its standard error and, as `samples`, the number of time origins.
 
     >>> found = TimeCorrelation(np.array([0.0, 1.0]), np.zeros(2), (Measure(1.0, 0.1, 9), Measure(0.5, 0.2, 8)))
@@ -69,7 +69,7 @@ class TimeCorrelation:
 
     @property
     def settled(self) -> NDArray[np.bool_]:
-        """Where the run was long enough to know the error, shape (L,); elsewhere it is a bound (see `Measure`)."""
+        """Whether the run was long enough to know the error, shape (L,); if not, it is a bound (see `Measure`)."""
         return np.array([each.settled for each in self.measures], np.bool_)
 
     def __len__(self) -> int:
@@ -81,7 +81,7 @@ class TimeCorrelation:
 
 @dataclass
 class Motion:
-    """What has been gathered of the motion of some discs.
+    """Accumulated data on the motion of some discs.
 
     Attributes:
         correlator: of samples of shape (2, D, 2), positions and velocities.
@@ -145,13 +145,13 @@ class Motion:
 
     def _window(self, lags: Floats, start: float | None, end: float | None) -> tuple[int, int]:
         """Indices of the lags nearest to start and end."""
-        looks = self.correlator.blocks.samples
-        latest = looks * self.interval / DIFFUSIVE_FRACTION * (1 + 1e-9)
+        samples = self.correlator.blocks.samples
+        latest = samples * self.interval / DIFFUSIVE_FRACTION * (1 + 1e-9)
         high = int(np.searchsorted(lags, latest, side="right")) - 1 if end is None else _nearest("end", end, lags)
         if high < 1:
             raise NotRecordedError(
-                f"diffusion needs at least {DIFFUSIVE_FRACTION} looks, or an end after the first lag; got {looks} "
-                f"looks and end = {end}. Run longer, or give another end."
+                f"diffusion needs at least {DIFFUSIVE_FRACTION} samples, or an end after the first lag; got {samples} "
+                f"samples and end = {end}. Run longer, or give another end."
             )
         if start is None:
             return min(_nearest("start", lags[high] / 2, lags), high - 1), high

@@ -1,15 +1,15 @@
-"""The multiple-tau scheme: correlations at lags from one sample to millions, in bounded memory, while samples come.
+"""The multiple-tau scheme: correlations at lags from one sample to millions, in bounded memory, as samples arrive.
 
 Level 0 keeps the last `points` samples and correlates each new one with all of them: lags 0, 1, ..., points - 1.
-Level 1 gets every second sample, or what two neighbours are merged into, and so on: level l has lags of k 2^l samples,
-with k from points / 2 to points - 1. Lags are then spaced evenly on a logarithmic scale, and each doubling of the
-longest one costs `points` samples of memory.
+Level 1 gets every second sample, or two neighbours merged into one, and so on: level l has lags of k 2^l samples, with
+k from points / 2 to points - 1. Lags are then spaced evenly on a logarithmic scale, and each doubling of the longest
+one costs `points` samples of memory.
 
     level 0   o o o o o o o o o o o o o o o o      lags 0 1 2 3 4 5 6 7
     level 1    o   o   o   o   o   o   o   o               8  10  12  14
     level 2        o       o       o       o              16  20  24  28      (points = 8)
 
-Sums of products are kept for parts of the run, from whose scatter errors follow: see `BlockSums`.
+Sums of products are kept separately for parts of the run; errors follow from the scatter of the parts: see `BlockSums`.
 
 Source: Ramirez, Sukumaran, Vorselaars & Likhtman, J. Chem. Phys. 133, 154103 (2010), with m = 2; from the hardware
 correlators of light scattering (Schaetzel, 1985).
@@ -49,7 +49,7 @@ class BlockSums:
         self.counts: NDArray[np.int64] = np.zeros((MOST_PARTS, lags), np.int64)
 
     def begin_sample(self) -> None:
-        """Another sample begins: what is added from now on is of it."""
+        """Begin another sample: products added from now on belong to it."""
         if self.samples == MOST_PARTS * self.span:
             half = MOST_PARTS // 2
             for each in (self.sums, self.counts):
@@ -144,11 +144,11 @@ class MultipleTau:
         self.received: list[int] = []
 
     def restart(self) -> None:
-        """The next sample does not follow the last one: no product spans the gap. What was summed stays."""
+        """Start anew after a gap in the samples: no product spans it. The sums so far are kept."""
         self.received = [0] * len(self.received)
 
     def add(self, sample: Any) -> None:
-        """The next sample."""
+        """Add the next sample."""
         self.blocks.begin_sample()
         for level in range(self._levels):
             before = self._take(level, sample)
@@ -184,7 +184,7 @@ def lags_of(points: int, levels: int) -> NDArray[np.int64]:
 
 
 def levels_for(longest: int, points: int) -> int:
-    """The fewest levels whose longest lag is at least so many samples.
+    """The smallest number of levels whose longest lag is at least this many samples.
 
     >>> levels_for(15, 16), levels_for(16, 16), levels_for(31, 16)
     (1, 2, 3)
@@ -196,7 +196,7 @@ def levels_for(longest: int, points: int) -> int:
 
 
 def trapezoid(lags: Sequence[float] | Floats) -> Floats:
-    """Weights of the trapezoidal rule at rising places, shape (L,).
+    """Weights of the trapezoidal rule for rising abscissas, shape (L,).
 
     >>> trapezoid([0.0, 1.0, 3.0]).tolist()
     [0.5, 1.5, 1.0]

@@ -1,9 +1,9 @@
 """Observables of one state: energies, momentum, overlaps, speeds; and the deviation between two states.
 
-All is computed in float64, whatever the precision of the state. Masses are those of the scene, 1 if it has none. Only
-the discs that are present count, not absorbed ones. Along a periodic axis distances are those of the nearest images,
-displacements those of the motion itself. If discs were added since the start, a state holds more than its scene; then
-all discs must be equal. Sums over discs take a state or what reads it in chunks (`moments`).
+Everything is computed in float64, whatever the precision of the state. Masses are those of the scene, 1 if it has none.
+Absorbed discs do not count. Along a periodic axis, distances are between nearest images, and displacements are
+unwrapped. If discs were added since the start, a state holds more discs than its scene; then all discs must be equal.
+Functions that sum over discs take a state, or an object that reads it in chunks (`moments`).
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ class SpeedDistribution:
 
     Attributes:
         edges: shape (bins + 1,), of the bins [length/time].
-        density: shape (bins,), of the speeds: fraction in a bin over its width [time/length].
-        maxwell: shape (bins,), the same of the Maxwell distribution, its mean over each bin [time/length].
+        density: shape (bins,), of the speeds: fraction of discs in a bin, divided by its width [time/length].
+        maxwell: shape (bins,), the same for the Maxwell distribution, its mean over each bin [time/length].
         distance: largest difference of the two cumulative distributions (Kolmogorov-Smirnov), from 0 to 1, taken from
-            the speeds themselves, not from the bins. For N >= 50 speeds in equilibrium 1.08/sqrt(N) is exceeded by
-            chance once in 20 times, 1.28/sqrt(N) once in 100 (the test of Lilliefors, J. Am. Stat. Assoc. 64, 387,
-            1969; both numbers from our own simulation, to 0.01).
+            the speeds themselves, not from the bins. For N >= 50 speeds in equilibrium, it exceeds 1.08/sqrt(N) in 5 %
+            of cases and 1.28/sqrt(N) in 1 % (the test of Lilliefors, J. Am. Stat. Assoc. 64, 387, 1969; both numbers
+            from our own simulation, to 0.01).
     """
 
     edges: NDArray[np.float64]
@@ -71,7 +71,7 @@ class TrajectoryDeviation:
     Attributes:
         rms: root mean square [length].
         largest: largest distance [length].
-        disc: the disc of the largest distance.
+        disc: the disc with the largest distance.
     """
 
     rms: float
@@ -82,7 +82,7 @@ class TrajectoryDeviation:
 def kinetic_energy(state: Discs, scene: Scene) -> float:
     """Kinetic energy, sum of m v^2 / 2 over the discs [mass length^2/time^2], >= 0. `scene`: that of the state.
 
-    Of discs that spin that of rotation too, which `rotational_energy` is alone.
+    For discs that spin, the energy of rotation is included; `rotational_energy` gives it alone.
 
     Raises:
         InputError: if the state is not finite, or holds more or fewer discs than the scene has masses.
@@ -96,10 +96,10 @@ def kinetic_energy(state: Discs, scene: Scene) -> float:
 
 
 def rotational_energy(state: Discs, scene: Scene) -> float:
-    """Kinetic energy of rotation, sum of m a^2 spin^2 / 4 over the discs [mass length^2/time^2]; 0 of smooth ones.
+    """Kinetic energy of rotation, sum of m a^2 spin^2 / 4 over the discs [mass length^2/time^2]; 0 for smooth ones.
 
-    The moment of inertia of a uniform disc of radius a is m a^2 / 2. `scene`: that of the state. In equilibrium, which
-    perfectly rough discs come to, it is half of the energy of translation: one degree of freedom of three.
+    The moment of inertia of a uniform disc of radius a is m a^2 / 2. `scene`: that of the state. Perfectly rough discs
+    reach equilibrium; there it is half of the energy of translation: one degree of freedom of three.
 
     Raises:
         InputError: if the state is not finite, or holds more or fewer discs than the scene has masses or radii.
@@ -114,7 +114,7 @@ def rotational_energy(state: Discs, scene: Scene) -> float:
 
 
 def potential_energy(state: Discs, scene: Scene) -> float:
-    """Energy in gravity and in each disc's own acceleration, - sum of m_i (g + a_i).r_i from the box's origin.
+    """Potential energy of gravity and of each disc's own acceleration, -sum of m_i (g + a_i).r_i from the box's origin.
 
     Each of these fields is uniform and constant, so kinetic plus potential energy is conserved by exact motion [D].
 
@@ -174,9 +174,9 @@ def temperature(state: Discs, scene: Scene, *, remove_drift: bool = False) -> fl
 
     Args:
         state, scene: the state and its scene.
-        remove_drift: subtract the velocity of the centre of mass, and divide by N - 1 instead of N. Right if the total
-            momentum is conserved (periodic boxes, kT = E/(N - 1) at rest), or if the gas flows; wrong in a box with
-            walls, where kT is E/N.
+        remove_drift: subtract the velocity of the centre of mass, and divide by N - 1 instead of N. This is correct if
+            the total momentum is conserved (periodic boxes, where kT = E/(N - 1) at rest) or if the gas flows. It is
+            wrong in a box with walls, where kT is E/N.
 
     Raises:
         InputError: if there is no disc (two are needed with `remove_drift`), or the state is not finite, or holds more
@@ -261,7 +261,7 @@ def speed_kurtosis(state: Discs) -> float:
 
 
 def speed_distribution(state: State, bins: int | ArrayLike = 50) -> SpeedDistribution:
-    """Distribution of speeds beside Maxwell's of the same mean square, of density (v/kT) exp(-v^2/(2 kT)) in 2-D.
+    """Distribution of speeds, and Maxwell's of the same mean square, with density (v/kT) exp(-v^2/(2 kT)) in 2-D.
 
     For discs of equal mass: in a mixture each species has its own distribution, so give the state of one species,
     State(position[species], velocity[species]).
@@ -303,15 +303,15 @@ def mean_squared_displacement(before: State, after: State, scene: Scene | None =
 
     Args:
         before, after: the states, both with image flags or both without.
-        scene: that of the states. Needed along periodic axes for states without image flags, made by hand or read from
-            an old file: the nearest image is taken, which is right if no disc has moved by half of that axis. Without a
-            scene and flags, positions are taken as they are.
+        scene: that of the states. It is needed along periodic axes if the states have no image flags, because they were
+            made by hand or read from an old file: the nearest image is then taken, which is right if no disc has moved
+            by half of that axis. Without a scene and flags, positions are taken as they are.
 
     Raises:
         InputError: if the states have no disc in common or different numbers of them, or are not finite; if only one
             has image flags, as then displacements are unknown.
 
-    Source: Einstein (1905): 4 D t after long times in two dimensions, D the diffusion coefficient.
+    Source: Einstein (1905): 4 D t at long times in two dimensions, with the diffusion coefficient D.
 
     >>> mean_squared_displacement(State(np.zeros((2, 2)), np.zeros((2, 2))), State(np.ones((2, 2)), np.zeros((2, 2))))
     2.0
@@ -338,7 +338,7 @@ def mean_squared_displacement(before: State, after: State, scene: Scene | None =
 
 
 def trajectory_error(state: State, reference: State, scene: Scene | None = None) -> TrajectoryDeviation:
-    """Deviation of the discs from their positions in a reference state of the same time, such as the exact solver's.
+    """Deviation of the discs from their positions in a reference state at the same time, such as the exact solver's.
 
     Meaningful only while the motion is predictable: see `predictability.require_predictable`. Discs that are absent in
     both states are left out; one that is absent in one of them counts where it left the box.

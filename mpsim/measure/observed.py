@@ -10,7 +10,7 @@ from mpsim.scene.settings import Settings
 
 
 class Observed(Protocol):
-    """What is read of a simulation."""
+    """What observers read from a simulation."""
 
     @property
     def frame(self) -> int:
@@ -34,12 +34,12 @@ class Observed(Protocol):
 
     @property
     def scene(self) -> Scene:
-        """What is simulated."""
+        """Its scene."""
         ...
 
     @property
     def settings(self) -> Settings:
-        """How."""
+        """Its settings."""
         ...
 
 
@@ -58,7 +58,7 @@ class OneSimulation:
         """Bind to this simulation the first time; from then on make sure that it is the same.
 
         Raises:
-            InputError: if it is another.
+            InputError: if it is another one.
         """
         if not self._owner.is_to(sim):
             raise InputError(

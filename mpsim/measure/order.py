@@ -31,11 +31,11 @@ class StructureFactor:
     """Static structure factor, averaged over shells of wave vectors.
 
     Attributes:
-        k: shape (bins,), mean wave number of each shell, NaN of one without vectors [1/length].
+        k: shape (bins,), mean wave number of each shell, NaN for a shell without vectors [1/length].
         s: shape (bins,), S(k), NaN likewise [1].
-        error: shape (bins,), standard error S / sqrt(vectors x states), as in a fluid |rho_k|^2 is distributed
-            exponentially, and independent from vector to vector, if the states are independent [1].
-        vectors: shape (bins,), number of wave vectors, of k and -k one.
+        error: shape (bins,), standard error S / sqrt(vectors x states), for independent states: in a fluid |rho_k|^2 is
+            exponentially distributed, independently for each vector [1].
+        vectors: shape (bins,), number of wave vectors, with k and -k counted once.
     """
 
     k: Floats
@@ -81,7 +81,7 @@ class HexaticCorrelation:
 def structure_factor(states: State | Sequence[State], scene: Scene, k_max: float, bins: int = 50) -> StructureFactor:
     """Static structure factor S(k) = |sum over discs of exp(i k.r)|^2 / K in a periodic box, in shells from 0 to k_max.
 
-    Wave vectors are those of the box, k = 2 pi (n_x/width, n_y/height), all of them but 0.
+    Wave vectors are those of the box, k = 2 pi (n_x/width, n_y/height), all of them except 0.
 
     Args:
         states: of discs in the scene's box, absorbed ones left out; independent ones lower the noise.
@@ -206,11 +206,11 @@ def hexatic_correlation(states: State | Sequence[State], scene: Scene, bins: int
 
 
 def to_freud(state: State, scene: Scene) -> tuple[Any, NDArray[np.float32]]:
-    """The discs that are present as freud takes them: a box of two dimensions, and points, shape (K, 3) [length].
+    """The discs that are present, in freud's form: a two-dimensional box, and points, shape (K, 3) [length].
 
-    Voronoi cells, clusters and all else of freud follow from these: `freud.locality.Voronoi().compute(to_freud(...))`.
-    Points are relative to the middle of the box, in float32, which is what freud computes in. A box that has moved, as
-    by a piston, is that of the state.
+    Voronoi cells, clusters and everything else in freud can be computed from these:
+    `freud.locality.Voronoi().compute(to_freud(...))`. Points are relative to the middle of the box, in float32, which
+    is what freud computes in. If a piston has moved a wall, the box is that of the state.
 
     Args:
         state: at any moment.
@@ -218,7 +218,7 @@ def to_freud(state: State, scene: Scene) -> tuple[Any, NDArray[np.float32]]:
 
     Raises:
         InputError: if the state is not finite.
-        NotMeasurableError: if the package freud-analysis is not there.
+        NotMeasurableError: if the package freud-analysis is not installed.
 
     >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1, boundary="periodic")
     >>> box, points = to_freud(State(scene.position, scene.velocity), scene)

@@ -30,8 +30,8 @@ class Predictability:
     Attributes:
         rate: largest Lyapunov exponent lambda, with its standard error [1/time].
         lyapunov_time: 1/lambda, in which a difference grows by a factor of e [time].
-        horizon: AGREEMENT/lambda, for about which two correct float64 solvers agree [time].
-        comparable_until: ASSERTED x horizon, up to which a comparison is allowed [time].
+        horizon: about how long two correct float64 solvers agree, AGREEMENT/lambda [time].
+        comparable_until: latest time at which a comparison is allowed, ASSERTED x horizon [time].
     """
 
     rate: Measure
@@ -49,8 +49,8 @@ def predictability(time: ArrayLike, distance: ArrayLike, *, lowest: float = 0.0,
     finite window depends on where the difference starts: average several starts for the exponent itself.
 
     Use the exact solver for both runs. `contact="push"` moves touching discs to a fixed distance, which erases the
-    difference along the line of centres at each contact: its runs diverge at 1.8 per time, at any dt, exact ones at 2.9
-    (256 discs, packing 0.3, kT = 1), so that its horizon would be too long.
+    difference along the line of centres at each contact. Its runs diverge at a rate of 1.8 at any dt, exact ones at 2.9
+    (256 discs, packing 0.3, kT = 1), so its horizon would be too long.
 
     Args:
         time: shape (n,), n >= 3, rising in equal steps [time].

@@ -2,8 +2,8 @@
 
 Discs have mass 1 and, unless stated otherwise, restitution 1. kT is the mean square of one velocity component
 [length^2/time^2], packing the fraction of the area covered by discs, sigma = 2 radius their diameter. The collision
-rate of a gas is per disc and time (a collision counts for both discs), that of just two discs per pair. Motions, and
-gases out of equilibrium, are in `reference_motion`.
+rate of a gas is per disc and time (a collision counts for both discs); that of two discs alone is per pair and time.
+Motion, and gases out of equilibrium, are in `reference_motion`.
 """
 
 from __future__ import annotations
@@ -91,9 +91,9 @@ def compressibility(packing: float) -> float:
 
 
 def finite_size(packing: float, count: int) -> float:
-    """Z of a periodic box of N discs less that of the bulk fluid, -(packing / 2N) p''/p' with p = packing Z [1].
+    """Z of a periodic box of N discs minus that of the bulk fluid, -(packing / 2N) p''/p' with p = packing Z [1].
 
-    To order 1/N, at a fixed number of discs. For a dilute gas it says that a disc can meet N - 1 others, not N.
+    To order 1/N, at a fixed number of discs. In a dilute gas it expresses that a disc can meet N - 1 others, not N.
 
     Args:
         packing: 0 <= packing <= LARGEST_PACKING [1].
@@ -126,7 +126,7 @@ def pade(virial: Sequence[float], top: int) -> tuple[NDArray[np.float64], NDArra
 
     Source: Z = P/Q agrees with the series through x^K, which is a linear system for Q.
 
-    >>> [each.tolist() for each in pade((1.0, 1.0), 1)]  # 1 + x + x^2 is 1 / (1 - x) so far
+    >>> [each.tolist() for each in pade((1.0, 1.0), 1)]  # 1 + x + x^2 is 1 / (1 - x) to this order
     [[1.0, 0.0], [1.0, -1.0]]
     """
     series, order = np.array([1.0, *virial]), len(virial)
@@ -185,7 +185,7 @@ def enskog_rate(packing: float, radius: float = 0.5, temperature: float = 1.0) -
         InputError: naming the argument and its rule.
 
     Source: Chapman & Cowling, The Mathematical Theory of Non-uniform Gases (1970), ch. 16, in two dimensions. Exact in
-    equilibrium but for terms of 1/N (see `shell_factor`), since places and velocities are independent.
+    equilibrium up to terms of order 1/N (see `shell_factor`), since positions and velocities are independent.
 
     >>> [round(enskog_rate(packing), 5) for packing in (0.01, 0.1, 0.3, 0.5)]
     [0.04585, 0.53292, 2.39952, 7.01004]
@@ -199,9 +199,9 @@ def enskog_rate(packing: float, radius: float = 0.5, temperature: float = 1.0) -
 def enskog_diffusion(packing: float, radius: float = 0.5, temperature: float = 1.0) -> float:
     """Diffusion constant of a disc among equal ones, kT / `enskog_rate` [length^2/time], in first Sonine order.
 
-    A collision takes 2 kT from <v.v(0)> on average, of 2 kT at the start, so that it decays as exp(-rate t) at first.
-    Dilute, higher orders add some per cent; dense, motion is correlated, and in two dimensions D depends on the size
-    of the box.
+    <v.v(0)> starts at 2 kT, and a collision reduces it by 2 kT on average, so it decays as exp(-rate t) at first. In a
+    dilute gas, higher orders add some per cent. In a dense one, successive collisions are correlated, and in two
+    dimensions D depends on the size of the box.
 
     Args:
         packing: 0 < packing <= LARGEST_PACKING [1].
@@ -228,7 +228,8 @@ def compressibility_from_rate(rate: float, radius: float, temperature: float, de
         rate: collisions per disc and time, >= 0 [1/time].
         radius: > 0 [length].
         temperature: kT > 0, from energy = degrees/2 x kT [length^2/time^2].
-        degrees: of freedom of the velocities: 2 N between walls, 2 (N - 1) periodic at rest; None: infinitely many.
+        degrees: of freedom of the velocities: 2 N between walls, 2 (N - 1) in a periodic box at rest; None: infinitely
+            many.
 
     Raises:
         InputError: naming the argument and its rule.
@@ -246,7 +247,7 @@ def compressibility_from_rate(rate: float, radius: float, temperature: float, de
 
 
 def shell_factor(degrees: int) -> float:
-    """Mean |u| of one velocity component at infinitely many degrees of freedom over that at fixed energy [1], < 1.
+    """Mean |u| of a velocity component for infinitely many degrees of freedom, over its mean at fixed energy [1], < 1.
 
     sqrt(2/K) Gamma((K + 1)/2) / Gamma(K/2), which is 1 - 1/(4 K) + ... for K degrees of freedom.
 
@@ -333,7 +334,7 @@ class TwoDiscs:
 
     Attributes:
         phase_area: Omega, configuration integral of both discs [length^4].
-        force_x, force_y: mean force on one wall across x, and on one across y [length/time^2].
+        force_x, force_y: mean force on a wall perpendicular to x, and on one perpendicular to y [length/time^2].
         wall_rate: hits of either disc on any wall, per time [1/time].
         pair_rate: collisions of the pair, per time [1/time].
 
@@ -441,8 +442,8 @@ def potential_energy_per_disc(energy: float, count: int) -> float:
     Raises:
         InputError: naming the argument and its rule.
 
-    Source: each disc has two kinetic terms v^2/2, of 1/2 share each, and one linear term m g y, of share 1, among the
-    2 N shares of the energy (microcanonical average, integration by parts) [D].
+    Source: each disc has two kinetic terms v^2/2, with a share of 1/2 each, and one linear term m g y, with a share of
+    1, of the 2 N shares of the energy (microcanonical average, integration by parts) [D].
 
     >>> potential_energy_per_disc(energy=30.0, count=10)
     1.5

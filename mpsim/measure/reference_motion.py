@@ -140,7 +140,7 @@ def end_of_bouncing(height: float, gravity: float, restitution: float) -> float:
     """Time at which a disc dropped at rest has made all its bounces, sqrt(2 h/g) (1 + e)/(1 - e) [time].
 
     Args:
-        height: h, of its lowest point over the floor, >= 0 [length].
+        height: h, of its lowest point above the floor, >= 0 [length].
         gravity: g, magnitude, > 0 [length/time^2].
         restitution: e, 0 <= e < 1 [1].
 
@@ -271,7 +271,7 @@ def largest_speed(count: int, frames: int, temperature: float = 1.0) -> float:
 def tunnelling_dt(radius: float, speed: float) -> float:
     """Longest frame in which two discs cannot pass through each other undetected, radius / speed [time].
 
-    Two discs of this speed approach by 2 speed dt = one diameter in it.
+    In this time two discs of this speed approach each other by 2 speed dt, which is one diameter.
 
     Args:
         radius: > 0 [length].

@@ -1,8 +1,8 @@
 """The registry of all quantities that runs and trade-off studies can measure.
 
 A run measures by three kinds of functions. *Counted* ones take sums that the kernels keep for each frame on request:
-impulses on walls and between discs, overlaps. *Sampled* ones are functions of a state, of which the run averages those
-of fixed frames. *Drifts* compare the final state with the initial one and with the counts in between.
+impulses on walls and between discs, overlaps. *Sampled* ones are functions of a state; the run averages their values at
+fixed frames. *Drifts* compare the final state with the initial one and with the counts in between.
 """
 
 from collections.abc import Callable
@@ -54,15 +54,15 @@ def _of_one_disc(run: Run) -> bool:
 
 @dataclass(frozen=True)
 class Observable:
-    """What is known of one observable.
+    """What is known about one observable.
 
     Attributes:
         counted, sampled, drift: the function, of one of the kinds; none of them where only a trade-off study has it.
-        constant: whether physics keeps a sampled value constant in a run. If not, a series that has not changed so far
-            may still do so, and its error is unknown: an observable that does not say counts as one of these.
-        needs: what a sampled value is undefined without; it is NaN then, and the run continues.
-        error: how a trade-off study takes its error; None: it does not.
-        unit: of that error; "%" of a number without a unit.
+        constant: whether physics keeps a sampled value constant in a run. If not, which is the default, a series that
+            has not changed so far may still change, and its error is unknown.
+        needs: what a sampled value requires to be defined; without it the value is NaN, and the run continues.
+        error: how a trade-off study computes its error; None: it does not.
+        unit: of that error; "%" for a dimensionless quantity.
     """
 
     counted: Callable[[Counts, Run], Measure] | None = None

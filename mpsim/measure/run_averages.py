@@ -1,6 +1,6 @@
 """Averages during a run: what each measure needs, and how its value and error are computed.
 
-Which there are, and of which kinds, `registry` says. States are sampled at fixed frames, so that neither the number of
+The measures and their kinds are listed in `registry`. States are sampled at fixed frames, so that neither the number of
 workers nor the length of a slice can change an average.
 """
 
@@ -197,9 +197,9 @@ class RunAverages:
     Args:
         names: of measures, checked.
         frames: of the run; states are sampled about every frames / SAMPLES frames.
-        scene: whose discs they are.
-        of_discs: what a function of the present state gives. Where several processes share the simulation, one of them
-            calls it, and all get what it gives.
+        scene: the scene of the run.
+        of_discs: gives the value of a function of the present state. Where several processes share the simulation, one
+            of them calls the function, and all get its value.
         whole: whether the run begins with a whole frame. After Ctrl-C inside a frame it does not; the counts then
             include all of that frame: rates are right, but drifts between two states are not.
     """
@@ -219,10 +219,10 @@ class RunAverages:
         self._every = max(frames // (FLOW_SAMPLES if "flow" in self._sampled else SAMPLES), 1)
 
     def interrupted(self, scene: Scene, count: int) -> None:
-        """Discs or parameters have been changed in the run.
+        """Record that discs or parameters have been changed during the run.
 
-        NaN are from then on the drifts, as what was put in is none; the virial, which takes the kinetic energy for
-        constant; and what a run of such a scene could not have.
+        From then on these are NaN: drifts, since the change made is not a drift; the virial, which assumes a constant
+        kinetic energy; and all measures that a run of the new scene could not have.
 
         Args:
             scene: from now on.

@@ -1,4 +1,4 @@
-"""A function of the state as a series along a run."""
+"""A function of the state as a time series along a run."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from mpsim.scene.scene import Scene
 
 
 class Series:
-    """An observer for `Simulation.run(observe=...)` that notes a number of the state every so many frames.
+    """An observer for `Simulation.run(observe=...)` that records a function of the state every few frames.
 
-    It is in memory only, 16 bytes a look; the table of `mpsim run --out` is a file. A frame is noted once.
+    The series is kept in memory only, at 16 bytes a sample; `mpsim run --out` writes a table to a file. A frame is
+    recorded once.
 
     Args:
         function: called as function(state, scene), gives a number [any], such as `measure.temperature`.
-        every: frames between two looks, >= 1.
+        every: frames between two samples, >= 1.
 
     Raises:
         InputError: naming the argument, its rule and the value received; in the run, if the function gives no number,
@@ -43,14 +44,14 @@ class Series:
                 f"function of a Series must be called as function(state, scene); got {checks.brief(function)}. Use "
                 "mpsim.measure.temperature, for instance."
             )
-        self.every: int = checks.whole("every", every, 1, 10**12, "1 looks at every frame.")
+        self.every: int = checks.whole("every", every, 1, 10**12, "1 samples every frame.")
         self._function = function
         self._owner = OneSimulation("a Series")
         self._frame = -1
         self._rows: list[tuple[float, float]] = []
 
     def look(self, sim: Observed, collisions: int) -> None:
-        """Note the number of the present frame, unless it has been noted.
+        """Record the value at the present frame, unless it has been recorded.
 
         Args:
             sim: the simulation, always the same.
@@ -66,19 +67,19 @@ class Series:
 
     @property
     def time(self) -> NDArray[np.float64]:
-        """Times of the looks, shape (n,) [time]."""
+        """Times of the samples, shape (n,) [time]."""
         return np.array([time for time, _ in self._rows])
 
     @property
     def value(self) -> NDArray[np.float64]:
-        """What the function gave, shape (n,) [of the function]."""
+        """Values of the function, shape (n,) [of the function]."""
         return np.array([value for _, value in self._rows])
 
     def equilibration(self, *, batch: int = 5) -> Equilibration:
-        """Where the series has come to its stationary state, `measure.equilibration` of its values.
+        """Where the stationary part of the series begins, from `measure.equilibration` of its values.
 
         Args:
-            batch: samples averaged first.
+            batch: number of samples in a batch.
 
         Raises:
             InputError: if there are too few values, or one is not finite.

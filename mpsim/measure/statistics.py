@@ -79,7 +79,7 @@ def block_average(
     averages give too small errors, and negative ones, for which they give too large errors (impulses on the walls of a
     dilute gas: by a factor of 4 to 10). The error is known to 7 to 19 %.
 
-    Not `settled` are series
+    The error is not `settled` for series
 
     - of fewer than 33 samples, or shorter than MEMORIES correlation times, as seen from the fall of S. The error is the
       largest of `block_errors`, a lower bound. A slow component is seen only if it is large enough: with 0.3 of the
@@ -174,7 +174,7 @@ def ratio_average(numerator: ArrayLike, denominator: ArrayLike) -> Measure:
         The ratio, with the number of events as `samples`. Not `settled` for fewer than FEWEST_EVENTS events.
 
     Raises:
-        InputError: if the series are not finite, of two lengths or not one-dimensional.
+        InputError: if the series are not finite, of different lengths or not one-dimensional.
 
     Source: Cochran, Sampling Techniques (Wiley 1977), eq. 6.3.
 
@@ -196,8 +196,8 @@ def ratio_average(numerator: ArrayLike, denominator: ArrayLike) -> Measure:
 def block_errors(series: ArrayLike) -> NDArray[np.float64]:
     """Standard errors of the mean from blocks of 1, 2, 4, ... samples: the curve whose plateau is the error.
 
-    It ends at FEWEST_BLOCKS blocks. Each is known to the fraction 1/sqrt(2 (blocks - 1)) (Flyvbjerg & Petersen 1989,
-    eq. 28).
+    It ends at FEWEST_BLOCKS blocks. Each has a relative uncertainty of 1/sqrt(2 (blocks - 1)) (Flyvbjerg & Petersen
+    1989, eq. 28).
 
     Args:
         series: shape (n,) [any].

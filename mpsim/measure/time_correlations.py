@@ -47,25 +47,25 @@ class Correlations:
     """An observer for `Simulation.run(observe=...)` that averages correlations in time over discs and time origins.
 
     Displacements are exact in a periodic box too: the solver counts every crossing of a border (`State.unwrapped`), so
-    a disc may cross the box any number of times between two looks (samples). A motion common to all discs counts as
+    a disc may cross the box any number of times between two samples. A motion common to all discs counts as
     displacement; `Scene.random` starts without one.
 
-    Lags are 0, 1, ..., points - 1 looks, and then points/2 lags in each doubling (multiple-tau scheme). Positions are
-    compared exactly at the given lag, using every look, every second look, every fourth look, and so on. At longer
-    lags, velocities are first averaged over 2, 4, ... looks, so that all looks are used; the value is then an average
-    over lags within `TimeCorrelation.width`, at most 2/points of the lag.
+    Lags are 0, 1, ..., points - 1 sampling intervals, and then points/2 lags in each doubling (multiple-tau scheme).
+    Positions are compared exactly at the given lag, using every sample, every second sample, every fourth, and so on.
+    At longer lags, velocities are first averaged over 2, 4, ... samples, so that all samples are used; the value is
+    then an average over lags within `TimeCorrelation.width`, at most 2/points of the lag.
 
     Errors are standard errors of the average over this run, at its energy. They are computed by `block_average` from up
     to 256 parts of the run, which includes correlations in time and between discs. If a run is too short for a lag,
-    `settled` is False. After a pause between two looks, or a change of discs between two runs, averages continue, but
+    `settled` is False. After a pause between two samples, or a change of discs between two runs, averages continue, but
     no lag spans the interruption.
 
     Args:
-        every: frames between two looks, >= 1. A tenth of the mean free time resolves the decay of velocities.
+        every: frames between two samples, >= 1. A tenth of the mean free time resolves the decay of velocities.
         start: simulated time at which sampling starts, >= 0 [time], for example after equilibration.
         discs: numbers of the discs to follow, shape (D,), each once; None: all.
         wave_numbers: shape (K,), > 0, for `scattering` [1/length].
-        longest: longest lag, > 0 [time]; None: 7.8 million looks.
+        longest: longest lag, > 0 [time]; None: 7.8 million sampling intervals.
         points: samples kept at each level, even, from 4 to 256.
         path: name of a file (.npz) that is written with each checkpoint of the run, for `load`; None: no file.
 
@@ -98,7 +98,7 @@ class Correlations:
         points: int = 16,
         path: str | os.PathLike[str] | None = None,
     ):
-        self.every: int = checks.whole("every", every, 1, 10**12, "1 looks at every frame.")
+        self.every: int = checks.whole("every", every, 1, 10**12, "1 samples every frame.")
         self.start: float = checks.non_negative("start", start, "[time]")
         self.wave_numbers: Floats = _wave_numbers(wave_numbers)
         self._discs = None if discs is None else _numbers(discs)
@@ -108,10 +108,10 @@ class Correlations:
             raise InputError(f"points must be even, as half of them are kept for each doubling; got {points}. Use 16.")
         self.path: Path | None = None if path is None else correlation_file.new_place(path)
         self._motion: Motion | None = None
-        self._bound: tuple[float, int] | None = None  # dt and number of discs at the first look
+        self._bound: tuple[float, int] | None = None  # dt and number of discs at the first sample
         self._owner = OneSimulation("Correlations")
-        self._frame: int = -1  # of the last look that counted
-        self._continuing = False  # whether looks up to that one are those of a run that is done again
+        self._frame: int = -1  # of the last sample that counted
+        self._continuing = False  # whether samples up to that one are those of a run that is done again
 
     def look(self, sim: Observed, collisions: int) -> None:
         """Take a sample of the present frame, unless it has one already.
@@ -165,7 +165,7 @@ class Correlations:
             )
 
     def _begin(self, sim: Observed) -> Motion:
-        """What there is at the first look."""
+        """Data at the first sample."""
         if self._discs is None and (adds_discs(sim.scene) or removes_discs(sim.scene)):
             raise InputError(
                 "discs of Correlations must be given for a scene in which discs enter or leave; got None. Give the "
@@ -193,22 +193,22 @@ class Correlations:
         return self._motion
 
     def _levels(self, interval: float) -> int:
-        """Levels of the correlator whose looks have this interval."""
+        """Levels of the correlator whose samples have this interval."""
         if self._longest is None:
             return LEVELS
-        if (looks := self._longest / interval) > MOST_LOOKS:
+        if (intervals := self._longest / interval) > MOST_LOOKS:
             raise InputError(
-                f"longest must be at most {MOST_LOOKS:g} looks, which come every {interval:g}; got {self._longest:g}. "
-                "Give a shorter lag, or look less often."
+                f"longest must be at most {MOST_LOOKS:g} sampling intervals of {interval:g}; got {self._longest:g}. "
+                "Give a shorter lag, or sample less often."
             )
-        return levels_for(math.ceil(looks), self._points)
+        return levels_for(math.ceil(intervals), self._points)
 
     @property
     def msd(self) -> TimeCorrelation:
-        """Mean squared displacement, <|r(t) - r(0)|^2> [length^2], <v^2> t^2 at first, 4 D t in the end.
+        """Mean squared displacement, <|r(t) - r(0)|^2> [length^2]: <v^2> t^2 at short times, 4 D t at long ones.
 
         Raises:
-            NotRecordedError: before the first look.
+            NotRecordedError: before the first sample.
         """
         return self._gathered().function(SQUARES)
 
@@ -217,19 +217,21 @@ class Correlations:
         """Velocity autocorrelation, <v(t).v(0)> [length^2/time^2]; 2 kT/m at lag 0 in equilibrium.
 
         Raises:
-            NotRecordedError: before the first look.
+            NotRecordedError: before the first sample.
         """
         return self._gathered().function(VELOCITIES)
 
     def scattering(self, wave_number: float) -> TimeCorrelation:
-        """Self intermediate scattering function, <cos(k (x(t) - x(0)))> averaged over x and y [1]; exp(-k^2 D t) late.
+        """Self intermediate scattering function, <cos(k (x(t) - x(0)))> averaged over x and y [1].
+
+        It tends to exp(-k^2 D t) at long times.
 
         Args:
             wave_number: k, one of those given at the start [1/length].
 
         Raises:
             InputError: if it is not one of these.
-            NotRecordedError: before the first look.
+            NotRecordedError: before the first sample.
         """
         k = checks.positive("wave_number", wave_number, "[1/length]")
         at = np.flatnonzero(np.isclose(self.wave_numbers, k, rtol=1e-12, atol=0.0))
@@ -247,7 +249,7 @@ class Correlations:
 
         From displacements, it is (MSD(end) - MSD(start)) / (4 (end - start)). From velocities, it is half the integral
         of their autocorrelation from 0 to t, averaged over t from start to end. In a stationary state both are the same
-        number, from different samples; the second has an error of the trapezoidal rule of order (interval of looks /
+        number, from different samples; the second has an error of the trapezoidal rule of order (sampling interval /
         mean free time)^2 / 12.
 
         In two dimensions D(t) grows slowly, like log t, in an infinite fluid (Alder & Wainwright 1970). In a periodic
@@ -265,7 +267,7 @@ class Correlations:
 
         Raises:
             InputError: for lags that were not recorded, or start >= end.
-            NotRecordedError: if there were too few looks.
+            NotRecordedError: if there were too few samples.
 
         Source: Einstein (1905); Green (1954), Kubo (1957).
         """
@@ -280,7 +282,7 @@ class Correlations:
 
         Raises:
             InputError: for another ending.
-            NotRecordedError: before the first look.
+            NotRecordedError: before the first sample.
             OutputError: if it cannot be written.
         """
         motion = self._gathered()
@@ -298,14 +300,14 @@ class Correlations:
     def load(cls, path: str | os.PathLike[str]) -> Correlations:
         """Read what `save` or a run with checkpoints has written, for reading, or to observe the resumed simulation.
 
-        The simulation may resume at an earlier frame: looks that are in the file are not taken again. The averages then
-        have the same bits as those of an uninterrupted run. The file is written with each further checkpoint.
+        The simulation may resume at an earlier frame: samples that are in the file are not taken again. The averages
+        then have the same bits as those of an uninterrupted run. The file is written with each further checkpoint.
 
         Args:
             path: of the file.
 
         Raises:
-            InputError: if it is no such file.
+            InputError: if it is not such a file.
 
         >>> import tempfile, mpsim
         >>> scene = mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
@@ -334,8 +336,8 @@ class Correlations:
     def __repr__(self) -> str:
         if self._motion is None:
             return "<Correlations: nothing gathered yet>"
-        looks, discs = self._motion.correlator.blocks.samples, len(self._motion.discs)
-        return f"<Correlations: {looks} looks at {discs} discs, lags up to {self._motion.lags[-1]:g}>"
+        samples, discs = self._motion.correlator.blocks.samples, len(self._motion.discs)
+        return f"<Correlations: {samples} samples of {discs} discs, lags up to {self._motion.lags[-1]:g}>"
 
     def _gathered(self) -> Motion:
         if self._motion is None:

@@ -1,8 +1,8 @@
 """Compression of a scene to a higher packing fraction.
 
 As Lubachevsky and Stillinger do it (J. Stat. Phys. 60, 561, 1990): the exact solver moves the discs while their radii
-grow in proportion to time. The growth heats them, so their speeds are scaled back now and then. In the end the box and
-all places are scaled down, so that each disc has the radius that it had.
+grow in proportion to time. The growth heats them, so their speeds are scaled back from time to time. In the end the box
+and all places are scaled down, so that each disc has the radius that it had.
 """
 
 import copy
@@ -54,19 +54,21 @@ class Compresses:
 
         By the algorithm of Lubachevsky and Stillinger (J. Stat. Phys. 60, 561, 1990): discs fly and collide by the
         exact solver while their radii grow in proportion to time; then the box and all places are scaled down. Each
-        disc keeps its radius, and all together their kinetic energy. Gravity, accelerations, restitution, friction
-        and a thermostat do not act meanwhile. The same scene gives the same bits; `redrawn` compresses another start.
+        disc keeps its radius, and the total kinetic energy is unchanged. Gravity, accelerations, restitution, friction
+        and a thermostat do not act during compression. The same scene gives the same bits; `redrawn` compresses another
+        start.
 
         Args:
-            packing: packing fraction, above that of the scene. In walls, too, it is that of the whole box.
+            packing: packing fraction of the whole box, also between walls; above that of the scene.
             rate: speed at which the mean diameter grows, as a fraction of the thermal speed sqrt(kT/m) [1], from 1e-6
-                to 10. The time taken is inverse to it. Equal discs order when it is low, and jam in disorder when it
-                is high; discs of two sizes jam at some 0.84 (O'Hern et al., Phys. Rev. E 68, 011306, 2003).
+                to 10. The time needed is inversely proportional to it. Equal discs order when it is low, and jam in
+                disorder when it is high; discs of two sizes jam at about 0.84 (O'Hern et al., Phys. Rev. E 68, 011306,
+                2003).
 
         Raises:
             InputError: naming the argument, its rule and the value received; for a scene whose discs overlap or are all
-                at rest, or one with obstacles, emitters, absorbing edges or a piston; or where the discs jam before,
-                with the packing fraction that was reached [1].
+                at rest, or one with obstacles, emitters, absorbing edges or a piston; or if the discs jam before they
+                reach the packing; the error names the one they reached [1].
 
         >>> import mpsim
         >>> scene = mpsim.Scene.random(count=100, packing=0.5, radius=0.5, boundary="periodic", seed=1)

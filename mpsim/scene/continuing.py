@@ -1,4 +1,4 @@
-"""A scene that continues from a state of a run of it: what the discs that are present have by then."""
+"""A scene that continues from a state of a run of it: with what the present discs have at that time."""
 
 from collections.abc import Callable, Mapping
 from itertools import chain
@@ -50,7 +50,7 @@ def move_to_state(scene: Any, state: State) -> None:
 
 
 def vary(scene: Any, variation: Callable[[], str]) -> None:
-    """Give a scene, a copy that nothing else refers to, other random numbers for its run, which follow from a text."""
+    """Give a scene, a copy that nothing else refers to, other random numbers for its run, derived from a text."""
     for feature in FEATURES:
         if feature.draws and feature.is_in(scene):
             setattr(scene, feature.argument, feature.redrawn(scene, variation()))

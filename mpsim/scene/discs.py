@@ -47,7 +47,7 @@ class Start(Protocol):
         ...
 
     def pieces(self) -> Iterator[tuple[int, int]]:
-        """First disc and the one after the last of pieces of all discs, in their order; at least one piece."""
+        """Pieces of all discs, in their order, as (first disc, one after the last); at least one piece."""
         ...
 
 
@@ -90,7 +90,7 @@ def start_of(position: Any, velocity: Any) -> Start:
 
 
 class HasDiscs(OldNames):
-    """What a scene says of its discs."""
+    """The discs of a scene."""
 
     _start: Start
     radius: float | Floats
@@ -104,7 +104,7 @@ class HasDiscs(OldNames):
 
     @property
     def position(self) -> Floats:
-        """Centres, shape (N, 2), read-only [length]. Those of a lattice are made when first asked for, and kept."""
+        """Centres, shape (N, 2), read-only [length]. Those of a lattice are computed when first needed, and kept."""
         return self._start.position
 
     @position.setter
@@ -152,7 +152,7 @@ class HasDiscs(OldNames):
         return self._start.positions(first, last), self._start.velocities(first, last)
 
     def pieces(self) -> Iterator[tuple[int, int]]:
-        """First disc and the one after the last of pieces of all discs: one piece of arrays that were given."""
+        """Pieces of all discs, as (first disc, one after the last); arrays that were given are one piece."""
         return self._start.pieces()
 
     def velocities_in_pieces(self) -> Iterator[tuple[int, Floats]]:
@@ -160,7 +160,7 @@ class HasDiscs(OldNames):
         return ((first, self._start.velocities(first, last)) for first, last in self._start.pieces())
 
     def digest(self) -> str:
-        """Hex digest of all that a run depends on, so not what the scene recommends; equal digests mean equal bits.
+        """Hex digest of everything that a run depends on, without recommendations; equal digests mean equal bits.
 
         >>> import mpsim
         >>> made = mpsim.Scene.random(count=100, packing=0.4, radius=0.5, seed=1)

@@ -1,8 +1,8 @@
 """Equal discs on a lattice that fills the box; each is computed from its number alone.
 
-They are numbered column by column, so that discs that follow each other are a strip of the box. Random numbers come
-from blocks of discs: each has a stream of its own (Philox, Salmon et al. 2011), which only the seed and the number of
-the block determine. Velocities have no total momentum and the exact temperature in each block, and so together.
+They are numbered column by column, so that consecutive discs form a strip of the box. Random numbers come from blocks
+of discs: each has a stream of its own (Philox, Salmon et al. 2011), which only the seed and the number of the block
+determine. In each block, and so in total, velocities have zero momentum and the exact temperature.
 """
 
 import hashlib
@@ -69,7 +69,7 @@ class Lattice:
 
     @property
     def position(self) -> Floats:
-        """Centres of all discs, shape (count, 2), read-only [length]: made when first asked for."""
+        """Centres of all discs, shape (count, 2), read-only [length]: computed when first needed."""
         return self._position
 
     @property
@@ -110,7 +110,7 @@ class Lattice:
         return self._in_blocks(VELOCITIES, made, first, last)
 
     def digest_of_some(self) -> str:
-        """Hex digest of the first discs, by which it is seen whether the same numbers are drawn as elsewhere."""
+        """Hex digest of the first discs, which shows whether the same numbers are drawn as elsewhere."""
         some = 0, min(self.count, BLOCK)
         digest = hashlib.blake2b(digest_size=16)
         for array in (self.positions(*some), self.velocities(*some)):
@@ -118,7 +118,7 @@ class Lattice:
         return digest.hexdigest()
 
     def pieces(self) -> Iterator[tuple[int, int]]:
-        """First disc and the one after the last of pieces of all discs, each of BLOCKS_OF_A_PIECE blocks at most."""
+        """Pieces of all discs, as (first disc, one after the last), each of at most BLOCKS_OF_A_PIECE blocks."""
         blocks = self._blocks
         ends = [*range(0, blocks, BLOCKS_OF_A_PIECE), blocks]
         return pairwise(self._first_of(block) for block in ends)
@@ -153,7 +153,7 @@ class Lattice:
 
     @property
     def most(self) -> int:
-        """Number of discs that the box would hold so."""
+        """Number of discs that the box would hold in this way."""
         return Sites.fitting("hexagonal", *self._lengths(self._least_spacing), self._least_spacing).number
 
     @property
@@ -215,7 +215,7 @@ def demand_equal_discs(radius: Any, others: dict[str, Any]) -> None:
 
 
 def demand_whole_box(scene: Any) -> None:
-    """Refuse what stands in the box of a scene, among discs on a lattice: capsules, or a wall that starts there."""
+    """Refuse anything inside the box of a scene with discs on a lattice: capsules, or a wall that starts inside."""
     demand_none(scene.capsules, "discs on a lattice, which fills the box")
     wall = scene.moving_wall
     if wall is not None and scene.box != (0.0, scene.width, 0.0, scene.height):

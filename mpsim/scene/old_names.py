@@ -14,7 +14,7 @@ NEW_NAMES = {
 
 
 class OldNames:
-    """What makes old names of attributes work, with a warning."""
+    """Makes old names of attributes work, with a warning."""
 
     if not TYPE_CHECKING:  # for which every name would be an attribute
 

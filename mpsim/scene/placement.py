@@ -96,13 +96,13 @@ def overlaps(
 def _sort_by_cell(
     count: int, size: tuple[float, float], diameter: float, parts: Callable[[], Iterable[NDArray[np.float64]]]
 ) -> by_cell.ByCell:
-    """Points in the order of cells that are a diameter wide at least.
+    """Points in the order of cells that are at least a diameter wide.
 
     Args:
         count: number of points.
         size: width and height of the box [length].
         diameter: [length].
-        parts: gives the points in parts, each of shape (M, 2), twice the same [length].
+        parts: gives the points in parts, each of shape (M, 2); called twice, it gives the same parts [length].
     """
     side = max(diameter * (1 + 1e-12), math.sqrt(size[0] * size[1] / max(count, 1)))
     # A thin box has one row of cells, which may be wider: there are never more cells than about one per point.
@@ -167,8 +167,9 @@ def random_polydisperse(
 ) -> NDArray[np.float64]:
     """Random centres of discs of any radii without overlap, shape (N, 2), in a box that may be periodic.
 
-    Up to SPARSE_PACKING by random sequential addition, the largest first. Denser ones start from a jittered lattice;
-    overlaps are removed pair by pair, and Monte Carlo steps follow. The same seed gives the same positions.
+    Up to SPARSE_PACKING, discs are placed by random sequential addition, the largest first. Denser arrangements start
+    from a jittered lattice; overlaps are removed pair by pair, and Monte Carlo steps follow. The same seed gives the
+    same positions.
 
     Args:
         radius: of each disc, shape (N,) [length].
@@ -264,7 +265,7 @@ def random_places(
     """Random centres of equal discs without overlap, shape (count, 2), between four walls.
 
     Raises:
-        InputError: if no lattice that is tried holds so many discs.
+        InputError: if none of the lattices tried holds that many discs.
     """
     if count == 0:
         return np.empty((0, 2))
@@ -308,10 +309,10 @@ def _sort_candidates(number: int, size: tuple[float, float], radius: float, rng:
 def _add_sequentially(
     x: NDArray[np.float64], y: NDArray[np.float64], size: tuple[float, float], radius: float, rng: np.random.Generator
 ) -> bool:
-    """Random sequential addition of equal discs, whose centres x and y receive in turn; False if not all were placed.
+    """Random sequential addition of equal discs, whose centres go into x and y in order; False if not all were placed.
 
-    Candidates come in batches. The discs that are there are kept by cell in levels, each far smaller than the one
-    before, so that few of them have to be sorted again as discs are added.
+    Candidates come in batches. Discs already placed are kept by cell in levels, each far smaller than the one before,
+    so that few of them have to be sorted again as discs are added.
     """
     diameter = 2 * radius
     levels: list[by_cell.ByCell] = []

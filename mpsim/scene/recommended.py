@@ -36,7 +36,7 @@ class Recommends:
 def check_recommended(
     duration: Any, settings: Any, picture_interval: Any, observables: Iterable[str] | str
 ) -> dict[str, Any]:
-    """What `Scene` keeps of its recommendations: those that were given.
+    """The recommendations that were given, checked.
 
     Raises:
         InputError: naming the argument, its rule and the value received.
@@ -55,7 +55,7 @@ def check_recommended(
 
 
 def no_scene(value: object) -> InputError:
-    """The error for a value that should be a scene; of a text, which may be the name of one, it says how to load it."""
+    """The error for a value that should be a scene; for a text, which may be a scene's name, it says how to load it."""
     remedy = f"Use mpsim.Scene.load({value!r})" if isinstance(value, str) else "Make one with Scene(...)"
     return InputError(f"scene must be an mpsim.Scene; got {type(value).__name__}. {remedy}.")
 
@@ -64,7 +64,7 @@ def settings_for(scene: Recommends, settings: Settings | None) -> Settings:
     """The settings for a run: those given, else those that the scene recommends, else the defaults.
 
     Raises:
-        InputError: for what is no scene, or no settings.
+        InputError: if scene is not a Scene, or settings are not Settings.
     """
     if not isinstance(scene, Recommends):
         raise no_scene(scene)

@@ -44,7 +44,7 @@ LARGEST_COUNT = 100_000_000
 
 
 class Scene(HasDiscs, Recommends, Compresses):
-    """Discs in a box. Checked when made; its arrays are read-only copies. Features that are not used cost nothing.
+    """Discs in a box. It is checked when made; its arrays are read-only copies. Unused features cost nothing.
 
     Args:
         width, height: inner size of the box, x in [0, width], y in [0, height] [length], > 0.
@@ -71,7 +71,8 @@ class Scene(HasDiscs, Recommends, Compresses):
         piston: one wall that moves.
         thermostat: a Thermostat, which gives discs new velocities at random.
         thermal_walls: ThermalWalls, which discs leave with new velocities.
-        duration: recommended length of a run [time], > 0. This and the following are no part of the digest.
+        duration: recommended length of a run [time], > 0. This argument and the following ones are not part of the
+            digest.
         settings: recommended Settings, used by runs that are given none; None: the defaults.
         picture_interval: recommended time between two pictures of an animation or a trajectory [time], > 0.
         observables: recommended measures: names as for `Simulation.run(measures=...)`.
@@ -161,7 +162,7 @@ class Scene(HasDiscs, Recommends, Compresses):
 
     @property
     def dissipates(self) -> bool:
-        """Whether contacts lose energy for a reason other than the restitutions, such as friction."""
+        """Whether contacts lose energy in other ways than through restitution, such as by friction."""
         return any(feature.dissipates(self) for feature in FEATURES)
 
     @property
@@ -230,7 +231,7 @@ class Scene(HasDiscs, Recommends, Compresses):
                 or below; nothing in it is executed. mpsim.scene.scenefile.load also returns its texts.
 
         Raises:
-            InputError: if there is no such scene; SceneFileError, one of these, names all that is wrong in a file.
+            InputError: if there is no such scene; SceneFileError, a subclass, lists everything that is wrong in a file.
 
         >>> Scene.load("gas")
         <Scene: 100 discs of radius 0.5 in 14.0125 x 14.0125, packing 0.4>
@@ -260,7 +261,7 @@ class Scene(HasDiscs, Recommends, Compresses):
         return self
 
     def redrawn(self, seed: int) -> Scene:
-        """Another start of the same kind: drawn at random like this one, with other random numbers in its run, too.
+        """Another start of the same kind: drawn at random like this one, and with other random numbers during its run.
 
         Args:
             seed: which one, >= 0; the same seed gives the same start.
@@ -290,7 +291,7 @@ class Scene(HasDiscs, Recommends, Compresses):
 
     @property
     def box(self) -> Box:
-        """Where the walls are at the start: x_low, x_high, y_low, y_high [length]. One that moves may start inside."""
+        """The box: x_low, x_high, y_low, y_high [length]. A wall that moves may start inside it."""
         edges = [0.0, self.width, 0.0, self.height]
         if (wall := self.moving_wall) is not None:
             edges[wall.edge] = wall.start
@@ -327,12 +328,13 @@ class Scene(HasDiscs, Recommends, Compresses):
     def starting_from(self, state: State) -> Scene:
         """The same scene with the positions, velocities and spins of a state, to continue from there.
 
-        Absorbed discs are left out, with all that they have of their own. The piston starts where the state has
-        it. Image flags start at 0. A thermostat gets another seed, which follows from its own and the state.
+        Absorbed discs are left out, with all their properties. The piston starts where the state has it. Image flags
+        start at 0. A thermostat gets another seed, which follows from its own and the state.
 
         Args:
-            state: of as many discs as the scene has, absorbed ones included. Coordinates may be beyond a wall by the
-                rounding of their precision (float32 if each is a float32 number); they are moved to the wall.
+            state: of as many discs as the scene has, absorbed ones included. Coordinates may lie beyond a wall by a
+                rounding error of their precision (float32 if each is a float32 number); such discs are moved to the
+                wall.
 
         Raises:
             InputError: if the number of discs differs, or the state does not fit the box.
@@ -391,7 +393,8 @@ class Scene(HasDiscs, Recommends, Compresses):
             mass: likewise [mass], > 0; None: 1 each.
             temperature: kT: the mean of m v_x^2 and m v_y^2 over the discs [mass length^2/time^2], >= 0. Velocities are
                 normally distributed, of zero total momentum from 2 discs on, and scaled so that this mean is exact.
-                Two discs so have opposite momenta, of which only the direction is random: use Scene(...) for others.
+                Two discs therefore have opposite momenta, and only their direction is random: use Scene(...) for
+                others.
             seed: of the random numbers, >= 0; the same seed gives the same scene.
             packing: packing fraction, from which the side of a square box follows, 0 < packing <= 0.8.
             width, height: the box, instead of packing.
@@ -400,7 +403,7 @@ class Scene(HasDiscs, Recommends, Compresses):
 
         Positions come from random sequential addition up to packing 0.4. Denser scenes start from a hexagonal lattice
         or, with discs of several sizes, periodic axes or obstacles, from overlap removal. Monte Carlo steps (Metropolis
-        et al. 1953) then bring them near equilibrium. `compressed` makes denser ones.
+        et al. 1953) then bring them near equilibrium. For still denser scenes, use `compressed`.
 
         Raises:
             InputError: naming the argument, its rule and the value received; if no arrangement is found.
@@ -450,20 +453,21 @@ class Scene(HasDiscs, Recommends, Compresses):
     ) -> Scene:
         """Equal discs near the sites of a hexagonal lattice that fills the box, with thermal velocities.
 
-        Each follows from its number: `rows` makes any range of them in the memory of that range, and a checkpoint or
-        another process gets the arguments, not arrays; a scene file holds arrays. They are numbered column by column.
-        Each is moved from its site at random, by less than half of the gap to its neighbours, so that none overlap.
+        Each disc is computed from its number. So `rows` needs memory only for the range asked for, and a checkpoint or
+        another process gets the arguments instead of arrays (a scene file holds arrays). Discs are numbered column by
+        column. Each is displaced from its site at random, by less than half of the gap to its neighbours, so that none
+        overlap.
 
         Args:
             count: number of discs, >= 0.
             radius: of every disc [length], > 0. Each has mass 1.
-            packing: packing fraction, from which the side of a square box follows, > 0; up to some 0.9 in large boxes.
+            packing: packing fraction, from which the side of a square box follows, > 0; up to about 0.9 in large boxes.
             width, height: the box, instead of packing.
             temperature: kT: the mean of v_x^2 and v_y^2 over the discs [length^2/time^2], >= 0. Velocities are normally
                 distributed, of zero total momentum from 2 discs on, and scaled so that this mean is exact.
             seed: of the random numbers, >= 0; the same seed gives the same scene.
             boundary: as for Scene.
-            others: further arguments of Scene, such as gravity or duration, but for mass and obstacles.
+            others: further arguments of Scene, such as gravity or duration, except mass and obstacles.
 
         Raises:
             InputError: naming the argument, its rule and the value received; if the lattice has no room for the discs.

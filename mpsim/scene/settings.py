@@ -38,7 +38,8 @@ class Settings:
             "auto" takes the fastest of these for the scene and this machine. "event" is the exact, event-driven solver,
             which ignores contact, passes and substeps. "mpi" is "grid" on the ranks of MPI, with the same bits.
         workers: number of processes that compute, the coordinator included, 1 to 1024; None: one per core that this
-            process may use (affinity and container quota), of "event" from 50,000 discs on. Never changes the result.
+            process may use (affinity and container quota); "event" uses several from 50,000 discs on. Never changes the
+            result.
         law: "elastic" is the physical law: only approaching discs collide; momentum is conserved, and energy unless a
             restitution is below 1. "reflect", the law of the term-project report, reverses the component of each
             velocity along the line through the centres.
@@ -60,8 +61,8 @@ class Settings:
             other, or collides more than once in a step on average: "warn" (FastWarning, once), "error" (TooFastError),
             or "substep": divide frames into so many steps that every disc moves less than half its radius in each. The
             number is chosen every 16 frames, and after any frame in which a disc was fast, from the state alone. The
-            frame in which a disc becomes fast is finished first. Discs that are pressed into each other for want of
-            room are reported likewise; sub-steps do not help there. See docs/stability.md.
+            frame in which a disc becomes fast is finished first. Discs pressed into each other by lack of room are
+            reported in the same way; sub-steps do not help there. See docs/stability.md.
         contact_time: prevents inelastic collapse in "event" [time], > 0: an impact within this time after the previous
             impact of a disc loses no energy, so a disc at rest makes bounces of this duration. None: a millionth of the
             time in which a typical disc moves by the smallest radius. If discs come to rest, a longer contact time is

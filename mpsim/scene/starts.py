@@ -30,7 +30,7 @@ Region = tuple[float, float, float, float]
 
 @dataclass
 class Taken:
-    """Discs and capsules that are in the box already.
+    """Discs and capsules that are already in the box.
 
     Attributes:
         capsules: those in the box, and discs as capsules of length 0, shape (K, 5) [length].
@@ -59,7 +59,7 @@ class Taken:
 def side_for(packing: float, area: float, largest: float, boundary: tuple[str, str]) -> float:
     """Side of the square box in which discs have a given packing fraction [length].
 
-    At least one diameter of the largest disc, two in a periodic box, so that no disc touches its own image.
+    It is at least one diameter of the largest disc, or two in a periodic box, so that no disc touches its own image.
 
     Args:
         packing: area of the discs over that of the box, > 0.
@@ -157,7 +157,7 @@ def lattice_sites(
         count: number of sites; None: as many as fit.
 
     Raises:
-        InputError: if the region holds fewer sites than wanted.
+        InputError: if the region holds fewer sites than asked for.
 
     >>> lattice_sites("square", (0, 0, 2, 1), spacing=1.0).tolist()
     [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [0.0, 1.0], [1.0, 1.0], [2.0, 1.0]]
@@ -191,7 +191,7 @@ def random_places(
     rng: np.random.Generator,
     periodic: tuple[bool, bool] = (False, False),
 ) -> NDArray[np.float64]:
-    """Random centres of discs without overlap with each other or with what is there, shape (count, 2) [length].
+    """Random centres of discs that overlap neither each other nor what is in the box, shape (count, 2) [length].
 
     In an empty box these are the positions of Scene.random.
 
@@ -200,7 +200,7 @@ def random_places(
         count: number of discs, >= 0.
         box: width and height [length].
         region: that contains the centres; None: the box.
-        taken: what is there already.
+        taken: what is already in the box.
         rng: source of random numbers.
         periodic: along x and along y; ignored for a region.
 
@@ -239,7 +239,8 @@ def thermal_velocities(
 ) -> NDArray[np.float64]:
     """Normally distributed velocities, shape (count, 2) [length/time].
 
-    From 2 discs on of zero total momentum, and scaled so that the mean of m v_x^2 and m v_y^2 is exact.
+    For 2 discs or more the total momentum is zero, and velocities are scaled so that the mean of m v_x^2 and m v_y^2 is
+    exact.
 
     Args:
         count: number of discs.

@@ -1,6 +1,6 @@
 """The experiments of the term-project report: fixed, growth, repeat, final states, scaling.
 
-Every experiment checks its results in the same run and fails rather than report the speed of a wrong one. Frame times
+Every experiment checks its results in the same run. If one is wrong, it fails instead of reporting times. Frame times
 are taken inside the compiled loop, after compilation and a warm-up run.
 """
 
@@ -154,7 +154,7 @@ def growth(settings: Settings, frames: int, tick: Tick) -> dict[str, Timing]:
 
 
 def repeat(settings: Settings, frames: int, tick: Tick, count: int = 1000, runs: int = 4) -> Repeat:
-    """Parallel runs of one start: equal when the columns are guarded, for 1, 2 and 4 workers; different when not."""
+    """Parallel runs of one start: equal for 1, 2 and 4 workers if columns are guarded, different if not."""
     scene = gas(count)
     chosen = replace(settings, method="parallel", workers=max(settings.workers or 2, 2))
 

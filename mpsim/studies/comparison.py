@@ -48,7 +48,7 @@ class ShortRun:
 
 
 def typical_speed(scene: Scene) -> float:
-    """Root mean square speed, that of a fall through the largest diameter included [length/time]."""
+    """Root mean square speed, including that of a fall through the largest diameter [length/time]."""
     kinetic = float((scene.velocity**2).sum(axis=1).mean()) if scene.count else 0.0
     return math.sqrt(kinetic + 2 * acceleration_bound(scene) * 2 * scene.largest_radius)
 
@@ -59,7 +59,7 @@ def divergence(
     contact_time: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Predictability:
-    """Divergence of two exact runs of the scene whose initial velocities differ by a ten-billionth.
+    """Divergence of two exact runs of the scene whose initial velocities differ by a relative 1e-10.
 
     Args:
         scene: that `method="event"` can run, with moving discs.
@@ -117,7 +117,7 @@ def short_run(
     Args:
         scene: that `method="event"` can run.
         settings: of the run.
-        until: time to compare at, rounded to whole frames, one at least [time], > 0.
+        until: time of the comparison, rounded to whole frames, at least one [time], > 0.
         rate: Lyapunov exponent of the scene, if known [1/time]; else it is estimated by `divergence`.
         reference: settings to compare with if `event` cannot run the scene; its dt is rounded to fit the time.
         progress: as for `Simulation.run`, for both runs.

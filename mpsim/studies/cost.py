@@ -64,7 +64,7 @@ def measure(scene: Scene, settings: Settings, until: float, whole: bool = False)
     Args:
         scene: the scene, run from its start.
         settings: of the run. Frames without steps are chosen here, as their dt does not matter for the cost.
-        until: longest time of the scene to run to [time]; then it starts again.
+        until: simulated time after which the scene starts again [time].
         whole: time whole runs to `until`, for a scene whose cost changes along the run.
     """
     if not capabilities_of(settings).has_steps:

@@ -10,7 +10,7 @@ STEP_FRACTIONS = (0.2, 0.1, 0.05, 0.02, 0.01)
 
 
 def step(scene: Scene, speed: float, h: float) -> float:
-    """dt for h = dt x speed / smallest diameter, rounded to two digits for people [time]."""
+    """dt for h = dt x speed / smallest diameter, rounded to two digits [time]."""
     return float(f"{h * 2 * scene.smallest_radius / speed:.2g}")
 
 

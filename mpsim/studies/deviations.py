@@ -37,17 +37,17 @@ class Deviation:
     """An error with its own standard error, both in the unit of the measure (see `tradeoff`).
 
     Attributes:
-        value: the error; for a scene that changes with time the mean over windows along its duration; NaN if it is not
+        value: the error; for a scene that changes with time, its mean over windows along the duration; NaN if it is not
             measurable.
         error: its standard error.
         freedom: degrees of freedom of the standard error: quantiles of a t-distribution replace RESOLVED and CERTAIN,
             which are those of a normal one.
         systematic: bound on the error of the reference itself, if that is not the exact solver.
-        span: start and end of the time over which it was taken, as fractions of the duration.
+        span: start and end of the time over which it was averaged, as fractions of the duration.
         steady: start of the stationary state, likewise; None: there is none, or it was not determined.
         largest: the largest error of a window, for a scene that changes with time; None if it is stationary, and for a
             measure of a whole run.
-        reason: why it is not measurable, and what is; "" if it is.
+        reason: why it is not measurable, and what to measure instead; "" if it is measurable.
 
     >>> Deviation(-0.0192, 0.0006), Deviation(0.0004, 0.0006)
     (-0.01920(60), not resolved: 0.00040(60))
@@ -78,7 +78,7 @@ class Deviation:
 
     @property
     def exact(self) -> bool:
-        """Whether it is 0 by definition, as that of the reference itself is."""
+        """Whether it is 0 by definition, as for the reference itself."""
         return self.value == self.error == 0 and self.measurable
 
     @property
@@ -103,12 +103,12 @@ class Deviation:
 
     @property
     def magnitude(self) -> float:
-        """Size to report for the error: its own if it is resolved, else its bound."""
+        """Size to report for the error: its value if it is resolved, otherwise its bound."""
         return abs(self.value) if self.resolved else self.bound
 
     @property
     def noise_floor(self) -> float:
-        """Below it another error counts as smaller: its own size if it is resolved, else the noise."""
+        """Size below which another error counts as smaller: that of this error if resolved, otherwise the noise."""
         return abs(self.value) if self.resolved else self.noise
 
     def __repr__(self) -> str:

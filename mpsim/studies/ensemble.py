@@ -65,11 +65,11 @@ class Ensemble:
 
     Args:
         scene: the scene.
-        until: length of a long run [time]; None: the scene's duration, or else see PAIRS.
+        until: length of a long run [time]; None: the scene's duration; without one, see PAIRS.
         measures: names of the errors to determine.
         replicas: long runs per candidate.
         starts: see `Starts`.
-        seconds: that all may take, about [s]; a stepped reference is as fine as that allows.
+        seconds: approximate time that everything may take [s]; a stepped reference is as fine as that allows.
         contact_time: of the exact solver as the reference, which makes it a model [time]; None: its own.
         executor: for accuracy runs; None: threads.
         path: of the file, or None.
@@ -159,7 +159,7 @@ class Ensemble:
         return str(caught[0].message) if caught else ""
 
     def assess(self, candidates: Iterable[Settings], replicas: int | None = None, first: int = 0) -> None:
-        """Do the missing accuracy runs of candidates and of the reference.
+        """Do those accuracy runs of the candidates and the reference that are missing.
 
         Args:
             candidates: settings; those that differ only in speed share their runs.
@@ -208,7 +208,7 @@ class Ensemble:
         return dataclasses.replace(reference, dt=COARSER * reference.dt)
 
     def seconds_for(self, settings: Settings, replicas: int, verify: bool = False) -> float:
-        """Forecast of the time of a candidate's accuracy runs [s]; verify: with those of the reference."""
+        """Forecast of the time of a candidate's accuracy runs [s]; verify: including those of the reference."""
         references = self._references(replicas) if verify else 0
         runs = replicas * self._seconds_of(settings) + references * self._seconds_of(self.preliminary.reference)
         return self._slowness * runs / usable_cores()
@@ -286,7 +286,7 @@ class Ensemble:
         return key_of(self._physics(settings)) == key_of(self.preliminary.reference)
 
     def demand_measurable(self, budgets: Mapping[str, float]) -> None:
-        """Refuse measures whose errors would be meaningless, as the reference alone shows.
+        """Refuse measures whose errors would be meaningless, judged by the reference alone.
 
         Raises:
             NotMeasurableError: naming the measure, why, and what to ask for.

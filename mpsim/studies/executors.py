@@ -1,4 +1,4 @@
-"""Runs independent tasks on any executor, yields results as they come, and cancels those that have not begun."""
+"""Runs independent tasks on any executor, yields results as they come, and cancels those that have not started."""
 
 from collections.abc import Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future
@@ -20,7 +20,7 @@ def checked_executor(executor: Any) -> Executor | None:
     """An executor, or None, checked.
 
     Raises:
-        InputError: if it is none.
+        InputError: if it is not an executor.
     """
     if executor is not None and not isinstance(executor, Executor):
         raise InputError(
@@ -77,12 +77,12 @@ class Submissions(Generic[Key]):
             return future
 
     def cancel(self) -> None:
-        """Cancel what has not begun."""
+        """Cancel the tasks that have not started."""
         for future in tuple(self._pending):
             future.cancel()
 
     def left(self) -> Iterator[tuple[Key, Future[Any]]]:
-        """Those that have succeeded and were not handed out by `finished`."""
+        """Tasks that have succeeded, and that `finished` has not yielded."""
         for future, key in self._pending.items():
             if future.done() and not future.cancelled() and future.exception() is None:
                 yield key, future

@@ -1,4 +1,4 @@
-"""One result of a named scene: the expected and the found number."""
+"""The result of a named scene: expected and found numbers."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Findings:
     Attributes:
         scene: its name.
         numbers: a `Finding` each, with `what`, `expected`, `found`, `within`, `source` and `consistent`.
-        times, seen: what was noted along the run and when [time]: of `brownian` the path of the large disc, shape
-            (n, 2) [length]; of `cooling` temperatures; of the hoppers grains that have passed; both of shape (n,).
-            Where nothing was noted, times only, or nothing.
+        times, seen: times [time], and what was recorded at them: for `brownian` the path of the large disc, shape (n,
+            2) [length]; for `cooling` temperatures, and for the hoppers the number of grains that have passed, shape
+            (n,). Other scenes have times only, or nothing.
 
     >>> shown = findings("pi")
     >>> shown.consistent, shown.numbers[0].found
@@ -36,7 +36,7 @@ class Findings:
 
     @property
     def consistent(self) -> bool:
-        """Whether all that was found agrees with what was expected."""
+        """Whether all found numbers agree with the expected ones."""
         return all(each.consistent for each in self.numbers)
 
     def __str__(self) -> str:
@@ -56,19 +56,19 @@ class Findings:
 
 
 def promise_of(name: str, scene: Scene, settings: Settings) -> Promise | None:
-    """What a scene that comes with mpsim promises; None if it promises no number."""
+    """What a scene that comes with mpsim should show; None if no number is expected."""
     kind = PROMISES.get(name)
     return None if kind is None else kind(scene, settings)
 
 
 def found_by(name: str, promise: Promise, sim: Simulation) -> Findings:
-    """What a run from the start to the recommended duration has shown."""
+    """Results of a run from the start to the recommended duration."""
     times, seen = promise.series
     return Findings(name, tuple(promise.findings(sim)), tuple(times.tolist()), tuple(seen.tolist()))
 
 
 def findings(name: str, settings: Settings | None = None) -> Findings:
-    """Run a scene that comes with mpsim as long as it recommends, and compare what it shows with what is expected.
+    """Run a scene that comes with mpsim for its recommended duration, and compare the results with the expected ones.
 
     Args:
         name: of the scene: "brownian" (diffusion constant of the large disc [length^2/time]), "cooling" (Haff's law),

@@ -28,7 +28,9 @@ StartsGiven = str | Callable[[int], Scene] | Sequence[Scene] | None
 
 
 class Starts:
-    """Numbered starts of one scene. The same number always gives the same start; of "kind" and "same" 0 is the scene.
+    """Numbered starts of one scene. The same number always gives the same start.
+
+    For "kind" and "same", number 0 is the scene itself.
 
     Args:
         scene: the scene.
@@ -39,11 +41,11 @@ class Starts:
     Attributes:
         name: the starts in words.
         key: a text that identifies the starts; functions are distinguished by the first two starts that they make.
-        same: whether they are variations of one start, so that their runs are correlated at first.
+        same: whether they are variations of one start, so that their runs are initially correlated.
         number: of starts; None if there is no limit.
 
     Raises:
-        InputError: if the scene has no other starts, or `given` is none of these.
+        InputError: if the scene has no other starts, or `given` is not one of these.
     """
 
     def __init__(self, scene: Scene, given: StartsGiven = None):
@@ -76,7 +78,7 @@ class Starts:
         """The start of a number, >= 0.
 
         Raises:
-            InputError: if what was given for it is no Scene, or there are too few of them.
+            InputError: if what was given for it is not a Scene, or there are too few starts.
         """
         if number not in self._made:
             made: Any = self._make(number)

@@ -66,7 +66,7 @@ class PreliminaryRun:
     Attributes:
         reference: settings of the reference, `event` if it can run the scene.
         reference_name: the same in words, with the reason if it cannot.
-        guard: contact time of the reference [time]; 0 where it has none, as nothing needs it or it is stepped.
+        guard: contact time of the reference [time]; 0 if it has none, because nothing needs one or it is stepped.
         thermal_velocity: root mean square of one velocity component [length/time].
         collisions: of pairs, per time [1/time].
         growth: Lyapunov exponent, at least 1/100 of a crossing time's inverse [1/time].
@@ -74,8 +74,8 @@ class PreliminaryRun:
         starts: states along the run.
         gap: time between the last two of them [time].
         settings: of the run.
-        seconds: that the reference takes for a unit of time on one core [s/time].
-        step_seconds: that one step with one pass takes, likewise [s].
+        seconds: wall time that the reference takes for a unit of time on one core [s/time].
+        step_seconds: wall time of one step with one pass on one core [s].
     """
 
     reference: Settings
@@ -93,12 +93,12 @@ class PreliminaryRun:
 
     @property
     def contact_time(self) -> float | None:
-        """Contact time that was given for the reference, which makes it a model [time]; None where it is none."""
+        """Contact time that was given for the reference, which makes it a model [time]; None if none was given."""
         return self.reference.contact_time if self.guard else None
 
     @property
     def exact(self) -> bool:
-        """Whether the reference is the exact solver, without a contact time that was given: its own error is none."""
+        """Whether the reference is the exact solver without a given contact time, and so has no error of its own."""
         return capabilities_of(self.reference).is_exact and self.contact_time is None
 
     def is_reference(self, settings: Settings) -> bool:
@@ -155,8 +155,8 @@ def preliminary_run(
         scene: the scene.
         until: length of the runs of the trade-off study, if it is known [time].
         earlier: reference_name of an earlier one, which is repeated, however fast the machine is now.
-        seconds: that the whole trade-off study may take, about [s].
-        contact_time: of the exact solver's guard [time]; with one, nothing else stands in as the reference.
+        seconds: approximate time that the whole trade-off study may take [s].
+        contact_time: of the exact solver's guard [time]; if it is given, no other reference is used.
 
     Raises:
         InputError: if nothing can move in the scene, it is too large for a trade-off study, or the exact solver cannot
@@ -283,7 +283,7 @@ def _finest(settings: Settings, seconds: float, crossing: float, until: float, l
     """Step of the stepped reference: FINEST, or as fine as time allows.
 
     Raises:
-        InputError: if there is not even time for COARSEST.
+        InputError: if there is no time even for COARSEST.
     """
     dt = max(FINEST * crossing, seconds * settings.dt * until / _affordable(limit))
     if dt > COARSEST * crossing:

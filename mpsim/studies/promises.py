@@ -18,7 +18,7 @@ from mpsim.scene.settings import Settings
 
 @dataclass(frozen=True)
 class Finding:
-    """One number that a scene shows, expected beside found.
+    """One number that a scene shows: expected and found.
 
     Attributes:
         what: the number, with its dimensions.
@@ -65,16 +65,16 @@ class Promise(ABC):
 
     @property
     def series(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Times, shape (n,) [time], and what was seen at them, shape (n,) or (n, 2)."""
+        """Times, shape (n,) [time], and the values recorded at them, shape (n,) or (n, 2)."""
         return np.array(self._times), np.array(self._values, np.float64)
 
     def value(self, sim: Simulation) -> Any:
-        """What is kept at each look."""
+        """The value to record at each sample."""
         return sim.time
 
     @abstractmethod
     def findings(self, sim: Simulation) -> list[Finding]:
-        """What was found, at the end of the run."""
+        """The findings at the end of the run."""
 
 
 class Pi(Promise):
@@ -112,7 +112,7 @@ class Galton(Promise):
 
     @staticmethod
     def binned(sim: Simulation) -> NDArray[np.floating]:
-        """Where the balls in the bins are, shape (n,) [length]."""
+        """Positions of the balls in the bins, shape (n,) [length]."""
         x, y = sim.state.position[~sim.absorbed].T
         return x[y < 6]
 
@@ -150,13 +150,13 @@ class Hopper(Promise):
     STEADY = 2.0
 
     def value(self, sim: Simulation) -> float:
-        """Grains that have passed so far: each comes back at the top, through the border."""
+        """Number of grains that have passed so far; each returns at the top, through the periodic border."""
         image = sim.state.image
         assert image is not None
         return -float(image[:, 1].sum())
 
     def findings(self, sim: Simulation) -> list[Finding]:
-        """Grains per time, beside the law of Beverloo and between the halves of the run."""
+        """Grains per time, compared with Beverloo's law and between the halves of the run."""
         times, passed = self.series
         times, passed = times[times >= self.STEADY], passed[-np.count_nonzero(times >= self.STEADY) :]
         middle = len(times) // 2
@@ -209,7 +209,7 @@ class Brownian(Promise):
     LAG = 10.0
 
     def value(self, sim: Simulation) -> NDArray[np.floating]:
-        """Where the large disc is."""
+        """Position of the large disc [length]."""
         return sim.state.position[0]
 
     def diffusion(self) -> float:

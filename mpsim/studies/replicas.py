@@ -1,8 +1,8 @@
 """One accuracy run of one candidate, a pure function that any executor can run.
 
 The physics of a scene is an average over starts (`independent_starts.Starts`). If they are variations of one start,
-collisions soon decorrelate them. Before that all runs are a single sample, whose noise their scatter does not show:
-that time does not count as stationary (`Plan.memory`).
+collisions soon decorrelate them. Before that, all runs amount to a single sample, and their scatter does not show its
+noise. So that time does not count as stationary (`Plan.memory`).
 """
 
 import dataclasses
@@ -50,7 +50,7 @@ ALONG = "states along one run of the scene"
 
 
 def available(scene: Scene) -> tuple[str, ...]:
-    """Those of ERRORS that are defined in a scene: no pressure without walls and virial, for example."""
+    """Those of ERRORS that are defined in a scene; there is no pressure without walls and virial, for example."""
     if not isinstance(scene, Scene):  # which the ensemble checks
         return ERRORS
     return tuple(name for name in ERRORS if refusal(name, scene) is None)
@@ -96,7 +96,7 @@ class Plan:
         speed: unit of SPEED_LEVELS, a typical speed of the reference [length/time].
         short: length of a short run [time]; 0 if trajectories cannot be compared.
         rate: Lyapunov exponent of the scene [1/time].
-        memory: time from which on runs of one start are independent, and may be stationary [time].
+        memory: time after which runs of one start are independent, and may be stationary [time].
     """
 
     until: float
@@ -107,7 +107,7 @@ class Plan:
 
 
 def physics_of(settings: Settings, count: int) -> Settings:
-    """The settings with standard values for all that changes only the speed: candidates that share it share errors."""
+    """The settings, with standard values for those that change only speed: candidates with equal ones share errors."""
     method = methods.choose(count, settings).method
     if not methods.capabilities_of(settings).has_steps:
         return Settings(method=method, contact_time=settings.contact_time)
@@ -152,7 +152,7 @@ def long_run(
 
 
 def failure(error: Exception) -> dict[str, Any]:
-    """The result of a run that failed; with "machine" if that is due to the machine, not the candidate."""
+    """The result of a run that failed; with "machine" if the machine is the cause, not the candidate."""
     machine = isinstance(error, MemoryError | ResourceError | WorkerDied | WorkerStalled | RunTooLong)
     return {"failure": f"{type(error).__name__}: {error}"} | ({"machine": True} if machine else {})
 

@@ -20,7 +20,7 @@ MOST_BYTES = 2**23
 
 
 class SavedResults:
-    """Results by key, in memory and, if there is a path, in a JSON file that is always whole."""
+    """Results by key, in memory and, if there is a path, in a JSON file that is always complete."""
 
     def __init__(self, path: str | Path | None, scene: str):
         self._path = None if path is None else checked_path(path)
@@ -52,7 +52,7 @@ class SavedResults:
             self.save()
 
     def save(self) -> None:
-        """Write the file; a kill leaves the old or the new one."""
+        """Write the file; if the process is killed, the old or the new one remains."""
         self._saved = time.monotonic()
         if self._path is not None and self._open:
             results = {key: value for key, value in self._results.items() if "machine" not in value}

@@ -2,7 +2,7 @@
 
 correct   all errors are within TOLERANCE, with or without a warning
 degraded  an error is larger, and a warning was raised before or during the run
-refused   an exception of mpsim names the bound and the remedy
+refused   an exception of mpsim names the limit and the remedy
 Forbidden: not finite, a disc lost or outside the box, a hang, a crash, and degraded without a warning ("silent").
 """
 
@@ -121,7 +121,7 @@ class Outcome:
     Attributes:
         axis, value, row: of the trial.
         kind: one of KINDS or of FORBIDDEN.
-        errors: those that could be determined, by name.
+        errors: errors that could be determined, by name.
         worst: name of the error that is largest relative to its tolerance; "" without errors.
         told: names of the warnings raised.
         text: of the refusal or failure.

@@ -50,13 +50,13 @@ def sweep(
 
     A point is one combination of the grid's values. A function is called with them as its arguments by name, and with
     `seed` if there are seeds, and returns a dictionary of numbers, texts, truth values or None by name; of a
-    `measure.Measure` the row holds its value and, under name_error, its error. A function that raises fails at that
-    point alone: its row says why. If it returns something else before any run has succeeded, the sweep ends.
+    `measure.Measure` the row holds its value and, under name_error, its error. If the function raises an error, only
+    that run fails, and its row says why. If it returns something else before any run has succeeded, the sweep ends.
 
-    A scene is run at every point, with the grid's values of fields of `Settings`, `until` or `frames`; so is the scene
-    that a function makes of the other values, if one of until, frames, measures and settings says that scenes are to be
-    run. The row holds the measures, their errors, and the numbers of frames and collisions. Settings without `workers`
-    run in one process, as there is one run for each core; the bits are the same.
+    A scene is run at every point, with the grid's values of fields of `Settings`, `until` or `frames`. A function may
+    also make the scene from the other values; to run what it makes, give at least one of until, frames, measures and
+    settings. The row holds the measures, their errors, and the numbers of frames and collisions. Settings without
+    `workers` run in one process, since there is one run for each core; the bits are the same.
 
     Args:
         function: called at each point; or a Scene, or the name or path of one as for `Scene.load`, or a function that
@@ -69,16 +69,16 @@ def sweep(
             is drawn again with it (`Scene.redrawn`). None: one run at each point, without a seed, of a Scene as it is.
         executor: any concurrent.futures.Executor: of threads, processes, Dask, mpi4py, loky; None: threads, one for
             each core. It is not shut down.
-        path: file that keeps each run as soon as it is done. A sweep that was interrupted continues from it: what is
-            there is not run again, even if the grid has other values now. The file of another function, other names of
-            parameters or other runs is refused.
-        until: length of a run of a scene [time], >= 0; None: `frames`, the grid, or the scene's duration.
+        path: file to which each run is written as soon as it is done. An interrupted sweep continues from it: runs in
+            the file are not repeated, even if the grid now has other values. A file of another function, or
+            with other names of parameters or other runs, is refused.
+        until: length of a run of a scene [time], >= 0; None: as given by `frames`, the grid, or the scene's duration.
         frames: length in frames instead, >= 0.
         measures: names of what to measure, as for `Simulation.run`; None: pressure, collision_rate, kinetic_energy and
-            overlap, as far as the scene can have them.
-        settings: of all runs, where the grid does not vary them; None: those that the scene recommends, also one that
-            a function makes, or the defaults.
-        units: name of a column -> its unit, for the head of the table. Those of a scene's measures are known.
+            overlap, if the scene can have them.
+        settings: of all runs, where the grid does not vary them; None: those that the scene recommends (also a scene
+            that a function makes), or the defaults.
+        units: name of a column -> its unit, for the header of the table. Those of a scene's measures are known.
         retry_failed: whether failed runs in the file are run again.
         progress: True: shown on standard error, with rate and time left; or a function, called as progress(done, of,
             what).
@@ -89,7 +89,7 @@ def sweep(
     Raises:
         InputError: naming the argument and its rule; nothing was run.
         OutputError: if the file cannot be written.
-        KeyboardInterrupt: Ctrl-C. What has not begun is cancelled, what is done is in the file.
+        KeyboardInterrupt: Ctrl-C. Runs that have not started are cancelled; finished ones are in the file.
 
     Warns:
         SweepWarning: if the executor broke, the last line of the file was cut off, or the function's source has changed

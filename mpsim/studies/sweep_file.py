@@ -1,7 +1,7 @@
 """The file of a sweep: a header, and one line of JSON for each finished run.
 
-A line is written by one call of the system when its run is done. So Ctrl-C leaves whole lines, and a kill at most one
-that is cut off, which the next sweep removes with a warning. One sweep at a time may have the file.
+A line is written by one system call when its run is done. So Ctrl-C leaves complete lines, and a kill leaves at most
+one incomplete line, which the next sweep removes with a warning. Only one sweep at a time may use the file.
 """
 
 import json
@@ -33,7 +33,7 @@ class SweepFile:
     Args:
         path: of the file, or None.
         title: of what the runs are: "function", "parameters", "seeded" and further facts, plain values.
-        source: digest of the source of the function; another one in the file is warned of.
+        source: digest of the source of the function; if the file has another one, a warning is raised.
 
     Raises:
         InputError: if the file is one of another sweep, is damaged, cannot be written to, or is in use.

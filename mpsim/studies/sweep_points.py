@@ -1,7 +1,7 @@
 """The points of a sweep: combinations of the values of a grid, and the seed of each.
 
-The text of a point is JSON of its values by name, sorted, with nothing but the point in it. So neither the order of the
-names nor that of the values, nor other values of the grid, change the seed of a point, or its row in a file.
+The text of a point is JSON of its values, sorted by name, and contains nothing else. So neither the order of names and
+values nor other values of the grid change the seed of a point, or its row in a file.
 """
 
 import dataclasses
@@ -107,7 +107,7 @@ def checked_grid(grid: Any) -> dict[str, list[Any]]:
     """A grid as lists of values by name.
 
     Raises:
-        InputError: if it is empty, or is no mapping from names to lists.
+        InputError: if it is empty, or is not a mapping from names to lists.
     """
     if not isinstance(grid, Mapping):
         raise InputError(

@@ -1,7 +1,7 @@
 """One run of a sweep, wherever the executor runs it.
 
-Whatever goes wrong in it becomes a part of its outcome, which holds nothing but plain values: it can always be sent
-back, and one run does not end the others.
+Whatever goes wrong in a run becomes part of its outcome. An outcome holds only plain values, so it can always be sent
+back, and a failed run does not end the others.
 """
 
 import dataclasses
@@ -130,7 +130,7 @@ class SceneRun:
         """The length of a run, as an argument of `Simulation.run`; scene: None if it is not made yet.
 
         Raises:
-            InputError: if there is none, or are two.
+            InputError: if there is none, or there are two.
         """
         given = {"until": self.until, "frames": self.frames} | {n: v for n, v in varied.items() if n in RUN_OPTIONS}
         chosen = {name: value for name, value in given.items() if value is not None}
@@ -205,7 +205,7 @@ def described(error: BaseException) -> str:
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Versions here of all that may change a result."""
+    """Versions, in this process, of everything that may change a result."""
     python = platform.python_version()
     return {"mpsim": __version__, "numpy": np.__version__, "numba": numba.__version__, "python": python}
 
@@ -214,7 +214,7 @@ def scalars(result: Any, taken: frozenset[str]) -> dict[str, Scalar]:
     """What a function returned, as plain values by name. A Measure becomes its value, and its error beside it.
 
     Raises:
-        WrongResult: if it is no mapping from names to scalars, or a name is taken.
+        WrongResult: if it is not a mapping from names to scalars, or a name is taken.
 
     >>> scalars({"pressure": Measure(2.5, 0.5, 20), "count": np.int32(7)}, frozenset())
     {'pressure': 2.5, 'pressure_error': 0.5, 'count': 7}

@@ -54,7 +54,7 @@ class SweepRow:
     versions: dict[str, str] = field(default_factory=dict[str, str])
 
     def record(self) -> dict[str, Scalar]:
-        """The row as plain values by column name; what is no number, text or truth value is given as its repr."""
+        """The row as plain values by column name; what is not a number, text or truth value is given as its repr."""
         found: dict[str, Scalar] = {name: plain(value) for name, value in self.point.items()}
         found |= {"run": self.run, "seed": found.get("seed", self.seed), **self.values}
         found["wall_seconds"] = self.wall_seconds
@@ -70,7 +70,7 @@ class Sweep:
         function: what was run, by name.
         parameters: names of the grid.
         rows: one for each run, failed ones included.
-        units: by the name of a column, as far as they are known; "1" means no unit.
+        units: units by the name of a column, where known; "1" means dimensionless.
 
     >>> import mpsim
     >>> def area(width, height):
@@ -113,7 +113,7 @@ class Sweep:
     def to_csv(self, path: str | Path | None = None) -> str:
         """The table as CSV, one line for each run; also written to `path`, if given.
 
-        The head of a column whose unit is known is "name [unit]". Missing results of failed runs are empty.
+        The header of a column whose unit is known is "name [unit]". Missing results of failed runs are empty.
 
         Raises:
             OutputError: if the file cannot be written.
@@ -174,8 +174,8 @@ class Sweep:
         """The results as an xarray.Dataset: a dimension for each parameter, and `run` for the runs of a point.
 
         Each result is a variable with its unit as the attribute `units`; so are seed, wall_seconds and failure. Results
-        that a run lacks are NaN, or None where they are no numbers. Values of a parameter that are not all numbers, or
-        all texts, become texts.
+        that a run lacks are NaN, or None if the result is not a number. If the values of a parameter are neither all
+        numbers nor all texts, they become texts.
 
         Raises:
             OutputError: if xarray is not installed.
@@ -252,7 +252,7 @@ def _array(values: list[Any], where: tuple[Any, ...], shape: tuple[int, ...]) ->
 
 
 def checked_units(units: Any, known: Mapping[str, str]) -> dict[str, str]:
-    """Units by the name of a column: those that are known, and those that the caller gives."""
+    """Units by the name of a column: the known ones, and those given by the caller."""
     if units is None:
         return dict(known)
     given = cast("Mapping[Any, Any]", units)

@@ -28,7 +28,7 @@ from mpsim.studies.sweep_table import OWN
 
 @dataclass(frozen=True)
 class Options:
-    """How scenes are run, as the caller of `sweep` says it.
+    """How scenes are run, as given by the caller of `sweep`.
 
     Attributes:
         until, frames, measures, settings: its arguments.
@@ -64,7 +64,7 @@ class Task:
     taken: frozenset[str]
 
     def submission(self, point: Point, *stop: threading.Event) -> tuple[Any, ...]:
-        """What an executor is given for a point. A scene is drawn here: one that was sent does not know how."""
+        """What an executor is given for a point. A scene is redrawn here, because a scene that was sent cannot be."""
         arguments = dict(point.values)
         if self.scene is not None:
             try:
@@ -76,7 +76,7 @@ class Task:
         return run_point, self.call, arguments, self.taken, *stop
 
     def demand_picklable(self, executor: Executor | None, point: Point) -> None:
-        """Refuse what pickle cannot send, if the executor is one of Python's that send by it.
+        """Refuse what pickle cannot send, if the executor is one of Python's that use pickle.
 
         Raises:
             InputError: naming the function.

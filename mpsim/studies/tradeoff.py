@@ -88,8 +88,8 @@ class Tradeoff:
         measures: names of the errors.
         rows: one per candidate, in the order given.
         starts: of the runs, in words.
-        contact_time: that was given for the reference, which makes it a model and not exact [time]; None where it is
-            none.
+        contact_time: that was given for the reference, which makes it a model, not exact [time]; None if none was
+            given.
     """
 
     scene: str
@@ -111,7 +111,7 @@ class Tradeoff:
     def frontier(self, measure: str) -> list[Row]:
         """The Pareto front: rows for which no other is both cheaper and more accurate, cheapest first.
 
-        An error that is not resolved counts with its upper bound. It is better than another error that is not resolved
+        An error that is not resolved counts with its upper bound. Of two errors that are not resolved, one is better
         only if its noise is smaller too; otherwise chance would decide.
 
         Raises:
@@ -189,7 +189,7 @@ class Tradeoff:
 
 
 def label(settings: Settings) -> str:
-    """Short name of settings, without default values; of a method without steps what matters there."""
+    """Short name of settings, without default values, and for a method without steps only those that matter for it."""
     if not capabilities_of(settings).has_steps:
         model = "" if settings.contact_time is None else f" contact_time={settings.contact_time:g}"
         return settings.method + model
@@ -221,14 +221,14 @@ def tradeoff(
 
     Errors are those of averages over `replicas` runs of length `until` from independent starts, compared with twice as
     many runs of the exact solver. If that cannot run the scene, or is too slow (as where discs that lose energy come to
-    rest), the finest affordable stepped run is the reference, and the table says so. With a `contact_time` the
-    reference is the exact solver with that one, a model in which discs at rest do not collide without end. A reference
-    that is not exact has as many runs as each candidate, and its own uncertainty, seen by doubling its step or contact
-    time, counts as part of each error. A difference below three standard errors (more for few replicas) is "not
-    resolved". On a scene that changes with time the errors of pressure, collision_rate, overlap and speed_distribution
+    rest), the finest affordable stepped run is the reference, and the table says so. With a `contact_time`, the
+    reference is the exact solver with that contact time, a model in which discs at rest do not collide without end. A
+    reference that is not exact has as many runs as each candidate. Its own uncertainty, found by doubling its step or
+    contact time, is part of each error. A difference below three standard errors (more for few replicas) is "not
+    resolved". On a scene that changes with time, the errors of pressure, collision_rate, overlap and speed_distribution
     are means over windows along its duration, given with the largest error of a window; energy_drift, momentum_drift
-    and largest_overlap are those of whole runs, trajectory and missed_collisions those of short ones. An error that is
-    meaningless on the scene is "not measurable", with the reason.
+    and largest_overlap are always taken from whole runs, trajectory and missed_collisions from short ones. An error
+    that is meaningless on the scene is "not measurable", with the reason.
 
     pressure, collision_rate
         relative difference of the averages [1]
@@ -261,16 +261,16 @@ def tradeoff(
         executor: any concurrent.futures.Executor for the accuracy runs, which are independent; None: threads, one per
             core. The costs are always measured in this process.
         replicas: runs per candidate, >= 2.
-        seconds: that runs of the reference may take, about, which determines the step of a stepped one [s].
-        contact_time: of the exact solver as the reference, and of that among the default candidates [time], > 0 (see
-            `Settings`); None: its own, far below any time between collisions.
+        seconds: approximate time that runs of the reference may take, which determines the step of a stepped one [s].
+        contact_time: of the exact solver, as the reference and among the default candidates [time], > 0 (see
+            `Settings`); None: the solver's own, far below any time between collisions.
         path: file in which finished runs are saved; an interrupted call continues from it.
         progress: True: shown on standard error, with rate and time left; or a function, called as progress(done, of,
             what).
 
     Raises:
-        InputError: naming the argument and its rule; the candidate that cannot run this scene; or a contact time with
-            which the exact solver cannot, or not in the time it may take.
+        InputError: naming the argument and its rule; if a candidate cannot run this scene; if the exact solver cannot
+            run it with this contact time, or not in the time it may take.
 
     >>> scene = Scene.random(count=30, packing=0.2, radius=0.5, seed=1)
     >>> pair = [Settings(dt=dt, method="naive") for dt in (0.2, 0.02)]

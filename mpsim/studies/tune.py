@@ -87,25 +87,26 @@ def tune(
 
     For each family of settings the longest step inside the budgets is searched, guided by the order of the errors found
     so far; the cheapest family wins, and is verified by new runs from new starts. Two standard errors are added to each
-    error. Which runs an error comes from is said at `tradeoff`; on a scene that changes with time, no single window may
-    be significantly outside a budget.
+    error. `tradeoff` describes which runs each error comes from. On a scene that changes with time, no single window
+    may be significantly outside a budget.
 
     Args:
         scene: the scene.
         max_error: measure -> largest |error|, > 0, in the unit of the measure (see `tradeoff`): {"pressure": 0.01} is
-            one per cent, {"overlap": 0.05} a twentieth of a diameter. Relative ones are less than 1.
-        until: length of one run [time]; None: the scene's duration; without one, and if the scene is stationary, long
+            one per cent, {"overlap": 0.05} a twentieth of a diameter. Relative errors must be less than 1.
+        until: length of one run [time]; None: the scene's duration; without one, if the scene is stationary, long
             enough to determine the pressure to about a thousandth.
         candidates: families to choose from, whose dt is searched; None: impact with one and two passes, push, the
             exact solver, and the settings that the scene recommends.
         starts, executor, replicas, contact_time, path, progress: as for `tradeoff`; replicas are doubled if noise
             leaves an answer undecided, and reduced if runs are long. `progress` is called first with a forecast of the
             time.
-        seconds: that it may take, about [s]: if runs are long, a longer search reaches smaller errors.
+        seconds: approximate time that the search may take [s]; if runs are long, a longer search reaches smaller
+            errors.
 
     Raises:
         BudgetError: if no candidate meets all budgets, with the smallest error reached.
-        NotMeasurableError: if the scene shows no such error: nothing happens, or all runs are equal.
+        NotMeasurableError: if the scene shows no such error, because nothing happens or all runs are equal.
         InputError: naming the argument and its rule.
 
     >>> scene = Scene.random(count=30, packing=0.2, radius=0.5, seed=1)
@@ -178,7 +179,7 @@ class Search:
         self._verifying = max(min(self._verifying, affordable), run.replicas)
 
     def longest_step(self, family: Settings) -> None:
-        """Search the longest step of a family inside all budgets."""
+        """Search for the longest step of a family inside all budgets."""
         others = not self._run.preliminary.exact and not self._is_reference(family)
         if capabilities_of(family).is_exact and others:  # it cannot do the scene
             reason = f"not tried: errors are against {self._run.preliminary.reference_name}"

@@ -39,11 +39,11 @@ class Tuned:
         reference: of the errors, in words.
         starts: of the runs, in words.
         until: length of the runs [time].
-        warning: of mpsim when these settings are used on the scene, or "".
+        warning: the warning that mpsim raises when these settings are used on the scene, or "".
         tried: every candidate of the search with its verdict, cheapest first.
         tighter: estimated cost for half of every budget, from the fitted order, over the cost of these settings [1].
-        contact_time: that was given for the reference, which makes it a model and not exact [time]; None where it is
-            none.
+        contact_time: that was given for the reference, which makes it a model, not exact [time]; None if none was
+            given.
     """
 
     settings: Settings

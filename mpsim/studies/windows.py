@@ -86,7 +86,7 @@ class Spans:
     steady: int | None = None
 
     def mean(self, series: Runs) -> Runs:
-        """Means over each span, shape (runs, spans)."""
+        """Mean over each span, shape (runs, spans)."""
         return np.stack([series[:, first:end].mean(axis=1) for first, end in self.pieces], axis=1)
 
     @property
@@ -104,7 +104,7 @@ def spans_of(series: Runs, least: int = 0, there: Runs | None = None) -> Spans:
     Args:
         series: shape (runs, pieces).
         least: first piece that may be stationary.
-        there: the signal that a window must have, shape (runs, pieces); None: the series.
+        there: the signal that each window must have, shape (runs, pieces); None: the series.
     """
     pieces = series.shape[1]
     steady = steady_from(series, least)

@@ -58,7 +58,7 @@ def test_nothing_is_gathered_before_the_start():
         sim.run(frames=2, observe=late)
         sim.run(frames=60, observe=[late, with_other])
     assert gathered(late) == gathered(with_other)
-    assert repr(late) == "<Correlations: 31 looks at 60 discs, lags up to 2.8>"
+    assert repr(late) == "<Correlations: 31 samples of 60 discs, lags up to 2.8>"
 
 
 def test_no_lag_reaches_across_a_pause_or_a_change():
@@ -191,7 +191,7 @@ def test_memory_has_a_bound(monkeypatch):
         with pytest.raises(mpsim.InputError, match="may keep 1,000,000 bytes at most; 60 discs at lags up to"):
             sim.run(frames=1, observe=Correlations())
         sim.run(frames=1, observe=Correlations(longest=1.0))
-        with pytest.raises(mpsim.InputError, match=r"longest must be at most 1e\+12 looks"):
+        with pytest.raises(mpsim.InputError, match=r"longest must be at most 1e\+12 sampling intervals"):
             sim.run(frames=1, observe=Correlations(longest=1e13))
 
 
