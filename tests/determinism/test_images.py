@@ -103,7 +103,8 @@ CROWDED = {
 
 
 @pytest.mark.parametrize(
-    ("name", "precision"), [*zip(CROWDED, itertools.repeat("float64"), strict=False), ("a gas", "float32")]
+    ("name", "precision"),
+    long_but([*itertools.product(CROWDED, ["float64"]), ("a gas", "float32")], ("radii and an edge", "float64")),
 )
 def test_counts_have_the_same_bits_on_any_number_of_workers_and_in_pieces(name, precision):
     scene = CROWDED[name]()

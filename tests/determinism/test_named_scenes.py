@@ -11,8 +11,8 @@ from mpsim.scene import scenefile
 
 FRAMES = 300
 
-DEFAULT = ("brownian", "galton", "hopper", "piston")
-"""Scenes of a default run, which have most of the features between them; each is a compilation of its own."""
+DEFAULT = ("galton", "hopper")
+"""Scenes of a default run; each is a compilation of its own."""
 
 
 def digest(file: scenefile.SceneFile, method: str, workers: int | None = None) -> str:

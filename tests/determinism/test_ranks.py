@@ -29,7 +29,7 @@ def told_by(number, names, workers=1):
     return json.loads(done.out.splitlines()[-1])
 
 
-@pytest.mark.parametrize("name", long_but(DEFAULT, "bare", "everything"))
+@pytest.mark.parametrize("name", long_but(DEFAULT, "bare"))  # the others by ranks with workers, below
 @pytest.mark.parametrize("number", NUMBERS)
 def test_ranks_find_what_one_process_finds(number, name):
     assert told_by(number, [name])[name] == alone(name)
@@ -387,7 +387,8 @@ if MPI.COMM_WORLD.rank == 0:
 """
 
 
-@pytest.mark.parametrize("workers", long_but([1, 2], 2))
+@pytest.mark.long
+@pytest.mark.parametrize("workers", [1, 2])
 def test_a_session_with_every_change_has_the_bits_of_one_process(workers):
     on_two, alone_there = told_by_script(2, str(workers), script=SESSION)
     assert on_two == alone_there

@@ -175,8 +175,9 @@ def beyond_the_share(number, act, tmp_path, figures):
     return {what: (shared[1][what] - alone[1][what] / number) * count for what in alone[1]}
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("memory_given_back")
-@pytest.mark.parametrize("number", [2, pytest.param(4, marks=pytest.mark.long)])
+@pytest.mark.parametrize("number", [2, 4])
 def test_memory_of_a_rank_falls_as_their_number_grows(number, tmp_path, figures):
     """The control: a digest for which the first rank gets all discs at once."""
     beyond, count = beyond_the_share(number, "files", tmp_path, figures), DISCS_OF_A_RANK * number
@@ -188,7 +189,7 @@ def test_memory_of_a_rank_falls_as_their_number_grows(number, tmp_path, figures)
 
 @pytest.mark.long
 @pytest.mark.usefixtures("memory_given_back")
-@pytest.mark.parametrize("number", [2, pytest.param(4, marks=pytest.mark.long)])
+@pytest.mark.parametrize("number", [2, 4])
 def test_measures_take_the_memory_of_a_share_and_of_some_discs_at_a_time(number, tmp_path, figures):
     """The control: all discs at a time."""
     beyond = beyond_the_share(number, "measures", tmp_path, figures)
@@ -257,8 +258,9 @@ if MPI.COMM_WORLD.rank == 0:
 """
 
 
-@pytest.mark.parametrize("number", long_but([1, 2], 2))
-@pytest.mark.parametrize("name", long_but(LARGE, "bare"))
+@pytest.mark.long
+@pytest.mark.parametrize("number", [1, 2])
+@pytest.mark.parametrize("name", LARGE)
 def test_measures_of_more_than_a_chunk_of_discs_are_those_of_one_process_and_read_a_chunk_at_a_time(name, number):
     """The control: the energy of a state that is read at once, which has the same bits."""
     scene = LARGE[name]()
