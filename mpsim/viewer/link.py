@@ -7,6 +7,7 @@ frame very long. What is only seen (`wait`, `speed`, `zoom`, `x`, `y`) is read b
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -21,7 +22,7 @@ from mpsim.scene.recommended import settings_for
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import METHODS, Settings
 from mpsim.viewer.pair import in_step
-from mpsim.viewer.sliders import TEMPERATURES, rate_of, temperature_of
+from mpsim.viewer.sliders import TEMPERATURES, longest_gravity, rate_of, temperature_of
 
 LONGEST = 1000
 """Characters of a link at most."""
@@ -30,7 +31,8 @@ MOST_DIVISIONS = 100
 """Passes, sub-steps, and frames of a second stage in one frame of the first, at most."""
 
 RANGE = 100.0
-"""How many times larger, or smaller, than those of its scene a link may ask times and speeds to be."""
+"""How many times larger, or smaller, than those of its scene a link may ask times and speeds to be; and how many times
+larger gravity, than the longest arrow of a page."""
 
 SLOWEST, QUICKEST = 0.01, 1000.0
 """Bounds of the speed that a page may ask for, in units of Pace.UNIT frames a second."""
@@ -144,6 +146,8 @@ def read(query: str) -> Link:
     for each in ("interval", "piston_speed", *TEMPERATURES):
         if each in changed:
             _demand_near(each, changed[each], VALUES[each](scene))
+    if "gravity" in changed:
+        checks.between("size of gravity", math.hypot(*changed["gravity"]), 0.0, RANGE * longest_gravity(scene))
     beside = _second(settings, texts["beside"]) if "beside" in texts else None
     return Link(name, seed, settings, changed, beside, _seen(texts))
 

@@ -52,6 +52,7 @@ class Playback(Source):
 
     def _open(self) -> None:
         self._broadcast.tell_scene(self._name, recording=self._recording.name, can_reset=True)
+        self._broadcast.tell("link", {"text": None})  # a page that was opened with one says what to do instead
         self._gauges = Gauges(self.scene, self._recording.at(0).state)
         if self._follow:
             self._index = self._last

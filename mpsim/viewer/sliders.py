@@ -40,7 +40,7 @@ class Sliders:
     def __init__(self, sim: Simulation):
         start = sim.journal
         scene, self._dt = start.scene, start.settings.dt
-        self._gravity = _rounded_up(_usual_gravity(scene))
+        self._gravity = longest_gravity(scene)
         self._piston = None if scene.piston is None else scene.piston.speed
         self._cores = usable_cores()
         self._interval, self._every = rate_of(scene, "interval"), rate_of(scene, "every")
@@ -129,15 +129,19 @@ def temperature_of(scene: Scene, name: str) -> float | None:
     return found.pop() if len(found) == 1 else None
 
 
-def _usual_gravity(scene: Scene) -> float:
+def longest_gravity(scene: Scene) -> float:
     """Length of the longest arrow: twice the gravity of the scene; without one, what holds discs of a usual speed down.
 
-    That is v^2 over half the height of the box [length/time^2].
+    That is v^2 over half the height of the box [length/time^2], rounded up.
+
+    >>> from mpsim import Scene
+    >>> longest_gravity(Scene.load("sediment")), longest_gravity(Scene.load("gas"))
+    (2.0, 0.5)
     """
     if scene.gravity is not None and (length := float(np.hypot(*scene.gravity))) > 0:
-        return 2 * length
+        return _rounded_up(2 * length)
     square = float(np.mean(np.sum(scene.velocity**2, axis=1))) if scene.count else 0.0
-    return 2 * square / scene.height or 10 * scene.height
+    return _rounded_up(2 * square / scene.height or 10 * scene.height)
 
 
 def _rounded_up(value: float) -> float:

@@ -5,6 +5,7 @@ import dataclasses
 import pytest
 from click.testing import CliRunner
 from support.scenes import gas
+from support.trajectories import written
 from support.viewing import Visitor, fetch, viewed
 
 import mpsim
@@ -55,6 +56,10 @@ HOSTILE = {
     "scene=gas&beside=dt=0.003": "must be that of the first one",
     "scene=gas&beside=dt=1e-9": "size of dt must be",
     "scene=gas&beside=substeps=1000000": "substeps must be",
+    "scene=gas&gravity=1e300,0": "size of gravity must be a number from 0 to 50; got 1e+300",
+    "scene=gas&gravity=0,-50.1": "size of gravity must be",
+    "scene=gas&gravity=1e308,1e308": "size of gravity must be",
+    "scene=sediment&gravity=0,200.1": "size of gravity must be a number from 0 to 200",
     "scene=gas&speed=quick": "speed must be",
     "scene=gas&speed=1e9": "speed must be",
     "scene=gas&zoom=nan": "zoom must be finite",
@@ -70,6 +75,11 @@ def test_what_cannot_be_had_is_refused_by_name(query):
         link.read(query)
     assert HOSTILE[query] in str(refused.value)
     assert len(str(refused.value)) < 500
+
+
+def test_gravity_may_be_a_hundred_times_the_longest_arrow():
+    assert link.read("scene=gas&gravity=-50,0").changed == {"gravity": [-50.0, 0.0]}
+    assert link.read("scene=sediment&gravity=0,200").changed == {"gravity": [0.0, 200.0]}
 
 
 def test_a_link_says_what_it_holds_and_is_written_again_as_it_was():
@@ -184,6 +194,27 @@ def test_a_page_can_ask_what_a_link_means(capsys):
         assert b"a name in a link must be one of" in answer.body
         assert answer.getheader("Content-Type").startswith("text/plain")
         assert fetch(view.address.rstrip("/") + "x/", path="link?scene=gas").status == 404, "without the token"
+
+
+@pytest.mark.parametrize("kind", ["a recording", "a simulation of a program"])
+def test_what_is_no_scene_of_its_own_understands_a_link_and_does_not_follow_it(tmp_path, capsys, kind):
+    """The page needs both to say which command to use: what was asked for, and that nothing that runs has a link."""
+    scene = gas(80, 0.2)
+    with mpsim.Simulation(scene, mpsim.Settings(method="grid")) as sim:
+        if kind == "a recording":
+            written(tmp_path / "run.xyz", scene, frames=2, every=1)
+        source = mpsim.Trajectory(tmp_path / "run.xyz") if kind == "a recording" else sim
+        with viewed(source, playing=False) as view, Visitor(view.address) as page:
+            page.say("visible", value=True)
+            page.hear_until(lambda v: v.frame == 0 and "link" in v.last)
+            assert page.last["link"]["text"] is None
+            assert bool(page.last["scene"].get("recording")) == (kind == "a recording")
+            assert page.last["scene"]["can_reset"] == (kind == "a recording")
+            answer = fetch(view.address, path="link?wait&method=grid&scene=dense")
+            assert (answer.status, answer.body) == (200, b"scene=dense&method=grid")
+            page.say("open", link="scene=dense")
+            page.hear_until(lambda v: v.last["status"]["note"])
+            assert (page.frame, page.last["scene"]["width"]) == (0, scene.width)
 
 
 def test_settings_that_no_result_depends_on_are_in_no_link():

@@ -5,6 +5,7 @@ import shlex
 import pytest
 from support.browser import browser, until
 from support.scenes import gas
+from support.trajectories import written
 from support.viewing import viewed
 
 import mpsim
@@ -134,3 +135,21 @@ def test_a_scene_of_ones_own_has_no_command_and_says_what_to_send(opened, capsys
         until(lambda: "send the file under Scene" in (page.text_content("#keep-command-note") or ""))
         assert page.is_disabled("#keep-command")
         page.close()
+
+
+@pytest.mark.parametrize("kind", ["a recording", "a simulation that belongs to a program"])
+def test_a_view_that_cannot_follow_an_address_names_the_command(opened, tmp_path, capsys, kind):
+    scene = gas(80, 0.2)
+    with mpsim.Simulation(scene, GRID) as sim:
+        if kind == "a recording":
+            written(tmp_path / "run.xyz", scene, frames=2, every=1)
+        with viewed(mpsim.Trajectory(tmp_path / "run.xyz") if kind == "a recording" else sim, playing=False) as view:
+            page = opened.new_page()
+            page.goto(view.address + "?wait&scene=dense&method=grid")
+            until(lambda: page.is_visible("#asked"))
+            assert page.inner_text("#asked-text") == (
+                f"This address asks for dense, method=grid. This view shows {kind}, and nothing else. In a terminal: "
+                "mpsim view '?scene=dense&method=grid'"
+            )
+            assert not page.is_visible("#asked-restart")
+            page.close()
