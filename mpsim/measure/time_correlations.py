@@ -205,7 +205,7 @@ class Correlations:
 
     @property
     def msd(self) -> TimeCorrelation:
-        """Mean squared displacement, <|r(t) - r(0)|^2> [length^2]: <v^2> t^2 at short times, 4 D t at long ones.
+        """Mean squared displacement, <|r(t) - r(0)|^2> [length^2]; <v^2> t^2 at short times, 4 D t at long ones.
 
         Raises:
             NotRecordedError: before the first sample.
