@@ -15,6 +15,8 @@ PERCENTILES = (2.0, 98.0)
 SAMPLE = 5_000
 """Discs of one picture that enter the scale of a run at most."""
 
+SPEED = "speed [length/time]"
+"""Words of a colour bar."""
 
 SCALES = ("linear", "log")
 
@@ -71,6 +73,11 @@ def _outside(below: bool, above: bool) -> Literal["neither", "both", "min", "max
     return "both" if below and above else "min" if below else "max" if above else "neither"
 
 
+def speeds_of(velocity: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Speeds from velocities of shape (N, 2), in float64, shape (N,) [length/time]."""
+    return np.hypot(*velocity.astype(np.float64).T)
+
+
 def sampled(values: NDArray[np.floating]) -> NDArray[np.floating]:
     """At most SAMPLE of the values of one picture, evenly spread, for the scale of many pictures."""
     return values[:: max(-(-len(values) // SAMPLE), 1)]
@@ -93,5 +100,5 @@ def scale_of_run(
             if number:
                 sim.run(frames=every)
             state = sim.state
-            found.append(sampled(np.hypot(*state.velocity[state.present].astype(np.float64).T)))
+            found.append(sampled(speeds_of(state.velocity[state.present])))
     return percentile_scale(np.concatenate(found), kind)

@@ -88,6 +88,30 @@ def new_figure(width: float, height: float, theme: Theme = LIGHT) -> Figure:
         return ShownFigure(figsize=(width, height))
 
 
+def _is_flat(scene: Scene) -> bool:
+    """Whether the colour bar lies below the box."""
+    return scene.width > FLAT * scene.height
+
+
+def figure_around(
+    scene: Scene,
+    size: tuple[float, float],
+    beside: tuple[float, float],
+    below: tuple[float, float],
+    theme: Theme = LIGHT,
+) -> Figure:
+    """A figure for a box, its title and its colour bar.
+
+    Args:
+        scene: has the box.
+        size: width and height of the box in the figure [inch].
+        beside, below: what title and colour bar add to them, where the bar is beside the box, and below it [inch].
+        theme: colours.
+    """
+    more = below if _is_flat(scene) else beside
+    return new_figure(size[0] + more[0], size[1] + more[1], theme)
+
+
 def with_images(position: ArrayLike, scene: Scene) -> NDArray[np.float64]:
     """Centres and their images beyond the nearer periodic edges, the centres first: shape (N, 2), (2 N, 2) or (4 N, 2).
 
@@ -186,7 +210,7 @@ def colour_bar(
 ) -> Colorbar:
     """The colour bar of discs, beside the box; below it, where that is flat."""
     where: dict[str, Any] = {"location": "right", "shrink": 0.8, "aspect": 25}
-    if scene.width > FLAT * scene.height:
+    if _is_flat(scene):
         where = {"location": "bottom", "shrink": 0.6, "aspect": 40}
     figure = axes.figure.figure  # the whole one, where the axes are in one of its subfigures
     return figure.colorbar(discs, ax=axes, label=label, extend=outside, **where)

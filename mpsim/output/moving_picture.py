@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from mpsim.core import checks
 from mpsim.core.state import Box, State
 from mpsim.engine.simulation import Simulation
-from mpsim.output.colour_scale import ColourScale, percentile_scale
+from mpsim.output.colour_scale import SPEED, ColourScale, percentile_scale, speeds_of
 from mpsim.output.drawing import (
-    FLAT,
     LIGHT,
     STYLE,
     Theme,
@@ -26,7 +25,7 @@ from mpsim.output.drawing import (
     colour_bar,
     colour_discs,
     draw_discs,
-    new_figure,
+    figure_around,
     on_scale,
     with_images,
 )
@@ -122,9 +121,9 @@ class Picture:
         scene = self._scene = sim.scene
         self._sim, self._colour, self._theme = sim, colour, theme
         inches = pixels / DPI / max(scene.width, scene.height)
-        room = (0.4, 1.4) if scene.width > FLAT * scene.height else (1.2, 0.5)  # for title and colour bar
+        size = scene.width * inches, scene.height * inches
         with matplotlib.rc_context(theme.style, fname=STYLE):
-            self.figure: Figure = new_figure(scene.width * inches + room[0], scene.height * inches + room[1], theme)
+            self.figure: Figure = figure_around(scene, size, beside=(1.2, 0.5), below=(0.4, 1.4), theme=theme)
             self.axes: Axes = self.figure.add_subplot()
             self._kind = KINDS[colour](sim, self.axes, scale) if colour is not None else None
             self._discs = self._draw(scene.position, scene.radii)
@@ -172,14 +171,14 @@ class Picture:
 class _Speed:
     """Colour by speed."""
 
-    label, ticks, colours = "speed [length/time]", None, None
+    label, ticks, colours = SPEED, None, None
 
     def __init__(self, sim: Simulation, axes: Axes, scale: ColourScale | None):
         self.scale = percentile_scale(self.values(sim, sim.state)[~sim.absorbed]) if scale is None else scale
 
     @staticmethod
     def values(sim: Simulation, state: State) -> NDArray[np.floating]:
-        return np.hypot(*state.velocity.astype(np.float64).T)
+        return speeds_of(state.velocity)
 
 
 class _Worker:

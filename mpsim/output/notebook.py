@@ -9,6 +9,7 @@ import numpy as np
 from PIL import Image
 
 from mpsim.engine.report import Report
+from mpsim.output.colour_scale import speeds_of
 from mpsim.output.drawing import MOST_DISCS, STYLE, draw_discs, new_figure
 from mpsim.output.tables import cost_text, error_text, measure_text, unresolved_text
 from mpsim.output.times import phases_of
@@ -26,7 +27,7 @@ COLOURS = 48
 def scene_png(scene: Scene) -> bytes:
     """A scene as a PNG of less than 100 kB, coloured by speed; of very many discs some, and it says so."""
     step = max(math.ceil(scene.count / MOST_DISCS), 1)
-    speeds = np.hypot(*scene.velocity[::step].T)
+    speeds = speeds_of(scene.velocity[::step])
     with matplotlib.rc_context(fname=STYLE):
         longer = max(scene.width, scene.height)
         figure = new_figure(max(INCHES * scene.width / longer, 1), max(INCHES * scene.height / longer, 0.6) + 0.3)

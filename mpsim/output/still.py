@@ -23,16 +23,15 @@ from mpsim.core import checks
 from mpsim.core.errors import InputError
 from mpsim.core.state import Box, State, present_in
 from mpsim.engine.simulation import Simulation
-from mpsim.output.colour_scale import SCALES, ScaleName, percentile_scale
+from mpsim.output.colour_scale import SCALES, SPEED, ScaleName, percentile_scale, speeds_of
 from mpsim.output.drawing import (
-    FLAT,
     MOST_DISCS,
     STYLE,
     closed_off,
     colour_bar,
     colour_discs,
     draw_discs,
-    new_figure,
+    figure_around,
 )
 from mpsim.output.frames import Frame
 from mpsim.scene.scene import Scene
@@ -80,7 +79,7 @@ class Shown:
 
 
 KINDS: dict[str, tuple[str, Callable[[Shown], Any]]] = {
-    "speed": ("speed [length/time]", lambda shown: np.hypot(*shown.velocity.astype(np.float64).T)),
+    "speed": (SPEED, lambda shown: speeds_of(shown.velocity)),
     "radius": ("radius [length]", lambda shown: shown.radius),
     "mass": ("mass [mass]", lambda shown: shown.mass),
     "spin": ("angular velocity [1/time]", lambda shown: shown.spin),
@@ -157,9 +156,9 @@ def draw(
 def _own_axes(scene: Scene) -> Axes:
     """Axes in a figure of their own, of the shape of the box."""
     longer = max(scene.width, scene.height)
-    room = (0.0, 1.4) if scene.width > FLAT * scene.height else (1.3, 0.6)  # for title and colour bar
     width, height = (INCHES * side / longer for side in (scene.width, scene.height))
-    return new_figure(max(width, 1.6) + room[0], max(height, 0.5) + room[1]).add_subplot()
+    size = max(width, 1.6), max(height, 0.5)
+    return figure_around(scene, size, beside=(1.3, 0.6), below=(0.0, 1.4)).add_subplot()
 
 
 def _title(shown: Shown, step: int) -> str:
