@@ -56,14 +56,17 @@ Examples:
   mpsim animate gas gas.gif
   mpsim animate galton galton.gif --until 20 --fps 12
   mpsim animate cooling cooling.gif --seconds 8 --scale log --theme dark
-  mpsim animate hopper hopper.mp4 --frames 300 --every 4      (needs ffmpeg or mpsim[film])
+  mpsim animate hopper -o hopper.mp4 --frames 300 --every 4      (needs ffmpeg or mpsim[film])
   mpsim animate dense passes.gif --colour parity --method parallel --workers 2
 """
 
 
 @click.command(epilog=ANIMATE_EXAMPLES, short_help="Write an animation.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
-@click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("out", required=False, type=click.Path(path_type=Path, dir_okay=False))
+@click.option(
+    "--out", "-o", "out_option", type=click.Path(path_type=Path, dir_okay=False), help="Another way to give OUT."
+)
 @click.option(
     "--frames", type=terminal.Whole(1, 100_000), help="Number of pictures; default: to the end of the scene's duration."
 )
@@ -105,7 +108,8 @@ Examples:
 @terminal.quiet_option
 def animate(
     scene: str,
-    out: Path,
+    out: Path | None,
+    out_option: Path | None,
     frames: int | None,
     until: float | None,
     seconds: float | None,
@@ -123,6 +127,7 @@ def animate(
     """Simulate SCENE and write an animation to OUT: a .gif, or an .mp4 if ffmpeg is installed."""
     from mpsim.output import animation  # noqa: PLC0415 - with matplotlib, see run.py
 
+    out = _target(out, out_option)
     terminal.existing_refused(out, force)
     animation.checked_target(out)  # before the scene is made, which may take a while
     file = scenefile.load(scene)
@@ -152,3 +157,11 @@ def animate(
         )
     else:
         click.echo(f"written: {out}, {frames} pictures, {frames / fps:.3g} s, {size / 1000:.0f} kB")
+
+
+def _target(out: Path | None, out_option: Path | None) -> Path:
+    """The one of the two that was given."""
+    target = out_option or out
+    if target is None or (out and out_option):
+        raise click.UsageError("Give the file to write once, as OUT or by --out, such as gas.gif.")
+    return target

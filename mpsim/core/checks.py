@@ -209,6 +209,8 @@ def known_names(
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """A decorator: keywords that a function does not have raise UnknownArgumentError, which suggests a similar one.
 
+    So does a value without a name, where the function takes it only by name.
+
     Args:
         further: functions whose arguments it takes as well, as `**others`.
         without: those of their arguments that it sets itself.
@@ -224,12 +226,15 @@ def known_names(
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        kinds = [each.kind for each in inspect.signature(function).parameters.values()]
+        parameters = inspect.signature(function).parameters.values()
+        kinds = [each.kind for each in parameters]
         if inspect.Parameter.VAR_KEYWORD in kinds and not further:
             return function  # which checks them itself
         every = dict.fromkeys(name for each in (function, *further) for name in names_of(each))
         names = tuple(name for name in every if name not in without)
         known = frozenset(names)
+        by_name = [each.name for each in parameters if each.kind is inspect.Parameter.KEYWORD_ONLY]
+        first = kinds.index(inspect.Parameter.KEYWORD_ONLY) if by_name else None
         what = f"an argument of {called or function.__qualname__.removesuffix('.__init__')}"
 
         @functools.wraps(function)
@@ -239,6 +244,12 @@ def known_names(
                 instead = elsewhere(unknown)
                 hint = f" Use {instead}." if instead else ""
                 raise UnknownArgumentError(_must_be_one_of(what, unknown, names) + hint)
+            if first is not None and len(args) > first and inspect.Parameter.VAR_POSITIONAL not in kinds:
+                name = next((name for name in by_name if name not in kwargs), by_name[0])
+                given = brief(args[first])
+                raise UnknownArgumentError(
+                    f"{what} must be given with its name, such as {name}=...; got {given} alone."
+                )
             return function(*args, **kwargs)
 
         return door

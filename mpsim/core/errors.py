@@ -52,7 +52,7 @@ class InputError(MpsimError, ValueError):
 
 
 class UnknownArgumentError(InputError, TypeError):
-    """A keyword is the name of no argument. It is a TypeError too, as Python raises it in such a case."""
+    """A keyword is the name of no argument, or an argument lacks its name. It is a TypeError too, as in Python."""
 
 
 class SceneFileError(InputError):

@@ -232,7 +232,14 @@ def count_of(discs: Discs) -> int:
     >>> count_of(State(np.zeros((3, 2)), np.ones((3, 2))))
     3
     """
-    return len(discs.position) if isinstance(discs, State) else discs.count
+    if isinstance(discs, State):
+        return len(discs.position)
+    if not isinstance(discs, StateInChunks):  # pyright: ignore[reportUnnecessaryIsInstance] - callers without a checker
+        raise InputError(
+            f"state must be a State; got {type(discs).__name__}. Use sim.state of a Simulation, and "
+            "State(scene.position, scene.velocity) of a Scene."
+        )
+    return discs.count
 
 
 def part_of(state: State, first: int, last: int) -> State:
@@ -257,8 +264,9 @@ def parts_of(discs: Discs) -> Iterator[tuple[slice, State]]:
     >>> [(rows, len(part.velocity)) for rows, part in parts_of(State(np.zeros((2, 2)), np.ones((2, 2))))]
     [(slice(0, 2, None), 2)]
     """
+    count = count_of(discs)
     between = functools.partial(part_of, discs) if isinstance(discs, State) else discs.between
-    yield from ((slice(*each), between(*each)) for each in ranges(count_of(discs)) or [(0, 0)])
+    yield from ((slice(*each), between(*each)) for each in ranges(count) or [(0, 0)])
 
 
 def digest_of(values: Mapping[str, Any]) -> str:

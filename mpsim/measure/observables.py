@@ -216,9 +216,10 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
     Overlap(pairs=1, largest=0.25, mean=0.25, worst=(0, 1))
     """
     rounding = TOUCHING * float(np.finfo(state.position.dtype).eps) * max(scene.width, scene.height)
-    whole, numbers = Part(slice(None), state), np.flatnonzero(state.present)
-    position, name = whole.position, "overlap"
+    name = "overlap"
     each = radii_of(name, scene, state) if radii is None else one_of_each(name, "radius", radii, state)
+    whole, numbers = Part(slice(None), state), np.flatnonzero(state.present)
+    position = whole.position
     radii = whole.of(each)
     diameter = 2 * float(radii.max(initial=0.0))
     pairs, total, largest, worst = 0, 0.0, 0.0, None

@@ -72,6 +72,17 @@ def test_animate_writes_an_animation_once(tmp_path):
     }
 
 
+def test_the_file_of_an_animation_is_given_once_in_either_way(tmp_path):
+    path = tmp_path / "a.gif"
+    few = ("--frames", 2, "--every", 5, "--pixels", 100, "--method", "grid", "--quiet")
+    assert mpsim_command("animate", "gas", "-o", path, *few).stdout.startswith(f"written: {path}, 2 pictures")
+    for given in ((), (tmp_path / "b.gif", "--out", tmp_path / "c.gif")):
+        refused = mpsim_command("animate", "gas", *given, *few)
+        assert refused.exit_code == 2
+        assert refused.stderr.endswith("Error: Give the file to write once, as OUT or by --out, such as gas.gif.\n")
+    assert [each.name for each in tmp_path.iterdir()] == ["a.gif"]
+
+
 def test_an_animation_has_a_length_and_a_theme(tmp_path):
     path = tmp_path / "a.gif"
     few = ("--fps", 5, "--pixels", 100, "--method", "grid", "--quiet", "--theme", "dark", "--scale", "log")

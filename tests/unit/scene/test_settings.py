@@ -74,6 +74,30 @@ def test_an_unknown_keyword_is_refused_with_the_one_that_was_meant(case):
     assert isinstance(caught.value, TypeError), "as Python raises it"
 
 
+ALONE = {
+    "Scene": (lambda: mpsim.Scene(10, 10), "an argument of Scene ", "width=...; got 10 alone"),
+    "Scene.random": (lambda: mpsim.Scene.random(100), "an argument of Scene.random ", "count=...; got 100 alone"),
+    "Scene.random, the first is named": (
+        lambda: mpsim.Scene.random(0.5, count=9), "an argument of Scene.random ", "radius=...; got 0.5 alone"
+    ),
+    "draw": (lambda: mpsim.draw(None, None, "red"), "an argument of draw ", "colour=...; got 'red' alone"),
+    "Units": (lambda: mpsim.Units(1), "an argument of Units ", "length=...; got 1 alone"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", ALONE)
+def test_a_value_without_its_name_is_refused(case):
+    call, what, got = ALONE[case]
+    with pytest.raises(mpsim.UnknownArgumentError) as caught:
+        call()
+    assert_says(caught, [f"{what}must be given with its name, such as {got}."])
+    assert isinstance(caught.value, TypeError), "as Python raises it"
+
+
+def test_a_value_that_needs_no_name_is_taken_without():
+    assert mpsim.Settings(0.01) == mpsim.Settings(dt=0.01)
+
+
 def test_a_setting_where_a_simulation_begins_is_sent_to_settings():
     with pytest.raises(mpsim.UnknownArgumentError, match=r"got 'dt'\. Use Settings\(dt=\.\.\.\)\."):
         mpsim.Simulation(gas(3, 0.1), dt=0.01)
