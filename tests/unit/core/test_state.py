@@ -139,7 +139,7 @@ def test_a_file_that_is_no_state_is_refused(tmp_path):
     with pytest.raises(mpsim.InputError, match=r"must have one shape, \(N, 2\), and one floating dtype; .*\(2, 2\)"):
         mpsim.State.load(tmp_path / "other.npz")
     np.savez(tmp_path / "code.npz", position=np.array([print], object), velocity=np.zeros((1, 2)))
-    with pytest.raises(mpsim.InputError, match="no plain array"):
+    with pytest.raises(mpsim.InputError, match="is not a plain array"):
         mpsim.State.load(tmp_path / "code.npz")
     with pytest.raises(mpsim.OutputError, match=r"must be in a folder that can be written to; got .* Choose another"):
         mpsim.State(np.zeros((1, 2)), np.zeros((1, 2))).save(tmp_path / "none" / "a.npz")
