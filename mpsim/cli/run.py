@@ -54,7 +54,7 @@ Examples:
 @click.command(epilog=RUN_EXAMPLES, short_help="Simulate a scene.")
 @click.argument("scene", shell_complete=terminal.complete_scene)
 @click.option("--frames", type=terminal.Whole(1), help=f"Number of frames; default: the scene's duration, or {FRAMES}.")
-@click.option("--until", type=terminal.Positive("time"), help="Time of the scene at which to stop.")
+@click.option("--until", type=terminal.Positive("time"), help="Simulated time at which to stop.")
 @terminal.settings_options
 @click.option(
     "--measure",
@@ -148,10 +148,12 @@ Examples:
 @click.command(epilog=RESUME_EXAMPLES, short_help="Continue a run.")
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--frames", type=terminal.Whole(1), help="Number of further frames.")
-@click.option("--until", type=terminal.Positive("time"), help="Time of the scene at which to stop.")
+@click.option("--until", type=terminal.Positive("time"), help="Simulated time at which to stop.")
 @click.option("--method", type=terminal.Choice(SAME_BITS), help="Change to another method with the same bits.")
 @click.option(
-    "--workers", type=terminal.Whole(1, terminal.MOST_WORKERS), help="Number of processes; it changes no bit."
+    "--workers",
+    type=terminal.Whole(1, terminal.MOST_WORKERS),
+    help="Number of processes; it does not change the result.",
 )
 @terminal.json_option
 @terminal.quiet_option

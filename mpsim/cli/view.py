@@ -25,7 +25,7 @@ Examples:
   mpsim view gas --beside event                 the exact solver beside it, from the same start
   mpsim view dense --beside dt=0.001,passes=2
   mpsim view my_scene.toml --method parallel --workers 2
-  mpsim view '?scene=gas&dt=0.005&seed=3&wait'  what somebody has sent: a link, or a whole address with one
+  mpsim view '?scene=gas&dt=0.005&seed=3&wait'  a link from the page of another view
   mpsim view run                                the folder of a run, which may still be in progress
   mpsim view trajectory.xyz
   mpsim view gas --port 8000 --no-browser       on a machine without a screen: ssh -L 8000:127.0.0.1:8000 there
@@ -85,8 +85,8 @@ def _recording(path: str, options: dict[str, Any]) -> "Recording | None":
     given = sorted(name for name, value in options.items() if value is not None)
     if given:
         raise click.UsageError(
-            f"--{given[0].replace('_', '-')} goes with a scene; {path!r} is a recording, which is only shown. "
-            "Leave it out."
+            f"--{given[0].replace('_', '-')} can be given only with a scene; {path!r} is a recording, which is only "
+            "shown. Leave it out."
         )
     if not folder:
         return Recording(Path(path))

@@ -141,7 +141,7 @@ def _at_temperature(thermostat: Thermostat | None, temperature: Any) -> Thermost
     if thermostat is None:
         raise InputError(
             f"temperature can be changed only in a scene with a thermostat, and got {checks.brief(temperature)}. Give "
-            "the scene a Thermostat; one of a small rate hardly acts."
+            "the scene a Thermostat; one with a small rate has almost no effect."
         )
     return dataclasses.replace(thermostat, temperature=checks.positive("temperature", temperature, ENERGY))
 

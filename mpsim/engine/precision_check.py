@@ -123,8 +123,8 @@ def coarseness(scene: Scene, settings: Settings) -> str | None:
     pull = 0.0 if scene.gravity is None else float(np.abs(scene.gravity).max())
     if has_steps and 0 < pull * dt < float(np.finfo(precision).eps) * speed:
         words.append(
-            f"gravity changes a velocity by {pull * dt:.3g} in a step, which rounding loses beside an rms speed of "
-            f"{speed:.3g}. Use larger steps{_or_double(precision)}"
+            f"gravity changes a velocity by {pull * dt:.3g} in a step, which is lost to rounding beside an rms speed "
+            f"of {speed:.3g}. Use larger steps{_or_double(precision)}"
         )
     return ". ".join(words) + "." if words else None
 

@@ -60,13 +60,12 @@ class Simulation(Changing):
         TooFastError: with on_fast="error", or with "substep" if it would need too many sub-steps; also during a run,
             which can then be continued.
         ResourceError, WorkerDied: if the block (SharedMemoryError) or the workers cannot be created.
-        BusyError, ForkedError: at any use while another thread changes the simulation, or in a fork of the process that
-            made it.
+        BusyError, ForkedError: at any use while another thread changes it, or in a fork of the process that made it.
 
     Warns:
-        OverlapWarning: if discs overlap at the start. FastWarning: if discs move so far in a step that they may pass
-        through each other (also during a run, once). ResolutionWarning: if the precision of the run is too coarse for
-        the scene.
+        OverlapWarning: if discs overlap at the start.
+        FastWarning: if discs move so far in a step that they may pass through each other (also during a run, once).
+        ResolutionWarning: if the precision of the run is too coarse for the scene.
 
     >>> scene = Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
     >>> with Simulation(scene, Settings(dt=0.01, method="grid")) as sim:
@@ -242,8 +241,7 @@ class Simulation(Changing):
 
         Args:
             frames: how many, >= 0.
-            until: simulated time at which to stop, not before the present one [time]. The first frame that reaches it
-                is the last.
+            until: simulated time at which to stop, not in the past [time]. The first frame that reaches it is the last.
             measures: what to measure during the run, for report.measures: "pressure", "pressure_virial", "pressure_xx",
                 "pressure_yy", "pressure_xy", "collision_rate", "contact_rate", "overlap", "largest_overlap",
                 "kinetic_energy", "temperature", "speed_kurtosis", "energy_drift", "momentum_drift". Measuring never
@@ -430,7 +428,7 @@ class Simulation(Changing):
 
     @reading
     def columns(self) -> Columns:
-        """Grid column of each disc, the worker that the column belongs to, and the number of workers.
+        """Grid column of each disc, the worker that the column belongs to, and the number of columns.
 
         Raises:
             InputError: for `naive` and `event`, which have no columns.

@@ -1,4 +1,4 @@
-"""What a scene may have besides discs in a box: a module for each feature, and the list of them."""
+"""Optional features of a scene: a module for each, and the list of them."""
 
 from mpsim.features.absorption import Absorption
 from mpsim.features.emitters import Emitter, Emitters

@@ -1,4 +1,4 @@
-"""Edges that absorb discs: an absorbed disc keeps its number, rests where it left, and no longer collides."""
+"""Edges that absorb discs: an absorbed disc keeps its number, stays where it left, and no longer collides."""
 
 from typing import Any, ClassVar
 

@@ -1,4 +1,4 @@
-"""Capsules, segments with a radius, of which all obstacles are made: distances to them, and which are near a point.
+"""Capsules (segments with a radius), of which all obstacles are made: distances to them, and those near a point.
 
 A capsule is a row (ax, ay, bx, by, radius) [length]; one of length 0 is a disc. Nothing here compares every disc with
 every capsule: time and memory grow with the number of capsules and of close pairs.
@@ -385,7 +385,7 @@ def check_clear(found: Deepest | None, name: str, position: Floats, radius: Floa
 
 
 def demand_none(capsules: Floats, what: str) -> None:
-    """Refuse obstacles where there may be none: for these discs, in words."""
+    """Refuse obstacles for discs, described in words, that allow none."""
     if len(capsules):
         raise InputError(
             f"obstacles must be left out for {what}; got one or more. Use Scene.random, whose discs keep clear of them."
@@ -407,7 +407,8 @@ def check_room_among(
 ) -> None:
     """Refuse more discs than a box that a wall has made smaller can hold among capsules.
 
-    Of several radii, discs of one radius and larger ones need at least as much room as equal discs of that radius.
+    If there are several radii, discs of one radius and larger ones need at least as much room as equal discs of that
+    radius.
 
     Args:
         capsules: shape (K, 5) [length].

@@ -1,4 +1,4 @@
-"""The boundaries of the box: of which kinds they are, its edges, and walls that move."""
+"""The boundaries of the box: their kinds, the edges, and walls that move."""
 
 # pyright: reportUnnecessaryIsInstance=false
 # Arguments are checked when the program runs as well, for callers without a type checker.
@@ -18,8 +18,8 @@ class Boundary(NamedTuple):
     Attributes:
         wraps: whether discs that leave at one end enter at the other.
         has_walls: whether they bounce at the ends, which no disc reaches beyond.
-        least_diameters: of the largest disc, for which the axis has room at least: two where discs meet others through
-            it, so that none meets its own image.
+        least_diameters: smallest length of the axis, in diameters of the largest disc: two where discs meet others
+            through it, so that none meets its own image.
         largest_radius: what that allows, in words.
         not_exact: what the exact solver cannot do, in words; "": its files follow this kind.
     """

@@ -31,8 +31,8 @@ class Emitter:
 
     With `every`, a disc enters once every `every` frames, so the scene depends on dt.
 
-    A disc whose place is occupied waits, and delays the discs after it; one EmitterWarning reports this. It tries again
-    every interval / 8 (with `every`: before each frame).
+    A disc whose place is occupied waits and delays the discs after it, which is reported once by an EmitterWarning. It
+    tries again every interval / 8 (with `every`: before each frame).
 
     Args:
         position: centre of the new disc (x, y) [length], a radius from walls and capsules. Once a moving wall has

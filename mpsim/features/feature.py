@@ -1,7 +1,7 @@
-"""What a feature of a scene is: all that other modules need to know of it, in one class.
+"""What a feature of a scene is: everything that other modules need to know about it, in one class.
 
-Each feature has a module of its own with a subclass, of which `mpsim.features.FEATURES` holds an instance. What every
-feature has to answer is asked of all in that list. The methods here are those of a feature that changes nothing.
+Each feature has a module of its own with a subclass, of which `mpsim.features.FEATURES` holds an instance. Questions
+that concern every feature are put to all in that list. The methods here are those of a feature that changes nothing.
 """
 
 import dataclasses
@@ -23,7 +23,7 @@ Shapes = dict[str, tuple[DTypeLike, tuple[int, ...]]]
 
 
 class SceneLike(Protocol):
-    """What features see of a scene, which is on the floor above: attributes of `mpsim.Scene`."""
+    """What features see of a scene: attributes of `mpsim.Scene`, which is in a layer above."""
 
     width: float
     height: float
@@ -159,7 +159,7 @@ class Feature:
         numbers: where it is numbers instead, these arguments of Scene: default and meaning.
         vectors: likewise (x, y) or None: meaning.
         per_disc: likewise a value for each disc, or None: those that are no columns, or need more than these declare.
-        law: the only one of the settings that it goes with; "" for any.
+        law: the only law of the settings that it works with; "" for any.
         meaning: what it is, for the docs of scene files.
         keys: of a single value: the meaning of its fields, for the docs of scene files.
         examples: of a single value: valid arguments, such that each valid value of a field is valid in one of them.
@@ -167,8 +167,8 @@ class Feature:
         drives: what sets discs at rest in motion, for the text that asks for such a thing.
         relief: what makes room for discs that are pressed, for the text of the warning.
         invalidates: measures that it makes meaningless.
-        draws: whether it draws random numbers while the scene runs.
-        heats: whether it changes the energy of discs, contacts aside.
+        draws: whether it uses random numbers while the scene runs.
+        heats: whether it changes the energy of discs other than in contacts.
         on_tiles: whether `event` can do it on several workers.
         excludes: whether it keeps discs out of regions of the box.
         adds_discs, removes_discs: whether the number of discs grows, or falls, while the scene runs.
@@ -228,7 +228,7 @@ class Feature:
         """Refuse, naming the argument, what does not fit the rest of a scene that is being made."""
 
     def check_law(self, scene: SceneLike, law: str) -> None:
-        """Refuse a law of the settings that it does not go with."""
+        """Refuse a law of the settings that it does not work with."""
         if self.law and law != self.law and self.is_in(scene):
             raise InputError(
                 f"law must be {self.law!r} in a scene with {self.argument}, which needs the impulse of a contact; got "
@@ -281,11 +281,11 @@ class Feature:
     # --- people
 
     def brief(self, scene: SceneLike) -> str:
-        """What the repr of a scene says of it; "" for nothing."""
+        """What the repr of a scene says about it; "" for nothing."""
         return self.argument if self.is_in(scene) else ""
 
     def description(self, scene: SceneLike) -> str:
-        """In words, for a scene that has it; "" if that is said of the discs."""
+        """Description in words for a scene that has it; "" if the description of the discs includes it."""
         return str(self.of(scene))
 
     def record(self, scene: SceneLike) -> Any:
@@ -316,7 +316,7 @@ class Feature:
         return None if value is None else _fields(value)
 
     def from_plain(self, plain: Any) -> Any:
-        """The value of which `to_plain` has made plain values."""
+        """The value from which `to_plain` made plain values."""
         if not self.kinds or plain is None:
             return plain
         kinds: dict[str, Any] = {kind.__name__: kind for kind in self.kinds}

@@ -26,7 +26,7 @@ LARGEST_OBSTACLES = 1_000_000
 
 @dataclass(frozen=True)
 class FixedDisc:
-    """A disc that never moves: a peg.
+    """A disc that never moves, such as a peg.
 
     Args:
         position: centre (x, y) [length], in the box.
@@ -55,7 +55,7 @@ class FixedDisc:
 
 @dataclass(frozen=True)
 class Polyline:
-    """A chain of straight walls that discs cannot cross from either side: a funnel, a channel, a bin.
+    """A chain of straight walls that discs cannot cross from either side, such as a funnel, a channel or a bin.
 
     Args:
         points: corners, shape (K, 2), K >= 2 [length], in the box; neighbours differ.
@@ -211,7 +211,7 @@ class Obstacles(Feature):
         """`arrays` of scenes in use, with what they were made from: each block needs them twice."""
 
     def check_room(self, scene: SceneLike, new: NewDiscs) -> None:
-        """Refuse discs that overlap an obstacle: the first frame would push them out of it."""
+        """Refuse discs that overlap an obstacle: the first frame would move them out of it."""
         capsules.check_clear(scene.deepest(new.position, new.radius), new.name, new.position, new.radius)
 
     def deepest(self, scene: SceneLike, position: Floats, radius: Floats) -> Deepest | None:

@@ -39,9 +39,9 @@ def densest_packing(smallest: float, largest: float) -> float:
 def shortest_box(radius: Floats, number: Floats, across: float, walls: bool) -> float:
     """Length below which no box between two walls, `across` wide, holds the given discs [length].
 
-    For equal discs between four walls from Oler's inequality, which includes the room that is lost at walls (Acta Math.
-    105, 19, 1961): n points a diameter d apart lie in a convex region of area A and perimeter P only if
-    n <= 2 A / (sqrt(3) d^2) + P / (2 d) + 1. Else from the packing fraction.
+    For equal discs between four walls from Oler's inequality, which includes the space lost at walls (Acta Math. 105,
+    19, 1961): n points a diameter d apart lie in a convex region of area A and perimeter P only if n <= 2 A / (sqrt(3)
+    d^2) + P / (2 d) + 1. Otherwise it follows from the packing fraction.
 
     Args:
         radius, number: radii, and the number of discs of each, shape (K,) [length].

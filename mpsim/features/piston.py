@@ -27,8 +27,8 @@ class Piston:
     Args:
         wall: "left", "right", "bottom" or "top".
         speed: along x or y [length/time]; a right wall with a negative speed compresses.
-        stop: coordinate at which it comes to rest [length], in the box, in the direction of motion. There must be room
-            for all discs then.
+        stop: coordinate at which it comes to rest [length], in the box, in the direction of motion. All discs must
+            still fit in the box there.
         start: coordinate at which it begins [length], from its wall to stop; at stop it is at rest. None: at its wall.
 
     Raises:

@@ -19,19 +19,20 @@ from mpsim.kernels.records import THERMAL_WALLS
 
 @dataclass(frozen=True)
 class ThermalWalls:
-    """Walls of the box that are heat baths: whatever the velocity of a disc that comes, it leaves with a new one.
+    """Walls of the box that are heat baths: a disc that hits one gets a new velocity, independent of its old one.
 
     At the temperature T of a wall, the speed v along its normal has the density (m v / T) exp(-m v^2 / 2T), that of
     discs that cross a line in equilibrium; the velocity along the wall is normal, of variance T / m (Lebowitz and
-    Spohn, J. Stat. Phys. 19, 633, 1978). So a gas between walls at one temperature comes to it, and heat flows between
-    walls at two. Restitution and friction do not act at such walls.
+    Spohn, J. Stat. Phys. 19, 633, 1978). So a gas between walls at one temperature reaches that temperature, and heat
+    flows between walls at different ones. Restitution and friction do not act at such walls.
 
     Args:
-        left, right, bottom, top: kT of this wall [mass length^2/time^2], > 0; None: it is not thermal.
-        seed: of the random numbers, >= 0. They follow from the seed, the disc, its place and velocity at the contact.
+        left, right, bottom, top: kT of this wall [mass length^2/time^2], > 0; None: the wall is not thermal.
+        seed: of the random numbers, >= 0. They depend only on the seed, the disc, and its position and velocity at the
+            contact.
 
     Raises:
-        InputError: naming the argument, its rule and the value received; without any temperature.
+        InputError: naming the argument, its rule and the value received; if no temperature is given.
 
     >>> ThermalWalls(left=1, right=4)
     ThermalWalls(left=1.0, right=4.0, bottom=None, top=None, seed=0)

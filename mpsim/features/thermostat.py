@@ -1,4 +1,4 @@
-"""A thermostat: discs get new velocities at random, drawn from the distribution of Maxwell at a temperature."""
+"""A thermostat: discs get new velocities at random, drawn from the Maxwell distribution at a temperature."""
 
 # pyright: reportUnnecessaryIsInstance=false
 # The argument is checked when the program runs as well, for callers without a type checker.
@@ -23,14 +23,14 @@ MOST_SEED = 2**63 - 1
 class Thermostat:
     """The thermostat of Andersen (J. Chem. Phys. 72, 2384, 1980): discs exchange energy with a heat bath.
 
-    Between two frames each disc gets, with the probability 1 - exp(-rate dt), a new velocity from the distribution of
-    Maxwell at the temperature: each component is normal, of variance temperature / mass. So the mean energy of an
-    elastic gas relaxes to that of the temperature as exp(-rate t), and momentum is not conserved. Spins stay.
+    Between two frames each disc gets, with probability 1 - exp(-rate dt), a new velocity from the Maxwell distribution
+    at the temperature: each component is normally distributed with variance temperature / mass. So the mean energy of
+    an elastic gas relaxes to that of the temperature as exp(-rate t), and momentum is not conserved. Spins stay.
 
     Args:
         temperature: kT of the bath, the mean of m v_x^2 [mass length^2/time^2], > 0.
         rate: new velocities per disc and time [1/time], > 0.
-        seed: of the random numbers, >= 0. They follow from the seed, the number of the disc and that of the frame.
+        seed: of the random numbers, >= 0. They depend only on the seed, the number of the disc and that of the frame.
 
     Raises:
         InputError: naming the argument, its rule and the value received.

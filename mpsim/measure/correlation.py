@@ -83,7 +83,7 @@ def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r
     True
     """
     states = [states] if isinstance(states, State) else list(states)
-    bins = checks.whole("bins", bins, 1, 1_000_000, "Some 100 shells are usual.")
+    bins = checks.whole("bins", bins, 1, 1_000_000, "About 100 shells are usual.")
     r_max = checks.positive("r_max", r_max, "[length]")
     radius = _one_radius(scene)
     _demand_uniform(states, scene)
@@ -94,8 +94,8 @@ def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r
     most = float(np.where(periodic, size / 2, size / 2 - radius).min())
     if not diameter < r_max <= most or (inner <= 0).any():
         raise InputError(
-            f"r_max must lie above one diameter, {diameter:g}, and below {most:g} (beyond that no disc is so far from "
-            f"the walls, or it meets images of itself); got {r_max!r}. Use another r_max, or a larger box."
+            f"r_max must lie above one diameter, {diameter:g}, and below {most:g} (beyond that no disc is far enough "
+            f"from the walls, or a disc meets its own images); got {r_max!r}. Use another r_max, or a larger box."
         )
     edges = np.linspace(diameter, r_max, bins + 1)
     counts, variances, references = np.zeros(bins), np.zeros(bins), 0

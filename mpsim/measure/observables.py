@@ -362,7 +362,7 @@ def trajectory_error(state: State, reference: State, scene: Scene | None = None)
 
 def _edges(bins: int | ArrayLike, largest: float) -> NDArray[np.float64]:
     if isinstance(bins, (int, np.integer)):
-        number = checks.whole("bins", bins, 1, 1_000_000, "Some 50 bins are usual.")
+        number = checks.whole("bins", bins, 1, 1_000_000, "About 50 bins are usual.")
         return np.linspace(0, largest, number + 1)
     edges = checks.finite_array("bins", bins, (None,), "(bins + 1,)")
     if len(edges) < 2 or edges[0] < 0 or (np.diff(edges) <= 0).any():

@@ -102,7 +102,7 @@ def structure_factor(states: State | Sequence[State], scene: Scene, k_max: float
     """
     states = [states] if isinstance(states, State) else list(states)
     k_max = checks.positive("k_max", k_max, "[1/length]")
-    bins = checks.whole("bins", bins, 1, 1_000_000, "Some 50 shells are usual.")
+    bins = checks.whole("bins", bins, 1, 1_000_000, "About 50 shells are usual.")
     if not all(scene.periodic):
         raise InputError(
             "structure_factor needs a box that is periodic in both axes, whose wave vectors it takes; this one has "
@@ -112,7 +112,7 @@ def structure_factor(states: State | Sequence[State], scene: Scene, k_max: float
     reach = k_max / steps
     if not math.pi * reach.prod() / 2 <= MOST_VECTORS:
         raise InputError(
-            f"k_max must be so small that at most {MOST_VECTORS:,} wave vectors are in it; got {k_max!r}, with "
+            f"k_max must be small enough for at most {MOST_VECTORS:,} wave vectors; got {k_max!r}, which gives "
             f"{math.pi * reach.prod() / 2:.3g}. Give a smaller one."
         )
     edges = np.linspace(0, k_max, bins + 1)
@@ -187,7 +187,7 @@ def hexatic_correlation(states: State | Sequence[State], scene: Scene, bins: int
     True
     """
     states = [states] if isinstance(states, State) else list(states)
-    bins = checks.whole("bins", bins, 1, 1_000_000, "Some 50 shells are usual.")
+    bins = checks.whole("bins", bins, 1, 1_000_000, "About 50 shells are usual.")
     r_max = checks.positive("r_max", r_max, "[length]")
     if r_max > (most := _half(scene)):
         raise InputError(

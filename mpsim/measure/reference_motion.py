@@ -221,7 +221,7 @@ def excess_from_equal_speeds(collisions: float) -> float:
     """
     collisions = checks.non_negative("collisions", collisions, "(per disc)")
     if collisions > 1:
-        raise InputError(f"collisions must be at most 1, where this line ends; got {collisions!r}. Look earlier.")
+        raise InputError(f"collisions must be at most 1 for this formula to hold; got {collisions!r}. Give fewer.")
     return EQUAL_SPEEDS_EXCESS + EQUAL_SPEEDS_SLOPE * collisions
 
 

@@ -119,7 +119,7 @@ _REFUSALS: tuple[_Refusal, ...] = (
     _Refusal(
         ("energy_drift",),
         observables.has_periodic_field,
-        "fields along periodic axes, round which discs fall without end",
+        "fields along periodic axes, along which discs fall without end",
         "Give such an axis walls.",
     ),
     _Refusal(

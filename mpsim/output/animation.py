@@ -70,8 +70,8 @@ def animate(
 ) -> Animation:
     """Simulate a scene and write it as an animation.
 
-    By speed, the ends of the colour bar are the 2nd and the 98th percentile of all its pictures, and arrows show that
-    speeds lie outside. For this, the whole run is simulated before the first picture is drawn.
+    With colour="speed", the colour bar runs from the 2nd to the 98th percentile of the speeds in all pictures, and
+    arrows show that speeds lie outside. To find these, the whole run is simulated before the first picture is drawn.
 
     Args:
         scene, settings: what is simulated and how; settings None: those that the scene recommends, or the defaults.

@@ -24,7 +24,7 @@ ScaleName = Literal["linear", "log"]
 
 
 class ColourScale(NamedTuple):
-    """Ends of a colour bar, at which of them values lie outside, in matplotlib's words; log: it is logarithmic."""
+    """Ends of a colour bar, and where values lie outside, in matplotlib's words; log: whether it is logarithmic."""
 
     low: float
     high: float
@@ -35,7 +35,7 @@ class ColourScale(NamedTuple):
 def percentile_scale(values: ArrayLike, kind: ScaleName = "linear") -> ColourScale:
     """The scale from the 2nd to the 98th percentile of values, of any shape; NaN are left out.
 
-    Its ends are two of the values; of 50 or fewer, the least and the greatest.
+    Its ends are two of the values; for 50 values or fewer, the least and the greatest.
 
     Where these percentiles are equal, it spans all values; where all values are equal, it begins at 0 or ends there.
     A logarithmic one has its ends from the values > 0; where these are fewer than two different ones, it is linear.

@@ -19,16 +19,16 @@ ROUNDING = 16
 
 
 def lacking(frame: Frame) -> list[str]:
-    """What a frame of another program, or an earlier version, lacks of what mpsim writes, in words."""
+    """What mpsim writes, but a frame of another program or an earlier version lacks, in words."""
     return [words for name, words in NEEDED.items() if name not in frame.known]
 
 
 def discrepancy(sim: Simulation, now: Frame, first: Frame, last: Frame) -> str | None:
     """Why frames of a file cannot be those of a simulation, in words that follow the file's name; None if they can.
 
-    Box, boundaries, precision and dt must agree, radii and masses of the discs that both have, and which discs those
-    can be: discs that are added are new ones, absorbed ones do not return. Where both have the same moment, that of the
-    present or the start, positions and velocities must agree too.
+    Box, boundaries, precision and dt must agree, and so must radii and masses of the discs that both have. The discs
+    must be possible ones: added discs have new numbers, and absorbed ones do not return. If both hold the same moment,
+    the present or the start, positions and velocities must agree too.
 
     Args:
         sim: as it is now.

@@ -41,7 +41,7 @@ ENDINGS = (".png", ".pdf", ".svg", ".eps", ".jpg", ".jpeg", ".tif", ".tiff", ".w
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours of what is not a disc.
+    """Colours of everything except discs.
 
     Attributes:
         ground, ink: of the paper, and of lines and words on it.
@@ -115,7 +115,7 @@ def figure_around(
 def with_images(position: ArrayLike, scene: Scene) -> NDArray[np.float64]:
     """Centres and their images beyond the nearer periodic edges, the centres first: shape (N, 2), (2 N, 2) or (4 N, 2).
 
-    The images of discs in the middle lie outside the box, where nothing is drawn.
+    Images of discs far from an edge lie outside the box, where nothing is drawn.
 
     >>> scene = Scene(width=4, height=4, position=[[0.25, 1]], velocity=[[0, 0]], radius=0.5, boundary="periodic")
     >>> with_images(scene.position, scene).tolist()
@@ -138,7 +138,7 @@ def draw_discs(
     radii: NDArray[np.floating] | None = None,
     theme: Theme = LIGHT,
 ) -> EllipseCollection:
-    """Discs at true radius in their box, with what stands in it; no ticks, the frame is dotted where it is periodic.
+    """Discs at true radius in their box, with obstacles; there are no ticks, and periodic edges are dotted.
 
     Args:
         axes: where to draw.
@@ -208,7 +208,7 @@ def on_scale(values: NDArray[Any], scale: ColourScale) -> Any:
 def colour_bar(
     axes: Axes, discs: EllipseCollection, scene: Scene, label: str, outside: Literal["neither", "both", "min", "max"]
 ) -> Colorbar:
-    """The colour bar of discs, beside the box; below it, where that is flat."""
+    """The colour bar of discs, beside the box, or below it if the box is flat."""
     where: dict[str, Any] = {"location": "right", "shrink": 0.8, "aspect": 25}
     if _is_flat(scene):
         where = {"location": "bottom", "shrink": 0.6, "aspect": 40}
@@ -260,7 +260,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> Path:
     """Write a figure in mpsim's style, in the format of the path's ending.
 
     Raises:
-        InputError: for an ending of no format that can be written.
+        InputError: for an ending of a format that cannot be written.
         OutputError: if it cannot be written.
     """
     target = checked_picture(path)

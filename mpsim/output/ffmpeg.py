@@ -10,10 +10,10 @@ def executable(instead: str) -> str:
     """The path of ffmpeg: the system's, or that of the package imageio-ffmpeg, which the extra `film` installs.
 
     Args:
-        instead: what to do without it, for the error.
+        instead: what to do without ffmpeg, for the error.
 
     Raises:
-        OutputError: if there is neither.
+        OutputError: if neither is found.
     """
     found = shutil.which("ffmpeg")
     if found is not None:

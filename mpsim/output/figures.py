@@ -28,7 +28,7 @@ SPIKE = 2.0
 
 
 def fixed(timings: Mapping[str, Timing], report_ms: Mapping[str, float], path: Path) -> None:
-    """How the times of frames are distributed, a row for each method; the report's means are in words beside them."""
+    """Distribution of frame times, a row for each method; the report's means are printed beside them."""
     times = {method: timing.frame_seconds[1:] * 1e6 for method, timing in timings.items()}
     low = min(float(each.min()) for each in times.values()) * 0.95
     high = max(float(np.quantile(each, 0.98)) for each in times.values()) * 1.15
@@ -69,7 +69,7 @@ def fixed(timings: Mapping[str, Timing], report_ms: Mapping[str, float], path: P
 
 
 def growth(timings: Mapping[str, Timing], report_ms: Mapping[str, float], path: Path) -> None:
-    """Time of a frame against the number of discs: running median and middle 80 %; frames far beyond them are dots."""
+    """Frame time against the number of discs: running median and middle 80 %; frames far outside are dots."""
     with matplotlib.rc_context(fname=STYLE):
         figure = new_figure(8, 5.2)
         axes = figure.add_subplot()

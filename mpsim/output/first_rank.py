@@ -15,7 +15,7 @@ Result = TypeVar("Result")
 class FirstRank:
     """Does for all ranks what only one process may do, such as writing a file. Without ranks this process does it.
 
-    All ranks make the same calls, but for `alone`.
+    All ranks make the same calls, except `alone`.
 
     Args:
         comm: a communicator of mpi4py; None: there are no ranks.
@@ -29,20 +29,20 @@ class FirstRank:
         self._ranks = None if comm is None else communicator_of(comm)
 
     def opened(self, path: Path) -> JointFile:
-        """A file that the first rank has made, for all that write it."""
+        """A file made by the first rank, opened by all that write to it."""
         return joint_file.opened(Alone() if self._ranks is None else self._ranks, path)
 
     def once(self, act: Callable[[], Result]) -> Result:
-        """What an act gives that the first rank does; what it raises, all raise."""
+        """The result of a call made by the first rank; an error that it raises is raised on all ranks."""
         return act() if self._ranks is None else self._ranks.once(act)
 
     def alone(self, act: Callable[[], None]) -> None:
-        """Have the first rank do what no other rank waits for: when a run fails, the others may not come."""
+        """Let the first rank do something that no other rank waits for: when a run fails, the others may never call."""
         if self._ranks is None or self._ranks.rank == 0:
             act()
 
     def any_of(self, said: bool) -> bool:
-        """Whether something is so on any rank."""
+        """Whether something is true on any rank."""
         return said if self._ranks is None else self._ranks.agree(int(said), 0, 0).trouble > 0
 
     def close(self) -> None:

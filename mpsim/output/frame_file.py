@@ -46,7 +46,7 @@ class FrameFile:
         mode: "x" for a new file only, "w" to replace an existing one, "a" to continue one.
 
     Raises:
-        OutputError: if the file is there already (mode "x"), is written by another, or cannot be written.
+        OutputError: if the file exists (mode "x"), is being written by another writer, or cannot be written.
 
     Attributes:
         last: number of the frame that was written last; -1: none.
@@ -83,7 +83,7 @@ class FrameFile:
             raise
 
     def append(self, sim: Simulation, now: Frame, every: int) -> bool:
-        """Write the present frame, unless it is there already. Returns whether it was written.
+        """Write the present frame, unless the file has it. Returns whether it was written.
 
         Args:
             sim: whose frame it is.
@@ -100,7 +100,7 @@ class FrameFile:
         return True
 
     def begin_of(self, sim: Simulation, now: Frame, every: int) -> int | None:
-        """Where ranks write the present frame together; None if it is there already. Arguments as of `append`."""
+        """Where ranks write the present frame together; None if the file has it. Arguments as for `append`."""
         assert isinstance(self._writer, XyzWriter)
         return self._writer.end if self._is_due(sim, now, every) else None
 
@@ -109,7 +109,7 @@ class FrameFile:
         self.last = frame
 
     def cut(self, end: int) -> None:
-        """Cut off what a frame that failed has left."""
+        """Cut off the remains of a frame that failed."""
         assert isinstance(self._writer, XyzWriter)
         self._writer.cut(end)
 
@@ -179,7 +179,7 @@ class FrameFile:
 
 
 def unwritable(path: Path, error: OSError) -> OutputError:
-    """The error that is raised in place of one of the system."""
+    """The error raised in place of a system error."""
     return OutputError(
         f"the trajectory {str(path)!r} must be in a folder that can be written to, with room on its disk; "
         f"got {error.strerror or error}. What was written before is complete. Choose another place, or make room."

@@ -27,8 +27,8 @@ class Frame:
         periodic: whether x, and whether y, is periodic.
         position: shape (N, 2) [length], in the precision of the run and the coordinates of the scene.
         source: the file, for error texts.
-        known: what else the file holds of time, velocity, radius, mass, ids and the further columns of a state; each is
-            also an attribute, which raises TrajectoryError where the file lacks it.
+        known: those of time, velocity, radius, mass, ids and the further columns of a state that the file holds. Each
+            is also an attribute, which raises TrajectoryError if the file lacks it.
 
     >>> corner = Frame(0, (4.0, 2.0), (0.0, 0.0), (True, False), np.array([[1.0, 1.0]]), Path("run.xyz"),
     ...                {"image": np.array([[-2, 0]])})
@@ -83,19 +83,19 @@ class Frame:
 
     @property
     def ids(self) -> NDArray[np.int64]:
-        """Numbers of the discs in their scene, shape (N,); of a file without numbers 0, 1, 2, ..."""
+        """Numbers of the discs in their scene, shape (N,); 0, 1, 2, ... for a file without numbers."""
         return self.known.get("ids", np.arange(len(self.position)))
 
     @property
     def state(self) -> State:
-        """Positions, velocities, walls and what else there is of a State, which knows its digest."""
+        """The frame as a State, which knows its digest: positions, velocities, walls and the other columns."""
         (width, height), (left, low) = self.box, self.origin
         walls = (left, left + width, low, low + height)
         others: Any = {column.name: self.known.get(column.name) for column in in_state()}
         return State(self.position, self.velocity, box=walls, **others)
 
     def whole(self) -> "Frame":
-        """The same frame with all that it holds in memory."""
+        """The same frame, with all its data in memory."""
         known = {
             name: np.asarray(value) if hasattr(value, "__array__") else value for name, value in self.known.items()
         }
@@ -145,7 +145,8 @@ def kind_of(column: Column) -> str:
 def frame_of(sim: Simulation) -> Frame:
     """The discs of a simulation as they are now, between two frames.
 
-    On ranks, where no process has them all, in chunks; of a scene that absorbs discs, whose numbers have gaps, whole.
+    On ranks, where no process has all discs, it is read in chunks, unless the scene absorbs discs, so that numbers have
+    gaps.
     """
     if capabilities_of(sim.settings).on_ranks and not sim.scene.loses_discs:
         none, found = sim.state_between(0, 0), in_chunks(sim.state_between, sim.count)
@@ -178,7 +179,7 @@ def select(frame: Frame, ids: NDArray[np.int64]) -> Frame:
 
 
 def differs(a: Frame, b: Frame) -> str | None:
-    """In what two frames differ, or None if they have the same bits."""
+    """What differs between two frames, or None if they have the same bits."""
     for name in ("frame", "box", "origin", "periodic", "time"):
         if getattr(a, name) != getattr(b, name):
             return f"its {name} is {getattr(a, name)} and not {getattr(b, name)}"
@@ -198,7 +199,7 @@ class Reader(Protocol):
         ...
 
     def refresh(self) -> None:
-        """Look for frames that were written since."""
+        """Look for frames written since the last call."""
         ...
 
     def read(self, index: int) -> Frame:

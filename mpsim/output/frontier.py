@@ -55,7 +55,7 @@ COST = "cost [ns per disc and unit of time]"
 
 
 def family(settings: Settings) -> str:
-    """To which family of FAMILIES settings belong, or what they are called beside these.
+    """The family in FAMILIES to which settings belong, or their name if they belong to none.
 
     >>> family(Settings(passes=2)), family(Settings(precision="float32", contact="push"))
     ('impact x2', 'float32')
@@ -70,7 +70,7 @@ def family(settings: Settings) -> str:
 
 
 def short_label(settings: Settings) -> str:
-    """The settings in as few words as tell them from others of a picture.
+    """The settings in as few words as distinguish them from others in a picture.
 
     >>> short_label(Settings(dt=0.05)), short_label(Settings(dt=0.1, substeps=2, method="naive"))
     ('impact 0.05', 'impact 0.1/2, naive')
@@ -86,9 +86,9 @@ def short_label(settings: Settings) -> str:
 def frontier(table: Tradeoff, measure: str) -> Figure:
     """Cost against one error, both logarithmic, with error bars.
 
-    In colour and labelled, the Pareto front: settings than which no other is both cheaper and less wrong (the number is
-    dt); in grey, the others. An arrow points left from the bound of an error that is not resolved (value and two
-    standard errors); errors of exactly 0 stand in the band at the left.
+    The Pareto front, settings that no other beats on both cost and accuracy, is coloured and labelled (the number is
+    dt); other settings are grey. For an error that is not resolved, an arrow points left from its bound (value and two
+    standard errors). Errors of exactly 0 are in the band at the left.
 
     Args:
         table: of `mpsim.tradeoff`.
@@ -111,7 +111,7 @@ def frontier(table: Tradeoff, measure: str) -> Figure:
 
 
 def overview(table: Tradeoff) -> Figure:
-    """All errors of a table as small pictures, each as `frontier` draws it, without labels."""
+    """All errors of a table as small pictures, each like that of `frontier` but without labels."""
     columns = min(len(table.measures), 3)
     rows = -(-len(table.measures) // columns)
     with matplotlib.rc_context(fname=STYLE):
@@ -279,7 +279,13 @@ def _legend(rows: Sequence[Row]) -> list[Line2D]:
     handles.append(Line2D([], [], color=GREY, marker="o", linestyle="", label="another is cheaper and more accurate"))
     handles.append(
         Line2D(
-            [], [], color="#555555", marker="$\\leftarrow$", markersize=9, linestyle="", label="at most: not resolved"
+            [],
+            [],
+            color="#555555",
+            marker="$\\leftarrow$",
+            markersize=9,
+            linestyle="",
+            label="upper bound: not resolved",
         )
     )
     handles.append(Line2D([], [], color="#555555", linewidth=1.2, label="least cost"))

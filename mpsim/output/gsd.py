@@ -1,8 +1,9 @@
 """Trajectories as GSD, the binary format of HOOMD-blue, through the `gsd` library; OVITO and freud read it, too.
 
-The schema centres boxes at the origin and is of single precision, which loses bits. So each frame also holds what mpsim
-had, under log/: the exact positions, velocities, radii and masses, the numbers of the discs, box, origin and time.
-What is per disc is written of frames without discs as well: readers take what a frame lacks from the file's first one.
+The schema centres boxes at the origin and has single precision, which loses bits. So each frame also holds mpsim's own
+data under log/: the exact positions, velocities, radii and masses, the numbers of the discs, box, origin and time.
+Arrays of per-disc data are written even for frames without discs, because readers take what a frame lacks from the
+first frame of the file.
 """
 
 from collections.abc import Iterator
@@ -93,7 +94,7 @@ class GsdReader:
             ) from None
 
     def refresh(self) -> None:
-        """Look for frames that were written since; the library knows those of when it opened the file."""
+        """Look for frames written since the library opened the file; it knows only the earlier ones."""
         self._file.close()
         self._file = self._opened()
 
@@ -111,7 +112,7 @@ class GsdReader:
             raise self._damaged(f"the number of frame {index} of", error) from None
 
     def read(self, index: int) -> Frame:
-        """One frame: what mpsim wrote, or, from another program, what its standard fields hold.
+        """One frame: what mpsim wrote, or the standard fields of a file from another program.
 
         Raises:
             TrajectoryError: if the file does not hold what it declares.

@@ -24,7 +24,7 @@ def history(table: dict[str, NDArray[np.float64]], scene: Scene, last: Frame, ti
 
     Args:
         table: columns of measures.csv, see mpsim.output.recorder.
-        scene: box and what stands in it.
+        scene: box and obstacles.
         last: the discs that are drawn.
         title: of the whole.
     """

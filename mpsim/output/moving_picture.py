@@ -40,14 +40,14 @@ IN_MEMORY = 2**27
 
 
 class Moment(NamedTuple):
-    """What there is to see of a simulation.
+    """What a picture shows of a simulation.
 
     Attributes:
         time: [time].
         walls: x_low, x_high, y_low, y_high [length].
         position: shape (N, 2), float32 [length]; NaN of absorbed discs.
         radius: shape (N,), float32 [length].
-        values: to colour by, shape (N,), float32; of length 0 where there are none.
+        values: numbers to colour by, shape (N,), float32; of length 0 if there are none.
     """
 
     time: float
@@ -74,7 +74,7 @@ def moment_of(sim: Simulation, colour: str | None) -> Moment:
 
 @contextlib.contextmanager
 def kept(moments: Iterable[Moment]) -> Iterator[Iterator[Moment]]:
-    """Moments as they were taken, once all have been; in a temporary file where they are large."""
+    """Moments, in order, after all have been taken; large ones are kept in a temporary file."""
     with tempfile.SpooledTemporaryFile(IN_MEMORY) as file:
         number = 0
         for moment in moments:
@@ -96,7 +96,7 @@ def _read(file: IO[bytes]) -> Moment:
 
 
 class Picture:
-    """The figure of a simulation, brought up to date before each frame of an animation.
+    """The figure of a simulation, updated before each frame of an animation.
 
     Discs that have left through an absorbing edge are hidden.
 
@@ -105,7 +105,7 @@ class Picture:
         pixels: length of the longer side of the box.
         colour: as in `animate`.
         scale: of the speeds; None: that of the speeds now.
-        theme: colours of all but the discs.
+        theme: colours of everything except discs.
     """
 
     def __init__(

@@ -25,7 +25,7 @@ COLOURS = 48
 
 
 def scene_png(scene: Scene) -> bytes:
-    """A scene as a PNG of less than 100 kB, coloured by speed; of very many discs some, and it says so."""
+    """A scene as a PNG of less than 100 kB, coloured by speed; of very many discs only some, as its title says."""
     step = max(math.ceil(scene.count / MOST_DISCS), 1)
     speeds = speeds_of(scene.velocity[::step])
     with matplotlib.rc_context(fname=STYLE):

@@ -26,15 +26,15 @@ class Ownership:
         self._closed: str | None = None
 
     def close(self, advice: str) -> None:
-        """From now on refuse every simulation. advice: how to write more to the file."""
+        """Refuse every simulation from now on. advice: how to write more to the file."""
         self._closed = advice
 
     def bind_or_check(self, sim: Simulation) -> None:
         """Bind to this simulation the first time; from then on make sure that it is the same.
 
         Raises:
-            OutputError: if it is another, or after `close`; nothing was written.
-            InputError: if it runs on ranks and what observes it does not, or the other way round.
+            OutputError: if it is another one, or after `close`; nothing was written.
+            InputError: if the simulation runs on ranks and the observer does not, or the other way round.
         """
         if self._closed is not None:
             raise OutputError(

@@ -38,7 +38,7 @@ Absorbed discs are not counted."""
 
 
 class Recorder:
-    """An observer that writes a table, row by row, each flushed; rows after the simulation's frame are written anew.
+    """An observer that writes a table row by row, flushing each; rows after the simulation's frame are rewritten.
 
     It belongs to its simulation: another one is refused by an OutputError.
 
@@ -76,7 +76,7 @@ class Recorder:
         return int(kept[-1][0]) if kept else -1
 
     def look(self, sim: Simulation, collisions: int) -> None:
-        """Write a row for the present frame, unless it is there already."""
+        """Write a row for the present frame, unless the table has it."""
         self._ownership.bind_or_check(sim)
         frames, met = sim.frame - self._since, collisions - self._collisions
         self._since, self._collisions = sim.frame, collisions
@@ -124,7 +124,7 @@ def read_table(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]:
     """Columns of a table by name, each of shape (rows,).
 
     Raises:
-        InputError: if there is no such file, or it is no table of a run.
+        InputError: if there is no such file, or it is not the table of a run.
     """
     rows = _rows(Path(path))
     try:

@@ -100,26 +100,27 @@ def draw(
 ) -> Figure:
     """Draw discs at true radius in their box, with obstacles and walls that move, by matplotlib.
 
-    Absorbed discs are not drawn; of more than 50,000 discs, every second, every third ... is, and the title says so.
+    Absorbed discs are not drawn. Of more than 50,000 discs only every second, third, ... is drawn, and the title says
+    so.
 
     Args:
         state: what is drawn: a State; a frame of a Trajectory; a Simulation, as it is now; or a Scene, as it starts.
-        scene: the scene of a State, which has radii and obstacles; of a frame, without it only its own box is drawn. A
-            Simulation and a Scene have their own.
+        scene: the scene of a State, which gives radii and obstacles. For a frame it is optional: without it, the box is
+            drawn without obstacles. Leave it out for a Simulation or a Scene.
         colour: "speed", "radius", "mass" or "spin"; a number for each disc, shape (N,), NaN where a disc has none; a
             colour of matplotlib, such as "tab:blue", for all discs; None: one colour for all.
-        colour_label: words beside the colour bar of such numbers; None: none, or what the colour stands for.
+        colour_label: text beside the colour bar of numbers that are given; None: none, or what the colour stands for.
         scale: "linear" or "log": how numbers become colours. The ends of the colour bar are the 2nd and the 98th
-            percentile of what is drawn, and arrows show that there is more.
+            percentile of what is drawn, and arrows show that values lie outside.
         labels: True: the number of each disc; or a text or number for each, N of them; at most 2,000.
-        ax: where to draw; None: a figure of its own.
+        ax: Axes to draw in; None: a new figure.
 
     Returns:
         The whole matplotlib Figure, bound to no window. A notebook shows it; `savefig` writes it; its `axes[0]` is the
         box, in coordinates of the scene [length].
 
     Raises:
-        InputError: for a State without a scene, an array, or labels, of another length, and other words.
+        InputError: for a State without a scene, an array or labels of the wrong length, or an unknown word.
 
     >>> import mpsim
     >>> scene = mpsim.Scene.random(count=5, packing=0.2, radius=0.5, seed=1)

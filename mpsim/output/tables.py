@@ -34,7 +34,7 @@ FRAME = 3
 
 
 def header(table: "Tradeoff") -> list[str]:
-    """Heads of the columns."""
+    """Headers of the columns."""
     errors = [f"{name.replace('_', ' ')} [{UNITS.get(name, '%')}]" for name in table.measures]
     return ["settings", "ns / (disc time)", "ran", "bytes per disc", *errors]
 
@@ -67,14 +67,14 @@ def error_text(name: str, error: Deviation) -> str:
 
 
 def unresolved_text(errors: Iterable[Deviation]) -> str:
-    """What "not resolved" means for some errors, in words: how many standard errors would be, more of few runs."""
+    """What "not resolved" means for some errors, in words: how many standard errors are needed, more for few runs."""
     freedom = min((each.freedom for each in errors if each.measurable), default=math.inf)
-    few = f" (of so few runs {windows.t_from_z(RESOLVED, freedom):.3g})" if freedom + 1 < FEW_RUNS else ""
+    few = f" (with so few runs, {windows.t_from_z(RESOLVED, freedom):.3g})" if freedom + 1 < FEW_RUNS else ""
     return f"not resolved, below {RESOLVED:g} standard errors{few}"
 
 
 def measure_text(measure: Measure) -> str:
-    """A measure in words such as "2.240(16)"; what is not known of its error is said."""
+    """A measure in words such as "2.240(16)"; if its error is not known, the words say so."""
     if math.isnan(measure.error):
         few = measure.samples < FEWEST_BLOCKS
         return f"{measure.value:.6g} ({'too few samples for an error' if few else 'error unknown'})"
@@ -85,7 +85,7 @@ def measure_text(measure: Measure) -> str:
 
 
 def terminal_table(table: "Tradeoff", width: int | None = None) -> str:
-    """The table with lines; where it is wider than the terminal, in parts below each other, each with the settings.
+    """The table with lines; if it is wider than the terminal, it is split into parts, each with the settings.
 
     Args:
         table: what is shown.
@@ -142,7 +142,7 @@ def markdown_table(table: "Tradeoff") -> str:
 
 
 def title(table: "Tradeoff") -> str:
-    """Which scene, against what, how long, and what the signs mean."""
+    """The scene, the reference, the length of the runs, and the meaning of the signs."""
     unresolved = unresolved_text(error for row in table.rows for error in row.errors.values())
     return (
         f"{table.scene}; errors against {table.reference}; "

@@ -15,7 +15,7 @@ PHASE_COLOURS: dict[str, str] = dict(zip(PHASES, ("#0072B2", "#56B4E9", "#009E73
 
 
 def times(report: Report) -> Figure:
-    """Time of each frame above; below, a bar for each worker, whose phases add up to the time of a usual frame."""
+    """Above, the time of each frame; below, a bar for each worker, whose phases add up to a typical frame time."""
     frames = np.arange(1, report.frames + 1)
     workers = report.phase_seconds[PHASES[0]].shape[1]
     with matplotlib.rc_context(fname=STYLE):
@@ -61,7 +61,7 @@ def usual_phases(report: Report) -> dict[str, NDArray[np.float64]]:
     """Time of each phase for each worker, shape (workers,), as a mean over the middle half of the frames by time [s].
 
     For each worker the phases add up to the mean time of these frames. Medians of phases would not, and means over all
-    frames would be those of the few that something disturbed.
+    frames would be dominated by the few that were disturbed.
 
     >>> from mpsim import Scene, Simulation
     >>> with Simulation(Scene.random(count=50, packing=0.2, radius=0.5)) as sim:

@@ -1,7 +1,7 @@
 """Trajectories: frames of a run in one file, written while it runs and read back one by one.
 
 `.xyz` and `.extxyz` are extended XYZ, which needs no other package; `.gsd` is GSD, which needs the package gsd. OVITO
-opens both. A kill at any moment costs at most the frame that was being written.
+opens both. If the process is killed, at most the frame that was being written is lost.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from mpsim.output.xyz import write_jointly
 
 
 class Trajectory:
-    """A trajectory that is read: a sequence of frames, each read from the file when it is asked for.
+    """A trajectory to be read: a sequence of frames, each read from the file when it is needed.
 
     Args:
         path: ends in .xyz, .extxyz or .gsd; written by mpsim or by another program.
@@ -131,10 +131,10 @@ class Trajectory:
             path: ends in .xyz, .extxyz (extended XYZ) or .gsd (needs the package gsd).
             every: write every n-th frame of the simulation, >= 1.
             mode: "x" for a new file only, "w" to replace an existing file, "a" to continue one, as after
-                `Simulation.resume`: frames after that of the simulation, written after its checkpoint, are dropped
-                and written again with the same bits.
-            comm: for method="mpi", the communicator of the simulation: all its ranks make this call, and write
-                extended XYZ together; GSD the first one writes.
+                `Simulation.resume`: frames later than the simulation's present one, written after its checkpoint, are
+                dropped and written again with the same bits.
+            comm: for method="mpi", the communicator of the simulation: all its ranks make this call. They write
+                extended XYZ together; GSD is written by the first rank.
 
         Raises:
             InputError: naming the argument, its rule and the value received.

@@ -71,8 +71,7 @@ class Scene(HasDiscs, Recommends, Compresses):
         piston: one wall that moves.
         thermostat: a Thermostat, which gives discs new velocities at random.
         thermal_walls: ThermalWalls, which discs leave with new velocities.
-        duration: recommended length of a run [time], > 0. This argument and the following ones are not part of the
-            digest.
+        duration: recommended length of a run [time], > 0. It and the following are not part of the digest.
         settings: recommended Settings, used by runs that are given none; None: the defaults.
         picture_interval: recommended time between two pictures of an animation or a trajectory [time], > 0.
         observables: recommended measures: names as for `Simulation.run(measures=...)`.
@@ -332,9 +331,8 @@ class Scene(HasDiscs, Recommends, Compresses):
         start at 0. A thermostat gets another seed, which follows from its own and the state.
 
         Args:
-            state: of as many discs as the scene has, absorbed ones included. Coordinates may lie beyond a wall by a
-                rounding error of their precision (float32 if each is a float32 number); such discs are moved to the
-                wall.
+            state: of as many discs as the scene has, absorbed ones included. Coordinates may lie beyond a wall by the
+                rounding of their precision (float32 if each is a float32 number); they are moved to the wall.
 
         Raises:
             InputError: if the number of discs differs, or the state does not fit the box.
@@ -393,8 +391,7 @@ class Scene(HasDiscs, Recommends, Compresses):
             mass: likewise [mass], > 0; None: 1 each.
             temperature: kT: the mean of m v_x^2 and m v_y^2 over the discs [mass length^2/time^2], >= 0. Velocities are
                 normally distributed, of zero total momentum from 2 discs on, and scaled so that this mean is exact.
-                Two discs therefore have opposite momenta, and only their direction is random: use Scene(...) for
-                others.
+                Two discs therefore have opposite momenta, and only the direction is random. For others use Scene(...).
             seed: of the random numbers, >= 0; the same seed gives the same scene.
             packing: packing fraction, from which the side of a square box follows, 0 < packing <= 0.8.
             width, height: the box, instead of packing.

@@ -123,7 +123,7 @@ class Deviation:
             return text
         few = self.freedom + 1 < FEW_RUNS
         needed = windows.t_from_z(RESOLVED, self.freedom)
-        return f"not resolved{f' (of so few runs {needed:.2g} standard errors would be)' if few else ''}: {text}"
+        return f"not resolved{f' (with so few runs, {needed:.2g} standard errors would be)' if few else ''}: {text}"
 
 
 def deviations(

@@ -330,8 +330,8 @@ class Ensemble:
         reason = unmeasurable(name, reference)
         if not reason and self.chosen and spans_of(reference, self._least).steady is None:
             reason = (
-                f"the scene still changes with time in runs of {self.plan.until:.3g}, and says no duration. Say how "
-                "long a run shall be: until=..., or Scene(duration=...)."
+                f"the scene still changes with time in runs of {self.plan.until:.3g}, and has no duration. Give "
+                "the length of a run: until=..., or Scene(duration=...)."
             )
         return reason
 

@@ -289,9 +289,9 @@ def _finest(settings: Settings, seconds: float, crossing: float, until: float, l
     if dt > COARSEST * crossing:
         needed = seconds * settings.dt / (COARSEST * crossing) * until * RUNS / usable_cores()
         raise InputError(
-            f"a trade-off study of this scene needs some {needed:.0f} s, as one run of its reference to {until:g} is "
-            f"so long; it may take {limit:g} s. Give it more time (seconds=...), a shorter run (until=...), or a "
-            "smaller scene of the same kind."
+            f"a trade-off study of this scene needs about {needed:.0f} s, because one run of its reference to "
+            f"{until:g} takes so long; it may take {limit:g} s. Give it more time (seconds=...), a shorter run "
+            "(until=...), or a smaller scene of the same kind."
         )
     return float(f"{dt:.3g}")
 

@@ -113,7 +113,7 @@ class SweepFile:
         whole, _, torn = content.rpartition(b"\n")
         if torn:
             warnings.warn(
-                f"the last line of {path} was cut off, as by a kill, and is dropped: its run is done again.",
+                f"the last line of {path} was cut off, as by a kill, and is dropped: its run is repeated.",
                 SweepWarning,
                 stacklevel=level_of_caller(),
             )

@@ -85,7 +85,7 @@ class Tuned:
             lines.append(f"  {name}: {error!r}, budget {budget:g} ({claim}{_where(error, self.until)})")
         cheaper = [each for each in self.tried if not each.inside and each.row.cost is not None]
         cheaper = [each for each in cheaper if each.row.cost and each.row.cost.median < self.cost.median]
-        lines += ["cheaper, and why not:"] if cheaper else ["nothing cheaper was found"]
+        lines += ["cheaper, but not chosen:"] if cheaper else ["nothing cheaper was found"]
         for each in cheaper:
             assert each.row.cost is not None
             lines.append(f"  {each.row.label}, {each.row.cost.median:.3g} ns: {each.verdict}")

@@ -317,7 +317,9 @@ def _checked(settings: Settings | None, sim: Simulation | None, scene: Scene) ->
         InputError: for settings beside a simulation, which has its own, and for ranks.
     """
     if sim is not None and settings is not None:
-        raise InputError("settings go with a scene; got them beside a simulation, which has its own. Leave them out.")
+        raise InputError(
+            "settings can be given only with a scene; got them with a simulation, which has its own. Leave them out."
+        )
     return demand_one_process(sim.settings if sim is not None else settings_for(scene, settings))
 
 

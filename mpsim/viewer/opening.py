@@ -37,7 +37,9 @@ def demand_viewed(viewed: object, settings: object, beside: object = None) -> No
     if beside is not None and not isinstance(beside, Settings):
         raise InputError(f"beside must be mpsim.Settings; got {type(beside).__name__}. Use Settings(method='event').")
     if settings is not None and isinstance(viewed, Trajectory | Recording):
-        raise InputError("settings go with a scene; got them beside a trajectory, which is only shown. Leave them out.")
+        raise InputError(
+            "settings can be given only with a scene; got them with a trajectory, which is only shown. Leave them out."
+        )
 
 
 def source_of(
@@ -62,10 +64,12 @@ def source_of(
         options: dict[str, Any] = {"name": name, "playing": playing, "colour": own, "beside": beside}
         return Session(viewed, settings, **options, audience=audience)
     if beside is not None:
-        raise InputError("beside goes with a scene; got it beside a trajectory, which is only shown. Leave it out.")
+        raise InputError(
+            "beside can be given only with a scene; got it with a trajectory, which is only shown. Leave it out."
+        )
     if colour is not None:
         raise InputError(
-            "colour goes with a scene or a simulation; got it beside a trajectory, whose discs are coloured by speed. "
-            "Leave it out."
+            "colour can be given only with a scene or a simulation; got it with a trajectory, whose discs are coloured "
+            "by speed. Leave it out."
         )
     return Playback(viewed, name=name, playing=playing, audience=audience)

@@ -205,7 +205,7 @@ class Server(Pages):
             async for message in connection:
                 client.spend(time.monotonic())
                 if not isinstance(message, str):
-                    await connection.close(UNACCEPTABLE, "a page sends text, no bytes")
+                    await connection.close(UNACCEPTABLE, "a page sends text, not bytes")
                     return
                 self._do(client, wire.read_action(message))
         except InputError as error:

@@ -64,7 +64,7 @@ class Sliders:
         remedy = "Use the slider, or Simulation.change in a program."
         if name not in offered:
             raise InputError(
-                f"{name} is no parameter that the page offers for this simulation, which are {', '.join(offered)}; got "
+                f"{name} must be a parameter that the page offers here, one of {', '.join(offered)}; got "
                 f"{checks.brief(value)}. Use Simulation.change in a program."
             )
         ends, given = offered[name], [value] if checks.dimensions(value) <= 0 else list(value)

@@ -151,7 +151,7 @@ def test_bad_input_is_refused():
     for ask, words in (
         (lambda: structure_factor(state, walls, 5.0), "periodic in both axes"),
         (lambda: structure_factor(state, scene, 0.0), "k_max must be a finite number > 0"),
-        (lambda: structure_factor(state, scene, 1e5), "k_max must be so small that at most 2,000,000"),
+        (lambda: structure_factor(state, scene, 1e5), "k_max must be small enough for at most 2,000,000"),
         (lambda: structure_factor(state, scene, 5.0, bins=0), "bins must be a whole number"),
         (lambda: hexatic_order(state_of(few), few), "hexatic_order needs at least 7 discs; got 6"),
         (lambda: hexatic_correlation(state, scene, 5, 4.1), "r_max must be at most half of a periodic axis, 4"),

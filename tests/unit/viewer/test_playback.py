@@ -142,9 +142,11 @@ def test_a_simulation_has_no_time_line(capsys):
 
 
 def test_settings_and_colours_beside_a_trajectory_are_refused(path):
-    with pytest.raises(mpsim.InputError, match="settings go with a scene; got them beside a trajectory"):
+    with pytest.raises(mpsim.InputError, match="settings can be given only with a scene; got them with a trajectory"):
         mpsim.view(mpsim.Trajectory(path), mpsim.Settings())
-    with pytest.raises(mpsim.InputError, match="colour goes with a scene or a simulation; got it beside a trajectory"):
+    with pytest.raises(
+        mpsim.InputError, match="colour can be given only with a scene or a simulation; got it with a trajectory"
+    ):
         mpsim.view(mpsim.Trajectory(path), colour=[1.0] * 100)
 
 
@@ -174,6 +176,6 @@ def test_the_command_shows_the_folder_of_a_run_with_its_obstacles_and_a_file(tmp
 def test_the_command_refuses_settings_and_folders_of_other_things(tmp_path, path):
     refused = mpsim_command("view", str(path), "--dt", "0.1")
     assert refused.exit_code == 2
-    assert "--dt goes with a scene; " in refused.stderr
+    assert "--dt can be given only with a scene; " in refused.stderr
     assert "the folder of a run must hold run.json" in mpsim_command("view", str(tmp_path)).stderr
     assert "must be a file that can be read" in mpsim_command("view", str(tmp_path / "none.xyz")).stderr

@@ -231,7 +231,7 @@ def test_garbage_is_refused_with_a_reason(view):
         assert closed_after(view, '{"do": "explode"}')[1].startswith("do of a message must be one of 'ack', 'visible'")
         assert closed_after(view, '{"do": "speed", "value": 1e9}')[0] == 1008
         assert closed_after(view, "[" * 4000)[0] == 1008
-        assert closed_after(view, b"bytes") == (1003, "a page sends text, no bytes")
+        assert closed_after(view, b"bytes") == (1003, "a page sends text, not bytes")
         assert closed_after(view, '{"do": "ack", "serial": 4000000000}')[1].startswith("serial of an ack must be")
         assert closed_after(view, "x" * 5000)[0] == 1009, "too long"
         assert closed_after(view, "x" * 5_000_000)[0] == 1009

@@ -318,7 +318,9 @@ def test_pictures_of_a_run_at_full_speed_take_a_small_part_of_it(start, monkeypa
 
 
 def test_settings_beside_a_simulation_and_ranks_are_refused():
-    beside = pytest.raises(mpsim.InputError, match="settings go with a scene; got them beside a simulation")
+    beside = pytest.raises(
+        mpsim.InputError, match="settings can be given only with a scene; got them with a simulation"
+    )
     with mpsim.Simulation(gas(50, 0.2), GRID) as sim, beside:
         Session(sim, GRID, audience=Watcher())
     with pytest.raises(mpsim.InputError, match="a view runs in one process; got method 'mpi'"):
