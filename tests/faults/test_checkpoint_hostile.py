@@ -69,7 +69,7 @@ def test_a_declared_size_is_compared_with_the_file_before_anything_is_allocated(
     for name in ("solver.velocity.npy", "scene.position.npy", f"{checkpoint.HEADER}.npy"):
         path = saved(tmp_path / f"run{name}")
         rewrite_members(path, lambda members, name=name: members.update({name: HUGE[what]}))
-        with pytest.raises(mpsim.CheckpointError, match=r"cannot be read|no state of a simulation|digest"):
+        with pytest.raises(mpsim.CheckpointError, match=r"cannot be read|not a state of a simulation|digest"):
             mpsim.Simulation.resume(path)
 
 
@@ -163,7 +163,7 @@ HOSTILE = {
 def test_a_state_that_no_simulation_can_have_is_refused_though_its_digest_is_right(what, tmp_path):
     path = saved(tmp_path / "run")
     rewrite(path, HOSTILE[what], right_digest=what != "a digest that is none")
-    with pytest.raises(mpsim.CheckpointError, match=r"(?s)cannot be read|no state of a simulation"):
+    with pytest.raises(mpsim.CheckpointError, match=r"(?s)cannot be read|not a state of a simulation"):
         mpsim.Simulation.resume(path)
 
 
@@ -192,7 +192,7 @@ HOSTILE_EXACT = {
 def test_no_index_of_an_exact_checkpoint_leads_out_of_its_arrays(what, tmp_path):
     path = saved(tmp_path / "run", lattice(5, 5), method="event", dt=0.3)
     rewrite(path, HOSTILE_EXACT[what])
-    with pytest.raises(mpsim.CheckpointError, match="no state of a simulation"):
+    with pytest.raises(mpsim.CheckpointError, match="not a state of a simulation"):
         mpsim.Simulation.resume(path)
 
 
@@ -238,7 +238,7 @@ HOSTILE_FEATURES = {
 def test_no_feature_of_an_exact_checkpoint_is_in_an_impossible_state(what, tmp_path):
     path = saved(tmp_path / "run", exact_zoo(), method="event", dt=0.3, frames=6)
     rewrite(path, HOSTILE_FEATURES[what])
-    with pytest.raises(mpsim.CheckpointError, match=r"(?s)cannot be read|no state of a simulation"):
+    with pytest.raises(mpsim.CheckpointError, match=r"(?s)cannot be read|not a state of a simulation"):
         mpsim.Simulation.resume(path)
 
 

@@ -334,7 +334,8 @@ def test_the_schema_has_no_action_that_the_server_forgets(view):
               "add": {"x": 1, "y": 1, "same": False}, "remove": {"id": 2, "same": False},
               "change": {"name": "passes", "value": 2, "same": False}, "seed": {"value": 3},
               "wall": {"ax": 1.0, "ay": 0.0, "bx": 1.0, "by": 0.1},  # too short: refused
-              "beside": {"settings": {"frames": 2}}, "tune": {"measure": "overlap", "budget": 0.1}}  # fmt: skip
+              "beside": {"settings": {"frames": 2}},
+              "open": {"link": "scene=gas&seed=2"}, "tune": {"measure": "overlap", "budget": 0.1}}  # fmt: skip
     with Visitor(view.address) as visitor:
         for name in wire.ACTIONS:
             if name not in ("ack", "seek", "follow"):  # the latter are of recordings
