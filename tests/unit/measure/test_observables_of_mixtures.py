@@ -94,5 +94,5 @@ def test_pair_correlation_refuses_what_it_cannot_do():
     with pytest.raises(InputError, match=r"box without obstacles.*got 1\. Leave them out"):
         correlation.pair_correlation(State(scene.position, scene.velocity), scene, 10, 3.0)
     torus = Scene(width=9, height=9, position=[[1, 1]], velocity=[[0, 0]], radius=0.5, boundary="periodic")
-    with pytest.raises(InputError, match=r"r_max must lie above one diameter, 1, and below 4\.5.*images of itself"):
+    with pytest.raises(InputError, match=r"r_max must lie above one diameter, 1, and below 4\.5.*its own images"):
         correlation.pair_correlation(State(torus.position, torus.velocity), torus, 10, 4.6)
