@@ -215,10 +215,6 @@ def test_an_exact_run_with_added_discs_is_resumed(tmp_path):
 # --- what must fail
 
 
-def forget_the_number_of_substeps(arrays, run):
-    arrays["progress"][1] *= 2
-
-
 def forget_emitters(arrays, run):
     run["emission"] = {name: [0] * len(values) for name, values in run["emission"].items()}
 
@@ -243,7 +239,6 @@ def forget_the_next_cell_borders(arrays, run):
 @pytest.mark.parametrize(
     ("words", "forget"),
     [
-        ("piston", forget_the_number_of_substeps),
         ("emitters", forget_emitters),
         ("absorbing", forget_absorbed_discs),
         ("", forget_the_last_digits),

@@ -32,7 +32,9 @@ def test_steps_that_rounding_swallows_are_told():
 
 def test_gravity_that_rounding_swallows_is_told():
     weak = pair(1.0, gravity=(0, -1e-15))
-    with pytest.warns(mpsim.ResolutionWarning, match=r"gravity changes a velocity by 1e-17 in a step, which rounding"):
+    with pytest.warns(
+        mpsim.ResolutionWarning, match=r"gravity changes a velocity by 1e-17 in a step, which is lost to rounding"
+    ):
         mpsim.Simulation(weak, mpsim.Settings(dt=0.01, method="grid")).close()
 
 
