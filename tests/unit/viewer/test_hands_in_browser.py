@@ -11,7 +11,6 @@ import zipfile
 import numpy as np
 import pytest
 from PIL import Image
-from support.browser import browser
 from support.hands import WHITE, Table, until
 from support.scenes import gas
 from support.selection import long_but
@@ -23,12 +22,6 @@ GRID = mpsim.Settings(method="grid")
 SCENE = mpsim.Scene(
     width=20, height=12, position=[[4, 6], [10, 6], [16, 6], [10, 2]], velocity=np.zeros((4, 2)), radius=0.5
 )
-
-
-@pytest.fixture(scope="module")
-def opened():
-    with browser() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import shlex
 
 import pytest
-from support.browser import browser, until
+from support.browser import until
 from support.scenes import gas
 from support.trajectories import written
 from support.viewing import viewed
@@ -12,12 +12,6 @@ import mpsim
 from mpsim.viewer import link
 
 GRID = mpsim.Settings(method="grid")
-
-
-@pytest.fixture(scope="module")
-def opened():
-    with browser() as found:
-        yield found
 
 
 @pytest.fixture

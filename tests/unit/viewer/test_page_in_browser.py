@@ -12,7 +12,7 @@ import time
 import numpy as np
 import pytest
 from PIL import Image
-from support.browser import browser, until
+from support.browser import until
 from support.scenes import gas
 from support.selection import long_but
 from support.viewing import viewed
@@ -22,12 +22,6 @@ from mpsim import measure
 
 GRID = mpsim.Settings(method="grid")
 SCENE = gas(100, 0.3)
-
-
-@pytest.fixture(scope="module")
-def opened():
-    with browser() as found:
-        yield found
 
 
 class Page:

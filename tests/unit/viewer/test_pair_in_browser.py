@@ -6,7 +6,7 @@ import io
 import numpy as np
 import pytest
 from PIL import Image
-from support.browser import browser, until
+from support.browser import until
 from support.scenes import gas
 from support.viewing import viewed
 
@@ -15,12 +15,6 @@ from mpsim import measure
 
 SCENE = gas(300, 0.4)
 GRID = mpsim.Settings(method="grid", contact="push", dt=0.01)
-
-
-@pytest.fixture(scope="module")
-def opened():
-    with browser() as found:
-        yield found
 
 
 @pytest.fixture
