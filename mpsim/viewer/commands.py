@@ -144,8 +144,10 @@ class Commanded(Source):
                 self._by_hand(action)
             case "pass" | "snapshot" | "return" as name:
                 {"pass": self._show_pass, "snapshot": self._remember, "return": self._go_back}[name]()
-            case "seed" | "beside" | "open" | "tune" | "stop_tuning" | "searching" | "found":
+            case "seed" | "beside" | "open" | "grid" | "found":
                 self._choose(action)
+            case "tune" | "stop_tuning" | "searching":
+                self._search(action)
             case name:
                 raise InputError(f"a simulation cannot {name}. Send it to the server.")
 
@@ -181,7 +183,14 @@ class Commanded(Source):
         """Show the next pass of the frame that is next; after its last one, the frame is done."""
         self._playing, self._steps = False, 0
         sim = self._demand_simulation("pass")
-        shown = self._passes.next(sim)
+        try:
+            shown = self._passes.next(sim)
+        except InputError:
+            if not self._owned or (offer := self._passes.offer(sim)) is None:
+                raise
+            self._tell()
+            self._broadcast.tell("pass", offer)
+            return
         if self._passes.is_last:
             self._run_frames(1)
             self._passes.demand_end(sim.digest())
@@ -224,7 +233,7 @@ class Commanded(Source):
         self._resume()
 
     def _choose(self, action: wire.Action) -> None:
-        """Begin anew with another start or another second stage, or search for other settings."""
+        """Begin anew with another start, another second stage, or other settings."""
         self._demand_scene(action.name)
         values = action.values
         match action.name:
@@ -240,24 +249,31 @@ class Commanded(Source):
                 self._take(values["link"])
                 self._tuning.stop()
                 self._forget_own_colours()
-            case "tune":
-                self._tuning.start(self.scene, {values["measure"]: values["budget"]})
-            case "stop_tuning":
+            case "grid":
                 self._tuning.stop()
-            case "found":
+                self._settings = dataclasses.replace(self._settings, method="grid", workers=None)
+            case _:  # found
                 same = {"start_method": self._settings.start_method, "on_worker_death": self._settings.on_worker_death}
                 self._settings = dataclasses.replace(values["settings"], **same)
                 self._trade.fit(self._settings.dt)
-            case _:  # there is news of the search
-                pass
         self._broadcast.tell_if_new("tune", self._tuning.told())
-        if action.name in ("seed", "beside", "open", "found"):
-            self._steps = 0
-            if action.name == "open":
-                self._open()
-            else:
-                self._begin()
-            self._tell_scene("playing" if self._playing else "paused")
+        self._steps = 0
+        if action.name == "open":
+            self._open()
+        else:
+            self._begin()
+        self._tell_scene("playing" if self._playing else "paused")
+        if action.name == "grid":
+            self._show_pass()
+
+    def _search(self, action: wire.Action) -> None:
+        """Search for other settings, or no longer; or tell how far the search is."""
+        self._demand_scene(action.name)
+        if action.name == "tune":
+            self._tuning.start(self.scene, {action.values["measure"]: action.values["budget"]})
+        elif action.name == "stop_tuning":
+            self._tuning.stop()
+        self._broadcast.tell_if_new("tune", self._tuning.told())
 
     def _found(self, number: int, settings: Settings) -> None:
         """Have settings that the search has found applied. Called by its thread."""

@@ -4,7 +4,8 @@ from typing import Any
 
 from mpsim.core.errors import InputError
 from mpsim.engine.simulation import Simulation, next_frame_in_passes
-from mpsim.engine.solvers.passes import Pass
+from mpsim.engine.solvers.methods import capabilities_of
+from mpsim.engine.solvers.passes import Pass, has_passes_by_grid
 
 
 class PassView:
@@ -57,6 +58,21 @@ class PassView:
                 "than the one before. Show the next one."
             )
 
+    def offer(self, sim: Simulation) -> dict[str, Any] | None:
+        """What pages are told instead of a pass, where frames have none and those of the method grid would have them.
+
+        >>> from mpsim import Scene, Settings
+        >>> with Simulation(Scene.random(count=5, packing=0.2, radius=0.5, seed=1), Settings(method="naive")) as sim:
+        ...     PassView().offer(sim)["offer"]
+        'The method naive tests all pairs of discs at once, so a frame has no passes. The method grid has passes.'
+        """
+        if _has_columns(sim) or not has_passes_by_grid(sim.scene, sim.settings, sim.radii):
+            return None
+        what = "method naive tests all pairs of discs at once"
+        if not capabilities_of(sim.settings).has_steps:
+            what = "exact solver resolves one collision after another"
+        return {"name": None, "offer": f"The {what}, so a frame has no passes. The method grid has passes."}
+
     def close(self) -> None:
         """Show passes no longer."""
         self._passes, self._shown = [], -1
@@ -75,3 +91,11 @@ class PassView:
             "brackets": shown.brackets.tolist(),
             "owners": shown.owners.tolist(),
         }
+
+
+def _has_columns(sim: Simulation) -> bool:
+    try:
+        sim.columns()
+    except InputError:
+        return False
+    return True

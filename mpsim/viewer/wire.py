@@ -276,6 +276,7 @@ ACTIONS: Mapping[str, Mapping[str, Field]] = {
     "seek": {"index": _whole(0, 2**31 - 1)},
     "follow": {"value": checks.truth},
     "pass": {},
+    "grid": {},
     "snapshot": {},
     "return": {},
     "seed": {"value": _whole(0, MOST_WHOLE)},

@@ -6,6 +6,7 @@ are the same compiled loops in the same order, and so the end has the bits of th
 """
 
 import math
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from mpsim.core.errors import InputError
 from mpsim.core.state import State
+from mpsim.engine.feature_arrays import giant_radius
 from mpsim.engine.solvers.base import Choice, Solver
 from mpsim.engine.solvers.grid import GridSolver
 from mpsim.engine.workers.worker import kernel_arguments
@@ -127,18 +129,28 @@ def frame_in_passes(solver: Solver, scene: Scene, settings: Settings) -> list[Pa
         copy.close()
 
 
+def has_passes_by_grid(scene: Scene, settings: Settings, radii: NDArray[np.float64]) -> bool:
+    """Whether frames of the method grid are made of an even and an odd pass alone; radii: of the discs, shape (N,)."""
+    return not any(_reasons(scene, settings, has_giants=giant_radius(radii) is not None))
+
+
 def _refuse(solver: Solver, scene: Scene, settings: Settings) -> None:
-    reasons = {
-        f"method {solver.choice.method!r}, which has no columns": not isinstance(solver, GridSolver),
-        "unguarded=True, which has no passes": settings.unguarded,
-        "emitters, which add discs inside a frame": bool(scene.emitters),
-        "discs far larger than the others, which have a phase of their own": isinstance(solver, GridSolver)
-        and solver.has_giants,
-    }
-    for reason, there in reasons.items():
-        if there:
-            raise InputError(
-                f"one pass at a time needs frames that are made of an even and an odd pass; this simulation has "
-                f"{reason}. Use Settings(method='grid' or 'parallel'), --method on the command line, and a scene "
-                "without that."
-            )
+    by_columns = isinstance(solver, GridSolver)
+    first = "" if by_columns else f"method {solver.choice.method!r}, which has no columns"
+    reason = first or next(_reasons(scene, settings, has_giants=by_columns and solver.has_giants), None)
+    if reason:
+        raise InputError(
+            f"one pass at a time needs frames that are made of an even and an odd pass; this simulation has "
+            f"{reason}. Use Settings(method='grid' or 'parallel'), --method on the command line, and a scene "
+            "without that."
+        )
+
+
+def _reasons(scene: Scene, settings: Settings, has_giants: bool) -> Iterator[str]:
+    """Why frames of a grid are not made of an even and an odd pass alone; none if they are."""
+    if settings.unguarded:
+        yield "unguarded=True, which has no passes"
+    if scene.emitters:
+        yield "emitters, which add discs inside a frame"
+    if has_giants:
+        yield "discs far larger than the others, which have a phase of their own"

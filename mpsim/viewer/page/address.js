@@ -1,7 +1,8 @@
 // What the address asks for: a scene with settings, which this page may run instead; start paused, a speed, a part of the box.
 
-import { $, bound, state } from "./common.js";
+import { bound, state } from "./common.js";
 import { opened, send, takers } from "./link.js";
+import { ask, askNoMore } from "./question.js";
 import { camera, requestDraw } from "./stage.js";
 
 const SEEN = ["wait", "speed", "zoom", "x", "y", "canvas"]; // the rest asks for a scene
@@ -13,7 +14,7 @@ let wanted = null, settled = false; // the scene that is asked for, as mpsim wri
 /** Pause, speed and place, once it is sure that they are meant for what runs. */
 function settle() {
   settled = true;
-  $("asked").hidden = true;
+  askNoMore();
   if (asked.has("wait")) send({ do: "pause" });
   const speed = asked.get("speed") === "max" ? null : number("speed");
   if (asked.has("speed") && (speed === null ? asked.get("speed") === "max" : speed >= 0.01 && speed <= 1000)) send({ do: "speed", value: speed });
@@ -31,43 +32,34 @@ function place() {
 
 // --- another scene, or the same with other settings
 
-/** Say something beside the stage; ask whether to restart, if that is possible. */
-function ask(text, canRestart) {
-  $("asked").hidden = false;
-  $("asked-text").textContent = text;
-  $("asked-restart").hidden = !canRestart;
-  $("asked-keep").textContent = canRestart ? "Keep this run" : "Close";
-}
-
 const inWords = (link) => link.split("&").map(decodeURIComponent).map((each) => each.replace("scene=", "")).join(", ");
 
 function compare() {
   if (settled || wanted === null || state.link === undefined || !state.scene) return;
   if (wanted === state.link) settle();
   else if (state.scene.recording || !state.scene.can_reset) {
-    ask(`This address asks for ${inWords(wanted)}. This view shows ${state.scene.recording ? "a recording" : "a simulation that belongs to a program"}, and nothing else. In a terminal: mpsim view '?${wanted}'`, false);
-  } else ask(`This address asks for ${inWords(wanted)}. ${state.link ? inWords(state.link) : state.scene.name || "A scene of a program"} is running now. A restart changes all pages of this view.`, true);
+    ask(`This address asks for ${inWords(wanted)}. This view shows ${state.scene.recording ? "a recording" : "a simulation that belongs to a program"}, and nothing else. In a terminal: mpsim view '?${wanted}'`, null, { no: keep });
+  } else ask(`This address asks for ${inWords(wanted)}. ${state.link ? inWords(state.link) : state.scene.name || "A scene of a program"} is running now. A restart changes all pages of this view.`, restart, { no: keep });
 }
 
-$("asked-restart").addEventListener("click", () => {
+function restart() {
   const link = wanted;
   wanted = null; // asked once
   if (asked.has("wait")) send({ do: "pause" });
   send({ do: "open", link });
   settle();
-});
-$("asked-keep").addEventListener("click", () => {
+}
+function keep() {
   wanted = null;
-  $("asked").hidden = true;
   history.replaceState(null, "", location.pathname); // or it would be asked again when the page is loaded again
-});
+}
 
 if (asksForScene) {
   fetch(`link${location.search}`).then(async (answer) => {
     const text = await answer.text();
-    if (!answer.ok) ask(`This address cannot be followed: ${text}`, false);
+    if (!answer.ok) ask(`This address cannot be followed: ${text}`, null, { no: keep });
     else { wanted = text; compare(); }
-  }, () => ask("This address could not be read: no connection to mpsim.", false));
+  }, () => ask("This address could not be read: no connection to mpsim.", null, { no: keep }));
 } else opened.push(() => { if (!settled) settle(); });
 takers.link.push(compare);
 takers.scene.push((scene) => {

@@ -211,11 +211,45 @@ def test_a_pass_that_was_left_is_forgotten(begin):
     watcher.see(session, lambda w: wire.unpack(w.pictures[-1].packed).colour[3] == 255)
 
 
-def test_passes_where_there_are_none_are_refused(begin):
-    session, watcher = begin(settings=mpsim.Settings(method="event", dt=0.01))
+@pytest.mark.parametrize(
+    ("settings", "method"),
+    [
+        (mpsim.Settings(method="event", dt=0.01), "exact solver"),
+        (mpsim.Settings(method="naive", contact="push", dt=0.01), "method naive"),
+    ],
+    ids=["event", "naive"],
+)
+def test_where_the_method_has_no_passes_another_start_with_one_that_has_them_is_offered(begin, settings, method):
+    session, watcher = begin(settings=settings)
+    step_to(session, watcher, 3)
+    do(session, "pass")
+    watcher.wait(lambda w: method in w.told["pass"].get("offer", ""))
+    assert (session._sim.frame, session._note) == (3, None), "nothing else has happened"
+    do(session, "grid")
+    watcher.wait(lambda w: w.told["pass"]["name"] == "even")
+    assert watcher.told["scene"]["method"] == "grid"
+    assert watcher.phase == "paused"
+    do(session, "pass")
+    watcher.wait(lambda w: w.told["pass"]["name"] == "odd")
+    assert (session._sim.frame, session._note) == (1, None)
+
+
+def test_passes_are_refused_where_another_method_would_have_none_either(begin):
+    emitter = mpsim.Emitter(position=(2, 2), velocity=(1, 0), interval=1.0)
+    scene = mpsim.Scene(width=20, height=20, position=[[9, 9]], velocity=[[0, 1]], radius=0.5, emitters=[emitter])
+    session, watcher = begin(scene, mpsim.Settings(method="naive"))
     do(session, "pass")
     watcher.wait(lambda w: w.told["status"]["note"])
-    assert "method 'event', which has no columns" in watcher.told["status"]["note"]
+    assert "method 'naive', which has no columns" in watcher.told["status"]["note"]
+    assert "offer" not in watcher.told["pass"]
+
+
+def test_passes_of_a_program_s_simulation_are_refused(begin):
+    with mpsim.Simulation(SCENE, mpsim.Settings(method="naive")) as sim:
+        session, watcher = begin(sim, None)
+        for name, why in (("pass", "which has no columns"), ("grid", "belongs to a program")):
+            do(session, name)
+            watcher.wait(lambda w, why=why: why in (w.told["status"]["note"] or ""))
 
 
 def test_back_to_a_moment_again_and_again_on_both_stages(begin):

@@ -38,14 +38,14 @@ def test_another_scene_is_asked_for_and_then_shown_on_all_pages(shown):
     page_at, session = shown
     other = page_at()
     page = page_at("?wait&method=grid&scene=dense&speed=0.5", size=(390, 844))
-    until(lambda: page.is_visible("#asked-restart"))
+    until(lambda: page.is_visible("#asked-yes"))
     assert page.inner_text("#asked-text") == (
         "This address asks for dense, method=grid. gas, method=grid is running now. A restart changes all pages of "
         "this view."
     )
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     assert session._name == "gas", "nothing is changed before somebody says so"
-    page.click("#asked-restart")
+    page.click("#asked-yes")
     for each in (page, other):
         until(lambda each=each: each.inner_text("#name") == "dense" and each.inner_text("#discs") == "2,000")
         assert not each.is_visible("#asked")
@@ -61,9 +61,9 @@ def test_another_scene_is_asked_for_and_then_shown_on_all_pages(shown):
 def test_this_run_can_be_kept_and_is_not_asked_about_again(shown):
     page_at, session = shown
     page = page_at("?scene=dense&speed=100")
-    until(lambda: page.is_visible("#asked-keep"))
+    until(lambda: page.is_visible("#asked-no"))
     speed = session._pace.speed
-    page.click("#asked-keep")
+    page.click("#asked-no")
     assert not page.is_visible("#asked")
     page.reload()
     until(lambda: page.inner_text("#phase") == "paused")
@@ -88,8 +88,8 @@ def test_a_wrong_address_is_explained_and_the_run_is_shown(shown, query, text):
     assert page.inner_text("#asked-text").startswith("This address cannot be followed: ")
     assert text in page.inner_text("#asked-text")
     assert page.locator("#asked img").count() == 0
-    assert not page.is_visible("#asked-restart")
-    page.click("#asked-keep")
+    assert not page.is_visible("#asked-yes")
+    page.click("#asked-no")
     assert not page.is_visible("#asked")
     assert page.inner_text("#name") == "gas"
 
@@ -145,5 +145,5 @@ def test_a_view_that_cannot_follow_an_address_names_the_command(opened, tmp_path
                 f"This address asks for dense, method=grid. This view shows {kind}, and nothing else. In a terminal: "
                 "mpsim view '?scene=dense&method=grid'"
             )
-            assert not page.is_visible("#asked-restart")
+            assert not page.is_visible("#asked-yes")
             page.close()

@@ -100,6 +100,37 @@ def test_passes_by_button_and_key(shown):
     until(lambda: not drawn(page, "hand-canvas")[..., 3].any())
 
 
+def test_where_there_are_no_passes_the_page_offers_a_restart_with_them(opened, capsys):
+    few = gas(20, 0.3)  # `auto` takes the method naive
+    with viewed(few, playing=False) as view:
+        page, other = (opened.new_page(viewport={"width": 390, "height": 844}) for _ in range(2))
+        for each in (page, other):
+            each.goto(view.address)
+            until(lambda each=each: each.inner_text("#phase") == "paused" and frame(each) == 0)
+        step(page, 2)
+        page.keyboard.press("p")
+        until(lambda: page.is_visible("#asked-yes"))
+        assert page.inner_text("#asked-text") == (
+            "The method naive tests all pairs of discs at once, so a frame has no passes. The method grid has passes. "
+            "A restart changes all pages of this view."
+        )
+        assert not page.is_visible("#pass-note")
+        assert not other.is_visible("#asked"), "only the page that asked for a pass is asked"
+        page.click("#asked-no")
+        assert not page.is_visible("#asked")
+        assert view._session._sim.frame == 2, "and nothing has changed"
+        page.keyboard.press("p")
+        until(lambda: page.is_visible("#asked-yes"))
+        page.keyboard.press("Enter")  # the button has the focus
+        for each in (page, other):
+            until(lambda each=each: each.get_attribute("#stage", "data-pass") == "even 1/2")
+            until(lambda each=each: "no two brackets share a column" in each.inner_text("#pass-note"))
+            assert not each.is_visible("#asked")
+        assert "method grid" in page.inner_text("#about")
+        page.close()
+        other.close()
+
+
 def test_back_to_a_moment_and_other_seeds(shown):
     page, session = shown
     assert page.is_disabled("#return")

@@ -121,7 +121,7 @@ ACTIONS = [
     ("change", {"name": "gravity", "value": [0.0, -1.0], "same": True}),
     ("change", {"name": "contact", "value": "push", "same": False}),
     ("change", {"name": "passes", "value": 2, "same": False}),
-    ("pass", {}), ("snapshot", {}), ("return", {}), ("seed", {"value": 0}), ("stop_tuning", {}),
+    ("pass", {}), ("grid", {}), ("snapshot", {}), ("return", {}), ("seed", {"value": 0}), ("stop_tuning", {}),
     ("beside", {"settings": None}), ("beside", {"settings": {"method": "event"}}),
     ("beside", {"settings": {"frames": 10, "passes": 2, "contact": "push", "precision": "float32"}}),
     ("tune", {"measure": "pressure", "budget": 0.02}),
