@@ -15,6 +15,7 @@ from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.viewer import keep, link, wire
 from mpsim.viewer.broadcast import Audience
+from mpsim.viewer.collision_count import CollisionCount
 from mpsim.viewer.hands import Hands
 from mpsim.viewer.link import Link
 from mpsim.viewer.pace import Pace, first_speed
@@ -65,6 +66,7 @@ class Commanded(Source):
         self._trade = Trade(_demand_owned(beside, self._owned))
         self._tuning = Tuning(lambda: self.submit(wire.Action("searching", {})), self._found)
         self._passes = PassView()
+        self._collisions = CollisionCount()
         self._moments = Moments()
         self._snapshot: int | None = None  # frame of the moment that is remembered
         if asked is not None:
@@ -161,6 +163,7 @@ class Commanded(Source):
         self._sim = self._hands.do(sim, action, time.perf_counter())
         if action.name == "undo" and undo.last != before:  # or it was refused
             self._trade.back(before)
+            self._collisions.back(before)
         self._changed(undo.last if undo.last > before else None)
 
     def _changed(self, mark: int | None = None) -> None:
@@ -171,9 +174,12 @@ class Commanded(Source):
         self._run += 1
         self._renew_gauges()
         self._close_passes()
+        if mark is not None:
+            self._collisions.mark(mark)
         self._trade.changed(self._simulation, mark)
         self._hands.undo.trim(self._trade.bytes_of_moments)
         self._trade.forget_all_but(self._hands.undo.numbers)
+        self._collisions.forget_all_but((SNAPSHOT, *self._hands.undo.numbers))
         self._broadcast.tell_if_new("hands", self._hands.told(self._simulation))
         self._tell_link()
 
@@ -214,6 +220,7 @@ class Commanded(Source):
         self._demand_scene("snapshot")
         self._moments.keep(SNAPSHOT, sim)
         self._snapshot = sim.frame
+        self._collisions.mark(SNAPSHOT)
         self._trade.remember()
         self._tell()
 
@@ -227,6 +234,7 @@ class Commanded(Source):
         self._sim = sim = self._moments.back(SNAPSHOT, self._demand_simulation("return"))
         self._steps = 0
         self._hands.begin(sim)
+        self._collisions.back(SNAPSHOT)
         self._trade.back(SNAPSHOT)
         self._broadcast.forget_radii()
         self._changed()

@@ -121,6 +121,7 @@ class Session(Commanded):
         self._gauges, self._broadcast.scale = Gauges(self.scene, state), scale_of(state)
         self._run += 1
         self._counting.forget()
+        self._collisions.begin(self._sim, from_start=self._owned)
         self._colouring.begin()
         self._shown = self._gauged = None
         self._broadcast.forget_radii()
@@ -188,15 +189,24 @@ class Session(Commanded):
         looks = self._pace.frames_between_looks
         measures = self._counting.measures(self._simulation)
         sim = self._simulation
-        reports, seconds = self._trade.run(sim, frames, looks, self._look, measures, self._colouring.observers(looks))
+        observers = [*self._colouring.observers(looks), *self._collisions.observers(looks)]
+        try:
+            reports, seconds = self._trade.run(sim, frames, looks, self._look, measures, observers)
+        except BaseException:
+            self._collisions.lose()
+            raise
         self._colouring.end_run(sim)
+        self._collisions.end_run(sim, reports)
         self._pace.note(frames, seconds)
         for report in reports:
             self._meter.note(report)
             self._counting.note(report)
 
-    def _look(self) -> None:
-        """Make the picture and the gauges that are due, if the simulation has moved since the last ones."""
+    def _look(self, collisions: int = 0) -> None:
+        """Make the picture and the gauges that are due, if the simulation has moved since the last ones.
+
+        collisions: between discs in the run that is on its way.
+        """
         sim, now = self._simulation, time.perf_counter()
         walls_differ = sim.scene.obstacles is not self._broadcast.scene.obstacles
         if walls_differ or sim.settings.dt != self._told_dt:  # a wall was drawn, dt changed, or this taken back
@@ -210,7 +220,8 @@ class Session(Commanded):
         if where != self._gauged and not self._readings.wait(now, *READING):
             spent = time.thread_time()
             self._gauged = where
-            self._tell_gauges(*((sim.state, sim.frame, sim.time) if self._owned else _now(sim)))
+            now_shown = (sim.state, sim.frame, sim.time) if self._owned else _now(sim)
+            self._tell_gauges(*now_shown, self._collisions.so_far(sim, collisions))
             self._readings.use(now, time.thread_time() - spent)
         if self._trade.pair is not None and where != self._compared and not self._comparisons.wait(now, *COMPARING):
             spent = time.thread_time()
@@ -283,7 +294,7 @@ class Session(Commanded):
         self._compared = (self._run, sim.frame, sim.count)
         self._broadcast.tell_if_new("pair", self._trade.told(sim))
 
-    def _tell_gauges(self, state: State, frame: int, moment: float) -> None:
+    def _tell_gauges(self, state: State, frame: int, moment: float, collisions: float) -> None:
         if self._gauges is None:  # something has been changed
             self._gauges = Gauges(self._simulation.scene, state)
         self._broadcast.scale = scale_of(state)
@@ -291,6 +302,7 @@ class Session(Commanded):
         workers = self._meter.workers()
         rates = self._meter.read(numbers["discs"], time.perf_counter())
         numbers |= self._counting.numbers() | {"bulk_pressure": bulk_pressure(state, self._simulation.scene)}
+        numbers |= {"collisions": collisions, "with_walls": self._collisions.with_walls}
         self._broadcast.tell("gauges", {"frame": frame, "time": moment, **numbers, **vars(rates), **workers})
 
 

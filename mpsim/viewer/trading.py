@@ -32,16 +32,16 @@ class Glance:
 
     Args:
         every: frames between two looks.
-        act: called at each.
+        act: called at each with the collisions since the run began.
     """
 
-    def __init__(self, every: int, act: Callable[[], None]):
+    def __init__(self, every: int, act: Callable[[int], None]):
         self.every: int = every
         self._act = act
 
     def look(self, sim: Simulation, collisions: int) -> None:
         """Look."""
-        self._act()
+        self._act(collisions)
 
 
 class Trade:
@@ -57,7 +57,7 @@ class Trade:
     >>> trade = Trade(Settings(method="event"))
     >>> with Simulation(scene, settings) as sim:
     ...     trade.begin(scene, settings)
-    ...     reports, seconds = trade.run(sim, frames=10, every=5, look=lambda: None)
+    ...     reports, seconds = trade.run(sim, frames=10, every=5, look=lambda collisions: None)
     ...     told = trade.told(sim)
     >>> told["first"], told["second"], round(told["time"], 9), told["distance"] < 0.1
     ('grid impact dt=0.02', 'event', 0.2, True)
@@ -118,7 +118,7 @@ class Trade:
         sim: Simulation,
         frames: int,
         every: int,
-        look: Callable[[], None],
+        look: Callable[[int], None],
         measures: Sequence[str] = (),
         observers: Sequence[Observer[Simulation]] = (),
     ) -> tuple[list[Report], float]:
@@ -130,7 +130,7 @@ class Trade:
             sim: the first stage.
             frames: of it.
             every: frames between two looks.
-            look: called at each.
+            look: called at each with the collisions of the first stage since this began.
             measures: of the first stage, for others than this comparison.
             observers: of the first stage, who look before.
 
@@ -146,7 +146,7 @@ class Trade:
             ahead = min(end - sim.frame, every - sim.frame % every)
             reports.append(sim.run(frames=ahead, measures=wanted, observe=observers))
             seconds += float(reports[-1].frame_seconds.sum()) + self._follow(sim, reports[-1])
-            look()
+            look(sum(report.collisions for report in reports))
         return reports, seconds
 
     def _follow(self, sim: Simulation, report: Report) -> float:

@@ -43,6 +43,9 @@ export function digits(value) {
   return value.toLocaleString("en", { maximumFractionDigits: places, minimumFractionDigits: Math.min(places, 6) }).replace("-", "−");
 }
 
+/** A whole number with all its digits; a dash for none. */
+export const whole = (value) => (value === null || value === undefined ? NONE : value.toLocaleString("en").replace("-", "−"));
+
 /** A value with its standard error in brackets, in units of the last digit, as the library prints it: 2.240(16). */
 export function withError(value, error) {
   if (!Number.isFinite(value) || !Number.isFinite(error) || error === null || error <= 0) return digits(value);

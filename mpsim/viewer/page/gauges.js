@@ -1,12 +1,12 @@
 // The gauges: numbers with charts of their last readings, and the histogram of the speeds.
 
-import { $, NONE, digits, fontSize, sharpen, state, withError } from "./common.js";
+import { $, NONE, digits, fontSize, sharpen, state, whole, withError } from "./common.js";
 
 export const KEPT = 240; // readings of a gauge in its chart
 
 /** Least height of a chart, where less is rounding; of the others it is 2 % of the value. */
 export const LEAST = { energy_drift: 1e-9 };
-export const GAUGES = ["temperature", "energy_drift", "pressure", "largest_overlap", "collisions_per_second", "frames_per_second", "nanoseconds"];
+export const GAUGES = ["temperature", "energy_drift", "pressure", "largest_overlap", "collisions_per_second", "collisions", "frames_per_second", "nanoseconds"];
 
 /** What is kept of each reading: a table has columns beside the gauge's own. */
 export const RECORDED = [...GAUGES, "frame", "time", "pressure_error", "bulk_pressure"];
@@ -22,6 +22,8 @@ export function drawGauges() {
     $(name).dataset.value = gauges?.[name] ?? "";
     drawChart($(name).parentElement.querySelector("canvas"), state.history[name] ?? [], LEAST[name] ?? 0);
   }
+  $("collisions").textContent = gauges ? whole(gauges.collisions) : NONE;
+  $("collisions-note").textContent = collisionsNote(gauges);
   $("drift-name").textContent = gauges?.energy_note ? "Energy change" : "Energy drift";
   $("drift-note").textContent = gauges?.energy_note
     ? `not conserved here: ${gauges.energy_note}` : "since the start, relative to the kinetic energy";
@@ -30,6 +32,12 @@ export function drawGauges() {
   $("pressure-note").textContent = pressureNote(gauges);
   drawSpeeds(gauges?.speeds);
   drawWorkers(gauges);
+}
+
+function collisionsNote(gauges) {
+  if (!gauges) return "since the start";
+  if (gauges.collisions === null) return "not known of this run";
+  return `since the start, ${gauges.with_walls ? "with those of walls and obstacles" : "between discs"}`;
 }
 
 function pressureNote(gauges) {

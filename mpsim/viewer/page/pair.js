@@ -1,6 +1,6 @@
 // Two stages: the second one, drawn as the first one is, and what became of both since their common start.
 
-import { $, NONE, digits, fontSize, sharpen, state, withError } from "./common.js";
+import { $, NONE, digits, fontSize, sharpen, state, whole, withError } from "./common.js";
 import { send, takers } from "./link.js";
 import { afterDrawing, camera, drawGround, images, rendererFor, requestDraw } from "./stage.js";
 
@@ -22,7 +22,6 @@ afterDrawing.push(() => {
 // --- the numbers below
 
 const difference = (value, error) => `${value > 0 ? "+" : ""}${withError(value, error)}`;
-const whole = (value) => (value === null ? NONE : value.toLocaleString("en").replace("-", "−"));
 const percent = (value) => (value === null ? NONE : `${(100 * value).toFixed(1).replace("-", "−")} %`);
 
 /** Name, what it says, and what of it: of what is compared. */

@@ -134,12 +134,14 @@ def test_buttons_do_what_they_say_and_numbers_are_those_of_the_library(shown):
     assert page.settle() == page.sim.frame
     state = page.sim.state
     with mpsim.Simulation(SCENE, GRID) as alone:
-        alone.run(frames=page.sim.frame)
+        report = alone.run(frames=page.sim.frame)
         assert alone.digest() == page.sim.digest(), "the page has changed no bit"
         alone_time = alone.time
     assert page.text("frame") == f"{page.sim.frame:,}"
     assert float(page.text("time")) == pytest.approx(alone_time, rel=1e-3)
     assert page.text("discs") == "100"
+    until(lambda: page.text("collisions") == f"{report.collisions:,}")
+    assert page.text("collisions-note") == "since the start, between discs"
     assert float(page.text("temperature")) == pytest.approx(measure.temperature(state, SCENE), rel=1e-3)
     drift = float(page.page.get_attribute("#energy_drift", "data-value") or 0)
     assert abs(drift) < 1e-12

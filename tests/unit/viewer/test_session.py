@@ -267,9 +267,9 @@ def test_discs_that_enter_are_shown(start):
 
 
 def test_a_moving_wall_is_where_the_state_says(start):
-    scene = mpsim.Scene(
-        width=8, height=4, position=[[1, 1]], velocity=[[1, 0]], radius=0.25, piston=mpsim.Piston("right", -1.0, 4.0)
-    )
+    place = [[x, y] for x in (0.5, 1.5, 2.5) for y in (0.5, 1.5, 2.5, 3.5)]
+    piston = mpsim.Piston("right", -1.0, 4.0)
+    scene = mpsim.Scene(width=8, height=4, position=place, velocity=np.zeros((12, 2)), radius=0.25, piston=piston)
     session, watcher = start(scene, GRID, playing=False)
     step_to(session, watcher, 50)
     watcher.see(session, lambda w: w.frame == 50)

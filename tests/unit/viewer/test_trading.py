@@ -23,7 +23,7 @@ class Two:
         self.trade.begin(scene, first)
 
     def run(self, frames, every=4):
-        def look():
+        def look(collisions):
             self.looks.append((self.sim.time, None if self.trade.pair is None else self.trade.pair.sim.time))
             self.seen.append(self.told)
 
