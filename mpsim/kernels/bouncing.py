@@ -1,8 +1,8 @@
 """The bounce of an accelerated disc off a wall at rest under contact `impact`: along its parabola, exact.
 
 The report's v += a dt, p += v dt, with a bounce where the frame ended, loses or gains energy at each bounce. Here a
-disc that ends a step beyond a wall is taken back along its parabola to the instant at which it touched, turned round
-there, and let go on. With depth d beyond the wall, speed s outward now and acceleration A outward:
+disc that ends a step beyond a wall is taken back along its parabola to the instant of contact, reflected there, and
+then continues. With depth d beyond the wall, speed s outward now and acceleration A outward:
 
     speed at the wall   c = sqrt(s^2 - 2 A d)             energy
     time since then     t = 2 d / (s + c)                 mean speed (s + c) / 2 over the distance d
@@ -17,10 +17,10 @@ from mpsim.kernels.records import real
 
 @inlined
 def bounce_back(depth, speed, acceleration, parameters):
-    """(distance inside, speed inward, time since then) of a disc `depth` beyond a wall; speed, acceleration outward.
+    """(distance inside, speed inward, time since contact) of a disc `depth` beyond a wall; speed, acceleration outward.
 
     A disc that moves inward, and was not carried out by its flight, is projected onto the wall, losing the
-    corresponding kinetic energy. For one that comes to rest on the wall, which has acted on it ever since, the time is
+    corresponding kinetic energy. For a disc that comes to rest on the wall, which acts on it from then on, the time is
     the mean over the impulses of the wall.
     """
     zero, two = real(parameters, 0), real(parameters, 2)
@@ -31,6 +31,6 @@ def bounce_back(depth, speed, acceleration, parameters):
     inward = parameters.wall_restitution * at_wall
     inside = (inward - acceleration * time / two) * time
     inward -= acceleration * time
-    if inside < zero:  # it does not leave the wall any more: it rests there
+    if inside < zero:  # it no longer leaves the wall: it rests there
         return zero, max(inward, zero), depth / speed
     return inside, inward, time

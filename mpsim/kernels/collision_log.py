@@ -1,7 +1,7 @@
-"""The log of collisions: rows that kernels write if a run records collisions.
+"""The log of collisions, if a run asks for it: rows that kernels write.
 
-Each worker has a log of its own. Where nobody asks there is none (None), and what would write to it compiles to
-nothing. A row that does not fit is counted all the same, so a log that was too small is found out.
+Each worker has a log of its own. Without a request the log is None, and code that would write to it compiles to
+nothing. A row that does not fit is still counted, which shows that a log was too small.
 """
 
 from collections import namedtuple
@@ -20,7 +20,7 @@ _fields: Any = np.dtype(
         ("impulse", np.float64, (2,)),  # along the normal, on disc i [mass length/time]
         ("place", np.float64, (2,)),  # where they touch [length]
         ("i", np.int32),  # a disc
-        ("j", np.int32),  # what it has met: another disc, an edge of the box, or a capsule
+        ("j", np.int32),  # what it met: another disc, an edge of the box, or a capsule
         ("kind", np.int64),  # DISC, WALL or OBSTACLE
     ],
     align=True,
@@ -30,10 +30,10 @@ COLLISION = np.dtype((Record, _fields))
 
 DISC, WALL, OBSTACLE = range(3)
 
-COUNT = 0  # rows, those that did not fit included
-AGREED = 1  # of them, rows that are not to be taken back
-SPAN = 2  # the frame or step in hand
-STATE_SIZE = 16  # so that no two workers write to one pair of cache lines
+COUNT = 0  # rows, including those that did not fit
+AGREED = 1  # of these, rows that will not be taken back
+SPAN = 2  # the current frame or step
+STATE_SIZE = 16  # so that two workers never write to the same pair of cache lines
 
 Log: Any = namedtuple("Log", "rows state")
 """rows: COLLISION, shape (room,); state: int64, shape (STATE_SIZE,)."""
@@ -43,13 +43,13 @@ ROWS, STATE = "collisions", "collision_counts"
 
 
 def log_of(arrays: Mapping[str, Any], worker: int) -> Any:
-    """The log of one worker, from arrays by name; None where there is none."""
+    """The log of one worker, from arrays by name; None if there is none."""
     return Log(arrays[ROWS][worker], arrays[STATE][worker]) if ROWS in arrays else None
 
 
 @inlined
 def write(log, kind, i, j, time, impulse_x, impulse_y, place_x, place_y):
-    """Write a collision; one without an impulse is none."""
+    """Write a collision; a contact without an impulse is not one."""
     if log is not None:  # noqa: SIM102 - see optional.py
         if (impulse_x != 0.0) | (impulse_y != 0.0):
             k = log.state[COUNT]
@@ -63,7 +63,7 @@ def write(log, kind, i, j, time, impulse_x, impulse_y, place_x, place_y):
 
 @inlined
 def begin_span(log, span):
-    """What is written from now on belongs to this frame or step."""
+    """Later rows belong to this frame or step."""
     if log is not None:
         log.state[SPAN] = span
 
@@ -85,7 +85,7 @@ def is_full(log):
 
 @inlined
 def overflows(log):
-    """Whether a row has not fitted."""
+    """Whether a row did not fit."""
     if log is None:
         return False
     return log.state[COUNT] > log.rows.size
@@ -93,7 +93,7 @@ def overflows(log):
 
 @inlined
 def agree(log):
-    """What has been written stays."""
+    """Keep the rows written so far: `take_back` does not remove them."""
     if log is not None:
         log.state[AGREED] = log.state[COUNT]
 

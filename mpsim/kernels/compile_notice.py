@@ -1,8 +1,8 @@
 """The message while kernels are compiled, and the time that this takes.
 
-Numba compiles a kernel inside its first call with new types, without a word. A call of the compiler that is not
-answered from the cache is timed here, and announced once it has taken `QUIET_FOR`. A thread of its own announces: who
-listens (a handler of the log, say) may wait for whatever lock the compiling thread holds.
+Numba compiles a kernel silently, inside its first call with new types. A call of the compiler that the cache does not
+answer is timed here, and announced once it has taken `QUIET_FOR`. A separate thread announces it, because a listener (a
+log handler, for example) may wait for a lock that the compiling thread holds.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -47,21 +47,21 @@ on named scenes (of the exact solver on one with friction), Intel Xeon, Python 3
 
 
 class Announcer(Protocol):
-    """Who tells people that something is being compiled."""
+    """Tells people that something is being compiled."""
 
     def begin(self, text: str) -> None:
-        """Tell what is being compiled, and about how long that will take. Called by another thread."""
+        """Say what is being compiled, and about how long it will take. Called by another thread."""
         ...
 
     def end(self) -> None:
-        """It is compiled. Called only after `begin`."""
+        """Compilation has ended. Called only after `begin`."""
         ...
 
 
 class LogLine:
-    """One line of the log "mpsim": INFO, or WARNING where somebody sits and waits, at a prompt or a terminal.
+    """One line in the log "mpsim": INFO, or WARNING if a person waits at a prompt or a terminal.
 
-    So it is seen there without any setting up, and a job without a terminal stays as quiet as before.
+    So it is seen there without configuration, and a job without a terminal stays quiet.
     """
 
     def begin(self, text: str) -> None:
@@ -80,7 +80,7 @@ _spent = 0.0
 
 
 def announce_by(announcer: Announcer | None) -> None:
-    """From now on let somebody else announce in this process; None: nobody."""
+    """Replace the announcer of this process; None: announce nothing."""
     global _announcer  # noqa: PLW0603 - one for the process, as is the compiler
     _announcer = announcer
 
@@ -102,7 +102,7 @@ def compile_seconds() -> float:
 
 
 def announcement(kernel: str, signature: Any, kept: bool) -> str:
-    """What is said of the compilation of a kernel for such arguments; kept: whether the machine code is.
+    """The text announced for the compilation of a kernel for such arguments; kept: whether its machine code is cached.
 
     >>> announcement("run_naive", (), True)
     'compiling the loops for this scene, once; about 4 s'
@@ -115,14 +115,14 @@ def announcement(kernel: str, signature: Any, kept: bool) -> str:
 
 
 def _features_in(signature: Any) -> int:
-    """How many fields of `Features` are there, rather than None, among the types of arguments."""
+    """How many fields of `Features` are present (not None) among the types of arguments."""
     records = (each for each in signature if isinstance(each, types.BaseNamedTuple))
     of_features = (each for each in records if each.instance_class.__name__.endswith("Features"))
     return sum(not isinstance(field, types.NoneType) for each in of_features for field in each.types)
 
 
 class _Compilation(threading.local):
-    """What this thread compiles: how deep calls of the compiler are nested, and what the outermost was asked for."""
+    """What this thread compiles: nesting depth of calls of the compiler, and the request of the outermost."""
 
     def __init__(self) -> None:
         self.depth = 0
@@ -150,7 +150,7 @@ class _Announcement:
         self._announcer.begin(self._text)
 
     def end(self) -> None:
-        """Compiling has come to its end."""
+        """Compilation has ended."""
         self._timer.cancel()
         self._timer.join(PATIENCE)  # a process that forks next should not have this thread
         if self._begun:
@@ -159,7 +159,7 @@ class _Announcement:
 
 @contextmanager
 def asked_for(kernel: str, signature: Any, kept: bool) -> Iterator[None]:
-    """Around each call of the compiler, for a kernel and the types of its arguments; such calls are nested."""
+    """Wraps each call of the compiler, for a kernel and the types of its arguments; such calls are nested."""
     global _spent  # noqa: PLW0603 - see compile_seconds
     if _mine.depth == 0:
         _mine.asked = kernel, signature, kept
@@ -178,7 +178,7 @@ def asked_for(kernel: str, signature: Any, kept: bool) -> Iterator[None]:
 
 
 def not_cached() -> None:
-    """Called where a kernel that was asked for is in no cache: from here on this thread compiles."""
+    """Called when a requested kernel is in no cache: from here on this thread compiles."""
     if _mine.started is None and _mine.depth:
         _mine.started = time.perf_counter()
         if _announcer is not None:

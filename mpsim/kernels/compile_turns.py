@@ -1,7 +1,7 @@
-"""Several processes that need the same kernel: one compiles it, the others wait and load the result.
+"""If several processes need the same kernel, one compiles it; the others wait and load the result.
 
-Ranks and runs that begin together would otherwise each compile it, on cores that the others need. The lock of the
-system (`flock`) ends with its process. A fork may keep it longer: nobody waits for more than LONGEST.
+Otherwise ranks and runs that start together would each compile it, on cores that the others need. The system's lock
+(`flock`) ends with its process. A fork may keep it longer, so no process waits longer than LONGEST.
 """
 
 import fcntl
@@ -24,8 +24,8 @@ class Turns:
     """Turns of compiling one function, for each signature of its own.
 
     Args:
-        folder: of the cache; the files of locks lie in it.
-        name: of the function, unlike that of any other.
+        folder: of the cache; the lock files lie in it.
+        name: of the function, unique.
     """
 
     def __init__(self, folder: Path, name: str):
@@ -33,12 +33,12 @@ class Turns:
         self._held: dict[str, int] = {}
 
     def load_or_take(self, signature: Any, load: Callable[[], Any]) -> Any:
-        """What `load` finds in the cache, after another process has put it there; None: compile it, and `give_back`."""
+        """What `load` finds in the cache, perhaps from another process; None: compile it, then `give_back`."""
         key = hashlib.sha256(str(signature).encode()).hexdigest()[:16]
         path = self._stem.with_name(f"{self._stem.name}-{key}.lock")
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-        except OSError:  # a cache that can only be read
+        except OSError:  # a read-only cache
             return None
         if not _locked(descriptor):
             os.close(descriptor)
@@ -51,7 +51,7 @@ class Turns:
         return found
 
     def give_back(self) -> None:
-        """The function is compiled, or could not be."""
+        """Release the lock: the function is compiled, or could not be."""
         while self._held:
             _, descriptor = self._held.popitem()
             with suppress(OSError):
@@ -59,7 +59,7 @@ class Turns:
 
 
 def _locked(descriptor: int) -> bool:
-    """Wait for the lock, at most LONGEST; False: it was not to be had."""
+    """Wait for the lock, at most LONGEST; False: it could not be taken."""
     end = time.monotonic() + LONGEST
     while time.monotonic() < end:
         try:

@@ -45,14 +45,14 @@ def source_digest() -> str:
 
 
 def cache_root() -> Path:
-    """Folder under which mpsim keeps its machine code: NUMBA_CACHE_DIR, XDG_CACHE_HOME or ~/.cache."""
+    """Folder in which mpsim keeps its machine code: NUMBA_CACHE_DIR, XDG_CACHE_HOME or ~/.cache."""
     if config.CACHE_DIR:
         return Path(config.CACHE_DIR) / "mpsim"
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "mpsim"
 
 
 def _writable_cache_folder() -> Path | None:
-    """This version's cache folder, or None (with one log line) where nothing can be written."""
+    """This version's cache folder, or None (with one log line) if nothing can be written."""
     try:
         folder = cache_root() / source_digest()
         folder.mkdir(parents=True, exist_ok=True)
@@ -103,7 +103,7 @@ def _cached(dispatcher: Any) -> Any:
 def _watch_compiling(dispatcher: Any, turns: Turns | None) -> None:
     """Make Ctrl-C wait for the end of a compilation or load, whose callbacks from LLVM cannot pass an exception on.
 
-    And have it announced and timed, if it is a compilation.
+    Also announce and time it, if it is a compilation.
     """
     compile_signature, name = dispatcher.compile, dispatcher.py_func.__name__
 
@@ -119,7 +119,7 @@ def _watch_compiling(dispatcher: Any, turns: Turns | None) -> None:
 
 
 def _type_without_literals(dispatcher: Any) -> None:
-    """Compile a kernel once for all constants that its callers hand over, not anew for each, as Numba would."""
+    """Compile a kernel once for all constants that its callers pass, not once for each, as Numba would."""
     call_template = dispatcher.get_call_template
 
     def call_template_without_literals(args: Any, kws: Any) -> Any:
@@ -130,9 +130,9 @@ def _type_without_literals(dispatcher: Any) -> None:
 
 
 def _watch_loading(cache: Any, turns: Turns | None) -> None:
-    """Let a damaged cache file (a full disk, a killed process) be a reason to compile anew, not to fail.
+    """If a cache file is damaged (a full disk, a killed process), compile again rather than fail.
 
-    And notice what is not in the cache, and will be compiled, by this process or another.
+    Also notice what is not in the cache and will be compiled, by this process or another.
     """
     load = cache.load_overload
 
@@ -161,14 +161,14 @@ def compiled(function: Callable[..., Any]) -> Any:
 
 
 def linked(function: Callable[..., Any]) -> Any:
-    """Numba-compile a `function` as a part of each kernel that calls it; called from Python it stays plain Python."""
+    """Numba-compile a `function` as a part of each kernel that calls it; called from Python, it stays plain Python."""
     return register_jitable(pipeline_class=PartCompiler, **_OPTIONS)(function)
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """`linked`, and always inlined, which is for what a kernel does for each disc or contact.
+    """`linked`, and always inlined: for the work that a kernel does for each disc or contact.
 
-    A call hands over every field of every array (some 60 words for a disc record), which costs more than the work of a
+    A call passes every field of every array (some 60 words for a disc record), which costs more than the work of a
     contact; the compiler's own judgement of what to inline changes with every edit.
     """
     return register_jitable(forceinline=True, pipeline_class=PartCompiler, **_OPTIONS)(function)

@@ -1,4 +1,4 @@
-"""The record of a disc, and the numbers that stand for something in the shared arrays, by name.
+"""The record of a disc, and named constants for the numbers in the shared arrays.
 
 Kernels, coordinator and workers all read these names, so that no number has a meaning in one file only.
 """
@@ -13,7 +13,7 @@ class Discs(NamedTuple):
     """One buffer of discs, structure of arrays, each of shape (capacity + PADDING,).
 
     x, y: centre [length]; vx, vy: velocity [length/time]; id: number of the disc in the scene;
-    cell: index of the grid cell, column-major; radius: [length], or None where all discs have the same.
+    cell: index of the grid cell, column-major; radius: [length], or None if all discs have the same.
     Only the first `count` elements are discs.
     """
 
@@ -29,7 +29,7 @@ class Discs(NamedTuple):
 class Changes(NamedTuple):
     """Discs that change cells in a step, int32; each worker has sections of its own.
 
-    slot, old_cell, new_cell, id: of the discs of the slice that have changed cells, by slot; behind them those that
+    slot, old_cell, new_cell, id: of the discs of the slice that have changed cells, by slot; after them, of those that
     come from other workers, without old cells. next_arrival, first_arrival: linked lists of the entries that arrive in
     own cells, one list for every few cells, in the order (cell, id); -1 ends a list.
     outbox: slots of discs that have left a worker's columns.

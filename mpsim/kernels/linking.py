@@ -1,7 +1,7 @@
 """Merges functions into one kernel; functions that only kernels call get no machine code of their own.
 
-Numba optimises each function together with all that it calls, and makes machine code of that. Of ten levels of calls
-the innermost is then optimised ten times, and nine of ten results are thrown away: this was half of the time of a first
+Numba optimises each function together with all that it calls, and makes machine code of the whole. With ten levels of
+calls, the innermost function is optimised ten times and nine results are discarded: this was half the time of a first
 compilation. Here a part stays as it was lowered; a kernel, which Python calls, is linked with all parts that it
 reaches, each once, and optimised once.
 
@@ -40,14 +40,14 @@ class _Kernel(JITCodeLibrary):
         super().finalize()
 
     def _verify_declare_only_symbols(self) -> None:
-        """Numba looks for its own functions only; a call of one that is not linked would end the process."""
+        """Numba looks only for its own functions; a call of an unlinked one would end the process."""
         super()._verify_declare_only_symbols()
         missing = [each.name for each in self._final_module.functions if each.is_declaration and each.name[:3] == "_ZN"]
         assert not missing, f"not linked: {missing}"
 
 
 def _callers_first(kernel: _Kernel) -> list[CodeLibrary]:
-    """What a kernel is linked with, in this order, as LLVM leaves out what nothing needs yet."""
+    """What a kernel is linked with, callers first: LLVM leaves out what nothing needs yet."""
     callees_first: dict[CodeLibrary, None] = {}
 
     def visit(library: CodeLibrary) -> None:
@@ -81,7 +81,7 @@ class _LowerPart(NativeLowering):
     _name = "mpsim_lower_part"
 
     def run_pass(self, state: Any) -> Literal[True]:
-        """As Numba's, up to the point at which that makes machine code."""
+        """As Numba's, up to the generation of machine code."""
         part = _Part(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library = part
         state.flags.no_compile = True
@@ -96,7 +96,7 @@ class _LowerPart(NativeLowering):
 
 
 class _Compiler(CompilerBase):
-    """Numba's passes for nopython mode, but for the last."""
+    """Numba's passes for nopython mode, except the last."""
 
     lowering: type[NativeLowering]
 

@@ -1,7 +1,7 @@
 """The few machine operations that Numba lacks: vector overlap test, atomics, clock, yield and sleep.
 
-Each is a plain Python function, the slow obvious twin that also runs under NUMBA_DISABLE_JIT=1, with an `overload`
-that gives compiled callers the machine instruction. Libc functions are linked by name (`ExternalFunction`), because
+Each is a plain Python function, slow and obvious, that also runs under NUMBA_DISABLE_JIT=1, with an `overload` that
+gives compiled callers the machine instruction. Libc functions are linked by name (`ExternalFunction`), because
 the address that ctypes would give cannot be cached.
 """
 
@@ -33,9 +33,9 @@ _HINT = {"x86_64": ("llvm.x86.sse2.pause", []), "aarch64": ("llvm.aarch64.hint",
 
 
 def overlap_lanes(x, y, radius, start, xi, yi, reach):
-    """Bit k is set where disc `start + k` has its centre closer to (xi, yi) than where they touch.
+    """Bit k is set if the centre of disc `start + k` is closer to (xi, yi) than their contact distance.
 
-    radius None: all discs have one, and reach is their diameter squared. Else reach is the radius of the disc at
+    radius None: all discs have the same, and reach is their diameter squared. Else reach is the radius of the disc at
     (xi, yi). Reads LANES elements from `start` on: arrays are padded by LANES. NaN compares as no overlap.
     """
     mask = 0
@@ -117,7 +117,7 @@ def _compile_overlap_lanes(x, y, radius, start, xi, yi, reach):
 
 
 def lowest_bit(mask):
-    """Index of the lowest set bit of a mask that is not zero."""
+    """Index of the lowest set bit of a non-zero mask."""
     mask = int(mask)
     return (mask & -mask).bit_length() - 1
 
@@ -162,7 +162,7 @@ def _compile_natural(index):
 
 
 def changed_lanes(before, after, start):
-    """Bit k is set where element `start + k` of two arrays of whole numbers differs. Reads LANES elements of each."""
+    """Bit k is set if element `start + k` differs between two arrays of whole numbers. Reads LANES elements of each."""
     mask = 0
     for lane in range(LANES):
         if before[start + lane] != after[start + lane]:
@@ -214,7 +214,7 @@ def _compile_copy_lanes(source, first, target, slot):
 
 
 def add_to_lanes(array, start, number, value):
-    """Add `value` to as many elements from `start` on, RUN at most. Reads and writes back those up to RUN."""
+    """Add `value` to a number of elements from `start` on, at most RUN. Reads and writes back all RUN of them."""
     array[start : start + min(number, RUN)] += value
 
 
@@ -327,7 +327,7 @@ _sched_yield = types.ExternalFunction("sched_yield", types.int32())
 
 
 def now(timespec):
-    """Monotonic clock, in nanoseconds. `timespec` is scratch space: two int64 words of the caller's own."""
+    """Monotonic clock, in nanoseconds. `timespec` is scratch space: two int64 words that belong to the caller."""
     return time.monotonic_ns()
 
 
@@ -341,7 +341,7 @@ def _compile_now(timespec):
 
 
 def sleep_briefly(timespec, nanoseconds):
-    """Give the core away for about `nanoseconds` (less than one second). `timespec` is scratch space."""
+    """Release the core for about `nanoseconds` (less than one second). `timespec` is scratch space."""
     time.sleep(nanoseconds * 1e-9)
 
 
@@ -356,7 +356,7 @@ def _compile_sleep_briefly(timespec, nanoseconds):
 
 
 def yield_core():
-    """Let another runnable process have this core now."""
+    """Let another runnable process use this core now."""
     os.sched_yield()
 
 

@@ -5,7 +5,7 @@ from mpsim.kernels.compiling import inlined
 
 @inlined
 def nearest_image(difference, length, periodic):
-    """One component of a relative position, to the nearest image."""
+    """One component of the relative position of the nearest image."""
     if periodic and difference > 0.5 * length:
         return difference - length
     if periodic and difference < -0.5 * length:

@@ -1,8 +1,8 @@
 """Optional arguments of kernels: None stands for a feature that a scene does not have.
 
 Numba compiles a function anew for a None argument and drops what is tested against it, if the test is of one argument
-alone: not of an attribute, nor of several at once. So each accessor is the value itself, a constant, or nothing at all,
-and a second condition stands in an `if` of its own inside the test against None (ruff's SIM102 would join the two).
+alone: not of an attribute, nor of several at once. So each accessor returns the value itself, a constant, or None, and
+a second condition stands in a separate `if` inside the test against None (ruff's SIM102 would join the two).
 """
 
 from mpsim.kernels.compiling import inlined
@@ -10,7 +10,7 @@ from mpsim.kernels.compiling import inlined
 
 @inlined
 def value_or(values, i, shared):
-    """A disc's own radius or mass, or what stands for it where all discs have the same."""
+    """A disc's own radius or mass, or the common value if all discs have the same."""
     if values is None:
         return shared
     return values[i]
@@ -18,7 +18,7 @@ def value_or(values, i, shared):
 
 @inlined
 def slice_of(values, low, high):
-    """A slice, where there is something to slice."""
+    """A slice of an array, or None."""
     if values is None:
         return None
     return values[low:high]
@@ -26,7 +26,7 @@ def slice_of(values, low, high):
 
 @inlined
 def present(value):
-    """True where there is something, else None, so that what is tested against it can be dropped."""
+    """True for an array, else None, so that code tested against it can be dropped."""
     if value is None:
         return None
     return True
@@ -34,7 +34,7 @@ def present(value):
 
 @inlined
 def any_present(value, other):
-    """`present` of one of two, or of both."""
+    """True if at least one of two is present, else None."""
     if value is None:
         return present(other)
     return True
@@ -42,7 +42,7 @@ def any_present(value, other):
 
 @inlined
 def swap_entries(values, i, j):
-    """Two discs change places, where discs have such values, shape (N,)."""
+    """Exchange the values of two discs, if discs have such values, shape (N,)."""
     if values is not None:
         values[i], values[j] = values[j], values[i]
 
@@ -57,7 +57,7 @@ def swap_rows(values, i, j):
 
 @inlined
 def copy_entry(source, i, target, j):
-    """A disc's own value goes to another array, where discs have such values, shape (N,)."""
+    """Copy a disc's own value to another array, if discs have such values, shape (N,)."""
     if source is not None:
         target[j] = source[i]
 

@@ -1,4 +1,4 @@
-"""Discs as they lie in memory, made into the bytes of a picture: in one pass, in the order of their numbers."""
+"""Turns discs in memory order into the bytes of a picture, ordered by disc number, in one pass."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from mpsim.kernels.compiling import compiled
 
 @compiled
 def paint_places(x, y, number, width, height, wraps_x, wraps_y, steps, out):
-    """Places as fractions of the box in so many steps, rounded; beyond a wall: at it.
+    """Places as fractions of the box, rounded to so many steps; a place beyond a wall is put on it.
 
     x, y: shape (N,) [length]. number: int32, shape (N,), the number of each disc. width, height: of the box [length].
     wraps_x, wraps_y: whether an axis is periodic; a disc may be up to a period beyond its border. steps: at most 65535.
@@ -22,7 +22,7 @@ def paint_places(x, y, number, width, height, wraps_x, wraps_y, steps, out):
         if wraps_y:
             here_y += height if here_y < 0.0 else (-height if here_y >= height else 0.0)
         to_x, to_y = here_x * per_x + 0.5, here_y * per_y + 0.5
-        to_x = (to_x if to_x < last else last) if to_x > 0.0 else 0.0  # 0 where it is not a number
+        to_x = (to_x if to_x < last else last) if to_x > 0.0 else 0.0  # 0 if it is not a number
         to_y = (to_y if to_y < last else last) if to_y > 0.0 else 0.0
         at = np.intp(2) * np.intp(number[i])
         out[at], out[at + 1] = np.uint16(to_x), np.uint16(to_y)
@@ -30,10 +30,10 @@ def paint_places(x, y, number, width, height, wraps_x, wraps_y, steps, out):
 
 @compiled
 def paint_speeds(vx, vy, number, usual, knee, steep, fastest, out):
-    """Speeds as bytes, on a scale in two straight parts, rounded: from 0 to `knee`, then `steep` on, to `fastest`.
+    """Speeds as bytes, rounded, on a scale of two linear parts: from 0 to `knee`, then with slope `steep` to `fastest`.
 
     vx, vy: shape (N,) [length/time]. number: as above. usual: the speed of byte knee [length/time]. steep: bytes for
-    each further `usual`, at most knee. fastest: the last byte, also of all that is faster or not a number.
+    each further `usual`, at most knee. fastest: the last byte, also for speeds that are greater or not a number.
     out: uint8, shape (N,), in the order of the numbers.
     """
     per, last = 1.0 / usual, np.float64(fastest)

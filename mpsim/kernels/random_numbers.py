@@ -1,8 +1,8 @@
-"""Random numbers that follow from what they are for: the seed, the disc, the frame, and a count of draws.
+"""Random numbers computed from their use: seed, disc, frame and a count of draws.
 
-There is no state, so neither the order in which discs are asked nor who asks can change a number. The generator is
-Philox4x32-10 (Salmon, Moraes, Dror and Shaw, Proc. SC11, 2011). What follows from its numbers is made of + - * / and
-sqrt alone, so it has the same bits on every machine. Words are uint64 numbers below 2^32: no product overflows.
+There is no state, so a number depends neither on the order of discs nor on the worker that draws it. The generator is
+Philox4x32-10 (Salmon, Moraes, Dror and Shaw, Proc. SC11, 2011). Only + - * / and sqrt are
+applied to its numbers: the same bits on every machine. Words are uint64 numbers below 2^32: no product overflows.
 """
 
 import math
@@ -64,9 +64,9 @@ def logarithm(x):
 
 @linked
 def normal_pair(seed, disc, frame, draw):
-    """Two independent normal numbers of mean 0 and variance 1, from the pairs of uniform ones from `draw` on.
+    """Two independent normal numbers of mean 0 and variance 1, from the uniform pairs `draw`, `draw` + 1, ...
 
-    The polar method (Marsaglia and Bray, SIAM Rev. 6, 260, 1964): points in a square until one is in the circle.
+    The polar method (Marsaglia and Bray, SIAM Rev. 6, 260, 1964): points in a square, until one lies in the circle.
     """
     while True:
         one, two = pair(seed, disc, frame, draw)
@@ -87,14 +87,14 @@ APART = 2**20
 
 @inlined
 def digits(value):
-    """The digits of a real number, as a whole one."""
+    """The digits of a real number, as a whole number."""
     fraction, _ = math.frexp(abs(value))
     return np.uint64(np.int64(fraction * MANTISSA))
 
 
 @inlined
 def seed_of(seed, one, other):
-    """Another seed, which follows from a seed and the digits of two real numbers."""
+    """A new seed, from a seed and the digits of two real numbers."""
     a, b = digits(one), digits(other)
     high, low, _, _ = words(np.uint64(seed), a & WORD, a >> HALF, b & WORD, b >> HALF)
     return (high << HALF) ^ low
@@ -102,11 +102,11 @@ def seed_of(seed, one, other):
 
 @linked
 def wall_velocity(seed, disc, place, came, slid):
-    """How fast a disc leaves a wall at the temperature m, along its normal and across: speed > 0, velocity.
+    """Velocity of a disc that leaves a wall at temperature m: speed along the normal > 0, tangential velocity.
 
     The first has the density v exp(-v^2 / 2), as has the length of a pair of normal numbers; the second is normal. They
-    follow from the velocity with which it came, along the normal and across, and from its place along the wall: so no
-    count of contacts is needed, which would have to be the same in every division of the work.
+    follow from the velocity at which it arrived, along the normal and across, and from its place along the wall. So no
+    count of contacts is needed, which would have to be the same for any number of workers.
     """
     own, where = seed_of(seed, came, slid), digits(place)
     x, y = normal_pair(own, disc, where, 0)

@@ -1,7 +1,7 @@
-"""The records of the shared block: what stands in it by name, each field declared once.
+"""The records of the shared block, with named fields, each declared once.
 
-A field is an attribute of its record, `control.columns`, in compiled code as in Python; of an array of records the
-field of all is `team["low"]`. Coordinator, workers and kernels all read these declarations.
+A field is an attribute of its record, `control.columns`, in compiled code as in Python; for an array of records,
+the field of all of them is `team["low"]`. Coordinator, workers and kernels all read these declarations.
 """
 
 from typing import Any
@@ -20,9 +20,9 @@ Field = tuple[str, DTypeLike] | tuple[str, DTypeLike, tuple[int, ...]]
 
 
 class Record(np.void):
-    """One record, its fields as attributes in Python too.
+    """One record, whose fields are attributes in Python too.
 
-    Not `np.record`: that finds a field by catching an exception, and an interrupt in between would keep the block.
+    Not `np.record`, which finds a field by catching an exception: an interrupt in between would keep the block alive.
     """
 
     __slots__ = ()
@@ -38,7 +38,7 @@ class Record(np.void):
 
 
 def _record(fields: list[Field], multiple: int = 1) -> np.dtype[Any]:
-    """The dtype of a record, whose size is a multiple of so many bytes."""
+    """The dtype of a record whose size is a multiple of so many bytes."""
     packed: Any = np.dtype(fields, align=True)
     places = [packed.fields[name] for name in packed.names]
     padded: Any = {
@@ -72,25 +72,25 @@ def parameters_in(precision: DTypeLike) -> np.dtype[Any]:
 
 CONTROL = _record(
     [
-        ("signals", np.int64, (SIGNALS,)),  # the words that processes wait on, by COMMAND, ARRIVED, ...
+        ("signals", np.int64, (SIGNALS,)),  # the words that processes wait on, indexed by COMMAND, ARRIVED, ...
         ("count", np.int64),  # discs
         ("columns", np.int64),
-        ("columns_before", np.int64),  # of the grid, that are not in `start`: other ranks have them
+        ("columns_before", np.int64),  # of the grid that are not in `start`: other ranks have them
         ("rows", np.int64),
         ("cells", np.int64),  # of the grid with all ghosts: one less than the length of `start`
         ("live", np.int64),  # which of the two buffers holds the state: 0 or 1
         ("in_order", np.int64),  # 1: the discs lie in the order of the grid, and `start` tells where; 0: in any order
-        ("frames", np.int64),  # to run in this command; lowered when their time is up, or a disc is too fast
+        ("frames", np.int64),  # to run in this command; reduced when time is up, or a disc is too fast
         ("substeps", np.int64),
         ("law", np.int64),
         ("contact", np.int64),
-        ("passes", np.int64),  # times that contacts are looked for in one step
-        ("race_free", np.int64),  # 1: odd/even passes; 0: the demonstration of what goes wrong without them
+        ("passes", np.int64),  # searches for contacts in one step
+        ("race_free", np.int64),  # 1: odd/even passes; 0: to demonstrate what goes wrong without them
         ("absorbing", np.int64, (4,)),  # by edge: 1 where it absorbs discs
         ("workers", np.int64),
-        ("members", np.int64),  # of the team: the workers, and on ranks one more that stands for all other ranks
-        ("part", np.int64),  # of a step, that the workers of a rank are to do: MOVE, SORT, EVEN or ODD
-        ("ahead", np.int64),  # frame of the step that they are to begin after ODD, or NO_FRAME
+        ("members", np.int64),  # of the team: the workers, and with ranks one more that stands for all other ranks
+        ("part", np.int64),  # the part of a step that the workers of a rank are to do: MOVE, SORT, EVEN or ODD
+        ("ahead", np.int64),  # frame of the step that they start after ODD, or NO_FRAME
         ("done", np.int64),  # frames finished since the start, in all commands
         ("steps", np.int64),  # done since the start
     ],
@@ -101,10 +101,10 @@ CONTROL = _record(
 
 THERMOSTAT = _record(
     [
-        ("probability", np.float64),  # that a disc gets a new velocity before a frame
+        ("probability", np.float64),  # probability that a disc gets a new velocity before a frame
         ("temperature", np.float64),  # kT [mass length^2/time^2]
         ("seed", np.int64),
-        ("first_frame", np.int64),  # from which the steps of `control` are counted
+        ("first_frame", np.int64),  # the step from which those of `control` are counted
     ]
 )
 """A thermostat."""
@@ -119,7 +119,7 @@ THERMAL_WALLS = _record(
 
 
 def message_in(precision: DTypeLike, radii: bool, spins: bool, images: bool) -> np.dtype[Any]:
-    """The record of a disc that goes from one rank to another.
+    """The record of a disc sent from one rank to another.
 
     radii, spins, images: whether discs have radii of their own, angular velocities, image flags.
     """
@@ -131,7 +131,7 @@ def message_in(precision: DTypeLike, radii: bool, spins: bool, images: bool) -> 
 
 MEMBER = _record(
     [
-        ("signals", np.int64, (1,)),  # the word that the coordinator looks at: PARKED
+        ("signals", np.int64, (1,)),  # the word that the coordinator reads: PARKED
         ("frame", np.int64),  # frames finished in this command
         ("phase", np.int64),  # it is in, an index of PHASES
         ("collisions", np.int64),  # contacts resolved in this command
@@ -141,16 +141,16 @@ MEMBER = _record(
         ("kept", np.int64),  # discs that stayed in them
         ("arrivals", np.int64),  # barriers this worker has passed
         ("bad_slot", np.int64),  # where in the live buffer a non-finite disc lies, or -1
-        ("clock", np.int64, (2,)),  # the time of its last look: seconds, nanoseconds
+        ("clock", np.int64, (2,)),  # the time when it last read the clock: seconds, nanoseconds
         ("low", np.int64),  # first disc and one past the last disc of this worker's slice
         ("high", np.int64),
         ("first_column", np.int64),  # first column and one past the last column of this worker
         ("last_column", np.int64),
         ("commands", np.int64),  # this worker has begun
         ("mails", np.int64),  # messages it has read
-        ("fastest", np.int64),  # 0, or how fast the fastest disc was in this command, times FASTEST_SCALE / the limit
+        ("fastest", np.int64),  # 0, or the speed of the fastest disc in this command, times FASTEST_SCALE / the limit
         ("fastest_disc", np.int64),  # its id
-        ("even", np.int64),  # columns at which the passes go on, between two parts of a step on a rank
+        ("even", np.int64),  # columns where the passes continue, between two parts of a step on a rank
         ("odd", np.int64),
         ("stop", np.int64),  # one past the last column whose contacts are all on this rank
         ("first_slot", np.int64),  # its slice after the sort
@@ -166,7 +166,7 @@ def _counts(number: DTypeLike) -> np.dtype[Any]:
         [
             ("wall", number, (4,)),  # by edge: impulse on the wall
             ("virial", number),  # impulse between discs
-            ("virial_xx", number),  # that impulse times n_x n_x and n_x n_y, n the unit vector along it
+            ("virial_xx", number),  # that impulse times n_x n_x and n_x n_y, where n is the unit vector along it
             ("virial_xy", number),
             ("collisions", number),  # pairs whose velocities changed
             ("met", number),  # pairs met
@@ -190,5 +190,5 @@ DEPTHS = ("depth", "deepest")
 
 @inlined
 def real(parameters, value):
-    """A number in the precision of the run: a whole number would make float64 of float32."""
+    """A number in the precision of the run: a whole number would turn float32 into float64."""
     return parameters.limit.dtype.type(value)

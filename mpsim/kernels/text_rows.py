@@ -1,4 +1,4 @@
-"""Rows of a text table from the texts of its columns."""
+"""Rows of a text table, from the texts of its columns."""
 
 import numpy as np
 
@@ -9,10 +9,10 @@ COMMA, SPACE, NEWLINE = ord(","), ord(" "), ord("\n")
 
 @compiled
 def join_rows(text, at, steps, rows, out):
-    """Join entry after entry of each column into rows, spaces between them. Returns the length of what is written.
+    """Join the entries of all columns into rows, separated by spaces. Returns the length of the text written.
 
     text: uint8, the texts of the columns, a comma after each entry. at: int64, shape (C,), where the first entry of
-    each column begins; moved on. steps: bool, shape (C,): False for a column that has one entry for all rows.
+    each column begins; advanced here. steps: bool, shape (C,): False for a column that has one entry for all rows.
     out: uint8, with room for all rows.
     """
     end = 0

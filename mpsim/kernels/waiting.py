@@ -1,4 +1,4 @@
-"""Waiting for other processes on words of the shared block: spin, then yield, then sleep. Every wait ends."""
+"""Waiting for other processes, on words of the shared block: spin, then yield, then sleep. Every wait ends."""
 
 from mpsim.kernels.compiling import compiled, linked
 from mpsim.kernels.layout import ABORT, ARRIVED, COMMAND, IDLE, MAIL, MAILED, PATIENCE, RUNNING, STALLED
@@ -18,10 +18,10 @@ NAP = 100_000
 
 @linked
 def barrier(control, mine):
-    """Wait until every worker has come here equally often. Returns the abort word: 0 is well.
+    """Wait until every worker has arrived equally often. Returns the abort word: 0 is success.
 
-    One shared counter only grows: the k-th barrier is complete at k times the number of workers, so it needs no reset
-    and no second phase. `mine` is this worker's row of `team`.
+    One shared counter only increases: the k-th barrier is complete at k times the number of workers, so it needs no
+    reset and no second phase. `mine` is this worker's row of `team`.
     """
     mine.arrivals += 1
     target = mine.arrivals * control.workers
@@ -49,7 +49,7 @@ def barrier(control, mine):
 
 @linked
 def await_command(control, mine, nanoseconds):
-    """Wait for a command or a message that this worker has not seen. False: the time is up."""
+    """Wait for a command or a message that this worker has not seen yet. False: time is up."""
     clock = mine.clock
     started = now(clock)
     polls = 0

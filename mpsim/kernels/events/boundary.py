@@ -1,9 +1,10 @@
 """The box of the exact solver, and its boundaries: walls, or a periodic border along an axis.
 
-Here is where a centre can be, what lies beyond a border, whether a border is a wall, and what leaving through it does.
-What a disc does at a wall is in impacts.py. An axis is walls or periodic, and an image is shifted along an axis, in
-place alone: impacts.py, prediction.py and cells.py pass `box.periodic_x` and `box.periodic_y` on by name. A boundary
-with more to an image changes those too, until then its `not_exact` (features/edges.py) refuses it here.
+This file says where a centre can be, what lies beyond a border, whether a border is a wall, and what happens to a disc
+that leaves through it. The impact on a wall is in impacts.py. An axis has walls or is periodic, and an image is shifted
+along an axis, in position only: impacts.py, prediction.py and cells.py pass on `box.periodic_x` and `box.periodic_y` by
+name. A boundary whose images differ in more than position must change those files too; until then its `not_exact`
+(features/edges.py) refuses it here.
 """
 
 from collections import namedtuple
@@ -34,7 +35,7 @@ def along(axis, box):
     return box.height, box.rows, box.periodic_y
 
 
-# --- where discs are, and what they see ---------------------------------------------------------------------------
+# --- positions and images ---------------------------------------------------------------------------
 
 
 @inlined
@@ -51,7 +52,7 @@ def range_in_cell(cell, cells, length, periodic, radius):
 
 @inlined
 def neighbour(cell, cells, length, periodic):
-    """A cell that may lie beyond the box, along one axis: (the cell that is there or -1, shift of its image)."""
+    """A cell that may lie beyond the box, along one axis: (the cell found there or -1, shift of its image)."""
     if cell < 0:
         return (cell + cells, -length) if periodic else (-1, 0.0)
     if cell >= cells:
@@ -75,7 +76,7 @@ def is_wall(side, cell, box):
 def cell_beyond(i, axis, direction, store, box, features):
     """The cell that disc i enters upward (direction = 1) or downward (-1) along an axis.
 
-    Through a periodic border its centre comes in opposite.
+    Through a periodic border, its centre enters on the opposite side.
     """
     length, cells, _ = along(axis, box)
     cell = store.event[i].cell[axis] + direction
@@ -90,7 +91,7 @@ def cell_beyond(i, axis, direction, store, box, features):
 
 
 def are_inside(position, radius, axis, box):
-    """Which positions [length] of shape (N,) along an axis are in the box, but for rounding."""
+    """Which positions [length], shape (N,), along an axis are in the box, within rounding."""
     length, _, periodic = along(axis, box)
     low = 0.0 if periodic else radius
     slack = 1e-12 * length
@@ -105,6 +106,6 @@ def brought_back(flown, radius, axis, box):
     if not periodic:
         return inside, np.zeros(len(flown), np.int64)
     inside[inside == length] = 0.0
-    # Of a place that is not finite, or has no digit in the box, no period is counted.
+    # If a position is not finite, or has no digit in the box, no period is counted.
     periods = np.rint((flown - inside) / length)
     return inside, np.where(np.abs(periods) < 2.0**53, periods, 0.0).astype(np.int64)

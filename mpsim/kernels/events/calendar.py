@@ -4,10 +4,10 @@ A ring of lists, one per small step of time, stands in front of a binary heap th
 step (Paul, J. Comput. Phys. 221, 615, 2007; Smallenburg, arXiv 2201.01100, 2022). One turn of the ring is
 a lap; a disc whose event lies beyond it is in no list until the next turn begins.
 
-The order of events is (time, number of the disc), a total order: where the calendar keeps an event cannot matter for
-the result, nor can when a turn begins.
+Events are ordered by (time, number of the disc), a total order: neither where the calendar keeps an event, nor when a
+turn begins, can affect the result.
 
-Time is counted from the start of the lap, so its resolution does not fade as a run grows long. A lap is a power of
+Time is counted from the start of the lap, so it does not lose resolution in a long run. A lap is a power of
 two long, which makes its subtraction exact for every time that lies in its second half or after it.
 """
 
@@ -90,7 +90,7 @@ def heap_push(i, store):
 
 @inlined
 def heap_remove(position, store):
-    """Take the disc at `position` out of the heap; the last one fills the gap."""
+    """Remove the disc at `position` from the heap; the last one fills the gap."""
     size = store.counter.waiting - 1
     store.counter.waiting = size
     if position < size:
@@ -101,7 +101,7 @@ def heap_remove(position, store):
 
 @inlined
 def list_remove(i, step, store):
-    """Take disc i out of the list of its step."""
+    """Remove disc i from the list of its step."""
     entry = store.entry
     after = entry[i].after
     before = entry[i].before
@@ -128,11 +128,11 @@ def list_insert(i, step, store):
 
 @inlined
 def insert(i, store):
-    """Enter disc i, which has no place: in the heap, in a list, or nowhere if its event lies beyond the lap."""
+    """Enter disc i, which has no place yet: in the heap, in a list, or nowhere if its event lies beyond the lap."""
     t = due(store.disc, i)
     if not t < store.turn.end:
         return
-    last = store.step_head.size - 1  # where rounding would put what is due at the end of the turn one further
+    last = store.step_head.size - 1  # if rounding would put an event due at the end of the turn one step further
     step = min(np.int64((t - store.turn.start) / store.clock.step), last)
     if step <= store.counter.cursor:
         heap_push(i, store)
@@ -174,14 +174,14 @@ def earliest(store):
 def begin_turn(start, store):
     """Begin a turn of the ring at a time from the start of the lap, up to its end, and enter every disc anew.
 
-    The present may lie before the lap, when that has just begun.
+    The present may lie before the lap, if the lap has just begun.
     """
     begin_turn_until(max(start, 0.0), store.clock.lap, store)
 
 
 @linked
 def begin_turn_until(start, end, store):
-    """Begin a turn that ends at a time, which is no part of it, and enter every disc anew."""
+    """Begin a turn that ends before a time (exclusive), and enter every disc anew."""
     store.turn.start, store.turn.end = start, end
     store.step_head[:] = NOWHERE
     store.counter.cursor = -1
@@ -193,7 +193,7 @@ def begin_turn_until(start, end, store):
 
 @inlined
 def shift_times(disc, lap):
-    """Count the times of a disc from a lap later on."""
+    """Count the times of a disc from a later lap."""
     disc.last_update -= lap
     disc.collision_time -= lap
     disc.crossing_time -= lap
@@ -204,7 +204,7 @@ def shift_times(disc, lap):
 def fit_lap(store):
     """Count time from the end of this lap on, and fit the step to the rate of events.
 
-    About one event a step is fastest. A step is doubled or halved, so it stays a power of two; in an idle scene it
+    About one event per step is fastest. A step is doubled or halved, so it stays a power of two; in an idle scene it
     grows faster, so that a long wait takes few laps. The times of the discs must be shifted, and a turn begun.
     """
     clock = store.clock

@@ -18,10 +18,10 @@ def plan_cells(width, height, largest_diameter, count):
     """(columns, rows) of cells for a box [length].
 
     A cell is at least one diameter wide, and in a dilute scene wide enough for about one disc in two cells. A
-    periodic axis must hold two diameters, or a pair could touch on both sides at once; a scene sees to that.
+    periodic axis must be two diameters long, or a pair could touch on both sides at once; the scene ensures that.
     """
     roomy = math.sqrt(width * height / (2.0 * max(count, 1)))
-    # A hair wider than a diameter: rounding must not let discs two cells apart touch.
+    # Slightly wider than a diameter: rounding must not let discs two cells apart touch.
     cell_length = max(largest_diameter * (1.0 + 1e-9), roomy)
     most = max(2 * count, 4)
     return min(max(int(width / cell_length), 1), most), min(max(int(height / cell_length), 1), most)
@@ -42,7 +42,7 @@ def particle_of(i, store):
 
 @inlined
 def leave_list(i, cell, store):
-    """Take disc i out of the list of its cell, if that is here."""
+    """Remove disc i from the list of its cell, if the cell is in this store."""
     if cell < 0:
         return
     j = store.cell_head[cell]
@@ -56,7 +56,7 @@ def leave_list(i, cell, store):
 
 @inlined
 def enter_list(i, cell, store):
-    """Put disc i into the list of a cell, if that is here."""
+    """Add disc i to the list of a cell, if the cell is in this store."""
     if cell < 0:
         return
     store.cell_next[i] = store.cell_head[cell]
@@ -65,7 +65,7 @@ def enter_list(i, cell, store):
 
 @inlined
 def cross(i, side, store, box, features):
-    """Cell crossing: disc i, whose stored state is current, goes over to the cell beyond that border."""
+    """Cell crossing: disc i, whose stored state is current, enters the cell beyond that border."""
     axis = side >> 1
     direction = 1 if side & 1 else -1
     leave_list(i, cell_of(i, store, box), store)
@@ -76,7 +76,7 @@ def cross(i, side, store, box, features):
 
 @inlined
 def leave_store(i, store):
-    """Disc i has left the region of a store: nobody meets it any more, and nothing happens to it."""
+    """Disc i has left the region of a store: no disc meets it any more, and it has no further event."""
     store.disc[i].collision_time = store.disc[i].crossing_time = INFINITY
     store.event[i].collision_count += 1
     reschedule(i, store)
@@ -113,7 +113,7 @@ def is_inside(i, store, box):
 def gather(first, columns, rows, store, box):
     """Write the discs of a block of cells, from number `first` on, into `store.near`. Returns how many, or MOST_NEAR.
 
-    Whether a cell is empty cannot be predicted, so no branch asks for it.
+    Whether a cell is empty is unpredictable, so no branch tests it.
     """
     near, found, cell = store.near, 0, first
     for _ in range(columns):
@@ -133,7 +133,7 @@ def gather(first, columns, rows, store, box):
 
 @linked
 def link_cells(store, box, features):
-    """Enter every disc of a scene just placed in the list of its cell."""
+    """Enter every disc of a newly placed scene in the list of its cell."""
     store.cell_head[:] = -1
     store.cell_next[:] = -1
     for i in range(store.disc.shape[0]):
@@ -143,9 +143,9 @@ def link_cells(store, box, features):
 
 @linked
 def enter_absent(store, box, features):
-    """Enter the discs that have left in the lists of the cells from which they did, too, so that nobody is forgotten.
+    """Also enter the discs that have left, in the lists of the cells where they left, so that none is omitted.
 
-    Then nothing may be played until `link_cells`.
+    No event may be processed after this until `link_cells`.
     """
     for i in range(store.disc.shape[0]):
         if is_absent(i, features):
@@ -154,9 +154,9 @@ def enter_absent(store, box, features):
 
 @compiled
 def worst_overlap(store, box, features):
-    """The deepest overlap of a scene just placed: (particle, particle, depth [length]); (-1, -1, 0.0) for none.
+    """The deepest overlap of a newly placed scene: (particle, particle, depth [length]); (-1, -1, 0.0) for none.
 
-    Linear in the number of discs: a scene so crowded that the search would not be stops at the worst so far.
+    Linear in the number of discs: in a scene too crowded for that, the search stops with the worst so far.
     """
     link_cells(store, box, features)
     disc = store.disc

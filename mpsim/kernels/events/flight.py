@@ -1,4 +1,4 @@
-"""Free flight: where a disc is at a time, and when it is at a place."""
+"""Free flight: where a disc is at a time, and when it reaches a place."""
 
 import math
 
@@ -42,10 +42,10 @@ def is_finite(disc):
 
 @inlined
 def time_to_limit(distance, speed, acceleration):
-    """Time until a limit `distance` ahead is met [time], `speed` and `acceleration` positive away from it.
+    """Time until a limit `distance` ahead is reached [time]; `speed` and `acceleration` positive away from it.
 
     The root of distance + speed t + acceleration t^2/2 = 0 in the form that does not cancel. A rounding-level negative
-    distance counts as zero: a disc on the limit that moves against it meets it now.
+    distance counts as zero: a disc on the limit that moves towards it reaches it now.
     """
     ahead = max(distance, 0.0)
     discriminant = speed * speed - 2.0 * acceleration * ahead
@@ -56,7 +56,7 @@ def time_to_limit(distance, speed, acceleration):
 
 @inlined
 def time_to_leave(low, high, place, speed, gravity, axis):
-    """Time until a centre between two limits along an axis meets one: (time, 0 low or 1 high)."""
+    """Time until a centre between two limits along an axis reaches one: (time, 0 low or 1 high)."""
     if gravity is None:
         # Only one of the two limits lies ahead.
         ahead = high - place if speed > 0.0 else place - low
@@ -68,7 +68,7 @@ def time_to_leave(low, high, place, speed, gravity, axis):
 
 @inlined
 def approach_of(rx, ry, ux, uy, contact):
-    """How two discs move against each other: (b, gap, D), which is what `will_touch` and `time_of` need.
+    """The relative motion of two discs: (b, gap, D), as `will_touch` and `time_of` need it.
 
     r, u: relative position and velocity; contact: sum of the radii. b = r.u, gap = r^2 - contact^2, and
     D = b^2 - u^2 gap, from |r + u t| = contact.
@@ -86,7 +86,7 @@ def will_touch(b, discriminant):
 
 @inlined
 def time_of(b, gap, discriminant):
-    """Time until two discs that will touch do [time]: gap/(-b + sqrt D); a pair that already overlaps does now.
+    """Time until two discs that will touch do so [time]: gap/(-b + sqrt D); a pair that already overlaps touches now.
 
     The other form of the root cancels for slow and grazing approaches.
     """

@@ -1,4 +1,4 @@
-"""A hash of a sequence of numbers, by which two tiles compare their results."""
+"""A hash of a sequence of numbers, with which two tiles compare their results."""
 
 import math
 
@@ -12,13 +12,13 @@ MANTISSA = 2.0**53
 
 @inlined
 def mixed(digest, value):
-    """A hash with one more whole number in it."""
+    """A hash with one more whole number added."""
     digest = (digest ^ value) * FACTOR
     return digest ^ (digest >> 29)
 
 
 @inlined
 def mixed_real(digest, value):
-    """The same with a real number."""
+    """The same, with a real number."""
     fraction, exponent = math.frexp(value)
     return mixed(mixed(digest, np.int64(fraction * MANTISSA)), np.int64(exponent))

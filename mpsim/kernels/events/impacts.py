@@ -33,10 +33,10 @@ their own: far above the rounding of their velocities, far below anything else."
 
 @inlined
 def separate(one, other, rx, ry, mass_i, mass_j):
-    """See to it that two discs which have just met do not approach: they would meet again at once, and without end.
+    """Ensure that two discs that have just collided do not approach: they would collide again at once, endlessly.
 
     Where nothing of the normal velocity is left (a restitution of 0), rounding decides its sign, and an impact may be
-    too small to change velocities at all. r: from the other to the one.
+    too small to change velocities at all. r: from the second disc to the first.
     """
     ux = one.velocity[0] - other.velocity[0]
     uy = one.velocity[1] - other.velocity[1]
@@ -51,7 +51,7 @@ def separate(one, other, rx, ry, mass_i, mass_j):
 
 @inlined
 def collide(i, j, now, store, box, features):
-    """Impact of discs i and j at time `now`: momentum is kept, the normal velocity turns round times e.
+    """Impact of discs i and j at time `now`: momentum is kept, the normal velocity is reversed, times e.
 
     dp = -(1+e) m1 m2/(m1+m2) (u.n) n with n = r/|r|, written with r itself and r^2, so that energy is kept at
     rounding level however far rounding has left |r| from the contact distance.
@@ -88,7 +88,7 @@ def collide(i, j, now, store, box, features):
 
 @inlined
 def hit_wall(i, now, side, store, box, features):
-    """Disc i, whose stored state is current, meets a wall: its centre is put on the limit exactly."""
+    """Disc i, whose stored state is current, hits a wall: its centre is put exactly on the limit."""
     disc = store.disc[i]
     radius = radius_at(i, now, store, box, features)
     axis = side >> 1
@@ -117,7 +117,7 @@ def hit_wall(i, now, side, store, box, features):
 
 @inlined
 def hit_surface(i, now, side, store, box, features):
-    """Impact of disc i, whose stored state is current, on what is neither disc nor wall at rest; False: it has none."""
+    """Impact of disc i, whose stored state is current, on something other than a disc or a fixed wall; False: none."""
     met, nx, ny, depth, speed, edge = surface(i, side, now, store, box, features)
     if not met:
         return False
@@ -127,7 +127,7 @@ def hit_surface(i, now, side, store, box, features):
     inward = disc.velocity[0] * nx + disc.velocity[1] * ny - speed
     leaving = speed_off_surface(max(-inward, 0.0), nx, ny, disc.last_contact, now, features, store)
     leaving = max(leaving, PARTING * (abs(disc.velocity[0]) + abs(disc.velocity[1])))
-    change = max(leaving - inward, 0.0)  # of a graze, rounding may have turned it round already
+    change = max(leaving - inward, 0.0)  # in a grazing impact, rounding may have reversed it already
     disc.velocity[0] += change * nx
     disc.velocity[1] += change * ny
     on_surface(i, nx, ny, change, store, box, features)

@@ -1,7 +1,7 @@
 """The order of discs in memory: that of their cells, so that neighbours share cache lines and pages.
 
-Nothing that is computed depends on it: equal times go by a disc's number, which it keeps. It only fades as discs
-wander, and where all of them fit the cache it does not matter.
+No result depends on it: equal times are ordered by the number of the disc, which it keeps. The order degrades slowly
+as discs move; if all of them fit in the cache, it does not matter.
 """
 
 from mpsim.kernels.compiling import inlined, linked
@@ -31,7 +31,7 @@ def is_disordered(store, box):
 
 @inlined
 def list_targets(store):
-    """Into the heap, which is empty: the place of each disc in the order of the cells, that of absent ones behind."""
+    """Write into the empty heap the place of each disc in the order of the cells, absent discs last."""
     store.heap[:] = -1
     place = 0
     for cell in range(store.cell_head.size):
@@ -75,7 +75,7 @@ def swap_events(one, other):
 
 @inlined
 def put_at_targets(store, features):
-    """Put each disc at its place, which stands in the heap. Lists of cells and the calendar must be made anew."""
+    """Put each disc at its place, which the heap holds. Cell lists and calendar must then be rebuilt."""
     target = store.heap
     for i in range(target.size):
         while target[i] != i:
@@ -88,7 +88,7 @@ def put_at_targets(store, features):
 
 @linked
 def order_in_space(store, box, features):
-    """Put the discs in the order of their cells. The calendar must be filled again."""
+    """Put the discs in the order of their cells. The calendar must then be refilled."""
     list_targets(store)
     event = store.event
     for i in range(store.heap.size):

@@ -1,8 +1,8 @@
-"""When a point on a parabola comes to a line or to a circle: for a disc under gravity and a wall that is not level.
+"""When a point on a parabola reaches a line or a circle: for a disc under gravity and a wall that is not level.
 
-A line is a quadratic equation, a circle one of fourth degree. Of that, closed forms lose their digits where roots lie
-close together, which is a graze. So the time is cut where the distance turns round, at the roots of a cubic, which is
-cut at those of its derivative; between two cuts there is one root at most, and bisection cannot miss it.
+A line leads to a quadratic equation, a circle to a quartic. Closed forms of a quartic lose their digits where roots lie
+close together, that is, at a grazing contact. So time is divided at the extrema of the distance, the roots of a cubic,
+which is divided at the extrema of its own; each interval has one root at most, and bisection cannot miss it.
 """
 
 import math
@@ -16,7 +16,7 @@ MOST_HALVINGS = 200
 
 @inlined
 def time_to_come_down(height, speed, acceleration):
-    """Time until a height above a line falls to 0 [time], speed and acceleration upward; from below it rises first.
+    """Time until a height above a line falls to 0 [time]; speed and acceleration upward. From below, it rises first.
 
     The root of height + speed t + acceleration t^2/2 = 0 at which it falls, of which there is one at most after now.
     """
@@ -33,7 +33,7 @@ def time_to_come_down(height, speed, acceleration):
 
 @inlined
 def excess(t, rx, ry, vx, vy, gx, gy, contact):
-    """Of the point r + v t + g t^2/2: half its |.|^2 - contact^2, and the first and second derivative of that."""
+    """Half of |.|^2 - contact^2 of the point r + v t + g t^2/2, and its first and second derivative."""
     px, py = rx + t * (vx + 0.5 * t * gx), ry + t * (vy + 0.5 * t * gy)
     ux, uy = vx + t * gx, vy + t * gy
     distance = math.sqrt(px * px + py * py)
@@ -46,9 +46,9 @@ def excess(t, rx, ry, vx, vy, gx, gy, contact):
 
 @linked
 def sign_change(derivative, low, high, rx, ry, vx, vy, gx, gy, contact):
-    """Where `excess` (derivative = 0), or its first derivative (1), changes sign between two times at which it differs.
+    """Where `excess` (derivative = 0), or its first derivative (1), changes sign between two times of opposite sign.
 
-    Newton's steps, and a bisection instead of each that would leave the bracket or has not halved it.
+    Newton's steps; a bisection replaces each one that would leave the bracket or has not halved it.
     """
     start, approach, _ = excess(low, rx, ry, vx, vy, gx, gy, contact)
     falls = (start if derivative == 0 else approach) > 0.0
@@ -77,7 +77,7 @@ def sign_change(derivative, low, high, rx, ry, vx, vy, gx, gy, contact):
 
 @inlined
 def bends(rx, ry, vx, vy, gx, gy):
-    """Where the first derivative of `excess` turns round, if it does: (earlier, later); else infinity."""
+    """Times at which the first derivative of `excess` is extremal: (earlier, later); infinity if there are none."""
     gravity = gx * gx + gy * gy
     along = vx * gx + vy * gy
     discriminant = along * along - gravity * (vx * vx + vy * vy + rx * gx + ry * gy) * 2.0 / 3.0
@@ -91,8 +91,9 @@ def bends(rx, ry, vx, vy, gx, gy):
 def time_to_circle(rx, ry, vx, vy, gx, gy, contact, ax, ay, within):
     """Time until a point on a parabola enters a circle round the origin, `within` at most, else infinity [time].
 
-    r, v, g: place, velocity, acceleration. contact: radius of the circle [length]. a: only that part of it counts which
-    does not lie ahead in this direction; (0, 0): all. A point inside, by rounding, enters when it begins to approach.
+    r, v, g: place, velocity, acceleration. contact: radius of the circle [length]. a: only the part of the
+    circle counts that does not lie ahead in this direction; (0, 0): all. A point that is inside by rounding enters when
+    it begins to approach.
     """
     slack = 1e-9 * contact * math.sqrt(ax * ax + ay * ay)
     first_bend, second_bend = bends(rx, ry, vx, vy, gx, gy)
@@ -103,7 +104,7 @@ def time_to_circle(rx, ry, vx, vy, gx, gy, contact, ax, ay, within):
             high = first_bend
         elif low < second_bend < within:
             high = second_bend
-        # Between two bends the point turns from leaving to approaching, or back, once at most.
+        # Between two bends, the point changes at most once from receding to approaching, or back.
         _, before, _ = excess(low, rx, ry, vx, vy, gx, gy, contact)
         _, after, _ = excess(high, rx, ry, vx, vy, gx, gy, contact)
         start, end = low, low

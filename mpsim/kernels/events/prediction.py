@@ -1,6 +1,6 @@
-"""Predictions: the next impact of a disc with another one, and when it leaves its cell or meets a wall.
+"""Predictions: the next impact of a disc with another, and when it leaves its cell or meets a wall.
 
-Of other discs a prediction reads the stored states alone, and only in `earliest_partner`; it changes none but its own.
+A prediction reads only the stored states of other discs, only in `earliest_partner`, and changes only its own disc.
 """
 
 import numpy as np
@@ -39,7 +39,7 @@ def border_along(axis, i, store, box, features):
 
 @inlined
 def predict_border(i, store, box, features):
-    """Store when disc i, whose stored state is current, leaves its cell or meets what is no disc, and `side`."""
+    """Store when disc i, whose stored state is current, leaves its cell or hits a wall or an obstacle, and `side`."""
     disc = store.disc[i]
     tx, high_x = border_along(0, i, store, box, features)
     ty, high_y = border_along(1, i, store, box, features)
@@ -54,7 +54,7 @@ def predict_border(i, store, box, features):
 
 @inlined
 def earliest_one_by_one(i, now, first_column, last_column, first_row, last_row, store, box, features):
-    """As `earliest_partner`, wherever the cells lie and however many discs are in them.
+    """As `earliest_partner`, for any position of the cells and any number of discs in them.
 
     Two images of one cell, in a periodic box two cells wide, are visited as two cells.
     """
@@ -88,9 +88,9 @@ def earliest_one_by_one(i, now, first_column, last_column, first_row, last_row, 
 
 @inlined
 def keep_approaching(i, now, found, store, box, features):
-    """Of so many discs in `store.near`, keep those that will touch disc i, and how they approach it. Returns how many.
+    """Keep those of so many discs in `store.near` that will touch disc i, and how they approach it. Returns how many.
 
-    Half of all discs do, in no order that could be predicted, so no branch asks for it.
+    Half of all discs do, in an unpredictable order, so no branch tests it.
     """
     disc, near, approach = store.disc, store.near, store.approach
     x, y, vx, vy = state_at(disc[i], now, features.gravity)

@@ -1,4 +1,4 @@
-"""The records of the exact solver: what each holds, field by field, and what the outcomes of a call are."""
+"""The records of the exact solver, field by field, and the outcomes of a call."""
 
 from typing import Any
 
@@ -12,12 +12,12 @@ REACHED, PAUSED, NOT_FINITE, STALLED, BACKWARDS, OUTSIDE, STOPPED, ABORTED, FULL
 
 # Borders of a cell, and walls of the box: side >> 1 is the axis, side & 1 whether it is the high one.
 LEFT, RIGHT, BOTTOM, TOP = range(4)
-# Whatever else a disc meets alone: a wall that moves, and capsules from here on.
+# Other things that a disc meets: a moving wall, and capsules from this number on.
 MOVING_WALL, FIRST_CAPSULE = 4, 5
 
 
 def _record(number: DTypeLike, *fields: str | tuple[str, int]) -> np.dtype[Any]:
-    """The dtype of a record of numbers of one kind; of a field (name, n) there are n."""
+    """The dtype of a record of numbers of one kind; a field (name, n) holds n of them."""
     each = [(field, number) if isinstance(field, str) else (field[0], number, (field[1],)) for field in fields]
     whole: Any = np.dtype(each, align=True)
     return np.dtype((Record, whole))
@@ -29,7 +29,7 @@ DISC = _record(
     ("velocity", 2),  # at the time
     "last_update",  # of the disc's own last event
     "collision_time",  # of the impact with another disc that is predicted
-    "crossing_time",  # at which it leaves its cell or meets what is no disc
+    "crossing_time",  # at which it leaves its cell or meets something other than a disc
     "last_contact",  # time of it
 )
 """A disc: all that its flight and its events follow from, in one cache line."""
@@ -37,11 +37,11 @@ DISC = _record(
 EVENT = _record(
     np.int32,
     "partner",  # of the predicted impact, or -1
-    "partner_collision_count",  # its `collision_count` when that was predicted: the same while it was not deflected
+    "partner_collision_count",  # its `collision_count` at the prediction: unchanged until it is deflected
     "collision_count",  # impacts of this disc so far, on discs and walls
-    "side",  # of its cell by which it leaves next: LEFT, ...; or what it meets before: MOVING_WALL, FIRST_CAPSULE + k
+    "side",  # border where it leaves its cell: LEFT, ...; or what it hits before: MOVING_WALL, FIRST_CAPSULE + k
     ("cell", 2),  # column and row
-    "number",  # of the disc, which it keeps wherever it lies in memory; equal times go by it
+    "number",  # of the disc, wherever it lies in memory; orders equal times
     "spare",
 )
 """What a disc's next events are, and where it is. A partner is named by its place in memory."""
@@ -77,7 +77,7 @@ COUNTER = _record(
     "guarded",  # losses of energy that the guard has suppressed
     "events",  # of any kind
     "crossings",  # of borders of cells
-    "stale_predictions",  # impacts that were predicted anew, as the partner had been deflected
+    "stale_predictions",  # impacts predicted anew, as the partner had been deflected
     "cursor",  # the step of the calendar that is in the heap
     "waiting",  # discs in the heap
     "lap_events",  # events in this lap
@@ -99,10 +99,10 @@ TOTALS = _record(np.int64, ("coarse", ENTRIES), ("fine", ENTRIES), "collisions")
 
 REGION = _record(
     np.int64,
-    "counts",  # 1: the event in hand counts here; 0: it is that of another tile
+    "counts",  # 1: the current event counts here; 0: it belongs to another tile
     ("first", 2),  # first column and row of those that are here
-    ("here", 2),  # columns and rows that are here, from there on, through periodic borders
-    ("own_first", 2),  # of these the first that are the tile's own,
+    ("here", 2),  # columns and rows that are here, from that one on, through periodic borders
+    ("own_first", 2),  # of these, the first that are the tile's own,
     ("own", 2),  # and how many are
     ("differs", 2),  # 1: there are others along this axis
 )
@@ -120,20 +120,20 @@ TILE = _record(
     "room",  # where they are put at the end of a window,
     "capacity",  # and how many there is room for
     "found",  # discs that were put there
-    "status",  # REACHED, or what went wrong
-    ("seen", BANDS * BANDS),  # sums over what has happened in each band
+    "status",  # REACHED, or the error
+    ("seen", BANDS * BANDS),  # sums over the events in each band
 )
 """A tile: the discs of a rectangle of cells, and what was found of them in a window."""
 
 PLAN = _record(
     np.int64,
-    ("next", 1),  # the tile that is to be played next
+    ("next", 1),  # the tile to be played next
     "running",  # 1: there is a window to play
-    "paused",  # 1: the last command has left it before all tiles were played
-    "stops",  # 1: at its end is where the command is to stop
+    "paused",  # 1: the last command left it before all tiles were played
+    "stops",  # 1: the command is to stop at its end
     "done",  # frames finished in this command,
     "played",  # and windows begun in it
-    "status",  # of the command: PAUSED, or why it ends
+    "status",  # outcome of the command: PAUSED, or why it ends
     "particle",  # where
     "frames",  # that end in it
     "first_frame",  # of them
@@ -141,12 +141,12 @@ PLAN = _record(
     ("tiles", 2),  # along each axis
     "halo",  # cells around a tile that are played with it
     "windows",  # played so far
-    "again",  # of them once more in shorter ones, as tiles did not agree
-    "as_one",  # of them by one worker for all, as shorter ones did not help
+    "again",  # of these, played again as shorter ones, as tiles did not agree
+    "as_one",  # of these, played by one worker alone, as shorter ones did not help
     "parts",  # windows in a lap
-    "fewest_parts",  # that are tried, as with fewer tiles did not agree
-    "peace",  # windows since they did not
-    "whole_part",  # 1: this window is one of these, not cut short
+    "fewest_parts",  # windows in a lap to be tried, as tiles did not agree with fewer
+    "peace",  # windows since tiles last disagreed
+    "whole_part",  # 1: this window has this length, and was not cut short
 )
 """A window of time, as all workers are to play it."""
 
@@ -160,13 +160,13 @@ command by which it was planned [time]."""
 PROGRESS = _record(
     np.int64,
     "frame",  # frames finished since the start
-    "spent",  # time spent so far on the one in hand [ns]
+    "spent",  # time spent so far on the current frame [ns]
 )
 """What a caller that plays frames keeps beside the store."""
 
 
 def numbers(values: Any) -> NDArray[Any]:
-    """A view of records as plain numbers: of one, shape (n,); of an array, a row for each. Other arrays as they are."""
+    """A view of records as plain numbers: of one, shape (n,); of an array, one row each. Other arrays unchanged."""
     array: NDArray[Any] = np.asarray(values)
     if array.dtype.names is None:
         return array

@@ -1,7 +1,7 @@
 """The region of a store: the cells that are in it, those that are the tile's own, and the bands along its borders.
 
 Cells are numbered column by column, from the first column and row of the region on. The region of a store that holds
-the whole box is None, and the compiler drops what is asked of it.
+the whole box is None, and the compiler drops the code that uses it.
 """
 
 from mpsim.kernels.compiling import inlined
@@ -26,7 +26,7 @@ def place_along(axis, cell, region, box):
 
 @inlined
 def number_of_cell(column_place, row, region, box):
-    """Number of the cell of a row in a column at such a place, -1 if it is not here."""
+    """Number of the cell of a row in the column at such a place; -1 if it is not here."""
     if region is None:
         return column_place * box.rows + row
     row_place = place_along(1, row, region, box)
@@ -43,7 +43,7 @@ def here_along(axis, region, box):
 
 @inlined
 def counts(region):
-    """1 if the event in hand counts here; 0 if it is that of another tile."""
+    """1 if the current event counts here; 0 if it belongs to another tile."""
     if region is None:
         return 1
     return region.counts
@@ -51,14 +51,14 @@ def counts(region):
 
 @inlined
 def begin_event(cell, region, box):
-    """Before an event in a cell: it counts where that is the tile's own."""
+    """Before an event in a cell: it counts if the cell is the tile's own."""
     if region is not None:
         region.counts = is_own(cell, region, box)
 
 
 @inlined
 def band_along(axis, cell, region, box):
-    """Where a cell lies along an axis: in the tile, in a band along a border of it, or ELSEWHERE. Of tiles alone."""
+    """Where a cell lies along an axis: in the tile, in a band along a border of it, or ELSEWHERE. Only for tiles."""
     if region.differs[axis] == 0:
         return MIDDLE
     place = place_along(axis, cell, region, box)
@@ -73,7 +73,7 @@ def band_along(axis, cell, region, box):
 
 @inlined
 def is_own(cell, region, box):
-    """Whether a cell is the tile's own. Of tiles alone."""
+    """Whether a cell is the tile's own. Only for tiles."""
     for axis in range(2):
         place = place_along(axis, cell[axis], region, box) - region.own_first[axis]
         if place < 0 or place >= region.own[axis]:

@@ -1,18 +1,18 @@
 """The exact solver: event-driven molecular dynamics of hard discs, in float64.
 
 Discs fly freely (a straight line, or one parabola shared by all of them) from impact to impact, and the solver jumps
-from event to event in the order of time. Nothing is approximated but the rounding of float64.
+from event to event in the order of time. The only approximation is the rounding of float64.
 
-- One prediction a disc: its earliest impact with another disc, and the time it leaves its cell or meets a wall. An
-  impact whose partner has been deflected meanwhile is found out, when its time comes, by the partner's count
-  of collisions, and predicted anew (Lubachevsky, J. Comput. Phys. 94, 255, 1991).
+- One prediction per disc: its earliest impact with another disc, and the time it leaves its cell or meets a wall. If
+  the partner has been deflected in the meantime, its count of collisions shows it when the impact is due, and the
+  impact is predicted anew (Lubachevsky, J. Comput. Phys. 94, 255, 1991).
 - Lazy positions: a disc is stored where and when its own last event left it; only its own events move it.
 - Only an approaching pair collides, and an overlapping pair that approaches collides at once, so rounding can neither
-  lose an impact nor tie a knot (Bannerman, Strobl, Formella and Poeschel, Comput. Part. Mech. 1, 191, 2014).
+  lose an impact nor cause endless ones (Bannerman, Strobl, Formella and Poeschel, Comput. Part. Mech. 1, 191, 2014).
 - A guard ends inelastic collapse (`features/restitution.py`).
 
 The caller owns the arrays (`state.layout`); in order: `state.place`, `cells.worst_overlap`, `schedule`, then `advance`
-and `state.read_out` as often as wanted. What only some scenes need is in `features/hooks.py`.
+and `state.read_out` as often as needed. What only some scenes need is in `features/hooks.py`.
 """
 
 import math
@@ -65,7 +65,7 @@ def schedule(store, box, features):
         predict(np.int64(i), 0.0, np.int64(-1), True, store, box, features)
 
 
-# --- one event after the other ------------------------------------------------------------------------------------
+# --- one event after another ------------------------------------------------------------------------------------
 
 
 @inlined
@@ -81,7 +81,7 @@ def begin_lap(store, box, features):
 
 @inlined
 def stalled(t, most, store):
-    """Whether far more events than can be legal have happened without time passing: `most`, and some for each disc."""
+    """Whether more events than possible have happened without time passing: `most`, and some for each disc."""
     counter = store.counter
     counter.stall = counter.stall + 1 if t <= store.clock.now else 0
     return counter.stall > most + 64 * store.disc.shape[0]
@@ -89,7 +89,7 @@ def stalled(t, most, store):
 
 @inlined
 def process_event(i, now, store, box, features, watch):
-    """The event of disc i at time `now`, and what it makes anew. Returns a disc that cannot be followed, or -1."""
+    """Process the event of disc i at time `now`, and predict anew. Returns a disc that cannot be followed, or -1."""
     disc = store.disc
     event = store.event
     other = np.int64(-1)
@@ -134,9 +134,9 @@ def process_event(i, now, store, box, features, watch):
 
 @compiled
 def advance(store, box, features, until, max_events):
-    """Play events up to time `until` [time], at most about `max_events` of them: (status, particle).
+    """Process events up to time `until` [time], at most about `max_events` of them: (status, particle).
 
-    Stopping changes nothing: however a run is cut into calls, the events are the same bits. PAUSED: call again, once
+    Stopping changes nothing: a run divided into calls in any way has the same bits. PAUSED: call again, once
     the log of collisions has been emptied, if there is one.
     NOT_FINITE (or crushed), STALLED: the particle where it happened. BACKWARDS: `until` lies before the present.
     """
@@ -166,7 +166,7 @@ def advance(store, box, features, until, max_events):
     return PAUSED, -1
 
 
-# --- one frame after the other ------------------------------------------------------------------------------------
+# --- one frame after another ------------------------------------------------------------------------------------
 
 
 @inlined
@@ -180,7 +180,7 @@ def write_totals(totals, store):
 
 @linked
 def change_velocities(time, frame, store, box, features):
-    """At the time at which so many frames have ended: change discs, then predict what follows from all changes."""
+    """At the end of so many frames: change discs, then predict their events anew."""
     clock = store.clock
     clock.now = max(time - clock.origin, clock.now)
     for i in range(store.disc.shape[0]):
@@ -193,20 +193,20 @@ def change_velocities(time, frame, store, box, features):
 
 @inlined
 def after_frame(thermostat, time, frame, store, box, features):
-    """`change_velocities`, where there is something that does."""
+    """`change_velocities`, if the scene has a feature that does so."""
     if thermostat is not None:
         change_velocities(time, frame, store, box, features)
 
 
 @compiled
 def advance_frames(store, box, features, dt, frames, max_events, stop, progress, seen, times, totals, timespec):
-    """Play so many frames of length dt [time] more: (frames finished, status, particle).
+    """Run so many more frames of length dt [time]: (frames finished, status, particle).
 
-    progress: PROGRESS, and seen: TOTALS, at the end of the last finished one. Both are kept here, because Ctrl-C may
-    throw away what a call returns. times: int64 [ns], and totals: TOTALS, (frames,), or (0,) where they are not wanted;
+    progress: PROGRESS, and seen: TOTALS, at the end of the last finished one. Both are written here, because Ctrl-C may
+    discard what a call returns. times: int64 [ns], and totals: TOTALS, (frames,), or (0,) if they are not needed;
     written for each finished frame.
-    PAUSED after about max_events events, perhaps inside a frame: call again with what is left. STOPPED at the time
-    `stop` [time], inside a frame: also where only rounding puts it beyond the end of the frame, which ends after it.
+    PAUSED after about max_events events, perhaps inside a frame: call again for the rest. STOPPED at the time `stop`
+    [time], inside a frame; also if only rounding puts it beyond the end of the frame, which ends after it.
     """
     end = store.counter.events + max_events
     for frame in range(frames):
@@ -216,7 +216,7 @@ def advance_frames(store, box, features, dt, frames, max_events, stop, progress,
         stops = stop <= until * (1.0 + STOP_ROUNDING)
         status, particle = advance(store, box, features, stop if stops else until, end - store.counter.events)
         progress.spent += now(timespec) - started
-        if status == BACKWARDS:  # a stop has carried the clock a rounding beyond the end of the frame
+        if status == BACKWARDS:  # a stop has moved the clock beyond the end of the frame by rounding
             status = REACHED
         if status == REACHED and stops:
             return frame, STOPPED, particle

@@ -1,9 +1,9 @@
-"""The arrays of the exact solver: how large they are, how particles get in and out.
+"""The arrays of the exact solver: their sizes, and how particles are put in and read out.
 
 Plain numpy: nothing in this file is compiled. The caller owns every array (`disc` should start on a multiple of 64
 bytes, so that one disc is one cache line). Together they hold the whole state of a run: a copy is a checkpoint.
 Discs are numbered inside by where they start in the box; `order` maps that number, `event.number`, to the
-particle of the scene. In memory they start in that order, and are ordered anew as they wander (ordering.py).
+particle of the scene. In memory they start in that order, and are reordered as they move (ordering.py).
 """
 
 import math
@@ -40,7 +40,7 @@ KEPT = tuple(name for name in Store._fields if name not in (*MADE_ANEW, "region"
 
 
 def layout(count, cells):
-    """What a run of so many discs needs: name -> (dtype, shape), of shape () a record. cells: (columns, rows)."""
+    """The arrays for a run of so many discs: name -> (dtype, shape); shape () is a record. cells: (columns, rows)."""
     return {
         "disc": (DISC, (count,)),
         "event": (EVENT, (count,)),
@@ -60,7 +60,7 @@ def layout(count, cells):
 
 
 def store_of(arrays):
-    """The store of the whole box, of arrays and records by name."""
+    """The store of the whole box, from arrays and records by name."""
     return Store(**{name: arrays.get(name) for name in Store._fields})
 
 
@@ -77,7 +77,7 @@ def first_misplaced(position, velocity, radius, box):
 
 
 def place(position, velocity, columns, time, store, box, features):
-    """Put particles into the store at `time`: (status, particle), REACHED or what is wrong with which particle.
+    """Put particles into the store at `time`: (status, particle), REACHED or the error and its particle.
 
     position [length], velocity [length/time]: (N, 2). columns: of the arrays of `features`, by name, in the order of
     the particles. `solver.schedule` must follow.
@@ -104,7 +104,7 @@ def place(position, velocity, columns, time, store, box, features):
 
 
 def read_out(store, box, features, until, columns=()):
-    """Position, velocity and columns of these names at time `until`, by name, in the order of the particles.
+    """Position, velocity and these columns at time `until`, by name, in the order of the particles.
 
     `until` is the time that `solver.advance` has reached. The state is not touched.
     """

@@ -1,7 +1,7 @@
-"""Sums of real numbers in fixed point, which do not depend on the order of what is added.
+"""Sums of real numbers in fixed point, which do not depend on the order of the terms.
 
-A number is split into whole multiples of a unit and of 2^-33 of it. The sum is 0 <= fine < 2^33 beyond coarse units, so
-equal sums are equal numbers.
+A number is split into whole multiples of a unit and of 2^-33 of it. The sum is `coarse` units and
+0 <= `fine` < 2^33, so equal sums have equal numbers.
 """
 
 import math
@@ -40,6 +40,6 @@ def add_tally(tally, other):
 
 @inlined
 def clear_tally(tally):
-    """Begin to count from zero."""
+    """Set all entries to zero."""
     for entry in range(ENTRIES):
         tally.coarse[entry] = tally.fine[entry] = 0

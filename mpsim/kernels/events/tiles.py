@@ -1,9 +1,9 @@
 """Tiles: rectangles of cells that are simulated separately, each with a halo of the cells around it.
 
 A tile is loaded from the store of the whole box into one of its own, with all discs of the `halo` cells around it, and
-played up to the end of a window. What is missing beyond the halo spreads inward by a few diameters. So what happened is
-compared along each border of two tiles (watch.py): if both have found the same in the band there, each of them is right
-in its own cells, and its own discs are what becomes of the box. If not, it is played again (windows.py).
+played up to the end of a window. The error from what is missing beyond the halo spreads inward by a few diameters. So
+the events are compared along each border of two tiles (watch.py): if both found the same in the band there, each is
+right in its own cells, and its own discs are the new state of the box. If not, the window is played again (windows.py).
 
 Between windows a tile's discs lie together in the store, column by column, and partners are named by number.
 """
@@ -71,7 +71,7 @@ def copy_event(source, target):
 
 @inlined
 def tile_beyond(axis, tile, ahead, plan, box):
-    """The tile so many further along an axis, or -1."""
+    """The tile that many places further along an axis, or -1."""
     tiles, other = plan.tiles[axis], tile + ahead
     _, _, periodic = along(axis, box)
     if 0 <= other < tiles:
@@ -81,7 +81,7 @@ def tile_beyond(axis, tile, ahead, plan, box):
 
 @inlined
 def neighbour_tile(axis, tile, ahead, plan, box):
-    """The same, but only once where one tile lies on both sides."""
+    """The same, but only once if one tile lies on both sides."""
     _, _, periodic = along(axis, box)
     if periodic and plan.tiles[axis] == 2 and ahead < 0:
         return -1
@@ -90,7 +90,7 @@ def neighbour_tile(axis, tile, ahead, plan, box):
 
 @inlined
 def load_from(tile, count, whole, features, own, own_features, box):
-    """Load the discs of a tile that lie in the region of a store behind those that are there: their number then."""
+    """Append to a store the discs of a tile that lie in its region. Returns the number of discs then."""
     for i in range(tile.first, tile.first + tile.count):
         cell = whole.event[i].cell
         if place_along(0, cell[0], own.region, box) >= 0 and place_along(1, cell[1], own.region, box) >= 0:
@@ -119,9 +119,9 @@ def load(number, tiles, plan, whole, features, own, own_features, box):
 
 @linked
 def begin_tile(store, whole, features, places, box, start, end):
-    """Make ready a store whose discs have been loaded, partners by number, to be played for a time.
+    """Prepare a store whose discs have been loaded, partners by number, to be played for a time.
 
-    start, end: of that time, from the start of the lap; what is due at its end is no part of it.
+    start, end: of that time, from the start of the lap; events due at its end are not part of it.
     places: of each number the place in this store, if the disc is here; else anything.
     """
     event, count = store.event, store.disc.shape[0]
@@ -133,7 +133,7 @@ def begin_tile(store, whole, features, places, box, start, end):
             place = places[partner]
             if place < count and event[place].number == partner:
                 event[i].partner = place
-            else:  # beyond the halo: deflected, or at the edge, where nothing is to be trusted; see docs/exact.md
+            else:  # beyond the halo: deflected, or at the edge, where nothing is reliable; see docs/exact.md
                 event[i].partner = elsewhere(partner)
     clock = store.clock
     clock.now, clock.origin, clock.lap = whole.clock.now, whole.clock.origin, whole.clock.lap
@@ -148,7 +148,7 @@ def begin_tile(store, whole, features, places, box, start, end):
 
 @inlined
 def play_until(until, store, box, features, watch):
-    """Play events up to a time from the start of the lap: REACHED, or what went wrong."""
+    """Process events up to a time from the start of the lap: REACHED, or the error."""
     while True:
         i = earliest(store)
         if i < 0:
@@ -167,7 +167,7 @@ def play_until(until, store, box, features, watch):
 
 @inlined
 def take_counts(totals, store):
-    """Add what a store has counted to the totals of a frame, and count from zero."""
+    """Add the counts of a store to the totals of a frame, and reset them."""
     add_tally(totals, store.tally)
     clear_tally(store.tally)
     totals.collisions += store.counter.pairs
@@ -176,9 +176,9 @@ def take_counts(totals, store):
 
 @linked
 def play_tile(store, box, features, watch, plan, times, counted):
-    """Play the window of a plan: REACHED, or what went wrong; FULL: the log of collisions has been too small.
+    """Play the window of a plan: REACHED, or the error; FULL: the log of collisions was too small.
 
-    counted: TOTALS of each frame that ends in the window, and of what is left of it.
+    counted: TOTALS of each frame that ends in the window, and of the rest of the window.
     """
     origin = store.clock.origin
     for frame in range(plan.frames + 1):
@@ -195,7 +195,7 @@ def play_tile(store, box, features, watch, plan, times, counted):
 
 @linked
 def put_down(tile, store, features, target, target_event, target_features, box):
-    """Put the discs in a tile's own cells where they are to wait, column by column, partners by number."""
+    """Put the discs in a tile's own cells aside, column by column, partners by number."""
     enter_absent(store, box, features)
     region, event = store.region, store.event
     found = 0
@@ -216,7 +216,7 @@ def put_down(tile, store, features, target, target_event, target_features, box):
 
 @inlined
 def bands_agree(one, other, columns_ahead, rows_ahead):
-    """Whether a tile and the one so many further have found the same in the bands that both have."""
+    """Whether a tile and the one that many places further found the same in their common bands."""
     # One's inner high band is the other's outer low one, and its outer high band the other's inner low one.
     for column in range(BANDS):
         other_column = column - INNER_HIGH * columns_ahead

@@ -1,7 +1,7 @@
-"""Hash sums of the events in bands along the borders of a tile, by which neighbouring tiles are compared.
+"""Hash sums of the events in bands along the borders of a tile, with which neighbouring tiles are compared.
 
-Each event in a band adds a hash of all that it leaves of the disc: state, counts and predictions. A sum does not depend
-on the order of events; sums that are equal stand for equal histories but for one case in 2^64.
+Each event in a band adds a hash of the disc after it: state, counts and predictions. A sum does not depend on the order
+of events; equal sums mean equal histories, except in one case in 2^64.
 """
 
 from collections import namedtuple
@@ -21,7 +21,7 @@ Watch = namedtuple("Watch", "bits seen")
 
 @inlined
 def digest_of(i, bits, store, features):
-    """A hash of all that can change of disc i, wherever it lies in memory."""
+    """A hash of everything that can change in disc i, wherever it lies in memory."""
     event = store.event[i]
     digest = np.int64(event.number)
     for k in range(bits.shape[1]):
@@ -37,7 +37,7 @@ def digest_of(i, bits, store, features):
 
 @inlined
 def watch_disc(watch, i, store, box, features):
-    """An event has left disc i as it is now."""
+    """Add disc i, as an event has just left it, to the sums of its bands."""
     if watch is not None:
         cell = store.event[i].cell
         column, row = band_along(0, cell[0], store.region, box), band_along(1, cell[1], store.region, box)

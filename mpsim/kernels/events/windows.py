@@ -1,16 +1,16 @@
-"""Windows of time: workers simulate them tile by tile; all results are accepted, or none.
+"""Windows of time: workers simulate them tile by tile, and either all results are accepted or none.
 
     plan      worker 0: how far the window goes, at most to the end of the calendar's lap
     ------------------------------------------------------------------------------------------------- barrier
-    play      each tile by the worker that comes first: load, play, put down in another memory
+    play      each tile by the first free worker: load, play, put down in another memory
     ------------------------------------------------------------------------------------------------- barrier
     agree     have all tiles found the same along their borders?
     take over yes: the discs back into the store, tile by tile; no: worker 0 plays the window in the store alone
     ------------------------------------------------------------------------------------------------- barrier
 
-The store of the whole box is not touched until all agree. So which worker plays which tile, how many tiles there are,
-and how long a window is, changes no bit. And a command whose time is over may leave a window between two tiles: the
-next one plays the rest, or plans anew, for all is still as it was before the window.
+The store of the whole box is not touched until all agree. So the result does not depend, to the last bit, on which
+worker plays which tile, on the number of tiles, or on the length of a window. A command whose time is up may leave a
+window between two tiles: the next one plays the rest, or plans anew, as the store is still as it was before the window.
 """
 
 from collections import namedtuple
@@ -88,7 +88,7 @@ def end_of_part(plan, times, clock):
 
 @inlined
 def plan_window(plan, times, clock, first_frame, frames, stop):
-    """Plan the next window of so many frames that are left. Returns whether the stop lies in it."""
+    """Plan the next window, with so many frames left. Returns whether the stop lies in it."""
     origin, dt = clock.origin, times.dt
     part_end = end_of_part(plan, times, clock)
     latest = min(part_end, clock.lap)
@@ -113,7 +113,7 @@ def plan_window(plan, times, clock, first_frame, frames, stop):
 
 @inlined
 def fit_parts(plan, collisions, count, agreed):
-    """Make windows shorter where they are too long for the halo, and longer where discs hardly collide in them."""
+    """Make windows shorter if they are too long for the halo, and longer if discs hardly collide in them."""
     plan.peace = plan.peace + 1 if agreed else 0
     if not agreed:
         plan.fewest_parts = min(2 * plan.parts, MOST_PARTS)
@@ -140,7 +140,7 @@ def play_one(number, whole, features, box, shared, own, worker):
     others = room.near, room.approach, room.order, room.clock, room.counter, room.tally, room.region, room.turn
     store = Store(room.disc[:count], room.event[:count], room.entry[:count], *lists, *others)
     origin = whole.clock.origin
-    # What is due at the end of a lap belongs to the next one; what is due as another window ends, to that window.
+    # An event due at the end of a lap belongs to the next lap; one due at the end of another window, to that window.
     end = whole.clock.lap if shared.plan.ends_lap else np.nextafter(shared.times.until - origin, INFINITY)
     begin_tile(store, whole, own.features, own.places, box, shared.times.reached - origin, end)
     watch = Watch(own.bits, tile.seen)
@@ -151,10 +151,10 @@ def play_one(number, whole, features, box, shared, own, worker):
 
 @linked
 def clear_counts(whole, shared, own, worker):
-    """Before one worker's share of a window."""
+    """Reset the counts of one worker before its share of a window."""
     counter = own.store.counter
     counter.walls = counter.guarded = counter.events = counter.crossings = counter.stale_predictions = 0
-    counter.pairs = 0  # and the sums: a tile that could not be played to its end has left what it had counted
+    counter.pairs = 0  # and the sums: a tile that could not be played to its end has left its counts
     clear_tally(own.store.tally)
     for frame in range(shared.plan.frames + 1):
         clear_tally(shared.counted[worker, frame])
@@ -165,7 +165,7 @@ def clear_counts(whole, shared, own, worker):
 
 @linked
 def play_tiles(whole, features, box, shared, own, worker, deadline):
-    """One worker's share of a window: tiles, as long as there are any, and time for them [ns]."""
+    """One worker's share of a window: tiles, while there are any and there is time [ns]."""
     counter, counts, mine = own.store.counter, shared.counts[worker], shared.team[worker]
     if shared.plan.paused == 0:
         clear_counts(whole, shared, own, worker)
@@ -184,7 +184,7 @@ def play_tiles(whole, features, box, shared, own, worker, deadline):
 
 @linked
 def all_agree(tiles, plan, box):
-    """Whether all tiles have come to the end of the window, and found the same along their borders."""
+    """Whether all tiles have reached the end of the window, and found the same along their borders."""
     agreed = True
     for number in range(tiles.size):
         tile = tiles[number]
@@ -202,7 +202,7 @@ def all_agree(tiles, plan, box):
 
 @linked
 def log_is_full(tiles):
-    """Whether what happened in a tile did not fit the log of its worker."""
+    """Whether the collisions of a tile did not fit in the log of its worker."""
     full = False
     for number in range(tiles.size):
         full |= tiles[number].status == FULL
@@ -230,7 +230,7 @@ def take_discs(whole, features, shared, worker):
 
 @linked
 def take_counts(whole, shared):
-    """Add what all workers have counted, but in frames."""
+    """Add the counts of all workers, except those of frames."""
     counter = whole.counter
     for worker in range(shared.control.workers):
         counts = shared.counts[worker]
@@ -247,7 +247,7 @@ def take_counts(whole, shared):
 
 @linked
 def take_frames(whole, shared, done, progress, seen, times, totals):
-    """Add what all workers have counted in frames, and write it for those that have ended."""
+    """Add the counts of all workers in frames, and write those of frames that have ended."""
     for frame in range(shared.plan.frames + 1):
         for worker in range(shared.control.workers):
             add_tally(whole.tally, shared.counted[worker, frame])
@@ -267,7 +267,7 @@ def take_frames(whole, shared, done, progress, seen, times, totals):
 
 @linked
 def deal_rooms(tiles):
-    """Say where the discs of each tile lie, and where they are to be put."""
+    """Determine where the discs of each tile lie, and where they are to be put."""
     first, room = 0, 0
     for number in range(tiles.size):
         tile = tiles[number]
@@ -284,7 +284,7 @@ def deal_rooms(tiles):
 
 @compiled
 def link(whole, box, features, places):
-    """Make a store whose discs lie tile by tile ready to be played as a whole."""
+    """Prepare a store whose discs lie tile by tile to be played as a whole."""
     event = whole.event
     for i in range(event.shape[0]):
         places[event[i].number] = i
@@ -323,7 +323,7 @@ def order_by_tiles(whole, box, features, tiles, plan):
 
 @inlined
 def goes_on(plan, times, command):
-    """Whether a window that was left is one that this command may play: no further than it is to go."""
+    """Whether this command may play a window that was left: it must not reach further than the command."""
     ends_with_frame = times.until == (plan.first_frame + plan.frames) * times.dt
     within = plan.frames < command.frames or (plan.frames == command.frames and ends_with_frame)
     return within and times.stop == command.stop
@@ -331,7 +331,7 @@ def goes_on(plan, times, command):
 
 @linked
 def begin_window(whole, shared, command, deadline, progress):
-    """Plan the next window, if there is to be one. By worker 0."""
+    """Plan the next window, if there is one. By worker 0."""
     plan, mine = shared.plan, shared.team[0]
     if plan.done == command.frames:
         plan.status = REACHED
@@ -348,7 +348,7 @@ def begin_window(whole, shared, command, deadline, progress):
 
 @linked
 def take_over(whole, shared, progress, seen, times, totals):
-    """Count what has happened in a window of which all tiles agree, whose discs are in the store again. By worker 0."""
+    """Count the events of a window whose tiles all agree, and whose discs are back in the store. By worker 0."""
     plan = shared.plan
     take_frames(whole, shared, plan.done, progress, seen, times, totals)
     shared.times.reached = shared.times.until
@@ -363,7 +363,7 @@ def take_over(whole, shared, progress, seen, times, totals):
 
 @linked
 def play_again(whole, box, features, shared, own, command, progress, seen, times, totals):
-    """What is done if tiles do not agree: first shorter windows, at last one worker for all. By worker 0."""
+    """If tiles do not agree: first shorter windows, finally one worker for all tiles. By worker 0."""
     plan = shared.plan
     if plan.parts < MOST_PARTS:
         plan.again += 1
@@ -389,14 +389,14 @@ def play_again(whole, box, features, shared, own, command, progress, seen, times
 
 @linked
 def end_window(whole, box, features, shared, own, command, outcome, progress, seen, times, totals):
-    """Take a window over, leave it for the next command, or see that it is played again. By worker 0."""
+    """Accept a window, leave it to the next command, or have it played again. By worker 0."""
     before, plan = whole.counter.pairs, shared.plan
     plan.paused = outcome == LEFT
     if outcome == LEFT:
         plan.running = 0
         return
     agreed = outcome == AGREED
-    if not agreed and plan.played > 1 and log_is_full(shared.tiles):  # it may be enough to empty it
+    if not agreed and plan.played > 1 and log_is_full(shared.tiles):  # emptying it may be enough
         plan.status = FULL
         return
     plan.windows += 1
@@ -409,7 +409,7 @@ def end_window(whole, box, features, shared, own, command, outcome, progress, se
 
 @inlined
 def barrier_of(control, mine):
-    """Wait until all workers have come here; why to leave, or RUNNING."""
+    """Wait until all workers have arrived; returns RUNNING, or why to leave."""
     return barrier(control, mine) if control.workers > 1 else control.signals[ABORT]
 
 
@@ -437,14 +437,14 @@ def work(whole, box, features, shared, own, worker, deadline):
 
 @linked
 def play_window(whole, box, features, shared, own, command, deadline, progress, seen, times, totals, worker):
-    """One window, if there is to be one: as `work`; LEFT if there is none."""
+    """One window, if there is one, as `work`; LEFT if there is none."""
     plan, control, mine = shared.plan, shared.control, shared.team[worker]
     began = now(mine.clock)
     if worker == 0:
         begin_window(whole, shared, command, deadline, progress)
     if barrier_of(control, mine) != RUNNING:
         return ABORTED
-    if plan.running == 0:  # it may change when all have seen that
+    if plan.running == 0:  # it may change once all have seen that
         return LEFT if barrier_of(control, mine) == RUNNING else ABORTED
     outcome = work(whole, box, features, shared, own, worker, deadline)
     if worker == 0 and outcome != ABORTED:
@@ -457,11 +457,11 @@ def play_window(whole, box, features, shared, own, command, deadline, progress, 
 def run_windows(
     whole, features, box, shared, own, command, progress, seen, times, totals, worker, linger
 ):  # fmt: skip
-    """Play frames, or as many as end within a time: (frames finished, status, particle), of worker 0.
+    """Run frames, or as many as end within a time: (frames finished, status, particle), of worker 0.
 
     command: COMMAND. progress, seen, totals: as of `advance_frames`. times: int64 [ns], shape (1 + workers, frames): of
-    each frame, and what each worker has worked for it. Other workers wait for a command, and return as their
-    status what `next_command` has heard instead of one.
+    each frame, and the work of each worker for it. Other workers wait for a command; if there is none, they return
+    the answer of `next_command` as their status.
     """
     mine, plan = shared.team[worker], shared.plan
     while True:

@@ -1,1 +1,1 @@
-"""What features add to a frame; None compiles to nothing."""
+"""What features add to a frame; a feature that is None compiles to nothing."""

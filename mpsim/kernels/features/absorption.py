@@ -1,4 +1,4 @@
-"""Edges that absorb discs. An absorbed disc keeps its number, stays where it left, at rest, and meets no disc."""
+"""Edges that absorb discs. An absorbed disc keeps its number, stays at rest where it left, and meets no disc."""
 
 from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.features.acceleration import accelerations_of
@@ -59,14 +59,14 @@ def put_back_absorbed(discs, low, high, exits):
 
 @inlined
 def before_move(exits, discs, low, high, features, parameters, control):
-    """`absorb`, where there are such edges; absorbed discs stand still while the others move."""
+    """`absorb`, if there are such edges; absorbed discs stand still while the others move."""
     if exits is not None:
         absorb(discs, low, high, exits, features, parameters, control)
 
 
 @inlined
 def after_flight(exits, discs, low, high):
-    """`put_back_absorbed`, where there are such edges."""
+    """`put_back_absorbed`, if there are such edges."""
     if exits is not None:
         put_back_absorbed(discs, low, high, exits)
 

@@ -1,4 +1,4 @@
-"""Accelerations: gravity, the same for all discs, and one of each disc's own."""
+"""Accelerations: gravity, the same for all discs, and individual ones."""
 
 from mpsim.kernels.compiling import inlined
 
@@ -8,7 +8,7 @@ FIELDS = {"gravity": "gravity", "acceleration": "acceleration"}
 
 @inlined
 def acceleration_of(gravity, acceleration, axis, disc, zero):
-    """Acceleration of a disc along an axis, whatever the scene has of it."""
+    """Acceleration of a disc along an axis, from whatever the scene has."""
     total = zero
     if gravity is not None:
         total += gravity[axis]
@@ -19,7 +19,7 @@ def acceleration_of(gravity, acceleration, axis, disc, zero):
 
 @inlined
 def accelerations_of(discs, i, features):
-    """Acceleration of the disc in slot i along x and along y, whatever the scene has of it."""
+    """Acceleration of the disc in slot i along x and along y, from whatever the scene has."""
     disc, zero = discs.id[i], discs.x.dtype.type(0)
     ax = acceleration_of(features.gravity, features.acceleration, 0, disc, zero)
     return ax, acceleration_of(features.gravity, features.acceleration, 1, disc, zero)
@@ -27,7 +27,7 @@ def accelerations_of(discs, i, features):
 
 @inlined
 def accelerate(discs, low, high, gravity, acceleration, parameters):
-    """v += a dt, for what the scene has: one acceleration for all, one per disc, or both. None compiles to nothing."""
+    """v += a dt, with one acceleration for all discs, one per disc, or both. None compiles to nothing."""
     if gravity is not None:
         vx, vy = discs.vx[low:high], discs.vy[low:high]
         kick_x, kick_y = gravity[0] * parameters.dt, gravity[1] * parameters.dt

@@ -1,10 +1,10 @@
-"""What the boundary of an axis does to discs: two walls turn them round, or a periodic border lets them through.
+"""What the boundary of an axis does to discs: walls reflect them, a periodic border lets them through.
 
-An axis is periodic where it has a length in `wrap`; elsewhere it ends at walls. The kernels pass `wrap` on to this
-file, and ask at most whether there is one; `frame/giants.py` asks for the distance of images as well. An image is the
-disc shifted by one length along an axis, in place alone. `engine/feature_arrays.py` writes the lengths. A disc's count
-of periods is changed where its coordinate is wrapped, only by the worker that moves it, so that displacements can be
-unwrapped.
+An axis is periodic if it has a length in `wrap`; otherwise it ends at walls. The kernels pass `wrap` on to this file,
+and ask at most whether there is one; `frame/giants.py` also asks for the distance of images. An image is the disc
+shifted by one length along an axis, in position only. `engine/feature_arrays.py` writes the lengths. A disc's count of
+periods changes where its coordinate is wrapped, and only the worker that moves it changes it, so that displacements can
+be unwrapped.
 """
 
 from typing import Any, NamedTuple
@@ -39,10 +39,10 @@ class Walls(NamedTuple):
 
 
 class WallContact(NamedTuple):
-    """What a motion has led to along an axis.
+    """The result of a motion along an axis.
 
-    position [length], velocity [length/time]: now. low_change, high_change: what the low and the high wall have changed
-    the velocity by, inwards. time: since then; 0 if no wall has turned the disc round [time].
+    position [length], velocity [length/time]: now. low_change, high_change: changes of the velocity by the low and the
+    high wall, inwards. time: since then; 0 if no wall has reflected the disc [time].
     """
 
     position: Any
@@ -54,7 +54,7 @@ class WallContact(NamedTuple):
 
 @inlined
 def no_contact(p, v, zero):
-    """Of a disc that no wall has touched."""
+    """The `WallContact` of a disc that has touched no wall."""
     return WallContact(p, v, zero, zero, zero)
 
 
@@ -92,9 +92,9 @@ def reach_wall_on_parabola(p, v, acceleration, walls, parameters):
 
 @inlined
 def reach_boundary(p, v, acceleration, accelerated, walls, wrap, parameters):
-    """The `WallContact` of a disc that its motion has led to p, with v; `accelerated` is None if that was straight.
+    """The `WallContact` of a disc that its motion has led to p, with v; `accelerated` is None for straight motion.
 
-    Along a periodic axis the disc is left alone until the next step begins.
+    Along a periodic axis, the disc is left unchanged until the next step begins.
     """
     zero = real(parameters, 0)
     if wrap is not None:
@@ -110,7 +110,7 @@ def reach_boundary(p, v, acceleration, accelerated, walls, wrap, parameters):
 
 @inlined
 def is_between(p, walls, wrap):
-    """Whether p is not beyond a wall. True for what is not a number."""
+    """Whether p is not beyond a wall. True if p is not a number."""
     if wrap is not None:
         return True
     return not ((p < walls.low) | (p > walls.high))
@@ -118,7 +118,7 @@ def is_between(p, walls, wrap):
 
 @inlined
 def confined(p, edges, margin, wrap, parameters):
-    """A coordinate kept between the walls of the axis with these edges, if it has any."""
+    """A coordinate limited to the range between the walls of the axis with these edges, if it has any."""
     if wrap is not None:
         return p
     return min(max(p, parameters.limit[edges[0]] + margin), parameters.limit[edges[1]] - margin)
@@ -126,7 +126,7 @@ def confined(p, edges, margin, wrap, parameters):
 
 @inlined
 def put_inside(discs, i, x, y, features, parameters):
-    """Put disc i at (x, y), but not beyond a wall."""
+    """Put disc i at (x, y), or at the wall if that is beyond one."""
     margin = value_or(discs.radius, i, discs.x.dtype.type(0))
     discs.x[i] = confined(x, ALONG_X, margin, features.wrap_x, parameters)
     discs.y[i] = confined(y, ALONG_Y, margin, features.wrap_y, parameters)
@@ -141,7 +141,7 @@ def wrapped(coordinate, wrap):
     if wrap is None:
         return coordinate
     coordinate -= wrap[0] * np.floor(coordinate / wrap[0])
-    # Just below 0 the sum rounds to the length itself, and a flight of many lengths leaves rounding of either sign.
+    # Just below 0, the sum rounds to the length itself, and a flight of many lengths leaves rounding of either sign.
     if (coordinate < 0) | (coordinate >= wrap[0]):
         return wrap[0] - wrap[0]
     return coordinate
@@ -151,8 +151,8 @@ def wrapped(coordinate, wrap):
 def count_periods(image, axis, disc, taken, wrap):
     """Count the periods that wrapping has taken off a coordinate: `taken` is that length [length].
 
-    So coordinate + image * length has no jump, also where `wrapped` puts a disc just below 0 at 0. A flight that is not
-    finite, or so long that no digit of the place in the box is left, is not counted.
+    So coordinate + image * length has no jump, even if `wrapped` puts a disc just below 0 at 0. A flight that is not
+    finite, or so long that the place in the box has no digit left, is not counted.
     """
     if wrap is not None:  # noqa: SIM102 - see optional.py
         if taken != 0:
@@ -189,14 +189,14 @@ def wrap_places(places, image, axis, wrap):
 
 @inlined
 def pack(image, disc, message, k):
-    """The image flags of a disc go along to another rank."""
+    """Send the image flags of a disc to another rank."""
     if image is not None:
         message[k].image_x, message[k].image_y = image[0, disc], image[1, disc]
 
 
 @inlined
 def unpack(message, k, image, disc):
-    """The image flags of a disc have come along."""
+    """Receive the image flags of a disc."""
     if image is not None:
         image[0, disc], image[1, disc] = message[k].image_x, message[k].image_y
 
@@ -206,13 +206,13 @@ def unpack(message, k, image, disc):
 
 @inlined
 def images(wrap):
-    """How much farther back a disc is seen through the high and through the low border of a periodic axis [length]."""
+    """By how much a disc is shifted when seen through the high and the low border of a periodic axis [length]."""
     return wrap[0], -wrap[0]
 
 
 @inlined
 def period_of(wrap, zero):
-    """Distance of one image from the next [length]; zero where there are none."""
+    """Distance of one image from the next [length]; zero if there are none."""
     if wrap is None:
         return zero
     return wrap[0]
@@ -220,7 +220,7 @@ def period_of(wrap, zero):
 
 @inlined
 def seen_from(coordinate, image):
-    """A coordinate as seen by discs beyond a border: one of the `images` farther back; None: not through a border."""
+    """A coordinate as seen by discs beyond a border, shifted by one of the `images`; None: not through a border."""
     if image is None:
         return coordinate
     return coordinate - image
@@ -228,5 +228,5 @@ def seen_from(coordinate, image):
 
 @inlined
 def is_near_border(coordinate, wrap, parameters):
-    """Whether the image of a disc, outside the box along a periodic axis, is near enough to touch what lies in it."""
+    """Whether the image of a disc, outside the box along a periodic axis, is near enough to touch discs inside."""
     return (coordinate > -parameters.diameter) & (coordinate < wrap[0] + parameters.diameter)

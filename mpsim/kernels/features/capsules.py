@@ -1,7 +1,7 @@
-"""Discs against capsules, segments with a radius, that never move; a fixed disc is one of length 0.
+"""Contacts of discs with capsules: fixed segments with a radius. A fixed disc is a capsule of length 0.
 
-A capsule is met like a wall: right after the motion, by each disc alone, so no order of discs can matter and every
-worker can do its own slice. A grid of its own tells which capsules are near a place.
+A capsule is treated like a wall: right after the motion, for each disc alone, so the order of discs cannot matter and
+every worker can process its own slice. A separate grid tells which capsules are near a place.
 """
 
 import math
@@ -70,7 +70,7 @@ def normal_at_touch(rx, ry, squared, reach, vx, vy, dt):
     """Unit vector from an end of a segment to where a disc that approaches it, and now overlaps, has touched it.
 
     Found like the contact of two discs, along a straight line: -c / (sqrt(b^2 - v^2 c) - b). If that was before this
-    step, the disc had been pushed in, and the direction is that from which it comes out.
+    step, the disc had been pushed in, and the direction is that in which it comes out.
     """
     b, c = rx * vx + ry * vy, squared - reach * reach
     time = -c / (math.sqrt(b * b - (vx * vx + vy * vy) * c) - b)
@@ -85,8 +85,8 @@ def normal_at_touch(rx, ry, squared, reach, vx, vy, dt):
 def resolve_capsule(discs, i, k, capsule, radius, ax, ay, features, parameters, impact):
     """Contact of the disc in slot i with capsule k, if they overlap: by impact, or pushed out to its surface.
 
-    Impact takes the side of a segment, and the plane that touches an end, for a wall: `bounce_back` keeps the energy
-    of accelerated discs, and lets a disc rest.
+    Impact treats the side of a segment, and the tangent plane at an end, as a wall: `bounce_back` keeps the energy of
+    accelerated discs, and lets a disc rest.
     """
     offset_x, offset_y, flat = nearest_offset(discs.x[i], discs.y[i], capsule, k)
     reach = radius + capsule[k, 4]
@@ -143,6 +143,6 @@ def resolve_capsules(discs, low, high, features, parameters, control):
 
 @inlined
 def after_move(capsules, discs, low, high, features, parameters, control):
-    """`resolve_capsules`, where there are capsules."""
+    """`resolve_capsules`, if there are capsules."""
     if capsules is not None:
         resolve_capsules(discs, low, high, features, parameters, control)

@@ -1,6 +1,6 @@
-"""The log of collisions, where somebody has asked for it: what each contact leaves there, in float64.
+"""The log of collisions, if a run asks for it: what each contact records, in float64.
 
-A contact is dated by the instant that its law goes back to, as `impact` does where it can, else by the end of the step.
+A contact is dated at the instant to which its law goes back, as `impact` does if it can, else at the end of the step.
 Rows hold the time from then until the end of the step.
 """
 
@@ -22,7 +22,7 @@ FIELDS = {"log": None}
 
 @inlined
 def touching_point(discs, i, j, shift_x, shift_y, since, parameters):
-    """Where discs i and j touched so long ago, flying straight (x, y): the middle of their overlap, if they did."""
+    """Where discs i and j touched so long ago, on straight paths (x, y): the middle of their overlap, if they did."""
     x, y = np.float64(discs.x[i]) - discs.vx[i] * since, np.float64(discs.y[i]) - discs.vy[i] * since
     rx = np.float64(discs.x[j]) - discs.vx[j] * since - seen_from(x, shift_x)
     ry = np.float64(discs.y[j]) - discs.vy[j] * since - seen_from(y, shift_y)
@@ -48,7 +48,7 @@ def between_discs(log, discs, i, j, touched, impulse, nx, ny):
 
 @linked
 def write_walls(log, discs, i, x, y, features, parameters, control):
-    """`on_walls` for a disc that has met a wall."""
+    """`on_walls` for a disc that has hit a wall."""
     mass = np.float64(value_or(features.mass, discs.id[i], 1.0))
     ax, ay = accelerations_of(discs, i, features)
     for edge, met, change in (
@@ -67,7 +67,7 @@ def write_walls(log, discs, i, x, y, features, parameters, control):
 def on_walls(log, discs, i, x, y, features, parameters, control):
     """Contact of disc i with walls, as its motion along x and y has led it to them, two of `WallContact`.
 
-    The coordinate at right angles to a wall is not that of the wall.
+    The coordinate normal to a wall is not that of the wall.
     """
     if log is not None:
         met = (x.low_change != x.high_change) | (y.low_change != y.high_change)

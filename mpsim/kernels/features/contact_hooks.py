@@ -1,6 +1,6 @@
-"""The points of a contact at which features act, after what it has done to normal velocities.
+"""The points of a contact at which features act, after the change of normal velocities.
 
-Apart from `hooks.py`, which imports the capsules: their contacts are such points too.
+Separate from `hooks.py`, which imports the capsules: their contacts are such points too.
 """
 
 from mpsim.kernels.compiling import inlined
@@ -18,7 +18,7 @@ def between_discs(discs, i, j, nx, ny, normal_change, features, parameters):
 
 @inlined
 def leave_walls(discs, i, x, y, in_flight, features, parameters, control):
-    """What gives a disc that has met walls of the box another velocity; returns its contacts along x and y then.
+    """Features that change the velocity of a disc that has hit walls. Returns its contacts along x and y then.
 
     Arguments as of `on_walls`. The disc is already where they say.
     """
@@ -27,10 +27,10 @@ def leave_walls(discs, i, x, y, in_flight, features, parameters, control):
 
 @inlined
 def on_walls(discs, i, x, y, in_flight, features, parameters, control):
-    """Contact of a disc with the walls of the box that its motion has led it to.
+    """Contact of a disc with the walls of the box that it has reached.
 
-    x, y: what it has met along them, of `WallContact`. in_flight: None while contacts are resolved, when coordinates
-    along periodic axes are left alone.
+    x, y: its contacts along each axis, of `WallContact`. in_flight: None while contacts are resolved, when coordinates
+    along periodic axes are left unchanged.
     """
     collisions.on_walls(features.log, discs, i, x, y, features, parameters, control)
     friction.on_walls(features.wall_friction, discs, i, x, y, in_flight, features, parameters, control)
@@ -50,6 +50,6 @@ def on_capsule(discs, i, k, nx, ny, normal_change, time, features, parameters):
 def note_contact(discs, i, j, touched, impulse, nx, ny, features):
     """Contact of two discs that has been resolved, with such an impulse along the unit vector n from i to j.
 
-    touched: how long before the end of the step [time], and where (x, y) [length]; None where there is no log.
+    touched: how long before the end of the step [time], and where (x, y) [length]; None if there is no log.
     """
     collisions.between_discs(features.log, discs, i, j, touched, impulse, nx, ny)

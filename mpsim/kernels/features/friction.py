@@ -1,8 +1,8 @@
 """Friction: contacts change the spin of discs, by the law of Walton and Braun (J. Rheol. 30, 949, 1986).
 
-At a contact the surfaces of two discs slip past each other at the speed s. The tangential impulse turns that speed
-round times beta_0, the tangential restitution (a contact that sticks), but is at most mu times the normal impulse (one
-that slides). Uniform discs have the moment of inertia m a^2 / 2, so an impulse J changes s by 3 J / m_eff, and
+At a contact, the surfaces of two discs slip past each other at the speed s. The tangential impulse reverses that speed,
+times the tangential restitution beta_0 (a sticking contact), but is at most mu times the normal impulse (a sliding
+one). Uniform discs have the moment of inertia m a^2 / 2, so an impulse J changes s by 3 J / m_eff, and
 
     |J| = min((1 + beta_0) m_eff |s| / 3, mu J_n)      spin: each disc by -2 J / (m a)
 
@@ -22,13 +22,13 @@ FIELDS = {"friction": "friction", "wall_friction": "wall_friction", "spin": "spi
 spin: shape (capacity,), by id, counter-clockwise [1/time]."""
 
 COEFFICIENT = 0  # mu [1]
-STICKING = 1  # what a contact that sticks changes the tangential velocity by, over the slip [1]
+STICKING = 1  # change of the tangential velocity by a sticking contact, over the slip [1]
 SIZE = 2
 
 
 @inlined
 def tangential_change(law, slip, normal_change):
-    """Change of the tangential velocity by a contact that slips and has changed the normal velocity by so much."""
+    """Change of the tangential velocity by a contact with this slip that has changed the normal velocity by so much."""
     most = law[COEFFICIENT] * normal_change
     return min(max(law[STICKING] * slip, -most), most)
 
@@ -56,7 +56,7 @@ def between_discs(friction, discs, i, j, nx, ny, normal_change, features, parame
 
 @inlined
 def on_fixed(friction, discs, i, nx, ny, normal_change, time, features, parameters):
-    """Friction of a disc on what stands still, along the unit vector n from there to the disc.
+    """Friction of a disc on something at rest, along the unit vector n from there to the disc.
 
     normal_change: of its velocity along n. time: since the contact; the disc is moved by the change of its tangential
     velocity times this [time].
@@ -78,7 +78,7 @@ def on_fixed(friction, discs, i, nx, ny, normal_change, time, features, paramete
 
 @linked
 def on_walls_met(friction, discs, i, x, y, in_flight, features, parameters, control):
-    """`on_walls` for a disc that has met a wall: along each axis at most one, which has changed its velocity inward."""
+    """`on_walls` for a disc that has hit a wall: along each axis at most one, which has changed its velocity inward."""
     zero, one = real(parameters, 0), real(parameters, 1)
     side_x = one if x.low_change > zero else -one
     side_y = one if y.low_change > zero else -one
@@ -96,7 +96,7 @@ def on_walls_met(friction, discs, i, x, y, in_flight, features, parameters, cont
 def on_walls(wall_friction, discs, i, x, y, in_flight, features, parameters, control):
     """Friction of a disc on the walls that have changed its velocity: arguments as in `contact_hooks`.
 
-    Contact `push` lets it act where the frame has ended.
+    Under contact `push`, it acts at the position at the end of the frame.
     """
     if wall_friction is not None:  # noqa: SIM102 - see optional.py
         if (x.low_change != x.high_change) | (y.low_change != y.high_change):
@@ -105,13 +105,13 @@ def on_walls(wall_friction, discs, i, x, y, in_flight, features, parameters, con
 
 @inlined
 def pack(spin, disc, message, k):
-    """The angular velocity of a disc goes along to another rank."""
+    """Send the angular velocity of a disc to another rank."""
     if spin is not None:
         message[k].spin = spin[disc]
 
 
 @inlined
 def unpack(message, k, spin, disc):
-    """The angular velocity of a disc has come along."""
+    """Receive the angular velocity of a disc."""
     if spin is not None:
         spin[disc] = message[k].spin

@@ -1,9 +1,9 @@
 """The features of the stepped solvers, which of them a scene has, and at which points of a step they act.
 
 A new feature is a file with its FIELDS, an entry in FEATURES, and a line at each point where it acts, here or in
-`contact_hooks.py`. What acts there takes its own field first, so that it compiles to nothing where that is None.
-Callers hand over `features` and know no feature. What all steps need (accelerations, masses, radii, boundaries) is
-read from the files of those features where it is needed.
+`contact_hooks.py`. A function that acts there takes its own field first, so that it compiles to nothing if that is
+None. Callers pass `features` and know no single feature. What all steps need (accelerations, masses, radii,
+boundaries) is read from the files of those features where it is needed.
 """
 
 from collections import namedtuple
@@ -53,7 +53,7 @@ BARE = Features(*[None] * len(Features._fields))
 def features_of(arrays: Mapping[str, Any], worker: int = 0) -> Any:
     """The `Features` of a scene, from its arrays by name; field f of a record r is the array "r.f".
 
-    worker: whose log of collisions it is, if there are any.
+    worker: whose log of collisions to use, if there are logs.
     """
     found: dict[str, Any] = {"log": log_of(arrays, worker)}
     for feature in FEATURES:
@@ -76,7 +76,7 @@ def wall_speed(edge, features, parameters):
 
 @inlined
 def wall_place(edge, features, parameters):
-    """Where the limit of an edge is while contacts are resolved [length]."""
+    """Position of the limit of an edge while contacts are resolved [length]."""
     return piston.wall_place(features.moving_wall, edge, parameters)
 
 
@@ -94,7 +94,7 @@ def lets_out(edge, features, control):
 
 @inlined
 def special_borders(features):
-    """None where all four borders are smooth walls at rest, elastic or not, which the vector code is made for."""
+    """None if all four borders are smooth walls at rest, elastic or not: those that the vector code handles."""
     walls = any_present(any_present(features.moving_wall, features.wall_friction), features.thermal_walls)
     return any_present(any_present(features.wrap_x, features.wrap_y), walls)
 
@@ -104,7 +104,7 @@ def special_borders(features):
 
 @inlined
 def begin_step(discs, low, high, features, control):
-    """Before anything is asked of the discs of a slice: what gives them other velocities."""
+    """At the start of a step, before anything else reads the discs of a slice: features that change velocities."""
     thermostat.begin_step(features.thermostat, discs, low, high, features, control)
 
 
@@ -122,20 +122,20 @@ def after_flight(discs, low, high, features):
 
 @inlined
 def after_move(discs, low, high, features, parameters, control):
-    """When all discs of the slice are known to be finite: contacts that a disc has alone, in any order of discs."""
+    """When all discs of the slice are known to be finite: contacts of single discs, in any order of discs."""
     capsules.after_move(features.capsules, discs, low, high, features, parameters, control)
 
 
 @inlined
 def after_binning(discs, low, high, features, control):
-    """When the discs of the slice have cells, which can be changed: a later line has the last word."""
+    """When the discs of the slice have cells, which can still be changed: a later line overrides an earlier one."""
     radii.after_binning(features.giants, discs, low, high, control)
     absorption.after_binning(features.exits, discs, low, high, control)
 
 
 @inlined
 def pack(features, disc, message, k):
-    """When a disc goes to another rank: what features keep of it by its number, into entry k of a message."""
+    """When a disc moves to another rank: what features store by its number, into entry k of a message."""
     boundary.pack(features.image, disc, message, k)
     friction.pack(features.spin, disc, message, k)
 
@@ -154,5 +154,5 @@ def prepare_next_step(features, parameters, control):
 
 
 def prepare_first_step(arrays: Mapping[str, Any]) -> None:
-    """`prepare_next_step` for the arrays of a block, after the parameters were written anew."""
+    """`prepare_next_step` for the arrays of a block, after its parameters were rewritten."""
     prepare_next_step(features_of(arrays), arrays["parameters"], arrays["control"])

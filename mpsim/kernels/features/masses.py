@@ -10,7 +10,7 @@ FIELDS = {"mass": "mass"}
 
 @inlined
 def mass_fraction(mass, disc, other, one):
-    """2 m' / (m + m'): the fraction that `disc` takes of what a pair divides, 1 for equal masses (m' is the other's).
+    """2 m' / (m + m'): the share of `disc` in a change divided between a pair, 1 for equal masses (m' is the other's).
 
     In float64: rounded to float32, the same two fractions would miss the energy by as much at each collision of a pair.
     """

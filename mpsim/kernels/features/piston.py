@@ -16,10 +16,10 @@ SIZE = 5
 
 @inlined
 def prepare_next_step(moving_wall, parameters, control):
-    """Put the wall where it will be at the end of the next step, which the motion of that step will meet.
+    """Put the wall where it will be at the end of the next step: the motion of that step meets it there.
 
-    Its place follows from the number of steps done, not from its last place: no rounding adds up, and a resumed run
-    agrees.
+    Its place follows from the number of steps done, not from its last place, so rounding does not accumulate and a
+    resumed run agrees.
     """
     if moving_wall is not None:
         displacement = moving_wall[SPEED] * parameters.dt
@@ -39,7 +39,7 @@ def wall_speed(moving_wall, edge, parameters):
 
 @inlined
 def wall_place(moving_wall, edge, parameters):
-    """Where the limit of an edge is while contacts are resolved: `limit` already holds a piston's in the next step."""
+    """Position of the limit of an edge while contacts are resolved: `limit` already has a piston's next one."""
     if moving_wall is None:
         return parameters.limit[edge]
     return parameters.limit[edge] - wall_speed(moving_wall, edge, parameters) * parameters.dt

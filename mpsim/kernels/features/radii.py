@@ -1,4 +1,4 @@
-"""Discs of different radii, and giants: discs so large that the grid, whose cells follow the others, omits them."""
+"""Discs of different radii, and giants: discs so large that the grid, whose cells fit the others, omits them."""
 
 from mpsim.kernels.compiling import inlined
 

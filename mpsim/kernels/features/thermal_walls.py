@@ -1,9 +1,9 @@
 """Thermal walls: a disc leaves one with a velocity drawn from the distribution of those that cross it in equilibrium.
 
-Of discs at the temperature T that cross a line, the speed at right angles to it has the density v exp(-m v^2 / 2T),
-as fast ones cross more often; the tangential velocity is normal. The wall of the step has turned the disc round; here
-the velocity of that instant is drawn anew, and the rest of the step with it. The random numbers follow from the seed,
-the disc, its place and the velocity at which it came: so a disc may meet walls more than once in a step.
+For discs at temperature T that cross a line, the speed normal to it has the density v exp(-m v^2 / 2T), as fast ones
+cross more often; the tangential velocity is Gaussian. The wall has already reflected the disc in this step; here the
+velocity at that instant is drawn anew, and the rest of the step follows from it. The random numbers follow from the
+seed, the disc, its place and the velocity at which it arrived, so a disc may meet walls more than once in a step.
 """
 
 import math
@@ -24,7 +24,7 @@ FIELDS = {"thermal_walls": "thermal_walls"}
 
 @linked
 def redraw(thermal_walls, discs, i, edge, inward, met, other, features, parameters, control):
-    """Draw the velocity of disc i at its contact with an edge. Returns `met` and `other` as they are then.
+    """Draw the velocity of disc i at its contact with an edge. Returns `met` and `other` after that.
 
     inward: 1 at a low wall, -1 at a high one. met, other: its `WallContact` along the normal of the wall, and across.
     """
@@ -51,7 +51,7 @@ def redraw(thermal_walls, discs, i, edge, inward, met, other, features, paramete
 
 @linked
 def leave_walls(thermal_walls, discs, i, x, y, in_flight, features, parameters, control):
-    """Draw the velocity of disc i for each wall that has turned it round, and write it back. Returns x and y then."""
+    """Draw the velocity of disc i for each wall that has reflected it, and write it back. Returns x and y then."""
     temperature, zero, one = thermal_walls.temperature, real(parameters, 0), real(parameters, 1)
     if x.low_change != zero and temperature[LEFT] > 0:
         x, y = redraw(thermal_walls, discs, i, LEFT, one, x, y, features, parameters, control)
@@ -70,7 +70,7 @@ def leave_walls(thermal_walls, discs, i, x, y, in_flight, features, parameters, 
 
 @inlined
 def on_walls(thermal_walls, discs, i, x, y, in_flight, features, parameters, control):
-    """`leave_walls`, where there are such walls, and disc i has met a wall. Returns its contacts along x and y then."""
+    """`leave_walls`, if there are such walls and disc i has hit one. Returns its contacts along x and y then."""
     if thermal_walls is None:
         return x, y
     if (x.low_change == x.high_change) & (y.low_change == y.high_change):

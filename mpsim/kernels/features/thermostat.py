@@ -1,4 +1,4 @@
-"""A thermostat: between two frames, discs get new velocities at random (Andersen, J. Chem. Phys. 72, 2384, 1980)."""
+"""A thermostat: between two frames, random discs get new velocities (Andersen, J. Chem. Phys. 72, 2384, 1980)."""
 
 import math
 
@@ -15,9 +15,9 @@ FIELDS = {"thermostat": "thermostat"}
 
 @linked
 def heat(thermostat, discs, low, high, features, control):
-    """Give discs of a slice new velocities, in the first step of each frame but the first.
+    """Give discs of a slice new velocities, in the first step of each frame except the first.
 
-    The number of the frame follows from that of the step: so it is the same in any slice and after a resume.
+    The number of the frame follows from that of the step, so it is the same in any slice and after a resume.
     """
     frame = thermostat.first_frame + control.steps // control.substeps
     if frame > 0 and control.steps % control.substeps == 0:
@@ -32,6 +32,6 @@ def heat(thermostat, discs, low, high, features, control):
 
 @inlined
 def begin_step(thermostat, discs, low, high, features, control):
-    """`heat`, where there is a thermostat."""
+    """`heat`, if there is a thermostat."""
     if thermostat is not None:
         heat(thermostat, discs, low, high, features, control)

@@ -1,7 +1,7 @@
-"""Contacts: which discs overlap, found in the grid or among all pairs, in an order that no worker changes.
+"""Contacts: which discs overlap, found in the grid or among all pairs, in an order independent of the workers.
 
-shift_x, shift_y: along a periodic axis, the length by which disc i is seen farther back when its partner lies beyond
-the border; None elsewhere, which costs nothing.
+shift_x, shift_y: along a periodic axis, the length by which disc i is shifted back if its partner lies beyond the
+border; otherwise None, which costs nothing.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ def overlapping(discs, i, block, shift_x, shift_y, reach):
 
 @inlined
 def resolve_range(discs, i, first, last, shift_x, shift_y, features, parameters, control, tally, frame):
-    """Resolve disc i with each of the discs [first, last) that overlaps it when its turn comes. Returns how many.
+    """Resolve disc i with each of the discs [first, last) that overlaps it at its turn. Returns how many.
 
     The same as testing one by one: after a contact has moved disc i, the lanes that follow are tested again.
     """
@@ -47,15 +47,15 @@ def resolve_range(discs, i, first, last, shift_x, shift_y, features, parameters,
 
 @linked
 def resolve_far(discs, i, first, last, shift_x, shift_y, features, parameters, control, tally, frame):
-    """`resolve_range` as a call: for the few discs at borders, where copies of it would only cost compilation time."""
+    """`resolve_range` as a call, not inlined: for the few discs at borders, copies would only cost compilation time."""
     return resolve_range(discs, i, first, last, shift_x, shift_y, features, parameters, control, tally, frame)
 
 
 @inlined
 def next_to_resolve(discs, slot, last, own_ends, next_firsts, next_ends, diameter_squared):
-    """The first disc of [slot, last) that may overlap one of its candidates; last, where there is none.
+    """The first disc of [slot, last) that may overlap one of its candidates; `last` if there is none.
 
-    A loop of its own, so that the compiler keeps in registers all it needs: two vector tests and one branch a disc.
+    A separate loop, so that the compiler keeps everything in registers: two vector tests and one branch per disc.
     """
     for k in range(np.uint64(slot), np.uint64(last)):  # unsigned: no index can count from the end
         i = np.int64(k)
@@ -83,7 +83,7 @@ def resolve_column(discs, start, column, features, parameters, control, tally, f
     own_ends, next_firsts, next_ends = start[2:], start[stride - 1 :], start[stride + 2 :]
     diameter_squared = parameters.diameter * parameters.diameter
     contacts = 0
-    # From the first row: the ghost cell below it is empty, and its start is written by the worker of the column before.
+    # From the first row: the ghost cell below it is empty, and the worker of the previous column writes its start.
     slot, last = np.int64(start[column * stride + 1]), np.int64(start[(column + 1) * stride])
     while True:
         slot = next_to_resolve(discs, slot, last, own_ends, next_firsts, next_ends, diameter_squared)
@@ -103,8 +103,8 @@ def resolve_top_and_bottom(
 ):
     """Contacts of a column's first and last row, through the border of a periodic y. Returns how many.
 
-    The last row looks at the first one of its own column and of the next one, the first row at the last one of the
-    next: with the cells inside the box, each pair once.
+    The last row is tested against the first one of its own column and of the next, the first row against the last one
+    of the next: with the cells inside the box, each pair once.
     """
     contacts = 0
     if wrap_y is not None:
@@ -152,7 +152,7 @@ def resolve_top_and_bottom(
 def resolve_border(wrap_x, discs, start, column, features, parameters, control, tally, frame):
     """Contacts of one column through the borders of periodic axes. Returns how many.
 
-    The last column's next one is the first, seen one width farther on. The number of columns is even, so in the odd
+    The next column after the last is the first, shifted by one width. The number of columns is even, so in the odd
     pass, which resolves the last column, no other worker touches the first one.
     """
     if wrap_x is None:
@@ -179,7 +179,7 @@ def resolve_border(wrap_x, discs, start, column, features, parameters, control, 
 
 @linked
 def resolve_columns(phase, first, last, step, discs, start, features, parameters, control, mine, tally, times, moment):
-    """Columns first, first + step, ... below last, counted and timed as of a phase. Returns the time after it."""
+    """Resolve columns first, first + step, ... below last, counted and timed for a phase. Returns the time after it."""
     set_phase(mine, phase)
     for column in range(first, last, step):
         mine.collisions += resolve_column(discs, start, column, features, parameters, control, tally, mine.frame)
@@ -191,7 +191,7 @@ def resolve_columns(phase, first, last, step, discs, start, features, parameters
 
 @inlined
 def resolve_images_y(wrap_y, discs, i, count, shift_x, features, parameters, control, tally, frame):
-    """Contacts of disc i, seen `shift_x` away, with later discs through the border of y. Returns how many."""
+    """Contacts of disc i, shifted by `shift_x`, with later discs through the border of y. Returns how many."""
     contacts = 0
     if wrap_y is not None:
         for shift_y in images(wrap_y):
@@ -220,7 +220,7 @@ def resolve_images_x(wrap_x, discs, i, count, features, parameters, control, tal
 
 @linked
 def resolve_all_pairs(discs, features, parameters, control, tally, frame):
-    """All pairs i < j in index order. Returns the number of contacts."""
+    """Resolve all pairs i < j in index order. Returns the number of contacts."""
     contacts, count = 0, control.count
     for i in range(count):
         if not is_absent(discs.id[i], features):

@@ -18,7 +18,7 @@ def copy_disc(source, i, target, slot):
 
 @inlined
 def copy_radius(source, i, target, slot):
-    """The radius goes along, where each disc has its own."""
+    """Copy the radius too, if each disc has its own."""
     if source is not None:
         target[slot] = source[i]
 
@@ -27,7 +27,7 @@ def copy_radius(source, i, target, slot):
 def copy_run(source, low, high, target, slot, end):
     """Copy the discs [low, high) to the slots from `slot` on.
 
-    Whole vectors, so slots behind the run, but none from `end` on, may be overwritten: those must be written later.
+    Copies whole vectors, so slots after the run, but none from `end` on, may be overwritten: write those later.
     """
     first, slot = nonnegative(low), nonnegative(slot)
     while first < high and slot + RUN <= end:
@@ -48,7 +48,7 @@ def copy_run(source, low, high, target, slot, end):
 
 @inlined
 def _copy_radii(source, first, target, slot):
-    """As many radii, where each disc has its own."""
+    """Copy the radii too, if each disc has its own."""
     if source is not None:
         copy_lanes(source, first, target, slot)
 
@@ -66,6 +66,6 @@ def swap_discs(discs, i, j):
 
 @inlined
 def _swap_radii(radius, i, j):
-    """Exchange the radii of two discs, where each has its own."""
+    """Exchange the radii of two discs, if each has its own."""
     if radius is not None:
         radius[i], radius[j] = radius[j], radius[i]

@@ -1,4 +1,4 @@
-"""The counting sort: the order of a worker's discs made anew, from whatever order they lie in."""
+"""The counting sort: sorts a worker's discs from any order."""
 
 import numpy as np
 
@@ -78,7 +78,7 @@ def is_out_of_order(discs, low, high):
 
 @linked
 def order_by_id(discs, low, high):
-    """Insertion sort by id inside each cell. Discs that stay in a cell are in order already, so this seldom acts."""
+    """Insertion sort by id inside each cell. Discs that stay in a cell are already in order, so this seldom acts."""
     for block in range(nonnegative(low) + 1, high, ORDERED_AT_ONCE):
         end = min(block + ORDERED_AT_ONCE, high)
         if is_out_of_order(discs, block, end):

@@ -1,6 +1,6 @@
-"""Flight over one step, straight or along exact parabolas: of blocks that meet no boundary, of other discs one by one.
+"""Flight over one step, straight or along exact parabolas: by blocks that meet no boundary, else disc by disc.
 
-An accelerated disc ends a step with v + a dt, and its mean velocity in it is that less a dt / 2.
+An accelerated disc ends a step with v + a dt, and its mean velocity in it is that minus a dt / 2.
 """
 
 from mpsim.kernels.compiling import inlined, linked
@@ -17,7 +17,7 @@ BLOCK = 64
 
 @inlined
 def kicked(accelerated, v, kick):
-    """A velocity after the acceleration of a step changed it by `kick`; accelerated: None where no disc is."""
+    """A velocity after the acceleration of a step has changed it by `kick`; accelerated: None if no disc is."""
     if accelerated is None:
         return v
     return v + kick
@@ -33,7 +33,7 @@ def mean_velocity(accelerated, v, half_kick):
 
 @inlined
 def displacement(accelerated, v, acceleration, parameters):
-    """Of a step that ends with v [length]."""
+    """The displacement in a step that ends with v [length]."""
     dt = parameters.dt
     return mean_velocity(accelerated, v, acceleration * dt / real(parameters, 2)) * dt
 
@@ -42,7 +42,7 @@ def displacement(accelerated, v, acceleration, parameters):
 def try_fly_freely(discs, low, high, accelerated, gravity, parameters):
     """Advance a block of discs, unless one starts or ends beyond a limit: vector code. Returns whether it did.
 
-    What is not finite compares as beyond, so it is found when the discs are moved one by one.
+    A value that is not finite counts as beyond, so it is found when the discs are moved one by one.
     """
     zero, two, dt = real(parameters, 0), real(parameters, 2), parameters.dt
     x, y, vx, vy = discs.x[low:high], discs.y[low:high], discs.vx[low:high], discs.vy[low:high]
@@ -70,7 +70,7 @@ def try_fly_freely(discs, low, high, accelerated, gravity, parameters):
 
 @inlined
 def try_fly_block(discs, low, high, accelerated, acceleration, gravity, parameters):
-    """`try_fly_freely`, unless discs have accelerations of their own. Returns whether it did."""
+    """`try_fly_freely`, unless discs have individual accelerations. Returns whether it did."""
     if accelerated is not None:  # noqa: SIM102 - see optional.py
         if acceleration is not None:
             return False
@@ -79,11 +79,11 @@ def try_fly_block(discs, low, high, accelerated, acceleration, gravity, paramete
 
 @inlined
 def fly_along(p, v, acceleration, accelerated, edges, margin, wrap, features, parameters):
-    """One step along the axis with these edges: a `WallContact`."""
+    """One step along the axis with these edges; returns a `WallContact`."""
     zero = real(parameters, 0)
     v = kicked(accelerated, v, acceleration * parameters.dt)
     p = wrapped(wrapped(p, wrap) + displacement(accelerated, v, acceleration, parameters), wrap)
-    if p - p != zero:  # not finite: found out by the caller
+    if p - p != zero:  # not finite: detected by the caller
         return no_contact(p, v, zero)
     walls = walls_of_step(edges, margin, features, parameters)
     return reach_boundary(p, v, acceleration, accelerated, walls, wrap, parameters)
@@ -91,7 +91,7 @@ def fly_along(p, v, acceleration, accelerated, edges, margin, wrap, features, pa
 
 @inlined
 def flight_of(discs, i, ax, ay, accelerated, features, parameters):
-    """What one step leads disc i to, along x and along y: two of `WallContact`. Changes nothing."""
+    """Where one step leads disc i, along x and along y: two of `WallContact`. Changes nothing."""
     margin = value_or(discs.radius, i, real(parameters, 0))
     x = fly_along(discs.x[i], discs.vx[i], ax, accelerated, ALONG_X, margin, features.wrap_x, features, parameters)
     y = fly_along(discs.y[i], discs.vy[i], ay, accelerated, ALONG_Y, margin, features.wrap_y, features, parameters)

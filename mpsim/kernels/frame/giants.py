@@ -1,7 +1,7 @@
-"""The few discs that are far larger than all others: they are not in the grid, whose cells follow the others.
+"""Giants: the few discs far larger than all others. They are not in the grid, whose cells fit the others.
 
-A giant looks at all cells under it, after the odd columns, on worker 0 alone. One disc of 20 radii among 10,000 would
-otherwise make each cell 400 times as large, and each disc look at hundreds of neighbours.
+Worker 0 alone, after the odd columns, tests each giant against the discs in all cells under it. Otherwise one disc of
+20 radii among 10,000 would make each cell 400 times as large, with hundreds of neighbours for each disc.
 """
 
 from mpsim.kernels.compiling import inlined, linked

@@ -1,8 +1,8 @@
-"""The incremental sort: where few discs have changed cells, the order is repaired instead of made anew.
+"""The incremental sort: if few discs have changed cells, it repairs the previous order.
 
-Most discs stay in their cells from one step to the next, and those are in order already. They are copied to the other
-buffer in the runs between discs that leave a cell and discs that arrive in one, by whole vectors, and the starts of the
-cells are shifted by how many more have arrived than left up to there.
+Most discs stay in their cells from one step to the next, and those are already in order. The runs between discs that
+leave a cell and discs that arrive in one are copied to the other buffer by whole vectors, and the start of each cell is
+shifted by the number of arrivals minus departures before it.
 """
 
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ BUCKET = 64
 
 @inlined
 def buckets_of(first_cell, last_cell, worker):
-    """First bucket of a worker's cells and one past the last. Workers share none."""
+    """First bucket of a worker's cells and one past the last. Workers share no bucket."""
     first = first_cell // BUCKET + worker
     return first, first + (last_cell - first_cell + BUCKET - 1) // BUCKET
 
@@ -65,7 +65,7 @@ def list_arrivals(discs, changes, team, worker, control):
 
 @inlined
 def shift_starts(start, first, last, shift, end):
-    """Shift the starts of the cells [first, last); those from `end` on are another worker's, who may be at them."""
+    """Shift the starts of the cells [first, last); those from `end` on are another worker's, which may use them."""
     cell, last = nonnegative(first), np.int64(last)
     while cell < last and cell + RUN <= end:
         add_to_lanes(start, cell, last - cell, shift)
@@ -76,7 +76,7 @@ def shift_starts(start, first, last, shift, end):
 
 
 class Cursor(NamedTuple):
-    """How far the merge of those that stay with those that arrive has come.
+    """The progress of the merge of discs that stay with discs that arrive.
 
     bucket: the next one to merge. read: the next disc to copy, to slot read + shift. cell: the next one whose start is
     to be shifted. leaver: the next entry in the list of discs that leave.
@@ -139,7 +139,7 @@ def copy_arrival(entry, cursor, source, target, start, changes, last_cell):
 
 @linked
 def merge_up_to(column, cursor, source, target, start, changes, team, worker, control, end):
-    """Copy own discs, in order, to the other buffer, whose slots from `end` on are not own, up to a column at least.
+    """Copy own discs, in order, to the other buffer, at least up to a column; slots from `end` on belong to others.
 
     Shifts the starts of their cells, and that of the cell after them. Returns the cursor behind them.
     """
@@ -149,7 +149,7 @@ def merge_up_to(column, cursor, source, target, start, changes, team, worker, co
     if column < mine.last_column:
         cells = column * (control.rows + 2) - first_cell
         last_bucket = min(last_bucket, first_bucket + (cells + BUCKET - 1) // BUCKET)
-        if cursor.bucket >= last_bucket:  # a bucket may hold more columns than are asked for at a time
+        if cursor.bucket >= last_bucket:  # a bucket may hold more columns than one call asks for
             return cursor
     while cursor.bucket < last_bucket:
         entry = np.int64(changes.first_arrival[cursor.bucket])

@@ -1,4 +1,4 @@
-"""What a contact does to two discs: when it acts, by contact `push` or `impact`, and the law by which it acts.
+"""What a contact does to two discs: when it acts (contact `push` or `impact`), and by which law.
 
 shift_x, shift_y: as in contacts.py.
 """
@@ -27,7 +27,7 @@ def separation(discs, i, j, shift_x, shift_y):
 
 @inlined
 def normalised(x, y, one):
-    """Unit vector along (x, y), and its length. No length gives (one, 0): defined, never NaN."""
+    """Unit vector along (x, y), and its length. Length 0 gives (one, 0): defined, never NaN."""
     length = math.sqrt(x * x + y * y)
     if length == 0:
         return one, length, length
@@ -36,7 +36,7 @@ def normalised(x, y, one):
 
 @inlined
 def elastic(discs, i, j, nx, ny, along_i, along_j, features, parameters):
-    """Discs that approach part with e times their normal velocity, momentum kept (e = 1: energy too).
+    """Discs that approach separate with e times their normal velocity; momentum is kept (e = 1: energy too).
 
     With friction their tangential velocities and spins change here; the changes of normal velocities are returned.
     """
@@ -80,7 +80,7 @@ def apply_law(discs, i, j, nx, ny, features, parameters, law):
 def push_contact(discs, i, j, shift_x, shift_y, features, parameters, law):
     """Contact `push`: the discs move apart until they touch, then the law acts along the normal found here.
 
-    Each moves half the overlap, of unequal ones the lighter more. Returns the impulse and the normal, as `apply_law`.
+    Each moves by half the overlap; of unequal discs, the lighter moves more. Returns what `apply_law` does.
     """
     one = discs.x.dtype.type(1)
     x, y = separation(discs, i, j, shift_x, shift_y)
@@ -97,13 +97,13 @@ def push_contact(discs, i, j, shift_x, shift_y, features, parameters, law):
 
 @inlined
 def conserve_energy(accelerated, discs, i, j, shift_x, shift_y, start_i, start_j, features, parameters):
-    """Keep the energy of two accelerated discs that a contact has moved from `start`: pairs (x, y).
+    """Keep the energy of two accelerated discs that a contact has moved from `start`, pairs (x, y).
 
     Uniform gravity does no work on a contact that keeps the centre of mass; where a wall confines one of the discs it
-    does (both are lifted), and discs of different accelerations always meet some. The work W changes the velocity w
-    with which they part or approach: w'^2 = w^2 + 2 W / mu, with the reduced mass mu. If that kinetic energy is too
-    small, the displacement is scaled back; where collisions lose energy, and discs may lie in heaps, it is kept.
-    accelerated: None where no acceleration does work.
+    does (both are lifted), and with different accelerations there is always some. The work W changes their normal
+    relative velocity w: w'^2 = w^2 + 2 W / mu, with the reduced mass mu. If that kinetic energy is too small, the
+    displacement is scaled back; if collisions lose energy, and discs may lie in heaps, it is kept.
+    accelerated: None if no acceleration does work.
     """
     if accelerated is None:
         return
@@ -150,7 +150,7 @@ def time_since_impact(discs, i, j, shift_x, shift_y, parameters):
     uy = discs.vy[j] - discs.vy[i]
     b = rx * ux + ry * uy
     if not b < 0:
-        return -diameter  # any negative number: there was no impact
+        return -diameter  # any negative number means that there was no impact
     c = rx * rx + ry * ry - diameter * diameter
     return -c / (math.sqrt(b * b - (ux * ux + uy * uy) * c) - b)
 
@@ -188,7 +188,7 @@ def impact_contact(discs, i, j, shift_x, shift_y, features, parameters, control,
 
 @inlined
 def touched(log, discs, i, j, shift_x, shift_y, parameters, control):
-    """How long ago, and where, two overlapping discs touched, for `note_contact`; None where there is no log."""
+    """How long ago, and where, two overlapping discs touched, for `note_contact`; None if there is no log."""
     if log is None:
         return None
     since = 0.0
@@ -221,7 +221,7 @@ def resolve_contact(discs, i, j, shift_x, shift_y, features, parameters, control
 
 @linked
 def tally_depth(discs, i, j, shift_x, shift_y, parameters, tally, frame):
-    """Count a pair that is met and how deep it overlaps, as a fraction of the (largest) diameter."""
+    """Count a contact and its overlap, as a fraction of the (largest) diameter."""
     x, y = separation(discs, i, j, shift_x, shift_y)
     _, _, distance = normalised(x, y, discs.x.dtype.type(1))
     overlap = touching_distance(discs.radius, i, j, parameters) - distance

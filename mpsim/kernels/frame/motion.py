@@ -17,7 +17,7 @@ from mpsim.kernels.records import real
 
 @inlined
 def drift(discs, low, high, parameters):
-    """p += v dt. Returns whether all centres are inside the limits after it, which what is not finite never is."""
+    """p += v dt. Returns whether all centres are then inside the limits; one that is not finite never is."""
     x, y, vx, vy = discs.x[low:high], discs.y[low:high], discs.vx[low:high], discs.vy[low:high]
     dt = parameters.dt
     x_low, x_high = parameters.limit[LEFT], parameters.limit[RIGHT]
@@ -36,7 +36,7 @@ def drift(discs, low, high, parameters):
 def bounce_off_walls(discs, low, high, parameters):
     """The wall rule, for discs that have drifted; returns True if a position or velocity is not finite.
 
-    A disc beyond a wall and moving outward has that velocity component turned round. Its centre is clamped to
+    A disc beyond a wall and moving outward has that velocity component reversed. Its centre is clamped to
     [R, W - R] x [R, H - R] under contact `push`; under `impact` it is where the bounce, at the instant when it reached
     the wall, has brought it by now: as far inside as it would be outside. Without branches, so it becomes vector code.
     """
@@ -84,7 +84,7 @@ def drift_between_walls(discs, low, high, parameters):
 
 @linked
 def tally_walls(discs, low, high, features, parameters, tally, frame):
-    """Count the impulses on the walls of a straight flight: before it, as its vector code does not report them."""
+    """Count the impulses on the walls of a straight flight; done before it, as its vector code does not report them."""
     zero = real(parameters, 0)
     for i in range(low, high):
         x, y = flight_of(discs, i, zero, zero, None, features, parameters)
@@ -93,7 +93,7 @@ def tally_walls(discs, low, high, features, parameters, tally, frame):
 
 @inlined
 def log_walls(log, discs, low, high, features, parameters, control):
-    """Log the contacts with walls of a straight flight: before it, for the same reason."""
+    """Log the contacts with walls of a straight flight; done before it, for the same reason."""
     if log is not None:
         zero = real(parameters, 0)
         for i in range(low, high):
@@ -105,7 +105,7 @@ def log_walls(log, discs, low, high, features, parameters, control):
 def fly_straight(discs, low, high, special, features, parameters, control, tally, frame):
     """p += v dt, walls and borders; returns True if a position or velocity is not finite.
 
-    special: None where all discs have one radius and all borders are smooth walls at rest.
+    special: None if all discs have one radius and all borders are smooth walls at rest.
     """
     if special is not None:
         return fly(discs, low, high, None, features, parameters, control, tally, frame)
@@ -131,7 +131,7 @@ def worst_slot(discs, low, high):
 def accelerate_and_fly(discs, low, high, accelerated, features, parameters, control, tally, frame):
     """Acceleration, flight and walls for a slice; returns True if a disc is not finite.
 
-    accelerated: None where no disc is.
+    accelerated: None if no disc is.
     """
     if accelerated is not None:  # noqa: SIM102 - see optional.py
         if control.contact == IMPACT:

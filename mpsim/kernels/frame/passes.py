@@ -1,9 +1,9 @@
 """The even and the odd pass over the columns of a worker.
 
-An odd column c needs only that columns c - 1 and c + 1 have had the even pass: it need not wait for all others. So a
+An odd column c only requires that columns c - 1 and c + 1 have had the even pass; it need not wait for all others. So a
 worker takes a few of its columns at a time through the end of the sort and both passes, while their discs are in the
-cache. What is left are the columns that meet those of a neighbour: an even last one, and the odd ones beside a column
-that a neighbour's even pass changes. They have their passes after barriers (`stepping.py`).
+cache. Only the columns next to those of a neighbour remain: an even last one, and the odd ones beside a column that a
+neighbour's even pass changes. They have their passes after barriers (`stepping.py`).
 """
 
 from mpsim.kernels.compiling import linked
@@ -20,9 +20,9 @@ AT_ONCE = 4096
 def resolve_inside(
     front, back, start, changes, slot, end, merging, features, parameters, control, team, tally, times, worker, moment
 ):
-    """What both passes do in own columns alone, and before it the merge, where the sort has left one to do.
+    """The part of both passes within own columns, and before it the merge, if the sort has left one to do.
 
-    slot, end: the slice of the worker in `back`. Returns the columns at which the passes go on, and the time.
+    slot, end: the slice of the worker in `back`. Returns the columns where the passes continue, and the time.
     """
     mine = team[worker]
     first, last = mine.first_column, mine.last_column
@@ -31,7 +31,7 @@ def resolve_inside(
     cursor = first_cursor(team, worker, control, slot)
     width = max(2, AT_ONCE * (last - first) // max(end - slot, 1))
     rest = features, parameters, control, mine, tally, times
-    # Once at least, for a last worker without columns, which has what lies outside the grid.
+    # At least once, for a last worker without columns, which has the discs outside the grid.
     for column in range(first + width, max(last, first + 1) + width, width):
         stop = min(column, last)
         if merging:

@@ -8,7 +8,7 @@ from mpsim.kernels.waiting import barrier
 
 @linked
 def add_time(times, mine, phase, since):
-    """Add the time since `since` to a phase of the current frame; returns the time now."""
+    """Add the time since `since` to a phase of the current frame. Returns the time now."""
     moment = now(mine.clock)
     times[mine.frame, phase] += moment - since
     return moment
@@ -16,13 +16,13 @@ def add_time(times, mine, phase, since):
 
 @linked
 def set_phase(mine, phase):
-    """Note which phase this worker is in, for the report of a death."""
+    """Record which phase this worker is in, for the message if it dies."""
     mine.phase = phase
 
 
 @linked
 def wait_for_all(control, mine, times, since):
-    """Barrier, its waiting time recorded. Returns the time now; the abort word says whether to continue."""
+    """Barrier that records its waiting time. Returns the time now, and the abort word."""
     if control.workers > 1:
         set_phase(mine, WAIT)
         barrier(control, mine)

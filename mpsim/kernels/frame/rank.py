@@ -1,11 +1,11 @@
 """The step of one rank: the phases of `stepping.py` as calls, between which the ranks exchange discs.
 
-A rank has a range of the columns of the grid. `start` has these alone, and before them one more where the first is
-odd, so that a column has the parity that it has in the grid. The last member of the team, behind the workers of the
-rank, stands for all other ranks: it brings the discs that come from them, in the slots behind those of the rank.
+A rank has a range of the columns of the grid. `start` has only these, and one more before them if the first is odd, so
+that a column has the same parity as in the grid. The last member of the team, behind the workers of the
+rank, stands for all other ranks: the discs that come from them are its slice, in the slots after those of the rank.
 
 The bracket of two columns that meet at the border of two ranks is resolved by both, in a grid of these two, with
-the same bits. So nothing has to be sent back. It is counted by the rank of its left column.
+the same bits, so nothing has to be sent back. The rank of its left column counts it.
 """
 
 from mpsim.kernels.compiling import compiled, inlined, linked
@@ -24,27 +24,27 @@ from mpsim.kernels.waiting import next_command
 
 @inlined
 def pack_radius(radius, i, message, k):
-    """The radius goes along, where each disc has its own."""
+    """Send the radius too, if each disc has its own."""
     if radius is not None:
         message[k].radius = radius[i]
 
 
 @inlined
 def unpack_radius(message, k, radius, i):
-    """The radius has come along, where each disc has its own."""
+    """Receive the radius too, if each disc has its own."""
     if radius is not None:
         radius[i] = message[k].radius
 
 
 @inlined
 def first_cell_of_grid(control):
-    """Number of the grid's first cell as the rank counts cells."""
+    """Number of the grid's first cell in the rank's own numbering."""
     return -control.columns_before * (control.rows + 2)
 
 
 @inlined
 def pack_disc(discs, i, first_cell, features, message, k):
-    """Disc i as entry k of a message, its cell counted from `first_cell`."""
+    """Write disc i to entry k of a message, its cell counted from `first_cell`."""
     message[k].x, message[k].y = discs.x[i], discs.y[i]
     message[k].vx, message[k].vy = discs.vx[i], discs.vy[i]
     message[k].id = discs.id[i]
@@ -55,7 +55,7 @@ def pack_disc(discs, i, first_cell, features, message, k):
 
 @inlined
 def unpack_disc(message, k, first_cell, features, discs, i):
-    """Entry k of a message as disc i."""
+    """Read disc i from entry k of a message."""
     discs.x[i], discs.y[i] = message[k].x, message[k].y
     discs.vx[i], discs.vy[i] = message[k].vx, message[k].vy
     discs.id[i] = message[k].id
@@ -77,7 +77,7 @@ def do_move(front, back, changes, features, parameters, control, team, sent, tal
 
 @linked
 def do_sort(front, back, start, changes, features, parameters, control, team, sent, tally, times, worker):
-    """The phase `sort` of one worker, and what both passes do in its columns alone."""
+    """The phase `sort` of one worker, and the part of both passes within its columns."""
     mine = team[worker]
     moment = now(mine.clock)
     set_phase(mine, SORT)
@@ -94,7 +94,7 @@ def do_sort(front, back, start, changes, features, parameters, control, team, se
     )  # fmt: skip
     mine.first_slot, mine.last_slot = slot, end
     if worker == control.workers - 1:
-        # The column behind the last is empty. Its first entry is that of the last worker with columns, perhaps another.
+        # The column after the last is empty. Its first entry is that of the last worker with columns, perhaps another.
         start[mine.last_column * (control.rows + 2) + 1 :] = end
     wait_for_all(control, mine, times, moment)
     if worker == 0:
@@ -105,14 +105,14 @@ def do_sort(front, back, start, changes, features, parameters, control, team, se
 
 @linked
 def do_even(discs, start, features, parameters, control, mine, tally, times):
-    """What is left of the even pass of one worker."""
+    """The rest of the even pass of one worker."""
     rest = features, parameters, control, mine, tally, times
     resolve_columns(EVEN, mine.even, mine.stop, 2, discs, start, *rest, now(mine.clock))
 
 
 @linked
 def do_odd(discs, start, features, parameters, control, mine, tally, times):
-    """What is left of the odd pass of one worker."""
+    """The rest of the odd pass of one worker."""
     rest = features, parameters, control, mine, tally, times
     first = mine.first_column
     moment = resolve_columns(ODD, first, min(first + first % 2, mine.stop), 2, discs, start, *rest, now(mine.clock))
@@ -143,10 +143,10 @@ def do_part(front, back, start, changes, features, parameters, control, team, se
 
 @compiled
 def run_part(a, b, start, changes, features, parameters, control, team, sent, tally, times, worker, linger):
-    """The part of a step that `control` says, for one worker of a rank: called, and waiting, as `stepping.run_grid`.
+    """The part of a step that `control` names, for one worker of a rank; called, and waits, like `stepping.run_grid`.
 
-    MOVE; SORT, with what is away from borders of the even pass; EVEN, of a further pass; ODD, and the move of the next
-    step where there is one. After SORT the state is in the other buffer. Contacts at borders come between.
+    MOVE; SORT, with the even pass away from borders; EVEN, of a further pass; ODD, and the move of the next step if
+    there is one. After SORT the state is in the other buffer. Contacts at borders come between.
     """
     mine = team[worker]
     while True:
@@ -163,9 +163,9 @@ def run_part(a, b, start, changes, features, parameters, control, team, sent, ta
 
 @compiled
 def pack_emigrants(front, changes, features, control, team, message):
-    """The discs that go to other ranks, into a message, cells as in the grid. Returns their number.
+    """Write the discs that move to other ranks to a message, cells as in the grid. Returns their number.
 
-    One that an edge has absorbed goes nowhere: `exits` says where it rests.
+    A disc that an edge has absorbed is not sent: `exits` says where it rests.
     """
     stride = control.rows + 2
     first_cell, last_cell = team[0].first_column * stride, team[control.workers - 1].last_column * stride
@@ -181,7 +181,7 @@ def pack_emigrants(front, changes, features, control, team, message):
 
 @compiled
 def unpack_immigrants(message, arrived, front, changes, features, control, team, sent):
-    """The discs of a message, cells as in the grid, behind those of the rank, to be sorted with them."""
+    """Append the discs of a message, cells as in the grid, to those of the rank, to be sorted with them."""
     first_cell = first_cell_of_grid(control)
     courier, end = team[control.workers], team[control.workers - 1].high
     courier.low, courier.high, courier.outbox = end, end + arrived, arrived
@@ -196,21 +196,21 @@ def unpack_immigrants(message, arrived, front, changes, features, control, team,
 
 @compiled
 def pack_own(discs, features, control, team, message):
-    """All discs of the rank into a message, cells as in the grid."""
+    """Write all discs of the rank to a message, cells as in the grid."""
     for i in range(team[control.workers - 1].high):
         pack_disc(discs, i, first_cell_of_grid(control), features, message, i)
 
 
 @compiled
 def unpack_own(message, count, discs, features):
-    """The discs of a message as all that the rank has, in any order."""
+    """Replace all discs of the rank by those of a message, in any order."""
     for k in range(count):
         unpack_disc(message, k, 0, features, discs, k)
 
 
 @compiled
 def pack_column(discs, start, column, features, control, message):
-    """The discs of a column into a message, cells counted from its first one."""
+    """Write the discs of a column to a message, cells counted from its first one."""
     stride = control.rows + 2
     first, last = start[column * stride], start[(column + 1) * stride]
     for i in range(first, last):
@@ -232,10 +232,10 @@ def resolve_border(
     phase, discs, start, column, own_place, resolved, message, received, pair, pair_start, features, parameters,
     control, member, tally, times,
 ):  # fmt: skip
-    """The bracket of an own column and that of a neighbour, which is in the message, in the grid of these two.
+    """Resolve the bracket of an own column and a neighbour's, which is in the message, in the grid of these two.
 
-    own_place: of the own column there, 0 or 1. resolved: of the one whose bracket it is: 0, or 1 through a periodic
-    border. member, tally: what counts the contacts.
+    own_place: place of the own column there, 0 or 1. resolved: place of the column whose bracket it is: 0, or 1 through
+    a periodic border. member, tally: count the contacts.
     """
     stride = control.rows + 2
     first, last = start[column * stride], start[(column + 1) * stride]

@@ -1,4 +1,4 @@
-"""Which worker has which cells, and the discs that go from the columns of one worker to those of another."""
+"""Which worker has which cells, and the discs that move from one worker's columns to another's."""
 
 from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.machine import nonnegative
@@ -9,7 +9,7 @@ FEW = 8
 
 @inlined
 def cells_of(team, worker, control):
-    """First cell of a worker's columns and one past the last; the last member has whatever lies beyond the grid."""
+    """First cell of a worker's columns and one past the last; the last member also has what lies beyond the grid."""
     stride = control.rows + 2
     if worker == control.members - 1:
         return team[worker].first_column * stride, control.cells
@@ -18,13 +18,13 @@ def cells_of(team, worker, control):
 
 @inlined
 def section_of(mine):
-    """First place in the lists of `Changes` that belongs to a worker, and how many places do."""
+    """First place in the lists of `Changes` that belongs to a worker, and the number of its places."""
     return mine.low // FEW, mine.high // FEW - mine.low // FEW
 
 
 @inlined
 def send_if_outside(i, discs, outbox, sent, team, first_cell, last_cell, worker, control):
-    """List disc i for the worker in whose cells it lies now, if that is another."""
+    """List disc i for the worker in whose cells it now lies, if that is another."""
     mine = team[worker]
     cell = discs.cell[i]
     if not first_cell <= cell < last_cell:

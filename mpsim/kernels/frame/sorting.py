@@ -4,8 +4,8 @@ Cells are numbered column by column. Each column has an empty ghost cell below i
 an empty ghost column follows the last one, so that no neighbour needs a test for the edge of the box.
 start[cell] is the first disc of a cell and start[cell + 1] one past its last.
 
-The order is a function of the discs alone, so it does not matter how it is reached: each worker repairs that of the
-step before where few of its discs have changed cells (`incremental_sort.py`), else makes it anew (`counting_sort.py`).
+The order is a function of the discs alone, so it does not matter how it is obtained: each worker repairs the previous
+one if few of its discs have changed cells (`incremental_sort.py`), else sorts all (`counting_sort.py`).
 """
 
 import numpy as np
@@ -26,8 +26,8 @@ BLOCK = 1024
 
 @inlined
 def bin_discs(discs, low, high, parameters, control):
-    """Cell of each disc of a slice; below 0 or beyond the table in a column that another rank has."""
-    # 32-bit throughout: the loop then is vector code. The last row and column also hold what rounding puts beyond.
+    """Cell of each disc of a slice; below 0 or beyond the table if another rank has the column."""
+    # 32-bit throughout, so the loop is vector code. The last row and column also hold what rounding puts beyond them.
     last_column, last_row = np.int32(control.columns - 1), np.int32(control.rows - 1)
     stride = np.int32(control.rows + 2)
     ghost = np.int32(1) - np.int32(control.columns_before) * stride
@@ -41,7 +41,7 @@ def bin_discs(discs, low, high, parameters, control):
 
 @inlined
 def list_leavers(discs, cells, low, high, mine, changes):
-    """List the discs of [low, high) whose new cell, in `cells`, is not their old one, and give them the new one.
+    """List the discs of [low, high) whose new cell, in `cells`, differs from the old one, and give them the new one.
 
     Once the list is full, only their number is counted.
     """
@@ -65,7 +65,7 @@ def list_leavers(discs, cells, low, high, mine, changes):
 
 @inlined
 def find_cells(discs, spare, low, high, changes, features, parameters, control, mine):
-    """Cell of each disc of [low, high), and the list of those for which it is a new one.
+    """Cell of each disc of [low, high), and the list of discs whose cell is new.
 
     spare: the other buffer, whose cells are free until the sort.
     """
@@ -85,7 +85,7 @@ def find_cells(discs, spare, low, high, changes, features, parameters, control, 
 
 @linked
 def move_and_bin(discs, spare, changes, features, parameters, control, mine, tally):
-    """Advance the slice and find the cells of its discs, while they are in the cache. Returns whether all are finite.
+    """Advance the slice and find the cells of its discs while they are in the cache. Returns whether all are finite.
 
     Discs that have changed cells are counted in mine.leavers; mine.listed says whether the list has them all.
     """
@@ -94,7 +94,7 @@ def move_and_bin(discs, spare, changes, features, parameters, control, mine, tal
     for low in range(mine.low, mine.high, BLOCK):
         high = min(low + BLOCK, mine.high)
         finite &= move_block(discs, low, high, features, parameters, control, mine, tally)
-        if finite:  # else nothing may be binned by its position
+        if finite:  # otherwise no disc may be binned by its position
             find_cells(discs, spare, low, high, changes, features, parameters, control, mine)
     if not finite:
         note_not_finite(discs, mine.low, mine.high, control, mine)
@@ -106,7 +106,7 @@ def move_and_bin(discs, spare, changes, features, parameters, control, mine, tal
 def begin_sort(source, target, start, changes, team, sent, worker, control):
     """Sort the discs of own columns into the other buffer, or list what `merge_up_to` needs to do it.
 
-    Returns the slice in which they lie there, and whether they are still to be merged.
+    Returns the slice where they lie there, and whether they must still be merged.
     """
     mine = team[worker]
     immigrants = immigrants_of(sent, worker, control)

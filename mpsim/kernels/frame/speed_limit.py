@@ -1,7 +1,7 @@
-"""Which discs are too fast for the step to come: seen while they are moved, reported by the fastest one.
+"""Which discs are too fast for the next step: detected as they move; the fastest one is reported.
 
-Without a branch and without an order, so that it becomes vector code: whether any disc of a slice is beyond the limit.
-Only then are the discs asked one by one.
+The test whether any disc of a slice is beyond the limit has no branch and no order, so that it becomes vector code.
+Only if one is are the discs examined one by one.
 """
 
 import math
@@ -19,7 +19,7 @@ MOST = 2.0**40
 
 @linked
 def any_fast(discs, low, high, parameters):
-    """Whether a disc of a slice is beyond the limit. What is not finite is not."""
+    """Whether a disc of a slice is beyond the limit. A value that is not finite is not."""
     vx, vy, radius = discs.vx[low:high], discs.vy[low:high], slice_of(discs.radius, low, high)
     limit, one = parameters.fast, real(parameters, 1)
     fast = False
@@ -31,7 +31,7 @@ def any_fast(discs, low, high, parameters):
 
 @linked
 def note_fastest(discs, low, high, parameters, mine):
-    """Note the disc of a slice that is farthest beyond the limit, the one with the lowest number among equals."""
+    """Record the disc of a slice that is farthest beyond the limit; among equals, the one with the lowest number."""
     limit = np.float64(parameters.fast)
     for i in range(low, high):
         vx, vy, own = np.float64(discs.vx[i]), np.float64(discs.vy[i]), np.float64(value_or(discs.radius, i, 1.0))
@@ -47,9 +47,9 @@ def note_fastest(discs, low, high, parameters, mine):
 
 @inlined
 def end_where_fast(discs, low, high, parameters, control, mine):
-    """Make this frame the last of the command if a disc of the slice is too fast for the step to come.
+    """Make this frame the last of the command if a disc of the slice is too fast for the next step.
 
-    For all workers, before they move their slices. They write the same number, and no worker compares with it
+    Called by all workers before they move their slices. They all write the same number, and no worker compares with it
     before the barriers of this frame, or it sees that this frame is still to be run.
     """
     if parameters.fast < math.inf and any_fast(discs, low, high, parameters):

@@ -1,4 +1,4 @@
-"""The stepped solver: one frame, and many frames in one call.
+"""The stepped solvers: one frame, and many frames in one call.
 
 A step of the grid has four phases, and a fifth where there are giants. W workers own contiguous ranges of columns,
 chosen so that each holds about the same number of discs; the discs of a worker's columns are one contiguous slice of
@@ -17,7 +17,7 @@ the arrays.
     giants discs that are too large for the grid, if there are any: worker 0 alone (`giants.py`)
     ------------------------------------------------------------------------------------------------- barrier
 
-With `passes` above 1 the last three are repeated as often. A frame has `substeps` steps.
+With `passes` above 1, the last three are repeated that many times. A frame has `substeps` steps.
 
 Why the passes need no lock, and why workers cannot change the result:
 
@@ -29,8 +29,8 @@ Why the passes need no lock, and why workers cannot change the result:
     order of the columns, on any worker, is the same                                  | 3 |
                                                                                       +---+
 
-Inside a column the order is that of the sorted discs, a function of positions and ids alone. So a frame depends on
-nothing but the state in particle order: not on the workers, nor on the memory order left by earlier frames.
+Inside a column, the order is that of the sorted discs, a function of positions and ids alone. So a frame depends only
+on the state in particle order: neither on the workers, nor on the memory order left by earlier frames.
 """
 
 from mpsim.kernels.collision_log import next_span
@@ -71,7 +71,7 @@ def contacts_of_giants(giants, discs, start, features, parameters, control, mine
 
 @inlined
 def wait_for_walls(moving_wall, control, mine, times, moment):
-    """Where a wall moves, all wait until worker 0 has moved it: contacts read its place. Returns the time."""
+    """If a wall moves, all wait until worker 0 has moved it: contacts read its place. Returns the time."""
     if moving_wall is None:
         return moment
     return wait_for_all(control, mine, times, moment)
@@ -79,7 +79,7 @@ def wait_for_walls(moving_wall, control, mine, times, moment):
 
 @linked
 def step(front, back, start, changes, features, parameters, control, team, sent, tally, times, worker):
-    """One step of one worker from buffer `front` to buffer `back`. Returns RUNNING, or why to leave the loop."""
+    """One step of one worker, from buffer `front` to buffer `back`. Returns RUNNING, or why to leave the loop."""
     mine = team[worker]
     moment = now(mine.clock)
     set_phase(mine, MOVE)
@@ -109,7 +109,7 @@ def step(front, back, start, changes, features, parameters, control, team, sent,
     first, last = mine.first_column, mine.last_column
     rest = features, parameters, control, mine, tally, times
     if control.race_free == 0:
-        # Neighbouring columns at the same time on different workers: the race of the report, on purpose.
+        # Neighbouring columns at the same time on different workers: the race of the report, intentionally.
         moment = resolve_columns(EVEN, worker, control.columns, control.workers, back, start, *rest, moment)
         wait_for_all(control, mine, times, moment)
         return control.signals[ABORT]
@@ -130,11 +130,11 @@ def step(front, back, start, changes, features, parameters, control, team, sent,
 
 @inlined
 def end_when_time_is_up(control, mine, started):
-    """Make this frame the last of the command once it has run for SLICE. For worker 0, at the start of a frame.
+    """Make this frame the last of the command once the command has run for SLICE. By worker 0, at the start of a frame.
 
     The other workers compare with `control.frames` after the barriers of this frame, or see that this frame is still to
     be run.
-    The time is that of the last look at the clock, so it costs nothing.
+    It uses the time of the last clock reading, so it costs nothing.
     """
     seconds, nanoseconds = mine.clock[0], mine.clock[1]
     if seconds * 1_000_000_000 + nanoseconds - started > SLICE:
@@ -159,7 +159,7 @@ def run_frames(front, back, start, changes, features, parameters, control, team,
     if control.workers > 1:
         barrier(control, mine)  # no worker still writes its times when the coordinator continues
     if worker == 0:
-        # In here rather than in Python, where Ctrl-C could come between the frames and the note of where they ended.
+        # Here rather than in Python, where Ctrl-C could come between the frames and the record of where they ended.
         control.live ^= (control.frames * control.substeps) & 1
         control.done += control.frames
     mine.frame = 0
@@ -170,8 +170,8 @@ def run_frames(front, back, start, changes, features, parameters, control, team,
 def run_grid(a, b, start, changes, features, parameters, control, team, sent, tally, times, worker, linger):
     """Frames of `grid` (one worker) or `parallel`, for one worker.
 
-    The coordinator, worker 0, gives the command and does its share of it; as that happens in here, nothing can come
-    between the two. Any other worker runs commands as they come, until none has come for `linger` nanoseconds (IDLE)
+    The coordinator, worker 0, gives the command and does its share of it; as both happen in here, nothing can come
+    between them. Any other worker runs commands as they come, until none has come for `linger` nanoseconds (IDLE)
     or a message waits (MAILED). control.live says which of the buffers a and b holds the state.
     times: int64 (frames, phases) and tally: TALLY (frames,) or None, of this worker, zero at first.
     Returns RUNNING, what ended the frames before their number was done, IDLE or MAILED.

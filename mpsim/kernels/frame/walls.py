@@ -1,4 +1,4 @@
-"""Walls of the box: where they are, what a disc that has met them does to them, and discs led beyond by an impact."""
+"""Walls of the box: where they are, what they do to discs, and discs that an impact has moved beyond them."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from mpsim.kernels.records import real
 
 @inlined
 def walls_of_step(edges, margin, features, parameters):
-    """The walls with these edges at the end of a step, as a flight meets them."""
+    """The walls at these edges at the end of a step, as a flight meets them."""
     limit = parameters.limit
     low, high = limit[edges[0]] + margin, limit[edges[1]] - margin
     return Walls(low, high, wall_speed(edges[0], features, parameters), wall_speed(edges[1], features, parameters))
@@ -22,14 +22,14 @@ def walls_of_step(edges, margin, features, parameters):
 
 @inlined
 def walls_at_contacts(edges, margin, features, parameters):
-    """The same while contacts are resolved, when the limits are those of the next step already."""
+    """The same while contacts are resolved, when the limits are already those of the next step."""
     low, high = wall_place(edges[0], features, parameters) + margin, wall_place(edges[1], features, parameters) - margin
     return Walls(low, high, wall_speed(edges[0], features, parameters), wall_speed(edges[1], features, parameters))
 
 
 @inlined
 def count_impulses(x, y, disc, features, parameters, tally, frame):
-    """Add up the impulses on the walls that a disc has met along x and along y."""
+    """Add the impulses on the walls that a disc has hit along x and along y."""
     if tally is not None and not is_absent(disc, features):
         scale = np.float64(parameters.tally_scale) * value_or(features.mass, disc, real(parameters, 1))
         changes = (LEFT, x.low_change), (RIGHT, x.high_change), (BOTTOM, y.low_change), (TOP, y.high_change)
@@ -40,7 +40,7 @@ def count_impulses(x, y, disc, features, parameters, tally, frame):
 
 @inlined
 def commit_wall_contact(discs, i, x, y, in_flight, features, parameters, control, tally, frame):
-    """Write back disc i as its motion has left it along x and along y, tally its impulses on walls, and what follows.
+    """Write back disc i after its motion along x and along y, tally its impulses on walls, and apply features there.
 
     x, y: of `WallContact`. in_flight: None while contacts are resolved.
     """
@@ -52,9 +52,9 @@ def commit_wall_contact(discs, i, x, y, in_flight, features, parameters, control
 
 @inlined
 def bounce_along(p, v, acceleration, edges, margin, wrap, features, parameters, control):
-    """The `WallContact` along the axis with these edges of a disc that an impact has led to p.
+    """The `WallContact`, along the axis with these edges, of a disc that an impact has moved to p.
 
-    At an edge that absorbs, the disc is put on the edge and continues: the next step takes it out.
+    At an absorbing edge, the disc is put on the edge and continues: the next step absorbs it.
     """
     zero, walls = real(parameters, 0), walls_at_contacts(edges, margin, features, parameters)
     if (p < walls.low) & lets_out(edges[0], features, control):
@@ -67,7 +67,7 @@ def bounce_along(p, v, acceleration, edges, margin, wrap, features, parameters, 
 
 @linked
 def bounce(discs, i, features, parameters, control, tally, frame):
-    """Bounce disc i off the walls that an impact has led it beyond, and count the impulse on them."""
+    """Bounce disc i off the walls beyond which an impact has moved it, and count the impulse on them."""
     margin = value_or(discs.radius, i, real(parameters, 0))
     ax, ay = accelerations_of(discs, i, features)
     x = bounce_along(discs.x[i], discs.vx[i], ax, ALONG_X, margin, features.wrap_x, features, parameters, control)
@@ -77,7 +77,7 @@ def bounce(discs, i, features, parameters, control, tally, frame):
 
 @inlined
 def keep_inside(discs, i, features, parameters, control, tally, frame):
-    """`bounce`, if an impact has led disc i beyond a wall: seldom, so the bounce is a call."""
+    """`bounce`, if an impact has moved disc i beyond a wall: rare, so the bounce is not inlined."""
     margin = value_or(discs.radius, i, real(parameters, 0))
     walls_x = walls_at_contacts(ALONG_X, margin, features, parameters)
     walls_y = walls_at_contacts(ALONG_Y, margin, features, parameters)

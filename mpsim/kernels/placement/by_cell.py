@@ -1,10 +1,10 @@
-"""Points in the order of cells: what neighbours in the box are then neighbours in memory.
+"""Points in the order of cells, so that neighbours in the box are neighbours in memory.
 
-Discs and candidates at random places in memory cost a wait for memory each time that one looks at a neighbour. Sorted,
-ten million of them take a fraction of the time.
+With discs and candidates at random places in memory, each look at a neighbour waits for memory. Sorted, ten million of
+them take a fraction of the time.
 
-Kernels that take a range do a piece of the work, so that threads can share it. They write each their own elements, or
-what is the same whoever writes it, and when.
+Kernels that take a range do a piece of the work, so that threads can share it. Each writes its own elements, or values
+that do not depend on which thread writes them, or when.
 """
 
 import math
@@ -76,8 +76,8 @@ def rows_near(column, row, points):
 def find_overlaps(points, diameter, worst, begin, end):
     """Number of pairs closer than the diameter, and the least distance; worst[0:2] receives the pair that has it.
 
-    Of points in slots [begin, end) and those that follow them. Cells are at least a diameter wide. Of pairs that are
-    equally close, the one of the lowest numbers counts.
+    Pairs of points in slots [begin, end) with those that follow them. Cells are at least a diameter wide. Of equally
+    close pairs, the one with the lowest numbers counts.
     """
     pairs, least = 0, diameter
     for slot in range(begin, end):
@@ -102,7 +102,7 @@ def find_overlaps(points, diameter, worst, begin, end):
 
 @inlined
 def overlaps_any(x, y, discs, diameter):
-    """Whether a disc at (x, y) would overlap one of those that are sorted by cell."""
+    """Whether a disc at (x, y) would overlap one of the discs sorted by cell."""
     column, row = place_of(x, y, discs)
     for beside in range(max(column - 1, 0), min(column + 2, discs.columns)):
         first, last = rows_near(beside, row, discs)
@@ -115,7 +115,7 @@ def overlaps_any(x, y, discs, diameter):
 
 @inlined
 def find_obstacle(slot, points, state, diameter):
-    """An earlier point within a diameter that is taken; else one that is undecided; -1 if there is neither."""
+    """An earlier taken point within a diameter; else an undecided one; -1 if there is neither."""
     x, y, number = points.x[slot], points.y[slot], points.number[slot]
     column, row = place_of(x, y, points)
     found = -1
@@ -135,9 +135,9 @@ def find_obstacle(slot, points, state, diameter):
 def take_sequentially(points, state, waiting, diameter, begin, end):
     """Decide which points in slots [begin, end) random sequential addition takes.
 
-    Those are the ones that overlap no earlier one that is taken.
+    These are the points that overlap no earlier taken point.
 
-    Each is decided once those are that it overlaps, which stand in `waiting` meanwhile. Returns whether all are
+    A point is decided after those that it overlaps, which are kept in `waiting` meanwhile. Returns whether all are
     decided; where `waiting` was too short, another call decides more.
     """
     complete = True
@@ -160,9 +160,9 @@ def take_sequentially(points, state, waiting, diameter, begin, end):
 
 @compiled
 def number_taken(points, state, order, most):
-    """Number the points that are taken, in the order of their numbers, the first `most` of them. Returns how many.
+    """Number the taken points, in the order of their numbers, at most the first `most`. Returns how many.
 
-    order: int32 (N,), by the number of a point; -1 for those that get none.
+    order: int32 (N,), by the number of a point; -1 for points without one.
     """
     for slot in range(points.x.size):
         order[points.number[slot]] = state[slot]
@@ -187,7 +187,7 @@ def copy_taken(points, order, x, y):
 
 @compiled
 def keep_taken(points, order):
-    """Leave only the points that are taken, in front, and the starts of the cells with them. Returns how many."""
+    """Keep only the taken points, moved to the front, and update the starts of the cells. Returns how many."""
     kept = 0
     slot = 0
     for cell in range(points.start.size - 1):

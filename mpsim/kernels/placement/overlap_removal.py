@@ -1,7 +1,7 @@
-"""Discs of any sizes, with or without periodic axes, among capsules: which overlap, and how to part or shuffle them.
+"""Discs of any sizes, with or without periodic axes, among capsules: finds overlaps, separates and shuffles discs.
 
 Discs whose radii lie within a factor of two share a level, and a level has a grid of its own, of cells no narrower than
-its largest disc. A search visits a few cells of each level, so it is quick however different the discs are in size.
+its largest disc. A search visits a few cells of each level, so it is fast however much the sizes of the discs differ.
 """
 
 import math
@@ -51,7 +51,7 @@ def enter(crowd, i):
 
 @inlined
 def leave(crowd, i):
-    """Take disc i out of the list of its cell."""
+    """Remove disc i from the list of its cell."""
     cell = cell_of(crowd, i)
     j = crowd.head[cell]
     if j == i:
@@ -64,7 +64,7 @@ def leave(crowd, i):
 
 @inlined
 def settle(crowd, i, px, py):
-    """Put disc i, already in a list, to a place: inside the walls, round through a periodic border."""
+    """Move disc i, already in a list, to a place inside the walls, or through a periodic border."""
     leave(crowd, i)
     radius = crowd.radius[i]
     if crowd.periodic_x:
@@ -80,7 +80,7 @@ def settle(crowd, i, px, py):
 
 @inlined
 def look(crowd, px, py, radius, mover, scale, slack):
-    """Overlaps of a disc at (px, py) with others than `mover`: (how many, the deepest, its depth [length]).
+    """Overlaps of a disc at (px, py) with discs other than `mover`: (how many, the deepest, its depth [length]).
 
     Radii count times `scale`, and two discs closer than their sum by no more than `slack` [length] do not overlap.
     """
@@ -109,7 +109,7 @@ def look(crowd, px, py, radius, mover, scale, slack):
 
 @inlined
 def off_capsules(crowd, px, py, radius):
-    """The place to which a disc at (px, py) must go so as not to touch the capsule it overlaps most: (x, y, depth)."""
+    """Where to put a disc at (px, py) so that it does not touch the capsule it overlaps most: (x, y, depth)."""
     x, y, worst = px, py, 0.0
     for k in range(crowd.capsule.shape[0]):
         ax, ay = crowd.capsule[k, 0], crowd.capsule[k, 1]
@@ -184,7 +184,7 @@ def add_sequentially(crowd, order, placed, candidates, scale):
 
 @compiled
 def throw(crowd, order, candidates, scale):
-    """Give each disc of `order` the first of its candidates that is not deep in another disc, else that of least depth.
+    """Give each disc of `order` the first of its candidates not deep in another disc, else the least deep one.
 
     candidates: shape (N, K, 2), (x, y) as fractions of where a centre may be. Deep: by more than the disc's own radius.
     """
@@ -209,9 +209,9 @@ def throw(crowd, order, candidates, scale):
 
 @compiled
 def part(crowd, scale, beyond):
-    """Move each linked disc and the one it overlaps most out of each other, the smaller by more; then off capsules.
+    """Separate each linked disc from the one it overlaps most, moving the smaller one more; then from capsules.
 
-    beyond: how much farther than needed, as a fraction of the overlap.
+    beyond: how much farther than necessary, as a fraction of the overlap.
     """
     for i in range(crowd.x.size):
         _, j, depth = look(crowd, crowd.x[i], crowd.y[i], crowd.radius[i], i, scale, 0.0)
@@ -219,7 +219,7 @@ def part(crowd, scale, beyond):
             dx = nearest_image(crowd.x[j] - crowd.x[i], crowd.width, crowd.periodic_x)
             dy = nearest_image(crowd.y[j] - crowd.y[i], crowd.height, crowd.periodic_y)
             distance = math.sqrt(dx * dx + dy * dy)
-            # Two discs at one point part along x.
+            # Two discs at one point separate along x.
             nx, ny = (dx / distance, dy / distance) if distance > 0.0 else (1.0, 0.0)
             depth *= 1.0 + beyond
             mine = depth * crowd.radius[j] / (crowd.radius[i] + crowd.radius[j])

@@ -11,7 +11,7 @@ EMPTY = -1
 
 @linked
 def is_free(x, y, grid, px, py, mover, diameter, cells_per_length):
-    """Whether a disc at (px, py) overlaps none but, perhaps, the disc `mover`."""
+    """Whether a disc at (px, py) overlaps no disc except, perhaps, `mover`."""
     columns, rows = grid.shape
     column, row = int(px * cells_per_length), int(py * cells_per_length)
     for c in range(max(column - 2, 0), min(column + 3, columns)):

@@ -1,4 +1,4 @@
-"""Edges that absorb discs: one that touches such an edge stays there, at rest, in no cell, and has no further event."""
+"""Edges that absorb discs: a disc that touches one stays there, at rest, in no cell, and has no further event."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ EDGES = ("left", "right", "bottom", "top")
 
 
 def absorbing_of(scene: Any) -> tuple[bool, ...] | None:
-    """Of each edge (LEFT, ...) whether it absorbs; None of a scene without such edges."""
+    """For each edge (LEFT, ...), whether it absorbs; None for a scene without such edges."""
     return tuple(edge in scene.absorbing for edge in EDGES) if scene.absorbing else None
 
 

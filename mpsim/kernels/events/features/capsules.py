@@ -1,7 +1,8 @@
 """Obstacles: segments with a radius that never move, met where a disc's centre comes within the sum of both radii.
 
-That is two straight sides and the circles round both ends. A disc is predicted to meet them only up to the border of
-its cell, whose list names those near it; the next cell has its own. `side` of such an event is FIRST_CAPSULE + its row.
+That is, two straight sides and a circle around each end. Impacts on them are predicted only up to the border of the
+disc's cell, whose list names those near it; the next cell has its own list. `side` of such an event is FIRST_CAPSULE +
+its row.
 """
 
 import math
@@ -16,9 +17,9 @@ from mpsim.kernels.events.records import FIRST_CAPSULE
 
 
 class Capsules(NamedTuple):
-    """Capsules, and which of them are near a cell.
+    """Capsules, and which of them are near each cell.
 
-    capsule: shape (K, 5), those seen through a periodic border included: ax, ay, bx, by, radius [length].
+    capsule: shape (K, 5), including images through a periodic border: ax, ay, bx, by, radius [length].
     near: where the list of each square of cells begins in `listed`, column by column. listed: rows of `capsule`.
     rows: of squares. shift: squares are 2^shift cells wide.
     """
@@ -38,7 +39,7 @@ FIELDS = {"capsules": None}
 
 @inlined
 def time_to_side(upward, along, length, reach, gravity):
-    """Time until a centre comes to a straight side of a segment, from either side of it [time].
+    """Time until a centre reaches a straight side of a segment, from either side of it [time].
 
     upward, along: its place, speed and acceleration at right angles to the segment and along it, from its beginning.
     """
@@ -52,7 +53,7 @@ def time_to_side(upward, along, length, reach, gravity):
     t = time_to_come_down(gap, climb, pull)
     if t < INFINITY and not 0.0 <= place + t * (speed + 0.5 * t * drift) <= length:
         t = INFINITY
-    if gravity is not None:  # it may come back on the other side, past an end
+    if gravity is not None:  # it may return on the other side, past an end
         beyond = time_to_come_down(-height - reach, -climb, -pull)
         if beyond < t and 0.0 <= place + beyond * (speed + 0.5 * beyond * drift) <= length:
             t = beyond
@@ -61,7 +62,7 @@ def time_to_side(upward, along, length, reach, gravity):
 
 @inlined
 def time_to_end(rx, ry, vx, vy, contact, ax, ay, within, gravity):
-    """Time until a centre, r from an end, comes to that part of the circle round it that is not ahead along a."""
+    """Time until a centre, r from an end, reaches the part of the circle around it that is not ahead along a."""
     if gravity is not None:
         return time_to_circle(rx, ry, vx, vy, gravity[0], gravity[1], contact, ax, ay, within)
     t = time_to_impact(rx, ry, vx, vy, contact)
@@ -74,7 +75,7 @@ def time_to_end(rx, ry, vx, vy, contact, ax, ay, within, gravity):
 
 @linked
 def time_to_capsule(x, y, vx, vy, reach, travel, within, k, capsules, gravity):
-    """Time until a centre that moves `travel` at most comes within `reach` of segment k; infinity if not `within`."""
+    """Time until a centre that moves at most `travel` comes within `reach` of segment k; infinity after `within`."""
     ends = capsules.capsule
     rx, ry = x - ends[k, 0], y - ends[k, 1]
     along_x, along_y = ends[k, 2] - ends[k, 0], ends[k, 3] - ends[k, 1]
@@ -100,7 +101,7 @@ def time_to_capsule(x, y, vx, vy, reach, travel, within, k, capsules, gravity):
 
 @inlined
 def before_border(capsules, i, store, box, features):
-    """Let disc i, whose stored state is current, meet an obstacle, if it does before it leaves its cell."""
+    """Predict the impact of disc i, whose stored state is current, on an obstacle before it leaves its cell."""
     if capsules is not None:
         disc = store.disc[i]
         within = disc.crossing_time - disc.last_update

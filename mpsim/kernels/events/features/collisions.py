@@ -1,4 +1,4 @@
-"""The log of collisions, where somebody has asked for it: what each impact leaves there."""
+"""The log of collisions, if a run asks for it: what each impact records."""
 
 import math
 
@@ -27,7 +27,7 @@ def between_discs(log, i, j, rx, ry, impulse, store, box, features):
 
 @inlined
 def on_fixed(log, kind, i, met, nx, ny, change, store, box, features):
-    """Impact of disc i on what is no disc, which has changed its velocity by so much along the unit vector n."""
+    """Impact of disc i on a wall or an obstacle that changed its velocity by so much along the unit vector n."""
     if log is not None:  # noqa: SIM102
         if counts(store.region) != 0:
             disc, radius = store.disc[i], radius_of(i, box, features)
@@ -47,7 +47,7 @@ def on_wall(log, i, axis, inward, change, store, box, features):
 
 @inlined
 def on_surface(log, i, nx, ny, change, moving_wall, store, box, features):
-    """Impact of disc i on a capsule or a wall that moves, as `side` of its event says."""
+    """Impact of disc i on a capsule or a moving wall, according to `side` of its event."""
     side = store.event[i].side
     if side >= FIRST_CAPSULE:
         on_fixed(log, OBSTACLE, i, side - FIRST_CAPSULE, nx, ny, change, store, box, features)

@@ -1,8 +1,8 @@
 """Expansion: radii that grow in proportion to time (Lubachevsky and Stillinger, J. Stat. Phys. 60, 561, 1990).
 
-At a time t since the start each radius is (1 + expansion t) times what it was. Surfaces then move, and an impact
-reverses the normal velocity as it is seen from them, so that discs leave faster than they came: by twice the speed at
-which the radii grow. This heats the discs. The caller takes the heat away, and ends before a disc outgrows its cell.
+At a time t since the start, each radius is (1 + expansion t) times its first value. Surfaces then move, and an impact
+reverses the normal velocity relative to them, so that discs leave faster than they arrived: by twice the speed at which
+the radii grow. This heats the discs. The caller removes the heat, and stops before a disc outgrows its cell.
 """
 
 import math
@@ -36,7 +36,7 @@ def time_to_impact(expansion, rx, ry, ux, uy, contact, now, store):
     """Time until two discs touch [time], infinity if they never do; contact: sum of the radii at the start.
 
     The first root of (u^2 - s^2) t^2 + 2 (r.u - c s) t + r^2 - c^2 = 0, where the contact distance is c now and grows
-    at the speed s, in the form that does not cancel. Discs that rounding lets overlap touch now, unless they part.
+    at the speed s, in the form that does not cancel. Discs that overlap by rounding touch now, unless they separate.
     """
     if expansion is None:
         return flight.time_to_impact(rx, ry, ux, uy, contact)
@@ -57,9 +57,9 @@ def time_to_impact(expansion, rx, ry, ux, uy, contact, now, store):
 
 @inlined
 def time_to_leave(expansion, low, high, low_is_wall, high_is_wall, radius, disc, axis, gravity):
-    """Time until the centre of a disc between two limits meets one: (time, 0 low or 1 high). radius: at the start.
+    """Time until the centre of a disc between two limits reaches one: (time, 0 low or 1 high). radius: at the start.
 
-    A limit that is a wall comes nearer as the disc grows.
+    A wall's limit moves closer as the disc grows.
     """
     if expansion is None:
         return flight.time_to_leave(low, high, disc.position[axis], disc.velocity[axis], gravity, axis)
@@ -70,13 +70,13 @@ def time_to_leave(expansion, low, high, low_is_wall, high_is_wall, radius, disc,
 
 @inlined
 def _time_to_meet(ahead, speed):
-    """Time until a limit so far ahead is met at such a speed towards it."""
+    """Time until a limit at such a distance is reached at such a speed."""
     return max(ahead, 0.0) / speed if speed > 0.0 else flight.INFINITY
 
 
 @inlined
 def approach(expansion, b, rx, ry, contact):
-    """r.u of two discs that touch, seen from their surfaces, which approach; contact: sum of the radii at the start."""
+    """r.u of two touching discs, relative to their moving surfaces; contact: sum of the radii at the start."""
     if expansion is None:
         return b
     growth = expansion * contact * math.sqrt(rx * rx + ry * ry)
@@ -85,7 +85,7 @@ def approach(expansion, b, rx, ry, contact):
 
 @inlined
 def speed_off_wall(expansion, speed, leaving, radius):
-    """Speed inward of a disc that has met a wall at such a speed outward; leaving: without growth."""
+    """Speed inward of a disc that has hit a wall at such a speed outward; leaving: its value without growth."""
     if expansion is None:
         return leaving
     growth = expansion * radius

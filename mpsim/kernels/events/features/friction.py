@@ -1,6 +1,6 @@
 """Friction: the law of Walton and Braun (J. Rheol. 30, 949, 1986) at an impact.
 
-Written for itself: it shares nothing with that of the stepped solvers. Uniform discs have the moment of inertia
+Written independently: it shares nothing with that of the stepped solvers. Uniform discs have the moment of inertia
 m a^2 / 2, so that a tangential impulse J changes the slip of the surfaces by 3 J / m_eff.
 """
 
@@ -13,7 +13,7 @@ from mpsim.kernels.events.hashing import mixed_real
 
 
 class Friction(NamedTuple):
-    """Of two discs, or of a disc and a wall: tangential impulse over the normal one at most, and restitution."""
+    """Of two discs, or of a disc and a wall: largest ratio of tangential to normal impulse, and restitution."""
 
     coefficient: float
     tangential_restitution: float
@@ -35,7 +35,7 @@ FIELDS = {"friction": friction_of, "wall_friction": wall_friction_of, "spin": No
 
 @inlined
 def with_spin(digest, spin, i):
-    """A hash with the spin of disc i in it, where discs have one."""
+    """A hash that includes the spin of disc i, if discs have one."""
     if spin is not None:
         return mixed_real(digest, spin[i])
     return digest
@@ -70,7 +70,7 @@ def between_discs(friction, i, j, rx, ry, normal_impulse, store, box, features):
 
 @inlined
 def on_surface(wall_friction, i, nx, ny, normal_change, store, box, features):
-    """Friction of disc i on what is fixed, which has changed its velocity by so much along n, the unit vector to it."""
+    """Friction of disc i on a fixed surface that changed its velocity by so much along n, the unit vector to it."""
     if wall_friction is not None:
         velocity, spin, radius = store.disc[i].velocity, features.spin, radius_of(i, box, features)
         slip = velocity[1] * nx - velocity[0] * ny - radius * spin[i]
@@ -86,7 +86,7 @@ def on_wall(wall_friction, i, axis, inward, normal_change, store, box, features)
     if wall_friction is not None:
         velocity, spin, radius = store.disc[i].velocity, features.spin, radius_of(i, box, features)
         along = 1 - axis
-        sign = inward if axis == 0 else -inward  # of the tangent, which is the inward normal turned left
+        sign = inward if axis == 0 else -inward  # of the tangent, the inward normal rotated to the left
         slip = sign * velocity[along] - radius * spin[i]
         impulse = tangential_impulse(wall_friction, slip, 1.0, max(normal_change, 0.0))
         velocity[along] += sign * impulse

@@ -1,4 +1,4 @@
-"""Gravity: one acceleration for all discs, which leaves their motion against each other uniform."""
+"""Gravity: one acceleration for all discs, so that their relative motion stays uniform."""
 
 from typing import Any
 

@@ -1,11 +1,11 @@
 """The features of the exact solver, which of them a scene has, and at which points of an event they act.
 
-Callers hand over `features`, and know no feature. A new one is a file with its FIELDS, an entry in FEATURES, and a line
-at each point where it acts. What acts there takes its own field first, so that it compiles to nothing where that is
-None.
+Callers pass `features` and know no single feature. A new one is a file with its FIELDS, an entry in FEATURES, and a
+line at each point where it acts. A function that acts there takes its own field first, so that it compiles to nothing
+if the field is None.
 
-FIELDS of a feature are those of `Features`: of each name the function that makes its number, or a tuple of several,
-from a scene; or None where the caller gives it: an array of the block with a row for each disc, or a number.
+FIELDS of a feature are those of `Features`: for each name, the function that computes its number, or a tuple of
+several, from a scene; or None if the caller gives it, as an array of the block with a row for each disc, or a number.
 """
 
 from collections import namedtuple
@@ -74,7 +74,7 @@ def radius_at(i, now, store, box, features):
 
 @inlined
 def is_absent(i, features):
-    """Whether disc i has left: it is in no list, and nothing happens to it."""
+    """Whether disc i has left: it is in no list and has no event."""
     return absorption.is_absent(features.exits, i)
 
 
@@ -86,13 +86,13 @@ def lets_out(side, features):
 
 @inlined
 def restitution_between(last_contact, now, features, store):
-    """Restitution of two discs at an impact; last_contact: the later one that either of them has had [time]."""
+    """Restitution of two discs at an impact; last_contact: time of the later of their last contacts [time]."""
     return restitution.effective_restitution(features.restitution, last_contact, now, features.contact_time, store)
 
 
 @inlined
 def speed_off_wall(i, speed, axis, inward, last_contact, now, store, box, features):
-    """Speed inward of disc i, which has met a wall at right angles to an axis at such a speed outward."""
+    """Speed inward of disc i, which has hit a wall at right angles to an axis at such a speed outward."""
     e = restitution.effective_restitution(features.wall_restitution, last_contact, now, features.contact_time, store)
     leaving = restitution.speed_off_wall(features.gravity, e * abs(speed), axis, inward, features.contact_time, store)
     return expansion.speed_off_wall(features.expansion, speed, leaving, radius_of(i, box, features))
@@ -100,20 +100,20 @@ def speed_off_wall(i, speed, axis, inward, last_contact, now, store, box, featur
 
 @inlined
 def approach(i, j, b, rx, ry, box, features):
-    """r.u of discs i and j, which touch, as it is seen from their surfaces."""
+    """r.u of discs i and j, which touch, relative to their surfaces."""
     contact = radius_of(i, box, features) + radius_of(j, box, features)
     return expansion.approach(features.expansion, b, rx, ry, contact)
 
 
 @inlined
 def thermal_speed_off_wall(i, side, leaving, store, features):
-    """Speed inward of disc i that `side` has sent back with the speed `leaving`, if it is no thermal wall."""
+    """Speed inward of disc i after its impact on `side`: `leaving`, or drawn anew at a thermal wall."""
     return thermal_walls.speed_off_wall(features.thermal_walls, i, side, leaving, store, features)
 
 
 @inlined
 def swap_columns(features, i, j):
-    """Discs i and j change places in memory."""
+    """Exchange discs i and j in memory."""
     swap_entries(features.radius, i, j)
     swap_entries(features.mass, i, j)
     swap_entries(features.spin, i, j)
@@ -123,13 +123,13 @@ def swap_columns(features, i, j):
 
 @inlined
 def with_columns(digest, features, i):
-    """A hash with all that events change of disc i in them."""
+    """A hash that includes all that events change in the columns of disc i."""
     return images.with_periods(friction.with_spin(digest, features.spin, i), features.image, i)
 
 
 @inlined
 def copy_columns(source, i, target, j):
-    """What disc i has in one memory, to place j of another."""
+    """Copy the columns of disc i in one memory to place j of another."""
     copy_entry(source.radius, i, target.radius, j)
     copy_entry(source.mass, i, target.mass, j)
     copy_entry(source.spin, i, target.spin, j)
@@ -139,16 +139,16 @@ def copy_columns(source, i, target, j):
 
 @inlined
 def speed_off_surface(speed, nx, ny, last_contact, now, features, store):
-    """Speed at which a disc leaves a surface, along the unit vector n from there, that it has met at such a speed."""
+    """Speed at which a disc leaves a surface that it has hit at such a speed, along the unit vector n from there."""
     return restitution.speed_off(speed, nx, ny, last_contact, now, features, store)
 
 
 @inlined
 def surface(i, side, now, store, box, features):
-    """The surface that disc i, whose stored state is current, has met if `side` of its event says so.
+    """The surface that disc i, whose stored state is current, has hit, if `side` of its event says so.
 
-    Whether it has; the unit vector (x, y) from there to the disc; how far the disc has to be moved along it so that it
-    touches, a rounding; the speed of the surface along it; which edge of the box it is (LEFT, ...), or -1.
+    Returns whether it has; the unit vector (x, y) from there to the disc; how far the disc must be moved along it to
+    touch (a rounding); the speed of the surface along it; which edge of the box it is (LEFT, ...), or -1.
     """
     if side == MOVING_WALL:
         return piston.surface(features.moving_wall, i, now, store, box, features)
@@ -157,7 +157,7 @@ def surface(i, side, now, store, box, features):
 
 @inlined
 def is_crushed(i, side, store, features):
-    """Whether disc i, which has just met `side` of its event, is crushed there: no solver can follow it."""
+    """Whether disc i, which has just hit `side` of its event, is crushed there: no solver can follow it."""
     return side == MOVING_WALL and piston.is_crushed(features.moving_wall, features.crushing_speed, store.disc[i])
 
 
@@ -166,7 +166,7 @@ def is_crushed(i, side, store, features):
 
 @inlined
 def before_border(i, store, box, features):
-    """Once it is known when disc i, whose stored state is current, leaves its cell: what it meets alone before."""
+    """When it is known when disc i, whose stored state is current, leaves its cell: what it meets before that."""
     piston.before_border(features.moving_wall, i, store, box, features)
     capsules.before_border(features.capsules, i, store, box, features)
 
@@ -180,33 +180,33 @@ def between_discs(i, j, rx, ry, normal_impulse, store, box, features):
 
 @inlined
 def on_wall(i, axis, inward, normal_change, store, box, features):
-    """After disc i has met a wall at right angles to an axis, which has changed its velocity inward by so much."""
+    """After disc i has hit a wall at right angles to an axis, which has changed its velocity inward by so much."""
     friction.on_wall(features.wall_friction, i, axis, inward, normal_change, store, box, features)
     collisions.on_wall(features.log, i, axis, inward, normal_change, store, box, features)
 
 
 @inlined
 def on_surface(i, nx, ny, normal_change, store, box, features):
-    """After disc i has met a surface that has changed its velocity by so much along n, the unit vector from there."""
+    """After disc i has hit a surface that has changed its velocity by so much along n, the unit vector from there."""
     friction.on_surface(features.wall_friction, i, nx, ny, normal_change, store, box, features)
     collisions.on_surface(features.log, i, nx, ny, normal_change, features.moving_wall, store, box, features)
 
 
 @inlined
 def leave(i, store, features):
-    """Once disc i, whose stored state is current, has touched a wall that lets it out."""
+    """After disc i, whose stored state is current, has touched a wall that lets it out."""
     absorption.leave(features.exits, store.disc[i], i)
 
 
 @inlined
 def end_frame(i, particle, now, frame, store, features):
-    """When so many frames have ended, at the time `now`: what changes disc i, a particle of the scene."""
+    """At the end of so many frames, at the time `now`: changes of disc i, a particle of the scene."""
     thermostat.heat(features.thermostat, i, particle, now, frame, store, features)
 
 
 @inlined
 def is_changed(i, particle, frame, features):
-    """Whether `end_frame` has changed disc i, so that its events are to be predicted anew."""
+    """Whether `end_frame` has changed disc i, so that its events must be predicted anew."""
     return thermostat.is_heated(features.thermostat, i, particle, frame, features)
 
 

@@ -9,7 +9,7 @@ FIELDS = {"image": None}
 
 @inlined
 def with_periods(digest, image, i):
-    """A hash with the counts of disc i in it, where there are some."""
+    """A hash that includes the counts of disc i, if there are any."""
     if image is not None:
         return mixed(mixed(digest, image[i, 0]), image[i, 1])
     return digest

@@ -1,7 +1,7 @@
-"""A wall of the box that moves at constant speed until it stops. `side` of the event of meeting it is MOVING_WALL.
+"""A wall of the box that moves at constant speed until it stops. `side` of an impact on it is MOVING_WALL.
 
-Its place follows from the time since the start of the run. All other times here are counted from the start of the lap,
-and `since_start` is where one is made of the other.
+Its place follows from the time since the start of the run. All other times here are counted from the start of the lap;
+`since_start` converts them.
 """
 
 from typing import Any, NamedTuple
@@ -24,7 +24,7 @@ class Wall(NamedTuple):
 
 
 def moving_wall_of(scene: Any) -> Wall | None:
-    """That of a scene."""
+    """The moving wall of a scene."""
     wall = scene.moving_wall
     if wall is None:
         return None
@@ -39,7 +39,7 @@ the wall and what stands against it a disc meets both ever faster, without end."
 
 @inlined
 def is_crushed(wall, crushing_speed, disc):
-    """Whether a disc that leaves the wall has become so fast."""
+    """Whether a disc leaves the wall so fast that it has been crushed."""
     if wall is None or crushing_speed is None:
         return False
     return abs(disc.velocity[wall.edge >> 1]) > crushing_speed
@@ -47,13 +47,13 @@ def is_crushed(wall, crushing_speed, disc):
 
 @inlined
 def since_start(t, store):
-    """The time since the start of the run of a time that is counted from the start of the lap [time]."""
+    """The time since the start of the run, from one that is counted from the start of the lap [time]."""
     return store.clock.origin + t
 
 
 @inlined
 def time_to_wall(wall, disc, radius, gravity, store):
-    """Time from its last event until a disc meets the wall, while that moves or at rest [time]."""
+    """Time from its last event until a disc meets the wall, moving or at rest [time]."""
     axis = wall.edge >> 1
     inward = -1.0 if wall.edge & 1 else 1.0
     place, speed, pull = disc.position[axis], inward * disc.velocity[axis], inward * component(gravity, axis)
@@ -65,14 +65,14 @@ def time_to_wall(wall, disc, radius, gravity, store):
     t = time_to_limit(ahead, speed - inward * wall.speed, pull)
     if t < left:
         return t
-    # A disc on which the wall stops is on it, or a rounding beyond.
+    # A disc on which the wall stops is on it, or beyond it by rounding.
     ahead = inward * (place - wall.stop) - radius + left * (speed + 0.5 * pull * left)
     return left + time_to_limit(ahead, speed + pull * left, pull)
 
 
 @inlined
 def before_border(wall, i, store, box, features):
-    """Let disc i, whose stored state is current, meet the wall, if it does before it leaves its cell."""
+    """Predict the impact of disc i, whose stored state is current, on the wall before it leaves its cell."""
     if wall is not None:
         disc = store.disc[i]
         t = disc.last_update + time_to_wall(wall, disc, radius_of(i, box, features), features.gravity, store)
@@ -83,7 +83,7 @@ def before_border(wall, i, store, box, features):
 
 @inlined
 def surface(wall, i, now, store, box, features):
-    """The wall as disc i, whose stored state is current, has met it; see `hooks.surface`."""
+    """The wall that disc i, whose stored state is current, has hit; see `hooks.surface`."""
     if wall is None:
         return False, 0.0, 0.0, 0.0, 0.0, -1
     axis = wall.edge >> 1

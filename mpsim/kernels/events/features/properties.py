@@ -15,5 +15,5 @@ def radius_of(i, box, features):
 
 @inlined
 def mass_of(i, features):
-    """Mass of disc i [mass], 1 where all are alike."""
+    """Mass of disc i [mass], 1 if all have the same."""
     return value_or(features.mass, i, 1.0)

@@ -1,6 +1,6 @@
 """Restitution: impacts that lose energy, and the guard that ends inelastic collapse (the TC model).
 
-An impact loses no energy when one of its discs had its last contact less than the contact time ago (Luding and
+An impact loses no energy if one of its discs had its last contact less than the contact time ago (Luding and
 McNamara, Granular Matter 1, 113, 1998). `counter.guarded` counts how often.
 """
 
@@ -27,7 +27,7 @@ FIELDS = {"restitution": restitution_of, "wall_restitution": wall_restitution_of
 
 @inlined
 def effective_restitution(restitution, last_contact, now, contact_time, store):
-    """The restitution of one impact, 1 where the guard acts."""
+    """The restitution of one impact, 1 if the guard acts."""
     if restitution is None:
         return 1.0
     if now - last_contact < contact_time and restitution < 1.0:
@@ -40,8 +40,8 @@ def effective_restitution(restitution, last_contact, now, contact_time, store):
 def speed_off_wall(gravity, speed, axis, inward, contact_time, store):
     """Speed inward after a bounce: never so small that gravity brings the disc back in less than `contact_time`.
 
-    A disc at rest on a wall hovers in bounces of that duration, g contact_time^2/8 high at most, and the guard counts
-    them. Without this it would hit the wall infinitely often in no time.
+    A disc at rest on a wall makes small bounces of that duration, at most g contact_time^2/8 high, and the guard counts
+    them. Without this it would hit the wall infinitely often in a finite time.
     """
     if gravity is None:
         return speed
@@ -50,7 +50,7 @@ def speed_off_wall(gravity, speed, axis, inward, contact_time, store):
 
 @inlined
 def speed_off(speed, nx, ny, last_contact, now, features, store):
-    """Speed at which a disc that comes at such a speed leaves what is fixed, along the unit vector n from there."""
+    """Speed at which a disc leaves a fixed surface after it hit it at such a speed, along the unit vector n from it."""
     e = effective_restitution(features.wall_restitution, last_contact, now, features.contact_time, store)
     if features.gravity is None:
         return e * speed
@@ -60,7 +60,7 @@ def speed_off(speed, nx, ny, last_contact, now, features, store):
 
 @inlined
 def fast_enough(speed, pull, contact_time, store):
-    """A speed, or that of a bounce of duration `contact_time` under an acceleration `pull` outward, if it is less."""
+    """A speed, but at least that of a bounce of duration `contact_time` under an acceleration `pull` outward."""
     least = -0.5 * pull * contact_time
     if speed < least:
         store.counter.guarded += counts(store.region)

@@ -1,6 +1,6 @@
 """Thermal walls: a disc leaves one with a velocity drawn from those that cross it in equilibrium.
 
-As `kernels/features/thermal_walls.py`, with the numbers of discs in the store, which those of tiles have, too.
+As `kernels/features/thermal_walls.py`, with the numbers of discs in the store, which are the same in tiles.
 """
 
 import math
@@ -22,7 +22,7 @@ FIELDS = {"thermal_walls": thermal_walls_of}
 
 @linked
 def redraw(thermal_walls, i, side, leaving, store, features):
-    """Draw the velocity of disc i, which `side` has sent back. Returns its speed inward."""
+    """Draw the velocity of disc i after its impact on `side`. Returns its speed inward."""
     temperatures, seed = thermal_walls
     velocity, position, axis = store.disc[i].velocity, store.disc[i].position, side >> 1
     if temperatures[side] <= 0.0:
@@ -35,7 +35,7 @@ def redraw(thermal_walls, i, side, leaving, store, features):
 
 @inlined
 def speed_off_wall(thermal_walls, i, side, leaving, store, features):
-    """`redraw`, where there are such walls."""
+    """`redraw`, if there are such walls."""
     if thermal_walls is None:
         return leaving
     return redraw(thermal_walls, i, side, leaving, store, features)

@@ -1,4 +1,4 @@
-"""A thermostat: at the end of a frame, discs get new velocities at random, the same as those of the stepped solvers."""
+"""A thermostat: at the end of a frame, random discs get new velocities, the same as those of the stepped solvers."""
 
 import math
 
@@ -22,7 +22,7 @@ def is_heated(thermostat, i, particle, frame, features):
 
 @linked
 def heat(thermostat, i, particle, now, frame, store, features):
-    """Give disc i a new velocity at the time `now`, after so many frames, if it is to get one."""
+    """Give disc i a new velocity at the time `now`, after so many frames, if it is due."""
     if is_heated(thermostat, i, particle, frame, features):
         _, temperature, seed, first_frame = thermostat
         disc = store.disc[i]
