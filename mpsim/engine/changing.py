@@ -155,11 +155,12 @@ class Changing:
 
         Args:
             parameters: by name, as Scene, Emitter and Settings have them: gravity, restitution, wall_restitution, dt,
-                contact, passes, substeps (the last three not of "event", which has no steps), workers; temperature, of
-                a thermostat; wall_temperature, one number for all thermal walls or a list with one for each, in the
-                order left, right, bottom, top; interval or every of emitters, one number for all that have it or a list
-                with one for each; piston_speed, of a piston that then goes on from where it is. What is left of an
-                emitter's interval shrinks or grows as the interval does. dt not in a callback of `run`.
+                contact, passes, substeps (the last three not of "event", which has no steps), workers; friction and
+                wall_friction, of a scene in which they are > 0, and > 0 again; temperature, of a thermostat;
+                wall_temperature, one number for all thermal walls or a list with one for each, in the order left,
+                right, bottom, top; interval or every of emitters, one number for all that have it or a list with one
+                for each; piston_speed, of a piston that then goes on from where it is. What is left of an emitter's
+                interval shrinks or grows as the interval does. dt not in a callback of `run`.
 
         Raises:
             InputError: naming the parameter, its rule and the value received, and what can be changed; then nothing is

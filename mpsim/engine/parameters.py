@@ -19,6 +19,7 @@ from mpsim.core.state import Box
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.features import FEATURES
 from mpsim.features.emitters import Emitter
+from mpsim.features.friction import friction_coefficient
 from mpsim.features.piston import PISTON, Piston
 from mpsim.features.thermal_walls import ThermalWalls
 from mpsim.features.thermostat import Thermostat
@@ -32,6 +33,8 @@ class Parameters(TypedDict, total=False):
     gravity: ArrayLike
     restitution: float
     wall_restitution: float
+    friction: float
+    wall_friction: float
     piston_speed: float
     interval: float | Sequence[float]
     every: int | Sequence[int]
@@ -45,6 +48,8 @@ class Parameters(TypedDict, total=False):
 
 
 OF_STEPS = ("contact", "passes", "substeps")
+
+OF_FRICTION = ("friction", "wall_friction")
 
 OF_SETTINGS = ("dt", *OF_STEPS, "workers")
 
@@ -106,6 +111,7 @@ def in_force(scene: Scene, settings: Settings, given: Mapping[str, Any], box: Bo
     if "gravity" in given and given["gravity"] is None:
         raise InputError("gravity must be two numbers in a change; got None. Give (0, 0) for a scene without weight.")
     values = {name: given[name] for name in given if name in ("gravity", "restitution", "wall_restitution")}
+    values |= {name: _rubbing(scene, name, given[name]) for name in OF_FRICTION if name in given}
     piston = scene.piston if box is None else PISTON.continued(scene, box)
     if "piston_speed" in given:
         piston = _at_speed(piston, given["piston_speed"])
@@ -126,6 +132,21 @@ def in_force(scene: Scene, settings: Settings, given: Mapping[str, Any], box: Bo
     for feature in FEATURES:
         feature.check_law(scene, changed.law)
     return scene, changed
+
+
+def _rubbing(scene: Scene, name: str, value: Any) -> float:
+    """Another coefficient of friction. Discs without friction have no spin, so it neither begins nor ends."""
+    if not getattr(scene, name):
+        raise InputError(
+            f"{name} can be changed only in a scene that has it, and got {checks.brief(value)}. Give the scene a small "
+            "one, which has almost no effect."
+        )
+    coefficient = friction_coefficient(name, value)
+    if not coefficient:
+        raise InputError(
+            f"{name} must be > 0 in a change; got {checks.brief(value)}. A small one has almost no effect."
+        )
+    return coefficient
 
 
 def _at_speed(piston: Piston | None, speed: Any) -> Piston:

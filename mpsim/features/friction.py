@@ -72,8 +72,8 @@ def check_friction(
     So the digest of a scene of smooth discs does not depend on what it could have.
     """
     kept: dict[str, Any] = {
-        "friction": _coefficient("friction", friction),
-        "wall_friction": _coefficient("wall_friction", wall_friction),
+        "friction": friction_coefficient("friction", friction),
+        "wall_friction": friction_coefficient("wall_friction", wall_friction),
         "tangential_restitution": checks.between("tangential_restitution", tangential_restitution, -1, 1),
         "spin": None if spin is None else SPIN.one_each(spin, count),
     }
@@ -81,7 +81,7 @@ def check_friction(
     return {} if smooth else kept
 
 
-def _coefficient(name: str, value: object) -> float:
+def friction_coefficient(name: str, value: object) -> float:
     """A number >= 0, or infinity for contacts that never slide."""
     number = checks.number(name, value, "a number >= 0")
     if math.isnan(number) or number < 0:

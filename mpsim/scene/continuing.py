@@ -73,7 +73,7 @@ def change_to(scene: Any, values: Mapping[str, Any]) -> None:
             scene.has_gaps = value
         elif name == "piston":
             scene.piston = check_piston(value, scene.boundary, scene.width, scene.height, scene.absorbing)
-        elif name in ("thermostat", "thermal_walls"):
+        elif name in ("thermostat", "thermal_walls", "friction", "wall_friction"):
             setattr(scene, name, value)
         else:
             setattr(scene, name, checks.fraction(name, value))

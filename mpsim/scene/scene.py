@@ -173,8 +173,8 @@ class Scene(HasDiscs, Recommends, Compresses):
         """The same scene with other values of some arguments, for a simulation of it that is changed.
 
         Args:
-            values: by name: gravity, restitution, wall_restitution, obstacles, emitters, piston, thermostat,
-                thermal_walls, has_gaps.
+            values: by name: gravity, restitution, wall_restitution, friction, wall_friction, obstacles, emitters,
+                piston, thermostat, thermal_walls, has_gaps.
         """
         other = copy.copy(self)
         change_to(other, values)

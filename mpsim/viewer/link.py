@@ -22,7 +22,7 @@ from mpsim.scene.recommended import settings_for
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import METHODS, Settings
 from mpsim.viewer.pair import in_step
-from mpsim.viewer.sliders import TEMPERATURES, longest_gravity, rate_of, temperature_of
+from mpsim.viewer.sliders import TEMPERATURES, friction_of, longest_gravity, rate_of, temperature_of
 
 LONGEST = 1000
 """Characters of a link at most."""
@@ -56,6 +56,7 @@ VALUES: Mapping[str, Callable[[Scene], Any]] = {
     "gravity": lambda scene: [0.0, 0.0] if scene.gravity is None else scene.gravity.tolist(),
     "restitution": lambda scene: scene.restitution,
     "wall_restitution": lambda scene: scene.wall_restitution,
+    **{name: functools.partial(friction_of, name=name) for name in parameters.OF_FRICTION},
     "piston_speed": lambda scene: None if scene.piston is None else scene.piston.speed,
     "interval": lambda scene: rate_of(scene, "interval"),
     "every": lambda scene: rate_of(scene, "every"),
@@ -143,7 +144,7 @@ def read(query: str) -> Link:
     _demand_short_frames(settings, usual.dt)
     changed = {each: _parameter(each, texts[each]) for each in VALUES if each in texts}
     parameters.in_force(scene, settings, changed, None)
-    for each in ("interval", "piston_speed", *TEMPERATURES):
+    for each in ("interval", "piston_speed", *parameters.OF_FRICTION, *TEMPERATURES):
         if each in changed:
             _demand_near(each, changed[each], VALUES[each](scene))
     if "gravity" in changed:

@@ -9,6 +9,7 @@ import numpy as np
 from mpsim.core import checks
 from mpsim.core.cores import usable_cores
 from mpsim.core.errors import InputError
+from mpsim.engine.parameters import OF_FRICTION
 from mpsim.engine.simulation import Simulation
 from mpsim.engine.solvers.methods import capabilities_of
 from mpsim.kernels import layout
@@ -44,6 +45,7 @@ class Sliders:
         self._piston = None if scene.piston is None else scene.piston.speed
         self._cores = usable_cores()
         self._interval, self._every = rate_of(scene, "interval"), rate_of(scene, "every")
+        self._friction = {name: friction_of(scene, name) for name in OF_FRICTION}
         self._temperatures = {name: temperature_of(scene, name) for name in TEMPERATURES}
 
     def of(self, sim: Simulation) -> list[dict[str, Any]]:
@@ -89,6 +91,9 @@ class Sliders:
         if sim.settings.law == "elastic":
             yield _slider("restitution", scene.restitution, 0.0, 1.0)
             yield _slider("wall_restitution", scene.wall_restitution, 0.0, 1.0)
+        for name, first in self._friction.items():
+            if (coefficient := friction_of(scene, name)) is not None and first is not None:
+                yield _slider(name, coefficient, first / DECADE, first * DECADE, log=True)
         if scene.piston is not None and self._piston is not None:
             ends = sorted((self._piston / DECADE, self._piston * DECADE))
             yield _slider("piston_speed", scene.piston.speed, *ends, log=True)
@@ -119,6 +124,12 @@ def _slider(name: str, value: float, low: float, high: float, log: bool = False,
 def rate_of(scene: Scene, name: str) -> Any:
     """The interval, or every, of the first emitter that has one; None: there is none."""
     return next((value for each in scene.emitters if (value := getattr(each, name)) is not None), None)
+
+
+def friction_of(scene: Scene, name: str) -> float | None:
+    """A coefficient of friction; None: there is none, or it is infinite."""
+    coefficient = getattr(scene, name)
+    return coefficient if 0 < coefficient < math.inf else None
 
 
 def temperature_of(scene: Scene, name: str) -> float | None:

@@ -61,7 +61,7 @@ def kill_browsers() -> None:
     assert not psutil.wait_procs(found, 30)[1]
 
 
-def until(holds: Callable[[], Any], within: float = 60.0) -> Any:
+def until(holds: Callable[[], Any], within: float = 150.0) -> Any:
     """What a function gives once that is true. Playwright's own waiting evaluates text, which the page forbids."""
     end = time.monotonic() + within
     while not (found := holds()):

@@ -9,7 +9,7 @@ from typing import Any
 from mpsim.viewer import wire
 from mpsim.viewer.notebook import Live
 
-PATIENCE = 60.0
+PATIENCE = 150.0
 
 
 class FrontEnd:

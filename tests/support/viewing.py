@@ -14,7 +14,7 @@ import mpsim
 from mpsim.engine.solvers.in_place import InPlace, in_place
 from mpsim.viewer import wire
 
-PATIENCE = 60.0
+PATIENCE = 150.0
 """Seconds for what must come: kernels may have to be compiled first."""
 
 

@@ -6,7 +6,7 @@ import time
 
 from mpsim.viewer import wire
 
-PATIENCE = 60.0
+PATIENCE = 150.0
 
 
 class Watcher:

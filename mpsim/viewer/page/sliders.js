@@ -6,7 +6,7 @@ import { send, takers } from "./link.js";
 
 const STEPS = 1000; // of a slider
 const NAMES = {
-  restitution: "Restitution", wall_restitution: "Wall restitution", piston_speed: "Piston speed",
+  restitution: "Restitution", wall_restitution: "Wall restitution", friction: "Friction", wall_friction: "Wall friction", piston_speed: "Piston speed",
   temperature: "Temperature of the thermostat", wall_temperature: "Wall temperature", interval: "Time between two emitted discs",
   every: "Frames between two emitted discs", dt: "Time step, dt", contact: "Contact",
   passes: "Passes", substeps: "Sub-steps", workers: "Workers",

@@ -75,6 +75,8 @@ CHANGE = [
     ({"piston_speed": -1.0}, ["piston_speed can be changed only in a scene with a piston", "-1.0"]),
     ({"interval": 0.5}, ["interval can be changed only in a scene with emitters that have it", "0.5"]),
     ({"every": 5}, ["every can be changed only in a scene with emitters that have it", "5"]),
+    ({"friction": 0.5}, ["friction can be changed only in a scene that has it, and got 0.5"]),
+    ({"wall_friction": -1}, ["wall_friction can be changed only in a scene that has it, and got -1"]),
     ({"temperature": 2.0}, ["temperature can be changed only in a scene with a thermostat, and got 2.0"]),
     ({"wall_temperature": [1]}, ["wall_temperature can be changed only in a scene with thermal walls, and got [1]"]),
     ({"restitution": 0.5, "dt": -1}, ["dt must be a finite number > 0", "-1"]),

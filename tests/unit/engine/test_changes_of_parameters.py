@@ -1,5 +1,6 @@
 """Parameters changed while a simulation runs: each takes effect, in every method, and is saved, healed and replayed."""
 
+import math
 import os
 import signal
 from functools import cache
@@ -11,7 +12,7 @@ from support.selection import long_but
 from support.sessions import METHODS, stage
 
 import mpsim
-from mpsim.engine.parameters import NAMES, OF_STEPS
+from mpsim.engine.parameters import NAMES, OF_FRICTION, OF_STEPS
 from mpsim.features.thermal_walls import ThermalWalls
 from mpsim.features.thermostat import Thermostat
 
@@ -29,6 +30,8 @@ WALLS = ThermalWalls(left=1.0, right=1.0, bottom=1.0, top=1.0, seed=5)
 @cache
 def scene_of(name):
     """A scene in which the parameter can be changed, and acts within some frames."""
+    if name in OF_FRICTION:
+        return gas(60, 0.4, seed=2, friction=0.05, wall_friction=0.05)
     if name == "temperature":
         return gas(60, 0.4, seed=2, boundary="periodic", thermostat=BATH)
     if name == "wall_temperature":
@@ -42,6 +45,8 @@ VALUES = {
     "gravity": ((0.25, 0.0), (0.0, 1.0), (0.5, -0.25)),
     "restitution": (0.9, 0.5, 0.8),
     "wall_restitution": (0.9, 0.5, 0.8),
+    "friction": (0.02, math.inf, 0.01),
+    "wall_friction": (0.02, math.inf, 0.01),
     "piston_speed": (-0.5, -2.0, -1.0),
     "interval": (0.2, 1.0, 0.1),
     "every": (6, 100, 3),
@@ -107,7 +112,7 @@ def kill(sim):
 
 
 @pytest.mark.parametrize("when", ["before", "after"])
-@pytest.mark.parametrize("name", long_but(NAMES, "substeps", "temperature", "wall_temperature"))
+@pytest.mark.parametrize("name", long_but(NAMES, "substeps", "friction", "temperature", "wall_temperature"))
 def test_a_worker_that_dies_in_the_frame_of_a_change_changes_no_bit(name, when):
     digests = []
     for words, more in (("grid", {}), ("parallel on 2", {when: kill})):
@@ -158,6 +163,43 @@ def test_parameters_of_steps_are_refused_where_there_are_none(change):
         with pytest.raises(mpsim.InputError, match=r"only where frames are made of steps, and got .* method='event'"):
             sim.change(**change)
         assert (sim.settings, sim.scene, len(sim.journal)) == (*before, 0)
+
+
+# --- friction
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "friction must be > 0 in a change; got 0.0. A small one has almost no effect."),
+        (-1.0, "friction must be a number >= 0"),
+        (math.nan, "friction must be a number >= 0"),
+        ("rough", "friction must be a number >= 0"),
+        ([0.1, 0.2], "friction must be a number >= 0"),
+        (None, "friction must be a number >= 0"),
+    ],
+)
+def test_friction_that_is_none_is_refused(value, text):
+    with begun("grid", "friction") as sim:
+        before = sim.scene
+        with pytest.raises(mpsim.InputError) as caught:
+            sim.change(friction=value)
+        assert text in str(caught.value)
+        assert (sim.scene, len(sim.journal)) == (before, 0)
+
+
+def test_a_sliding_disc_is_slowed_by_the_friction_that_is_in_force():
+    """By mu g, until it rolls: the closed form of the page on rough discs, with another mu halfway."""
+    scene = mpsim.Scene(
+        width=20, height=4, position=[[1.0, 0.5]], velocity=[[1.0, 0.0]], radius=0.5, gravity=(0, -2),
+        wall_restitution=0.0, wall_friction=0.25,
+    )  # fmt: skip
+    with simulate(scene, dt=1 / 64, method="naive") as sim:
+        sim.run(until=0.25)
+        assert sim.state.velocity[0, 0] == pytest.approx(1 - 0.25 * 2 * 0.25)
+        sim.change(wall_friction=0.125)
+        sim.run(until=0.5)
+        assert sim.state.velocity[0, 0] == pytest.approx(1 - 0.25 * 2 * 0.25 - 0.125 * 2 * 0.25)
 
 
 # --- temperatures

@@ -16,7 +16,7 @@ from mpsim.viewer.session import Session
 SCENE = gas(300, 0.4)
 GRID = mpsim.Settings(method="grid", contact="push", dt=0.01)
 EVENT = mpsim.Settings(method="event")
-PATIENCE = 60.0
+PATIENCE = 150.0
 
 
 @pytest.fixture

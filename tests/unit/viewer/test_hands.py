@@ -1,6 +1,7 @@
 """What is done by hand: each action is what was asked for, refused ones change nothing, all are taken back."""
 
 import json
+import math
 import tempfile
 
 import numpy as np
@@ -357,6 +358,7 @@ def test_the_sliders_are_those_of_the_scene(table):
 MOVED = zoo("piston emitters", count=5, side=20.0)
 BATH = gas(60, 0.4, seed=2, boundary="periodic", thermostat=mpsim.Thermostat(temperature=1.0, rate=4.0, seed=5))
 WALLS = gas(60, 0.4, seed=2, thermal_walls=mpsim.ThermalWalls(left=2.0, right=2.0, bottom=2.0, top=2.0, seed=5))
+ROUGH = gas(60, 0.4, seed=2, friction=0.05, wall_friction=0.05)
 BEYOND = [
     (SCENE, "dt", 1e100, "dt must be from 0.001 to 0.1 here; got 1e+100"),
     (SCENE, "dt", 1e-9, "dt must be from 0.001 to 0.1 here"),
@@ -371,6 +373,9 @@ BEYOND = [
     (BATH, "temperature", 1e99, "temperature must be from 0.1 to 10 here"),
     (BATH, "wall_temperature", 1.0, "wall_temperature must be a parameter that the page offers"),
     (WALLS, "wall_temperature", 1e99, "wall_temperature must be from 0.2 to 20 here"),
+    (ROUGH, "friction", 1e99, "friction must be from 0.005 to 0.5 here"),
+    (ROUGH, "friction", 0.0, "friction must be from 0.005 to 0.5 here"),
+    (SCENE, "wall_friction", 0.1, "wall_friction must be a parameter that the page offers"),
 ]
 
 
@@ -395,13 +400,26 @@ def test_the_ends_of_sliders_follow_from_the_start_of_a_simulation(table):
     assert "dt must be from 0.002 to 0.2 here" in table(dt=0.02).do("change", name="dt", value=1.0, same=False)
 
 
-@pytest.mark.parametrize(("scene", "name"), [(BATH, "temperature"), (WALLS, "wall_temperature")])
-def test_a_temperature_has_a_slider_where_the_scene_has_one(table, scene, name):
+OF_SOME_SCENES = {"temperature", "wall_temperature", "friction", "wall_friction"}
+
+
+@pytest.mark.parametrize(
+    ("scene", "names", "value"),
+    [
+        (BATH, {"temperature"}, 4.0),
+        (WALLS, {"wall_temperature"}, 4.0),
+        (ROUGH, {"friction", "wall_friction"}, 0.25),
+        (ROUGH.changed(friction=math.inf), {"wall_friction"}, 0.25),
+    ],
+    ids=["thermostat", "thermal walls", "friction", "infinite friction"],
+)
+def test_parameters_of_some_scenes_have_sliders_there(table, scene, names, value):
     t = table(scene)
-    assert {"temperature", "wall_temperature"} & t.values().keys() == {name}
-    assert t.do("change", name=name, value=4.0, same=False) is None
-    assert (t.values()[name], t.sim.journal.changes[-1].values) == (4.0, {name: 4.0})
-    assert not {"temperature", "wall_temperature"} & table().values().keys(), "negative control"
+    assert OF_SOME_SCENES & t.values().keys() == names
+    for name in names:
+        assert t.do("change", name=name, value=value, same=False) is None
+        assert (t.values()[name], t.sim.journal.changes[-1].values) == (value, {name: value})
+    assert not OF_SOME_SCENES & table().values().keys(), "negative control"
 
 
 def test_walls_of_several_temperatures_have_no_slider(table):

@@ -49,6 +49,10 @@ HOSTILE = {
     "scene=gas&restitution=2": "restitution must be",
     "scene=gas&piston_speed=1": "piston_speed can be changed only in a scene with a piston",
     "scene=piston&piston_speed=-1e9": "size of piston_speed must be",
+    "scene=gas&friction=0.5": "friction can be changed only in a scene that has it",
+    "scene=rough-hopper&friction=0": "friction must be > 0 in a change",
+    "scene=rough-hopper&friction=1e-9": "size of friction must be",
+    "scene=rough-hopper&wall_friction=inf": "size of wall_friction must be",
     "scene=galton&interval=1e-9": "size of interval must be",
     "scene=gas&beside=": "beside must be a method",
     "scene=gas&beside=event,event": "beside must be a method",
@@ -80,6 +84,13 @@ def test_what_cannot_be_had_is_refused_by_name(query):
 def test_gravity_may_be_a_hundred_times_the_longest_arrow():
     assert link.read("scene=gas&gravity=-50,0").changed == {"gravity": [-50.0, 0.0]}
     assert link.read("scene=sediment&gravity=0,200").changed == {"gravity": [0.0, 200.0]}
+
+
+def test_friction_is_in_a_link_of_a_scene_that_has_it():
+    found = link.read("scene=rough-hopper&friction=0.25")
+    assert found.changed == {"friction": 0.25}
+    assert link.write(found) == "scene=rough-hopper&friction=0.25"
+    assert link.changed_of(found.given.changed(friction=0.25), found.given) == {"friction": 0.25}
 
 
 def test_a_link_says_what_it_holds_and_is_written_again_as_it_was():

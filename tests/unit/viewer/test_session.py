@@ -12,7 +12,7 @@ from mpsim import measure
 from mpsim.viewer import broadcast, wire
 from mpsim.viewer.session import Session
 
-PATIENCE = 60.0
+PATIENCE = 150.0
 GRID = mpsim.Settings(method="grid")
 
 

@@ -12,7 +12,7 @@ from mpsim.viewer.trading import Trade, demand_one_process, settings_beside
 SCENE = gas(50, 0.2)
 FIRST = mpsim.Settings(method="grid", contact="push", dt=0.01)
 EXACT = mpsim.Settings(method="event", dt=0.04)
-PATIENCE = 60.0
+PATIENCE = 150.0
 
 
 class Two:
