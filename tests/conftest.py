@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import tempfile
+import time
 from collections import Counter
 from multiprocessing import forkserver, resource_tracker
 from pathlib import Path
@@ -112,6 +113,20 @@ def pytest_collection_modifyitems(config, items):
         for item in items:
             if item.get_closest_marker("long"):
                 item.add_marker(pytest.mark.skip(reason=LEFT_FOR_LONG))
+
+
+LONG = 1.0
+"""Seconds after which a test has probably compiled something."""
+
+
+@pytest.fixture(autouse=True)
+def garbage_is_found_soon():
+    """Leave what compilations keep out of later collections of garbage: of millions of objects each takes a second."""
+    began = time.perf_counter()
+    yield
+    if time.perf_counter() - began > LONG:
+        gc.collect()
+        gc.freeze()
 
 
 @pytest.fixture(autouse=True)

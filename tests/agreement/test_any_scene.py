@@ -43,7 +43,7 @@ def scenes(draw, features=""):
 @st.composite
 def runs(draw):
     """A scene and settings; only combinations of features that the suite compiles anyway."""
-    precision, features = draw(st.sampled_from([("float64", ""), ("float32", ""), *FEATURED]))
+    precision, features = draw(st.sampled_from([("float64", ""), ("float32", ""), FEATURED[0]]))
     settings = {
         "precision": precision,
         "law": draw(st.sampled_from(["elastic", "reflect"])),

@@ -95,7 +95,7 @@ def worst_difference(table, expected):
     return worst
 
 
-@pytest.mark.parametrize("name", long_but(SCENES, "walls", "masses, radii and losses"))
+@pytest.mark.parametrize("name", long_but(SCENES, "walls"))
 def test_every_collision_is_that_of_the_slow_twin(name):
     scene, number = scene_of(name), 12 if name == "absorbing" else 50
     expected, table = collisions_of_twin(scene, number), collisions_of(scene)
@@ -127,9 +127,11 @@ def counted(sim, frames):
 
 @pytest.mark.parametrize("method", long_but(["event", "grid", "naive"], "event", "grid"))
 @pytest.mark.parametrize("contact", ["impact", "push"])
-def test_collisions_add_up_to_what_is_measured(method, contact):
+@pytest.mark.parametrize("features", long_but(["none", "masses and gravity"], "none"))
+def test_collisions_add_up_to_what_is_measured(method, contact, features):
     mass = np.where(np.arange(200) % 2, 1.0, 3.0)
-    scene = mpsim.Scene.random(count=200, packing=0.3, radius=0.5, seed=4, mass=mass, gravity=(0.0, -0.25))
+    given = {} if features == "none" else {"mass": mass, "gravity": (0.0, -0.25)}
+    scene = mpsim.Scene.random(count=200, packing=0.3, radius=0.5, seed=4, **given)
     with simulate(scene, method=method, contact=contact, dt=0.02) as sim:
         tally, table = counted(sim, 100)
     discs, walls = table[table["kind"] == 0], table[table["kind"] == 1]

@@ -10,6 +10,7 @@ import pytest
 from support.event_twin import Twin
 from support.event_twin_fixtures import gap
 from support.exact import Run
+from support.selection import long_but
 
 from mpsim.kernels.events import records
 
@@ -121,7 +122,7 @@ def check(seeds, falls):
     return total, worst
 
 
-@pytest.mark.parametrize("falls", [False, True])
+@pytest.mark.parametrize("falls", long_but([False, True], True))
 def test_random_scenes_follow_the_slow_twin(falls):
     print(check(range(60), falls))
 

@@ -9,7 +9,7 @@ from support.selection import long_but
 
 @pytest.mark.parametrize(
     "name",
-    long_but(CONFIGURATIONS, "plain", "gravity", "rough with everything", "rough obstacles with everything"),
+    long_but(CONFIGURATIONS, "plain", "rough obstacles with everything"),
 )
 def test_follows_the_slow_twin_event_by_event(name):
     options = dict(CONFIGURATIONS[name])

@@ -84,8 +84,9 @@ def test_all_features_together_are_what_the_slow_twin_says_compiled(method, prec
     check_twin("everything", method, precision, contact, count=40, frames=30)
 
 
-@pytest.mark.parametrize("method", [pytest.param("naive", marks=pytest.mark.long), "grid"])
-@pytest.mark.parametrize("contact", long_but(CONTACTS, "impact"))
+@pytest.mark.long
+@pytest.mark.parametrize("method", ["naive", "grid"])
+@pytest.mark.parametrize("contact", CONTACTS)
 def test_giants_in_a_periodic_box_are_what_the_slow_twin_says_compiled(method, contact):
     scene = zoo("giants periodic", 30, seed=2)
     settings = {"method": method, "contact": contact, "dt": 0.05}
@@ -163,7 +164,8 @@ def test_workers_do_not_change_all_features_together(contact):
     assert_parallel_is_grid(zoo(EVERYTHING, 500, seed=3, side=24.0), contact=contact)
 
 
-@pytest.mark.parametrize("side", long_but([6.0, 6.1, 9.5, 20.0, 21.0], 6.0, 9.5))
+@pytest.mark.long
+@pytest.mark.parametrize("side", [6.0, 6.1, 9.5, 20.0, 21.0])
 def test_workers_do_not_change_giants_in_periodic_boxes_of_any_number_of_columns(side):
     """6 is exactly two diameters of a giant; odd numbers of columns are made even."""
     assert_parallel_is_grid(zoo("giants periodic", int(side**2), seed=4, side=side), contact="impact")

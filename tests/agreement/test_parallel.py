@@ -20,7 +20,7 @@ def test_parallel_is_grid_for_gases_of_any_packing(packing, law):
     assert_parallel_is_grid(gas(600, packing, seed=1), workers=(2, 3), law=law, dt=0.02)
 
 
-@pytest.mark.parametrize(("precision", "features"), [("float32", ""), *FEATURED])
+@pytest.mark.parametrize(("precision", "features"), [("float32", ""), *long_but(FEATURED, FEATURED[0])])
 def test_parallel_is_grid_with_every_feature(precision, features):
     scene = crowd(500, 0.85, seed=2, **features_of(features, 500))
     assert_parallel_is_grid(scene, workers=(3,), precision=precision, dt=0.02, substeps=2)

@@ -10,7 +10,7 @@ import mpsim
 
 ROUGH = {"friction": 0.4, "wall_friction": 0.3, "tangential_restitution": 0.5, "restitution": 0.9}
 
-pytestmark = pytest.mark.timeout(300)
+pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
 
 
 class TestFriction(SameBits):

@@ -56,6 +56,7 @@ def test_a_million_collisions_have_the_pinned_bits(pinned):
         assert outcome(gas(), sim) == pinned
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("tiling", "workers"), TILED)
 def test_tiles_and_workers_have_the_same(tiling, workers, pinned):
     with on_tiles(gas(), tiling, workers, dt=DT) as sim:
@@ -63,9 +64,8 @@ def test_tiles_and_workers_have_the_same(tiling, workers, pinned):
         assert_played_on_tiles(sim)
 
 
-@pytest.mark.filterwarnings("ignore::mpsim.GuardWarning")
 def test_one_bit_of_the_start_changes_them(pinned):
-    """Negative control, and of the energy: losses of a rounding in each collision would show."""
+    """The control."""
     scene = gas()
     velocity = scene.velocity.copy()
     fastest = np.unravel_index(np.abs(velocity).argmax(), velocity.shape)  # the last bit of a slow one is soon lost
@@ -74,6 +74,12 @@ def test_one_bit_of_the_start_changes_them(pinned):
     with on_tiles(other, (1, 1), dt=DT) as sim:
         found = outcome(other, sim)
     assert found["digest"] != pinned["digest"]
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore::mpsim.GuardWarning")
+def test_losses_of_a_rounding_in_each_collision_would_show():
+    scene = gas()
     lossy = mpsim.Scene(width=scene.width, height=scene.height, position=scene.position, velocity=scene.velocity,
                         radius=0.5, boundary=("periodic", "walls"), restitution=1 - 1e-14)  # fmt: skip
     with on_tiles(lossy, (1, 1), dt=DT) as sim, pytest.raises(AssertionError, match="abs"):

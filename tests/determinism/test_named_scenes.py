@@ -11,7 +11,7 @@ from mpsim.scene import scenefile
 
 FRAMES = 300
 
-DEFAULT = ("galton", "hopper")
+DEFAULT = ("galton",)
 """Scenes of a default run; each is a compilation of its own."""
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from support.scenes import ZOO, crowd, gas, simulate, zoo
+from support.selection import long_but
 
 from mpsim.engine.workers.worker import kernel_arguments
 from mpsim.kernels import layout
@@ -232,7 +233,7 @@ SCENES = {
 
 
 @pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")  # one of everything's emitters finds its place taken
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", long_but(SCENES, "dense gas", "crowd", "few columns", "everything"))
 def test_no_disc_has_two_writers_in_a_phase_and_none_is_read_while_it_is_written(name, figures):
     watched = watch(SCENES[name](), frames=8)
     assert watched.clashes == []

@@ -85,7 +85,7 @@ def test_discs_added_one_by_one_or_together_give_the_same_bits():
 
 
 def test_accelerations_follow_their_discs_through_growth():
-    scene = crowd(60, 0.5, seed=7, **features_of("acceleration", 60))
+    scene = crowd(60, 0.5, seed=7, **features_of("gravity and acceleration", 60))
     states = []
     for method, workers in (("grid", 1), ("parallel", 2)):
         with simulate(scene, method=method, workers=workers) as sim:

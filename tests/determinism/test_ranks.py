@@ -11,7 +11,7 @@ from support.selection import long_but
 
 import mpsim
 
-DEFAULT = ("bare", "everything", "doors")
+DEFAULT = ("bare", "doors")
 FEATURES = [name for name in CASES if name.startswith("zoo")]
 NUMBERS = long_but((1, 2, 3, 4, 8), 2)
 
@@ -29,7 +29,7 @@ def told_by(number, names, workers=1):
     return json.loads(done.out.splitlines()[-1])
 
 
-@pytest.mark.parametrize("name", long_but(DEFAULT, "bare"))  # the others by ranks with workers, below
+@pytest.mark.parametrize("name", long_but((*DEFAULT, "everything"), "bare"))  # doors by ranks with workers, below
 @pytest.mark.parametrize("number", NUMBERS)
 def test_ranks_find_what_one_process_finds(number, name):
     assert told_by(number, [name])[name] == alone(name)
@@ -53,7 +53,13 @@ def test_ranks_find_what_one_process_finds_with_each_feature(name):
     ("number", "workers"), [(2, 2), *(pytest.param(*each, marks=pytest.mark.long) for each in ((1, 3), (3, 2), (4, 4)))]
 )
 def test_workers_of_ranks_find_it_too(number, workers):
-    for name, told in told_by(number, DEFAULT, workers).items():
+    for name, told in told_by(number, ["doors"], workers).items():
+        assert told == alone(name), name
+
+
+@pytest.mark.long
+def test_workers_of_ranks_find_it_with_everything_and_with_nothing():
+    for name, told in told_by(2, ["bare", "everything"], 2).items():
         assert told == alone(name), name
 
 
@@ -139,7 +145,7 @@ def test_a_unit_of_length_that_is_a_power_of_two_changes_no_bit_but_those_of_the
     assert (small.velocity * 2.0**9 == usual.velocity).all()
 
 
-@pytest.mark.parametrize("name", DEFAULT)
+@pytest.mark.parametrize("name", long_but((*DEFAULT, "everything"), *DEFAULT))
 def test_workers_find_the_same(name):
     assert found(name, method="parallel", workers=2) == alone(name)
 

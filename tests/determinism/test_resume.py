@@ -85,7 +85,7 @@ def test_checkpoints_on_the_way_change_no_bit(method, workers, every, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:discs are pressed:mpsim.FastWarning")  # they are dropped on each other
-@pytest.mark.parametrize("name", long_but(ZOO, "piston", "everything"))
+@pytest.mark.parametrize("name", long_but(ZOO, "everything"))
 def test_a_resumed_run_with_features_has_the_bits_of_one_that_never_stopped(name, tmp_path):
     expected = state_after(zoo(ZOO[name]), FRAMES, method="grid")
     state = in_parts(zoo(ZOO[name]), tmp_path / "run", (11, 4, 9), 1, (2, 1), method="parallel")
@@ -106,7 +106,7 @@ def grown(sim, frames=9):
 
 
 @pytest.mark.filterwarnings("ignore::mpsim.FastWarning")  # of a box that is too full in the end
-@pytest.mark.parametrize("words", ["", "giants masses"])
+@pytest.mark.parametrize("words", long_but(["", "giants masses"], ""))
 @pytest.mark.parametrize("method", ["naive", "grid", "parallel"])
 def test_discs_that_were_added_are_resumed(words, method, tmp_path):
     with simulate(zoo(words), method=method, workers=2) as sim:

@@ -49,7 +49,7 @@ def alone(words):
         return sim.digest(), sim.count, sim.time
 
 
-@pytest.mark.parametrize("words", long_but(METHODS, "grid", "naive"))
+@pytest.mark.parametrize("words", long_but(METHODS, "grid"))
 def test_a_session_has_the_same_bits_on_any_number_of_workers(words):
     digest, count, time = alone(words)
     assert count >= 62

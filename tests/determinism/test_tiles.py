@@ -69,7 +69,7 @@ def assert_as_a_whole(sim, name, note, frames=FRAMES, dt=DT):
     assert found.tobytes() == counted.tobytes(), f"{note}: other counts"
 
 
-@pytest.mark.parametrize("name", long_but(SCENES, "walls", "periodic", "everything"))
+@pytest.mark.parametrize("name", long_but(SCENES, "walls", "everything"))
 def test_every_tiling_finds_the_same_bits(name, figures):
     for tiling in TILINGS:
         with on_tiles(scene_of(name), tiling, dt=DT) as sim:
@@ -78,7 +78,7 @@ def test_every_tiling_finds_the_same_bits(name, figures):
     figures.note("R1", "event in tiles", f"{name}: {len(TILINGS)} tilings", "state and counts of one tile", "the same")
 
 
-@pytest.mark.parametrize("name", long_but(SCENES, "walls", "periodic", "absorbing", "everything"))
+@pytest.mark.parametrize("name", long_but(SCENES, "walls", "everything"))
 def test_every_number_of_workers_finds_the_same_bits(name, figures):
     for workers in (2, 3, 5) if name in ("walls", "periodic") else (3,):
         with on_tiles(scene_of(name), (3, 2), workers, dt=DT) as sim:
@@ -88,6 +88,7 @@ def test_every_number_of_workers_finds_the_same_bits(name, figures):
     figures.note("R1", f"event on up to {workers}", name, "state and counts of one process", "the same")
 
 
+@pytest.mark.long
 def test_discs_that_leave_in_tiles_are_out_of_the_way_and_never_forgotten():
     with on_tiles(scene_of("absorbing"), (3, 2), dt=DT) as sim:
         gone = []
@@ -140,7 +141,7 @@ def test_laps_and_windows_are_cut_by_commands_without_a_trace():
             assert_same_bits(sim.state, expected, f"commands of {parts} frames")
 
 
-@pytest.mark.parametrize(("packing", "boundary"), [(0.3, "walls"), (0.65, "periodic")])
+@pytest.mark.parametrize(("packing", "boundary"), long_but([(0.3, "walls"), (0.65, "periodic")], (0.3, "walls")))
 def test_a_scene_that_the_solver_divides_by_itself_has_the_same_bits(packing, boundary, figures):
     scene = mpsim.Scene.random(count=20_000, packing=packing, radius=0.5, seed=4, boundary=boundary)
     with on_tiles(scene, (1, 1), dt=0.1) as sim:
@@ -205,22 +206,22 @@ def test_a_blow_that_crosses_all_tiles_at_once_is_noticed_and_played_by_one():
     assert found["windows"] > found["again"] + found["as_one"]
 
 
-def test_equal_times_across_borders_have_the_same_bits():
+@pytest.mark.parametrize("boundary", long_but(["walls", "periodic"], "walls"))
+def test_equal_times_across_borders_have_the_same_bits(boundary):
     """A lattice whose rows collide in step: each instant has events in every tile."""
     grid = 2.0 * np.arange(44) + 1.5
     places = np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
     velocity = np.where((np.indices((44, 44)).sum(0) % 2).reshape(-1, 1) == 0, [1.0, 0.0], [-1.0, 0.0])
-    for boundary in ("walls", "periodic"):
-        scene = mpsim.Scene(width=88, height=88, position=places, velocity=velocity, radius=0.5, boundary=boundary)
-        with on_tiles(scene, (1, 1), dt=0.25) as sim:
-            collisions = sim.run(frames=60).collisions
-            expected = sim.state
-        assert collisions > 5 * scene.count
-        for tiling, workers in (((2, 2), 1), ((4, 1), 1), ((3, 3), 2)):
-            with on_tiles(scene, tiling, workers, dt=0.25) as sim:
-                sim.run(frames=60)
-                assert_same_bits(sim.state, expected, f"{boundary} in {tiling}")
-                assert_played_on_tiles(sim)
+    scene = mpsim.Scene(width=88, height=88, position=places, velocity=velocity, radius=0.5, boundary=boundary)
+    with on_tiles(scene, (1, 1), dt=0.25) as sim:
+        collisions = sim.run(frames=60).collisions
+        expected = sim.state
+    assert collisions > 5 * scene.count
+    for tiling, workers in (((2, 2), 1), ((4, 1), 1), ((3, 3), 2)):
+        with on_tiles(scene, tiling, workers, dt=0.25) as sim:
+            sim.run(frames=60)
+            assert_same_bits(sim.state, expected, f"{boundary} in {tiling}")
+            assert_played_on_tiles(sim)
 
 
 def triples():
@@ -301,6 +302,7 @@ def thrown_away():
     return mpsim.Scene(width=size, height=size, position=places, velocity=velocity, radius=0.5, mass=mass)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("make", [heavy_and_fast, thrown_away])
 @pytest.mark.parametrize("tiling", [(2, 1), (2, 2)])
 def test_a_partner_that_was_thrown_out_of_the_halo_is_found_out(make, tiling):

@@ -26,13 +26,15 @@ def room(count: int = 60, **more: Any) -> mpsim.Scene:
 
 
 def stage(count: int = 60) -> mpsim.Scene:
-    """The same with masses, spins, gravity, a piston from the right and an emitter in the strip."""
+    """The same with masses, spins, gravity, losses, a piston from the right and an emitter in the strip."""
     height = room(count).height
     return room(
         count,
         mass=np.where(np.arange(count) % 3 == 0, 2.0, 0.5),
         gravity=(0.0, -0.5),
         friction=0.5,
+        restitution=0.95,
+        wall_restitution=0.95,
         piston=mpsim.Piston("right", speed=-0.25, stop=0.8 * room(count).width),
         emitters=mpsim.Emitter((1.0, height - 0.75), (4.0, 0.0), interval=0.3, mass=1.0, limit=4),
     )
