@@ -115,6 +115,12 @@ def pytest_collection_modifyitems(config, items):
                 item.add_marker(pytest.mark.skip(reason=LEFT_FOR_LONG))
 
 
+@pytest.fixture
+def compiled_when_run(monkeypatch):
+    """Kernels of stepped simulations are compiled when one runs, not when it begins: most of these run no frame."""
+    monkeypatch.setattr("mpsim.engine.solvers.block.BlockSolver._load_undisturbed", lambda solver: None)
+
+
 LONG = 1.0
 """Seconds after which a test has probably compiled something."""
 

@@ -27,12 +27,13 @@ def test_follows_the_slow_twin_event_by_event(name):
 
 def test_the_twin_can_tell():
     position, velocity, radius, length = gas(9, 0.35, seed=5)
-    run = Run(position, velocity, length, length, radius, restitution=0.999)
-    twin = Twin(position, velocity, [radius] * 9, length, length)
+    run = Run(position, velocity, length, length, radius)
+    twin = Twin(position, velocity, [radius] * 9, length, length, restitution=0.999)
     with pytest.raises(AssertionError):
         assert follow(run, twin, 20) < 1e-6
 
 
+@pytest.mark.long
 def test_the_twin_can_tell_another_law_of_friction():
     options = dict(CONFIGURATIONS["rough with everything"], mass=np.ones(9), spin=np.ones(9))
     position, velocity, radius, length = gas(9, 0.35, seed=5, spread=options.pop("spread"))
@@ -61,6 +62,7 @@ def test_small_periodic_boxes_see_every_image(cells):
     assert follow(run, twin, 120) < 1e-12
 
 
+@pytest.mark.long
 def test_winding_unwraps_a_flight():
     run = Run([[2.0, 7.0]], [[-3.1, 1.7]], 10.0, 8.0, periodic=(True, True), image=True)
     run.advance(100.0)
@@ -68,6 +70,7 @@ def test_winding_unwraps_a_flight():
     assert np.abs(unwrapped - [2.0 - 310.0, 7.0 + 170.0]).max() < 1e-10
 
 
+@pytest.mark.long
 def test_masses_and_radii_that_are_all_equal_give_the_bits_of_none():
     position, velocity, radius, length = gas(49, 0.4, seed=14)
     plain = Run(position, velocity, length, length, radius)

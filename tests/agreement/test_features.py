@@ -198,7 +198,8 @@ def test_a_piston_that_starts_inside_is_what_the_slow_twin_says(until):
 NARROW = [(2.0, 40.0), (40.0, 2.0), (2.0, 2.0), (3.0, 3.0), (5.0, 2.5)]
 
 
-@pytest.mark.parametrize(("width", "height"), long_but(NARROW, (2.0, 40.0), (2.0, 2.0)))
+@pytest.mark.long
+@pytest.mark.parametrize(("width", "height"), NARROW)
 def test_periodic_boxes_of_two_columns_or_rows_are_what_the_slow_twin_says(width, height):
     """Two diameters are the least; discs then meet each other from both sides."""
     rng = np.random.default_rng(6)
@@ -224,7 +225,7 @@ def test_workers_do_not_change_each_feature_alone(name):
 # --- slices, memory order, growth
 
 
-@pytest.mark.parametrize("method", ["naive", "grid"])
+@pytest.mark.parametrize("method", long_but(["naive", "grid"], "grid"))
 def test_a_run_in_pieces_has_the_bits_of_one_run_with_all_features(method):
     scene, settings = zoo(EVERYTHING, 60, seed=8, side=10.0), {"method": method, "contact": "impact", "dt": 0.03}
     with simulate(scene, **settings) as whole, simulate(scene, **settings) as cut:

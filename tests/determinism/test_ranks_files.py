@@ -27,7 +27,7 @@ warnings.simplefilter("ignore")
 path, name, workers, lattice = sys.argv[1:]
 comm, given = MPI.COMM_WORLD, {"method": "mpi", "workers": int(workers) or None}
 if name == "large":
-    scene, settings = mpsim.Scene.lattice(**json.loads(lattice)), {"dt": 0.02, "precision": "float32"}
+    scene, settings = mpsim.Scene.lattice(**json.loads(lattice)), {"dt": 0.02}
 else:
     scene, settings, *_ = CASES[name]()
 with mpsim.Simulation(scene, mpsim.Settings(**settings, **given)) as sim:
@@ -46,7 +46,7 @@ def written(number, path, name, workers=0):
 def alone(path, name, lattice=LARGE):
     """The file that one process writes."""
     if name == "large":
-        scene, settings = mpsim.Scene.lattice(**lattice), {"dt": 0.02, "precision": "float32"}
+        scene, settings = mpsim.Scene.lattice(**lattice), {"dt": 0.02}
     else:
         scene, settings, *_ = CASES[name]()
     with mpsim.Simulation(scene, mpsim.Settings(**settings, method="grid")) as sim:
@@ -137,7 +137,7 @@ class Blind:
 joint_file.JointFile.write, os = noted, joint_file.os
 if shared == "not shared" and comm.rank == 1:
     joint_file.os = Blind()
-scene, settings = mpsim.Scene.lattice(**json.loads(lattice)), mpsim.Settings(dt=0.02, precision="float32", method="mpi")
+scene, settings = mpsim.Scene.lattice(**json.loads(lattice)), mpsim.Settings(dt=0.02, method="mpi")
 with mpsim.Simulation(scene, settings) as sim:
     with mpsim.Trajectory.write(path, 2, comm=comm) as out:
         sim.run(frames=4, observe=out)
@@ -159,7 +159,7 @@ def test_frames_of_extended_xyz_have_the_same_bytes_on_any_number_of_ranks(numbe
     """Of five parts; no rank holds the text of more than one."""
     some = LARGE | {"count": 90_001, "boundary": boundary}
     told, digest = told_by_script(number, str(tmp_path / "ranks.xyz"), json.dumps(some), shared, script=FRAMES)
-    settings = mpsim.Settings(dt=0.02, precision="float32", method="grid")
+    settings = mpsim.Settings(dt=0.02, method="grid")
     with (
         mpsim.Simulation(mpsim.Scene.lattice(**some), settings) as sim,
         mpsim.Trajectory.write(tmp_path / "one.xyz", 2) as out,

@@ -201,6 +201,7 @@ def test_frames_that_a_fast_disc_has_divided_go_back_too():
     repeat_until_killed(experiment, lambda: random.uniform(0.02, 0.1), most=4)
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::mpsim.EmitterWarning")
 def test_emitters_and_exits_go_back_too():
     scene = zoo("emitters absorbing piston gravity", count=30, side=40.0)

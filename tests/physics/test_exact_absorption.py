@@ -106,6 +106,7 @@ def through(**features):
                        **features)  # fmt: skip
 
 
+@pytest.mark.long
 def test_all_that_enters_leaves_and_how_frames_are_cut_changes_no_bit(tmp_path):
     scene = through(piston=Piston("right", -0.05, 11.0))
     with exactly(scene, dt=0.7) as whole:

@@ -50,6 +50,7 @@ def test_a2_impact_of_two_sizes_and_masses_through_a_border(figures):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("k", "pairs"), [(0, 2), (1, 16), (2, 157), (3, 1571)])
 def test_a6_counts_the_digits_of_pi_with_two_sizes(k, pairs):
     """Half of the 3, 31, 314, 3141 collisions, rounded up, are those of the pair; the others hit the wall."""

@@ -57,6 +57,7 @@ def test_a_disc_between_a_wall_and_a_piston_keeps_its_adiabatic_invariant(wall, 
     figures.note("piston", "exact", f"speed after {bounces + 1} impacts, {wall}", after, after, "v - 2 V: 10 % less")
 
 
+@pytest.mark.long
 def test_a_ball_on_a_floor_that_rises_bounces_as_on_one_at_rest_and_then_as_on_it(figures):
     gravity, rise, height, stop = 1.0, 0.2, 1.0, 1.0
     relative = math.sqrt(rise**2 + 2 * gravity * height)

@@ -198,6 +198,7 @@ MADE_ANEW = {
 """Arrays of the block that a checkpoint leaves out, by the reason."""
 
 
+@pytest.mark.usefixtures("compiled_when_run")
 def test_each_array_of_the_block_is_in_a_checkpoint_or_made_anew():
     names, kept = set(), set()
     for name, method in (("everything rough", "grid"), ("rough exact", "event")):

@@ -121,6 +121,7 @@ def test_an_unknown_column_is_refused_as_python_does():
         sim.set(1, colour=3)
 
 
+@pytest.mark.usefixtures("compiled_when_run")
 @pytest.mark.parametrize(
     ("features", "arguments", "parts"),
     [

@@ -157,6 +157,7 @@ def test_a_state_has_a_spin_of_each_disc(spin):
 # --- simulations
 
 
+@pytest.mark.usefixtures("compiled_when_run")
 @pytest.mark.parametrize("method", ["naive", "event"])
 def test_discs_are_added_with_a_spin_or_without(method):
     with simulate(rough(), method=method, dt=0.1) as sim:
@@ -165,6 +166,7 @@ def test_discs_are_added_with_a_spin_or_without(method):
         assert sim.state.spin.tolist() == [1.5, -2.0, 2.5, 0.0, 0.0]
 
 
+@pytest.mark.usefixtures("compiled_when_run")
 @pytest.mark.parametrize(
     ("arguments", "spin", "match"),
     [

@@ -227,6 +227,7 @@ def test_an_emitter_in_an_obstacle_is_refused():
     mpsim.Scene(**BOX, **NOBODY, obstacles=PEG, emitters=mpsim.Emitter((6.5, 5), (0, 0), every=1))  # which touches it
 
 
+@pytest.mark.usefixtures("compiled_when_run")
 def test_a_disc_that_is_added_into_an_obstacle_is_refused():
     scene = mpsim.Scene(**BOX, **NOBODY, obstacles=[mpsim.FixedDisc((15, 5), 1), PEG], boundary=("periodic", "walls"))
     with simulate(scene, method="naive") as sim, warnings.catch_warnings():

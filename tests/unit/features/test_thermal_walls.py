@@ -94,6 +94,7 @@ def test_a_file_says_which_key_is_wrong(line, parts, tmp_path):
         assert part in str(caught.value)
 
 
+@pytest.mark.usefixtures("compiled_when_run")
 def test_files_and_checkpoints_hold_them(tmp_path):
     scene = Scene(**GOOD, thermal_walls=WALLS)
     scene.save(tmp_path / "a.toml")
