@@ -60,7 +60,7 @@ free = st.tuples(st.floats(0, 9.999), st.floats(0, 7.999), speed, speed)
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.lists(free, min_size=1, max_size=1), st.sampled_from(["push", "impact"]))
+@given(discs=st.lists(free, min_size=1, max_size=1), contact=st.sampled_from(["push", "impact"]))
 @pytest.mark.parametrize(
     ("method", "falls"),
     long_but(itertools.product(["naive", "grid", "event"], [False, True]), ("grid", False), ("event", False)),

@@ -95,7 +95,7 @@ def test_shear_stress_of_a_gas_without_walls_is_none():
 
 
 @pytest.mark.parametrize("method", long_but(["naive", "grid", "event"], "event"))
-@pytest.mark.parametrize(("mass", "change"), long_but([(None, 1.0), ([1.0, 3.0], 1.5)], (None, 1.0)))
+@pytest.mark.parametrize(("mass", "change"), long_but([(None, 1.0), ((1.0, 3.0), 1.5)], (None, 1.0)))
 def test_the_impulse_of_one_collision_is_counted_by_component(method, mass, change):
     """Discs of mass 1, or 1 and 3, that meet along n = (0.6, 0.8) at speed 1: |dp| = 2 mu."""
     n = np.array([0.6, 0.8])
