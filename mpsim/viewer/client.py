@@ -1,6 +1,7 @@
 """One connected page: what was sent to it, what may be sent next, and its limit on messages."""
 
 import asyncio
+from collections.abc import Mapping
 from typing import Protocol
 
 from mpsim.core.errors import InputError
@@ -40,6 +41,7 @@ class Client:
         self._picture: Shown | None = None
         self._radii: list[bytes | None] = [None, None]  # of each stage
         self._in_flight: int | None = None
+        self._twice: int | None = None  # a picture that was sent again, and may be acknowledged again
         self._last = 0
         self._news = asyncio.Event()
         self._allowance, self._asked = BURST, 0.0
@@ -87,9 +89,19 @@ class Client:
         Raises:
             InputError: if it was sent no such picture.
         """
+        if serial != self._in_flight and serial == self._twice:
+            self._twice = None
+            return
         if serial != self._in_flight:
             raise InputError(f"serial of an ack must be that of the last picture; got {serial}. Send one for each.")
         self._in_flight = None
+        self._news.set()
+
+    def send_again(self, texts: Mapping[str, str]) -> None:
+        """Have all sent again, as something was lost on its way; texts: the last message of each kind."""
+        self._texts = {**texts}
+        self._radii = [None, None]
+        self._last, self._in_flight, self._twice = 0, None, self._in_flight
         self._news.set()
 
     def needs_picture(self) -> bool:

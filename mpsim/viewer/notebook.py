@@ -152,6 +152,9 @@ class NotebookPages(Pages):
     does not listen: it takes no message while it runs a cell. The answers wait there, and with the first one the page
     is served again. Only where no place is left does a silent page lose its own.
 
+    A notebook's server may drop messages where there are many. So each question says how many were sent, and a page
+    that has fewer is sent all anew.
+
     Args:
         widget: which hands over their messages and sends ours.
     """
@@ -160,6 +163,7 @@ class NotebookPages(Pages):
         super().__init__("mpsim live: notebook")
         self._widget = widget
         self._named: dict[str, Client] = {}
+        self._connections: dict[str, _Connection] = {}  # by the same names
         self._asked: set[str] = set()  # pages that have sent nothing since they were asked whether they are there
         widget.on_msg(lambda _, content, buffers: self.from_outside(self._take, content))
 
@@ -178,7 +182,7 @@ class NotebookPages(Pages):
             self._named[page].set_silent(True)
         for page in self._named.keys() - self._asked:
             self._asked.add(page)
-            self._widget.send({"page": page, "ping": True})
+            self._widget.send({"page": page, "ping": True, "sent": self._connections[page].sent})
         self._count()
 
     def _heard(self, page: str) -> None:
@@ -195,8 +199,10 @@ class NotebookPages(Pages):
                 self._open(page)
             case {"page": str(page), "close": True} if page in self._named:
                 asyncio.ensure_future(self._leave(self._forget(page)))  # noqa: RUF006 - nothing is left to do then
-            case {"page": str(page), "pong": True} if page in self._named:
+            case {"page": str(page), "pong": True, **more} if page in self._named:
                 self._heard(page)
+                if more.get("lost") is True:
+                    self._named[page].send_again(self._texts)
             case {"page": str(page), "text": str(text)} if page in self._named:
                 self._heard(page)
                 self._obey(page, text)
@@ -214,7 +220,8 @@ class NotebookPages(Pages):
                 return
             self._end_of(silent, LATER, "it did not answer, and another page needed its place")
         self._widget.send({"page": page, "opened": True})
-        self._named[page] = self._join(_Connection(self._widget, page))
+        self._connections[page] = _Connection(self._widget, page)
+        self._named[page] = self._join(self._connections[page])
 
     def _obey(self, page: str, text: str) -> None:
         client = self._named[page]
@@ -226,6 +233,7 @@ class NotebookPages(Pages):
 
     def _forget(self, page: str) -> Client:
         self._asked.discard(page)
+        del self._connections[page]
         return self._named.pop(page)
 
     def _end_of(self, page: str, code: int, reason: str) -> asyncio.Task[None]:
@@ -241,14 +249,20 @@ class NotebookPages(Pages):
 
 
 class _Connection:
-    """Sends to one page of a widget."""
+    """Sends to one page of a widget.
+
+    Attributes:
+        sent: number of messages.
+    """
 
     def __init__(self, widget: Any, page: str):
+        self.sent: int = 0
         self._widget = widget
         self._page = page
 
     async def send(self, message: str | bytes | bytearray) -> None:
         """Send a text, or bytes."""
+        self.sent += 1
         if isinstance(message, str):
             self._widget.send({"page": self._page, "text": message})
         else:

@@ -51,21 +51,28 @@ class FrontEnd:
 
 class NotebookPage:
     """One page. Attributes: opened, closed (code and reason), last (messages by kind), picture, pictures, pings; dead:
-    its browser has died, and says nothing."""
+    its browser has died, and says nothing; loses: what the notebook's server drops on the way to it: a function of a
+    message."""
 
     def __init__(self, front: FrontEnd, name: str):
         self.front, self.name = front, name
         self.opened, self.closed, self.pictures, self.pings, self.dead = 0, None, 0, 0, False
         self.last: dict[str, dict[str, Any]] = {}
         self.picture: wire.Picture | None = None
+        self.loses: Callable[[dict[str, Any]], bool] = lambda content: False
+        self.received = 0
 
     def take(self, content: dict[str, Any], buffers: Any) -> None:
+        if self.loses(content):
+            return
+        self.received += "text" in content or "bytes" in content
         if content.get("opened"):
             self.opened += 1
         elif content.get("ping"):
             self.pings += 1
+            lost, self.received = self.received != content["sent"], content["sent"]
             if not self.dead:
-                self.front.say({"page": self.name, "pong": True})
+                self.front.say({"page": self.name, "pong": True, "lost": lost})
         elif "closed" in content:
             self.closed = content["closed"]
         elif "text" in content:

@@ -1,12 +1,14 @@
 // A view inside a notebook: the page in a frame of its own, so that neither its keys nor its style reach the notebook.
 // Its messages go through the notebook's connection to Python. PAGE is the page as one text: viewer/notebook.py adds it.
 
+const QUIET = 30000; // ms without a message, of which one comes every 10 seconds: then something was lost
+
 export default {
   render({ model, el }) {
     const frame = document.createElement("iframe");
     Object.assign(frame, { title: "mpsim", srcdoc: PAGE, allow: "clipboard-write; fullscreen" });
     frame.style.cssText = `display: block; width: 100%; height: ${model.get("height")}px; border: 0;`;
-    let page = null, port = null;
+    let page = null, port = null, opened = false, received = 0, heard = 0;
 
     const close = () => { if (page) model.send({ page, close: true }); };
     /** Each time that the page is loaded, as it is when a notebook moves it, it is another page. */
@@ -15,6 +17,7 @@ export default {
       port?.close();
       const channel = new MessageChannel();
       [page, port] = [crypto.getRandomValues(new Uint32Array(2)).join("-"), channel.port1];
+      [opened, received, heard] = [false, 0, Date.now()];
       const own = page;
       port.onmessage = ({ data }) => model.send({ page: own, text: data });
       frame.contentWindow.postMessage({ mpsim: "port" }, "*", [channel.port2]);
@@ -23,16 +26,33 @@ export default {
     const ready = (event) => { if (event.source === frame.contentWindow && event.data?.mpsim === "ready") open(); };
     const take = (content, buffers) => {
       if (content.page !== page) return;
-      if (content.ping) { model.send({ page, pong: true }); return; } // here, as a hidden page answers late
+      heard = Date.now();
+      if (!opened && !content.closed) { // the message that says so may have been lost
+        opened = true;
+        port.postMessage({ opened });
+      }
+      if (content.opened) return;
+      if (content.ping) { // answered here, as a hidden page answers late
+        model.send({ page, pong: true, lost: received !== content.sent });
+        received = content.sent;
+        return;
+      }
+      if (!content.closed) received += 1;
       if (content.bytes) {
         const { buffer, byteOffset, byteLength } = buffers[0], copy = buffer.slice(byteOffset, byteOffset + byteLength);
         port.postMessage(copy, [copy]);
       } else port.postMessage(content.text ?? content);
     };
+    const asking = setInterval(() => {
+      if (!page || Date.now() - heard < QUIET) return;
+      heard = Date.now();
+      try { model.send({ page, pong: true, lost: true }); } catch { clearInterval(asking); } // the kernel has ended
+    }, QUIET / 6);
     addEventListener("message", ready);
     model.on("msg:custom", take);
     el.append(frame);
     return () => {
+      clearInterval(asking);
       removeEventListener("message", ready);
       model.off("msg:custom", take);
       close();

@@ -1,5 +1,6 @@
 """`mpsim.live` without a browser: a front end that hears and says what a notebook's would."""
 
+import asyncio
 import sys
 import threading
 import time
@@ -11,6 +12,8 @@ from support.scenes import gas
 
 import mpsim
 from mpsim.viewer import notebook
+from mpsim.viewer.broadcast import Shown
+from mpsim.viewer.client import Client
 
 GRID = mpsim.Settings(method="grid")
 SCENE = gas(100, 0.3)
@@ -162,6 +165,92 @@ def test_a_kernel_that_runs_a_long_cell_drops_no_page(monkeypatch):
         front.end_cell()
         page.until(lambda p: p.frame > frame + 3 and p.last["status"]["speed"] == 0.5)
         assert (page.opened, page.closed) == (1, None)
+
+
+def dropping(page, what):
+    """Have the notebook's server drop the next messages of a kind, one at least."""
+    dropped = []
+
+    def loses(content):
+        if what in content:
+            dropped.append(content)
+        return what in content
+
+    page.loses = loses
+    page.until(lambda p: dropped)
+    page.loses = lambda content: False
+
+
+def test_a_picture_that_a_notebook_s_server_drops_is_sent_again(monkeypatch):
+    monkeypatch.setattr(notebook, "PING_SECONDS", 1e9)
+    with mpsim.live(SCENE, GRID) as live:
+        page = seen(FrontEnd(live))
+        page.until(lambda p: p.frame > 3)
+        dropping(page, "bytes")
+        pictures, frame = page.pictures, live._session._sim.frame
+        time.sleep(0.7)
+        assert live._session._sim.frame > frame
+        assert page.pictures == pictures, "negative control: it waits until it is asked"
+        live._pages.from_outside(live._pages._ask_for_life)
+        page.until(lambda p: p.pictures > pictures + 3 and p.frame > frame)
+        assert page.closed is None
+
+
+def test_a_message_that_a_notebook_s_server_drops_is_sent_again(monkeypatch):
+    monkeypatch.setattr(notebook, "PING_SECONDS", 1e9)
+    with mpsim.live(SCENE, GRID) as live:
+        page = seen(FrontEnd(live))
+        page.until(lambda p: p.frame > 3)
+        page.loses = lambda content: "text" in content
+        page.say("pause")
+        end = time.monotonic() + 60
+        while live._session._playing and time.monotonic() < end:
+            time.sleep(0.01)
+        time.sleep(0.3)
+        page.loses = lambda content: False
+        time.sleep(0.5)
+        assert page.phase == "playing", "negative control: nobody has asked"
+        live._pages.from_outside(live._pages._ask_for_life)
+        page.until(lambda p: p.phase == "paused" and p.frame == live._session._sim.frame)
+        pictures = page.pictures
+        for _ in range(2):
+            live._pages.from_outside(live._pages._ask_for_life)
+        time.sleep(0.3)
+        assert page.pictures == pictures, "nothing was lost, and nothing is sent again"
+
+
+class Sink:
+    """A connection that keeps what is sent."""
+
+    def __init__(self):
+        self.sent = []
+
+    async def send(self, message):
+        self.sent.append(message)
+
+
+def test_a_picture_that_came_although_others_were_lost_may_be_acknowledged_twice():
+    """The page answers a picture late, and the same one is sent again meanwhile."""
+    sink = Sink()
+    client = Client(sink)
+
+    async def lose():
+        sending = asyncio.ensure_future(client.send_all())
+        client.set_visible(True)
+        for serial in (1, 2):
+            client.show(Shown(serial, b"picture %d" % serial, b"radii", np.zeros((0, 5))))
+            await asyncio.sleep(0)
+        await asyncio.sleep(0.01)
+        client.send_again({"status": "again"})
+        await asyncio.sleep(0.01)
+        client.acknowledge(1)
+        client.acknowledge(2)
+        with pytest.raises(mpsim.InputError, match="serial of an ack must be that of the last picture; got 1"):
+            client.acknowledge(1)
+        sending.cancel()
+
+    asyncio.run(lose())
+    assert sink.sent == [b"radii", b"picture 1", "again", b"radii", b"picture 2"]
 
 
 def test_closing_ends_its_threads_and_says_so():
