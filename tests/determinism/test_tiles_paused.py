@@ -10,7 +10,7 @@ from mpsim.engine.solvers import event_windows
 
 FRAMES, DT = 12, 0.25
 TILING = (3, 2)
-SCENE = mpsim.Scene.random(count=3000, radius=0.5, packing=0.4, seed=2, boundary=("periodic", "walls"))
+SCENE = mpsim.Scene.random(count=3000, radius=0.5, packing=0.4, seed=2)
 
 
 @pytest.fixture(autouse=True)

@@ -27,6 +27,7 @@ def everything(count: int) -> dict[str, Any]:
         "gravity": (0.25, -1.0),
         "boundary": ("periodic", "walls"),
         "restitution": 0.9,
+        "wall_restitution": 0.95,
         "friction": 0.5,
         "wall_friction": 0.25,
         "tangential_restitution": 0.5,
