@@ -10,7 +10,7 @@ from mpsim.engine.collision_observers import Collisions
 from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 
-MOST_LOGGED = 10
+MOST_LOGGED = 3
 """Discs up to which collisions with walls and obstacles are counted, too: they have to be logged, which makes frames of
 many discs slower."""
 

@@ -142,7 +142,7 @@ class Commanded(Source):
                 self._show_more(action)
             case "keep":
                 keep.answer(None if self._over else self._sim, self._name, **action.values)
-            case "hold" | "release" | "add" | "remove" | "wall" | "change" | "undo":
+            case "hold" | "release" | "add" | "stroke" | "remove" | "wall" | "change" | "undo":
                 self._by_hand(action)
             case "pass" | "snapshot" | "return" as name:
                 {"pass": self._show_pass, "snapshot": self._remember, "return": self._go_back}[name]()

@@ -42,6 +42,10 @@ REFUSALS = (InputError, BusyError, OutputError)
 """Errors that leave the simulation as it was: for the page, a note."""
 
 
+class _NoRoomError(InputError):
+    """A part of a stroke has room for no disc, which is not worth a note."""
+
+
 @dataclass
 class _Held:
     """A disc that is held: its number, where it is to be [length], and until when without another word [s]."""
@@ -80,6 +84,7 @@ class Hands:
 
     def __init__(self, owned: bool):
         self.note: str | None = None
+        self._said: str | None = None  # the last note, which pages are told until there is another one
         self._notes = 0
         self._owned = owned
         self.undo: Undo = Undo()
@@ -89,6 +94,7 @@ class Hands:
         self._sliders: Sliders | None = None
         self._acts: Mapping[str, Callable[..., None]] = {
             "add": self._add,
+            "stroke": self._stroke,
             "remove": self._remove,
             "wall": self._wall,
             "change": self._change,
@@ -111,7 +117,7 @@ class Hands:
         return {
             "held": sorted(self._held),
             "undo": len(self.undo) if self._owned else None,
-            "note": self.note,
+            "note": self._said,
             "notes": self._notes,
             "dt": sim.settings.dt,
             "parameters": self._sliders.of(sim),
@@ -132,6 +138,8 @@ class Hands:
                 self._release(sim, **action.values)
             else:
                 self._with_mark(sim, action)
+        except _NoRoomError:
+            pass
         except REFUSALS as error:
             self._say(str(error))
         return sim
@@ -151,7 +159,7 @@ class Hands:
         return different
 
     def _say(self, note: str) -> None:
-        self.note = note
+        self.note = self._said = note
         self._notes += 1
 
     # --- marks, and back to them
@@ -159,7 +167,7 @@ class Hands:
     def _with_mark(self, sim: Simulation, action: Action) -> None:
         """Do an action that can be taken back, together with the gesture that it goes on with."""
         values = dict(action.values)
-        key = (action.name, values.get("name"))
+        key = ("add" if action.name == "stroke" else action.name, values.get("name"))
         with self._marked(sim, key, values.pop("same", False) and key in self._gestures):
             self._acts[action.name](sim, **values)
 
@@ -215,16 +223,32 @@ class Hands:
             self._say(f"thrown at speed {limit:.3g}, {why}")
 
     def _add(self, sim: Simulation, x: float, y: float) -> None:
-        if self._added >= MOST_ADDED:
-            raise InputError(f"pages may add at most {MOST_ADDED} discs; got one more. Reset, or begin with more.")
-        scene, own = sim.scene, dict[str, float]()
-        if has_radii(scene):
-            own["radius"] = _typical(sim.radii, sim.absorbed)
-        if has_masses(scene):
-            own["mass"] = _typical(sim.masses, sim.absorbed)
-        _demand_room(sim, np.array([x, y]), own.get("radius", scene.largest_radius))
+        self._demand_more()
+        own = _own_of_new(sim)
+        _demand_room(sim, np.array([x, y]), own.get("radius", sim.scene.largest_radius))
         sim.add((x, y), (0.0, 0.0), **own)
         self._added += 1
+
+    def _stroke(self, sim: Simulation, places: list[list[float]]) -> None:
+        """Add discs at those of several places that are free."""
+        self._demand_more()
+        own = _own_of_new(sim)
+        free = _free(sim, np.array(places), own.get("radius", sim.scene.largest_radius))[: MOST_ADDED - self._added]
+        before = sim.count
+        try:
+            if len(free):
+                sim.add(free, np.zeros_like(free), **{name: np.full(len(free), value) for name, value in own.items()})
+        except InputError:  # an obstacle is at one of them
+            for place in free:
+                with contextlib.suppress(InputError):
+                    sim.add(place, (0.0, 0.0), **own)
+        self._added += sim.count - before
+        if sim.count == before:
+            raise _NoRoomError
+
+    def _demand_more(self) -> None:
+        if self._added >= MOST_ADDED:
+            raise InputError(f"pages may add at most {MOST_ADDED} discs; got one more. Reset, or begin with more.")
 
     def _remove(self, sim: Simulation, id: int) -> None:
         self._held.pop(id, None)
@@ -274,6 +298,30 @@ def _typical(values: NDArray[np.float64], absorbed: NDArray[np.bool_]) -> float:
     """One that a disc has: of those that are there the middle one by size, or of all where none is there."""
     there = values[~absorbed] if not absorbed.all() else values
     return float(np.sort(there)[len(there) // 2]) if len(there) else 1.0
+
+
+def _own_of_new(sim: Simulation) -> dict[str, float]:
+    """What a new disc has of its own, where discs differ: that of a usual one."""
+    own = dict[str, float]()
+    if has_radii(sim.scene):
+        own["radius"] = _typical(sim.radii, sim.absorbed)
+    if has_masses(sim.scene):
+        own["mass"] = _typical(sim.masses, sim.absorbed)
+    return own
+
+
+def _free(sim: Simulation, places: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+    """Those of several places, shape (K, 2), at which no disc stands, if discs of a radius are put at them in turn."""
+    state, lengths = sim.state, lengths_of(sim.scene)
+    middle = places[len(places) // 2]
+    reach = np.hypot(*to_nearest_image(places - middle, lengths).T).max() + radius + sim.radii.max(initial=0)
+    near = np.hypot(*to_nearest_image(state.position.astype(np.float64) - middle, lengths).T) < reach
+    near &= state.present
+    taken, radii = state.position[near].astype(np.float64), sim.radii[near]
+    for place in places:
+        if (np.hypot(*to_nearest_image(taken - place, lengths).T) >= radii + radius).all():
+            taken, radii = np.vstack([taken, place]), np.append(radii, radius)
+    return taken[np.count_nonzero(near) :]
 
 
 def _demand_room(sim: Simulation, place: NDArray[np.float64], radius: float) -> None:

@@ -59,6 +59,9 @@ MOST_BYTES = 4096
 MOST_STEPS = 10_000
 """Frames of the action `step` at most."""
 
+MOST_PLACES = 100
+"""Places of a message `stroke`."""
+
 MOST_NUMBER, MOST_WHOLE = 1e100, 10**9
 """Size of a number that a page may send for a place, a velocity or a parameter, and of one that must be whole."""
 
@@ -228,6 +231,18 @@ def _parameter_value(name: str, value: Any) -> Any:
     return _number(name, value)
 
 
+def _places(name: str, value: Any) -> list[list[float]]:
+    if (
+        not isinstance(value, list)
+        or not 1 <= len(value) <= MOST_PLACES
+        or not all(isinstance(each, list) and len(each) == 2 for each in value)
+    ):
+        raise InputError(
+            f"{name} must be a list of 1 to {MOST_PLACES} places, each [x, y]; got {checks.brief(value)}. Send others."
+        )
+    return [[_number(name, each) for each in place] for place in value]
+
+
 def _budget(name: str, value: Any) -> float:
     return checks.between(name, value, 1 / MOST_NUMBER, MOST_NUMBER)
 
@@ -288,6 +303,7 @@ ACTIONS: Mapping[str, Mapping[str, Field]] = {
     "hold": {"id": _DISC, "x": _number, "y": _number},
     "release": {"id": _DISC, "vx": _number, "vy": _number},
     "add": {"x": _number, "y": _number, "same": checks.truth},
+    "stroke": {"places": _places, "same": checks.truth},
     "remove": {"id": _DISC, "same": checks.truth},
     "wall": {"ax": _number, "ay": _number, "bx": _number, "by": _number},
     "change": {"name": _parameter, "value": _parameter_value, "same": checks.truth},

@@ -9,6 +9,7 @@ const TOOLS = { h: "hand", a: "add", b: "brush", x: "remove", w: "wall" };
 const NEAR = 12; // pixels of the screen beside a disc that still mean it
 const EVERY = 33; // ms between two messages of a gesture: two hundred a second are read
 const TRAIL = 90; // ms of the pointer's way that make the velocity of a throw
+const MOST_PLACES = 100, MOST_REMOVED = 8; // of a stroke in one message, and discs at a time: two hundred messages a second are read
 const NOTE_SECONDS = 4;
 
 let tool = "hand", gesture = null, cross = null, notes = 0;
@@ -87,14 +88,32 @@ function inside(place, radius) {
 // --- what the tools do: at a place, as a pointer or the cross begins, goes on and ends
 
 const sendHold = paced((disc, place) => send({ do: "hold", id: disc, x: place[0], y: place[1] }));
-const brush = paced((place) => {
-  if (gesture?.tool !== "brush") return;
+/** Walk along the path of the pointer, in steps of a length; returns where, at most so often: the rest of the path stays. */
+function walked(step, most) {
+  const found = [], { path } = gesture;
+  while (path.length && found.length < most) {
+    const way = path[0].map((each, axis) => each - gesture.last[axis]), length = Math.hypot(...way);
+    if (length < step) { path.shift(); continue; }
+    found.push(gesture.last = gesture.last.map((each, axis) => each + (way[axis] * step) / length));
+  }
+  return found;
+}
+/** Do what a stroke has come to: a fast one, or one on a busy page, leaves no gaps. */
+function stroke() {
+  const radius = typicalRadius() || 0.01 * Math.min(...(state.picture?.extent ?? [1])); // where there are no discs yet
+  if (gesture?.tool === "brush") paint(walked(2.05 * radius, MOST_PLACES));
+  else if (gesture?.tool === "remove") for (const place of walked(radius, MOST_REMOVED)) removeAt(place);
+  if (gesture?.path?.length) strokeSoon();
+}
+const strokeSoon = paced(stroke);
+
+/** Add discs at those of some places that are free. */
+function paint(places) {
+  if (!places.length) return;
   const radius = typicalRadius();
-  if (gesture.last && Math.hypot(...nearest([place[0] - gesture.last[0], place[1] - gesture.last[1]])) < 2.05 * radius) return;
-  if (discAt(place, radius) !== null) return; // no room: the brush goes on
-  addAt(place);
-});
-const erase = paced((place) => { if (gesture?.tool === "remove") removeAt(place); });
+  send({ do: "stroke", places: places.map((each) => inside(each, radius).map((x) => +x.toPrecision(8))), same: gesture.sent });
+  gesture.sent = true;
+}
 
 /** Remove the disc at a place; returns its number, or null if none is seen there. */
 function removeAt(place) {
@@ -110,7 +129,7 @@ function removeAt(place) {
 function addAt(place) {
   const [x, y] = inside(place, typicalRadius());
   send({ do: "add", x, y, same: gesture?.sent ?? false });
-  if (gesture) [gesture.last, gesture.sent] = [place, true];
+  if (gesture) gesture.sent = true;
 }
 
 /** The part of a line that lies in the box, from one end to the other; null: none does. */
@@ -162,8 +181,8 @@ function begin(place, reach, time) {
   } else if (tool === "wall") {
     gesture = { tool, reach, from: place, to: place };
   } else {
-    gesture = { tool, sent: false, gone: new Set() };
-    if (tool === "remove") removeAt(place); else addAt(place);
+    gesture = { tool, sent: false, gone: new Set(), last: place, path: tool === "add" ? null : [] };
+    if (tool === "remove") removeAt(place); else if (tool === "brush") paint([place]); else addAt(place);
   }
   requestDraw();
   return true;
@@ -177,8 +196,7 @@ function hold() {
 
 function go(place, time) {
   if (!gesture) return;
-  if (gesture.tool === "brush") brush(place);
-  else if (gesture.tool === "remove") erase(place);
+  if (gesture.path) { gesture.path.push(place); strokeSoon(); }
   else if (gesture.tool === "wall") { gesture.to = place; requestDraw(); }
   else if (gesture.tool === "hand") {
     gesture.place = place;
@@ -201,6 +219,7 @@ function end(velocity, time) {
     const [vx, vy] = velocity ?? pointerVelocity(time);
     send({ do: "release", id: gesture.disc, vx, vy });
   } else if (gesture.tool === "wall" && !velocity) build();
+  else while (gesture.path?.length) stroke();
   gesture = null;
   requestDraw();
 }

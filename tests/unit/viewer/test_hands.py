@@ -161,6 +161,33 @@ def test_no_disc_is_added_on_another_one_nor_through_a_periodic_edge(table):
     assert t.do("add", x=1.2, y=4.0, same=False) is None
 
 
+def test_a_stroke_adds_discs_where_there_is_room_and_no_others(table):
+    """Of each kind: on a disc, through a periodic edge, on a new one, in an obstacle."""
+    options = {"boundary": ("periodic", "walls"), "obstacles": [mpsim.FixedDisc((4.0, 6.0), 0.5)]}
+    scene = mpsim.Scene(width=8, height=8, position=[[0.1, 4]], velocity=[[0, 0]], radius=0.5, **options)
+    t = table(scene)
+    places = [[0.5, 4.2], [7.7, 3.8], [2.0, 4.0], [2.5, 4.0], [3.2, 4.0], [4.2, 6.4], [6.0, 6.0]]
+    assert t.do("stroke", places=places, same=False) is None
+    assert t.sim.state.position[1:].tolist() == [[2.0, 4.0], [3.2, 4.0], [6.0, 6.0]]
+    assert not t.sim.state.velocity.any()
+    assert t.do("stroke", places=places, same=True) is None, "a stroke without room is not worth a note"
+    assert (t.sim.count, t.told["undo"]) == (4, 1)
+    assert t.do("stroke", places=[[2.0, 2.0]], same=True) is None
+    assert (t.sim.count, t.told["undo"]) == (5, 1), "both are one stroke"
+    t.do("undo")
+    assert t.sim.count == 1
+
+
+@pytest.mark.parametrize("method", ["grid", "event"])
+def test_a_stroke_has_discs_like_those_of_the_scene(table, method):
+    t = table(zoo("radii masses", count=5, side=20.0), method=method)
+    x, y = free_place(t.sim)
+    t.do("stroke", places=[[x, y], [x, y]], same=False)
+    assert t.sim.count == 6
+    assert t.sim.radii[5] in t.sim.radii[:5]
+    assert t.sim.masses[5] in t.sim.masses[:5]
+
+
 def test_pages_can_add_so_many_discs_and_no_more(table, monkeypatch):
     monkeypatch.setattr(hands_module, "MOST_ADDED", 2)
     t = table(gas(3, 0.01))
@@ -168,7 +195,21 @@ def test_pages_can_add_so_many_discs_and_no_more(table, monkeypatch):
         x, y = free_place(t.sim)
         assert t.do("add", x=x, y=y, same=True) is None
     assert "pages may add at most 2 discs" in t.do("add", x=x, y=y, same=True)
+    assert "pages may add at most 2 discs" in t.do("stroke", places=[[x, y]], same=True)
     assert t.sim.count == 5
+    t = table(mpsim.Scene(width=9, height=9, position=[[1, 1]], velocity=[[0, 0]], radius=0.5))
+    t.do("stroke", places=[[3, 3], [3, 5], [3, 7], [5, 3]], same=False)
+    assert t.sim.count == 3
+
+
+def test_a_refusal_is_told_although_another_action_follows_at_once(table):
+    """A page is sent the last of several messages, and the number of notes says that there is a new one."""
+    t = table()
+    notes = t.told["notes"]
+    note = t.do("hold", id=99, x=1.0, y=1.0)
+    assert t.do("release", id=99, vx=0.0, vy=0.0) is None
+    assert (t.told["note"], t.told["notes"]) == (note, notes + 1)
+    assert "id must be the number of a disc" in note
 
 
 def test_pages_can_draw_so_many_walls_and_no_more(table, monkeypatch):
@@ -207,8 +248,9 @@ def test_what_is_refused_is_a_note_and_changes_nothing(table, name, values, text
     before = t.sim.digest()
     assert text in t.do(name, **values)
     assert (t.sim.digest(), len(t.sim.journal), t.told["undo"], t.told["held"]) == (before, 0, 0, [])
-    t.do("change", name="passes", value=2, same=False)
-    assert t.told["note"] is None, "the next action takes the note away"
+    notes = t.told["notes"]
+    assert t.do("change", name="passes", value=2, same=False) is None
+    assert t.told["notes"] == notes, "pages show a note once, by its number"
 
 
 def test_a_place_on_another_disc_is_refused_by_the_exact_solver(table):

@@ -95,10 +95,7 @@ def test_a_pointer_that_rests_before_it_lets_go_throws_nothing(table):
 
 def test_a_busy_page_throws_a_disc_with_the_velocity_of_the_pointer(table):
     t = table()
-    t.page.evaluate("""addEventListener("pointermove", () => {
-        const end = performance.now() + 150;
-        while (performance.now() < end);
-    }, true)""")
+    t.page.evaluate(BUSY)
     t.gesture(*((4 + 0.2 * k, 6 + 0.1 * k) for k in range(5)))
     until(lambda: bool(t.sim.state.velocity[0].any()))
     assert t.sim.state.velocity[0] == pytest.approx((0.2 / 0.02 / 0.6, 0.1 / 0.02 / 0.6), rel=0.02)
@@ -162,7 +159,7 @@ def test_discs_are_added_by_click_and_brush_and_removed(table):
     t.page.mouse.down()
     for k, x in enumerate((2, 2.4, 3.5, 5.0, 6.5)):
         t.page.mouse.move(*t.pixel(x, 3))
-        until(lambda k=k: t.sim.count == 6 + max(k - 1, 0))  # at 2.4 there is no room beside the first
+        until(lambda k=k: t.sim.count == 6 + (0, 0, 1, 2, 4)[k])  # at 2.4 there is no room beside the first
     t.page.mouse.up()
     places = t.sim.state.position[5:]
     assert np.allclose(places[:, 1], 3, atol=0.05)
@@ -180,6 +177,55 @@ def test_discs_are_added_by_click_and_brush_and_removed(table):
     t.page.click("#undo")
     until(lambda: t.sim.count == 4 and t.page.is_disabled("#undo"))
     assert t.what() == []
+    assert t.complaints == []
+
+
+BUSY = """addEventListener("pointermove", () => {
+    const end = performance.now() + 150;
+    while (performance.now() < end);
+}, true)"""
+
+
+def test_a_fast_stroke_on_a_busy_page_leaves_no_gaps(table):
+    t = table()
+    t.page.evaluate(BUSY)
+    t.page.click("#tool-brush")
+    t.gesture((1, 3.5), (19, 3.5), (19, 11), apart=0.0)
+    until(lambda: t.sim.count > 4 + 20)
+    drawn = t.sim.state.position[4:]
+    row, column = drawn[drawn[:, 1] < 3.6], drawn[drawn[:, 1] > 3.6]
+    gaps = np.diff(np.sort(row[:, 0])), np.diff(np.sort(column[:, 1]))
+    for each in gaps:
+        assert 1.0 <= each.min() <= each.max() < 1.1, "one beside the other"
+    assert row[:, 0].max() > 18
+    assert column[:, 1].max() > 10
+    assert len(t.view._session._hands.undo) == 1, "one stroke"
+    t.page.click("#tool-remove")
+    t.gesture((1, 3.5), (19, 3.5), (19, 11), apart=0.0)
+    until(lambda: not t.sim.state.present[4:].any())
+    assert t.sim.state.present[:4].all(), "no other one is gone"
+    assert len(t.view._session._hands.undo) == 2
+    t.page.click("#undo")
+    until(lambda: bool(t.sim.state.present.all()))
+    assert t.complaints == []
+
+
+def test_a_stroke_goes_round_what_is_in_its_way_and_says_nothing(table):
+    place = [[2 * k + 1.5, 6] for k in range(8)]
+    scene = mpsim.Scene(
+        width=20, height=12, position=place, velocity=np.zeros((8, 2)), radius=0.5,
+        obstacles=mpsim.FixedDisc((18.5, 6), 0.4),
+    )  # fmt: skip
+    t = table(scene)
+    t.page.click("#tool-brush")
+    t.gesture((1.5, 6), (19.4, 6.05), apart=0.0)
+    until(lambda: t.sim.count >= 8 + 1)
+    time.sleep(0.3)
+    new = t.sim.state.position[8:]
+    apart = np.hypot(*(new[:, None] - t.sim.state.position[None]).T)
+    assert np.sort(apart, axis=0)[1].min() >= 1.0, "on no disc"
+    assert np.hypot(*(new - [18.5, 6]).T).min() >= 0.9, "nor on the obstacle"
+    assert t.text("hand-note") == ""
     assert t.complaints == []
 
 

@@ -116,6 +116,7 @@ ACTIONS = [
     ("seek", {"index": 0}), ("follow", {"value": True}),
     ("hold", {"id": 3, "x": 0.5, "y": -1.0}), ("release", {"id": 3, "vx": 0.0, "vy": 1e3}),
     ("add", {"x": 1.0, "y": 2.0, "same": True}), ("remove", {"id": 0, "same": False}), ("undo", {}),
+    ("stroke", {"places": [[1.0, 2.0]] * 100, "same": True}),
     ("wall", {"ax": 1.0, "ay": 2.0, "bx": 3.0, "by": -1e100}),
     ("change", {"name": "dt", "value": 0.25, "same": False}),
     ("change", {"name": "gravity", "value": [0.0, -1.0], "same": True}),
