@@ -68,14 +68,10 @@ class Client:
         self._picture = picture
         self._news.set()
 
-    def set_visible(self, visible: bool) -> None:
-        """Note whether somebody can see the page; until then it gets no picture."""
-        self.visible = visible
-        self._news.set()
-
-    def set_silent(self, silent: bool) -> None:
-        """Note whether the page answers. What it is sent waits until it does."""
-        self.silent = silent
+    def note(self, *, visible: bool | None = None, silent: bool | None = None) -> None:
+        """Note whether somebody can see the page, and whether it is silent; None: as before."""
+        self.visible = self.visible if visible is None else visible
+        self.silent = self.silent if silent is None else silent
         self._news.set()
 
     @property

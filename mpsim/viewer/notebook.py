@@ -179,7 +179,7 @@ class NotebookPages(Pages):
     def _ask_for_life(self) -> None:
         """Ask each page whether it is there; one that has not answered since the last time is silent."""
         for page in self._named.keys() & self._asked:
-            self._named[page].set_silent(True)
+            self._named[page].note(silent=True)
         for page in self._named.keys() - self._asked:
             self._asked.add(page)
             self._widget.send({"page": page, "ping": True, "sent": self._connections[page].sent})
@@ -189,7 +189,7 @@ class NotebookPages(Pages):
         """Note a sign of life."""
         self._asked.discard(page)
         if (client := self._named[page]).silent:
-            client.set_silent(False)
+            client.note(silent=False)
             self._count()
 
     def _take(self, content: Any) -> None:

@@ -18,6 +18,9 @@ _FOLDER = resources.files("mpsim.viewer").joinpath("page")
 _IMPORT, _BARE = re.compile(r'\b(import|from) "\./([\w-]+\.js)"'), r'\1 "mpsim/\2"'
 """How a module names another one of the page, and by which name an import map knows that."""
 
+_INDENT = re.compile(r"^ +", re.MULTILINE)
+"""What a notebook need not keep with each view."""
+
 
 @dataclass(frozen=True)
 class PageFile:
@@ -51,7 +54,7 @@ def page_in_one() -> str:
     >>> 'data-place="notebook"' in text, 'src="page.js"' in text, "mpsim/stage.js" in text
     (True, False, True)
     """
-    files = {name: file.content.decode() for name, file in page_files().items()}
+    files = {name: _INDENT.sub("", file.content.decode()) for name, file in page_files().items()}
     modules = {
         f"mpsim/{name}": f"data:text/javascript;base64,{_base64(_IMPORT.sub(_BARE, text))}"
         for name, text in files.items()

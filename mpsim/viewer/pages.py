@@ -119,7 +119,7 @@ class Pages(ABC):
             case "ack":
                 client.acknowledge(action.values["serial"])
             case "visible":
-                client.set_visible(action.values["value"])
+                client.note(visible=action.values["value"])
                 self._count()
             case _:
                 self._source.submit(action)

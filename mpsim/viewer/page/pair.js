@@ -69,8 +69,22 @@ function partedText() {
     : `${when} A difference grows by a factor of e in ${digits(told.lyapunov_time)} (the Lyapunov time). Two correct solvers agree until about ${digits(told.agree_until)}.`;
 }
 
+const choice = $("beside-choice"), given = new Option("", "given");
+given.disabled = true; // of a view that was opened with a second stage
+
+/** Show what runs on the second stage in the list, also where the page has not chosen it. */
+function showChoice(second) {
+  if (second === null) given.remove();
+  else if (choice.value === "null" || given.selected) {
+    given.textContent = second;
+    choice.append(given);
+    choice.value = "given";
+  }
+}
+
 takers.pair.push((message) => {
   told = message;
+  showChoice(message.second);
   const two = message.second !== null;
   for (const id of ["second", "trade", "first-name"]) $(id).hidden = !two;
   $("first-name").textContent = message.first;
@@ -97,16 +111,6 @@ takers.pair.push((message) => {
   requestDraw();
 });
 
-const choice = $("beside-choice"), given = new Option("", "given");
-given.disabled = true; // of a view that was opened with a second stage
-takers.pair.push(({ second }) => {
-  if (second === null) given.remove();
-  else if (choice.value === "null" || given.selected) {
-    given.textContent = second;
-    choice.append(given);
-    choice.value = "given";
-  }
-});
 choice.addEventListener("change", (event) => send({ do: "beside", settings: JSON.parse(event.target.value) }));
 
 takers.scene.push((scene) => {
@@ -119,12 +123,13 @@ let searching = false;
 $("tune-form").addEventListener("submit", (event) => {
   event.preventDefault();
   if (searching) send({ do: "stop_tuning" });
-  else if (+$("tune-budget").value > 0) send({ do: "tune", measure: $("tune-measure").value, budget: +$("tune-budget").value });
+  else send({ do: "tune", measure: $("tune-measure").value, budget: +$("tune-budget").value });
 });
 
 takers.tune.push(({ phase, text, done, of }) => {
   searching = phase === "searching";
   $("tune").textContent = searching ? "Stop" : "Tune";
+  $("tune").formNoValidate = searching; // it can be stopped whatever the field says
   $("tune-text").hidden = phase === "none";
   $("tune-text").textContent = searching ? `${Math.round((100 * done) / (of || 1))} %: ${text}\nMeanwhile the stages wait.` : text;
   $("tune-text").dataset.phase = phase;

@@ -236,7 +236,7 @@ def test_a_picture_that_came_although_others_were_lost_may_be_acknowledged_twice
 
     async def lose():
         sending = asyncio.ensure_future(client.send_all())
-        client.set_visible(True)
+        client.note(visible=True)
         for serial in (1, 2):
             client.show(Shown(serial, b"picture %d" % serial, b"radii", np.zeros((0, 5))))
             await asyncio.sleep(0)

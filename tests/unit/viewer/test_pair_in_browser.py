@@ -2,6 +2,7 @@
 
 import base64
 import io
+import time
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from support.viewing import viewed
 
 import mpsim
 from mpsim import measure
+from mpsim.viewer import tuning
 
 SCENE = gas(300, 0.4)
 GRID = mpsim.Settings(method="grid", contact="push", dt=0.01)
@@ -166,6 +168,39 @@ def test_what_is_typed_into_a_field_stays_there(shown):
     page.keyboard.press(".")
     until(lambda: frame(page) == 2)  # neither reset nor played
     assert (page.inner_text("#phase"), page.inner_text("#speed-text")) == ("paused", "1×, 60 frames a second")  # noqa: RUF001
+
+
+@pytest.mark.parametrize("text", ["1e-300", "1e300", "-1", "0", ""])
+def test_a_budget_that_is_none_searches_for_nothing_and_ends_no_connection(shown, text):
+    page, session = shown
+    step(page, 1)
+    page.click("#beside summary")
+    page.fill("#tune-budget", text)
+    page.click("#tune")
+    step(page, 1)
+    assert page.inner_text("#phase") == "paused"
+    assert page.is_hidden("#tune-text")
+    assert not session._tuning.running
+    assert not page.evaluate("document.getElementById('tune-form').checkValidity()"), "the browser says what is wrong"
+
+
+def test_a_search_can_be_stopped_whatever_the_field_says(shown, monkeypatch):
+    page, session = shown
+
+    def search(scene, budgets, seconds, progress):
+        while True:
+            progress(1, 2, "halfway")
+            time.sleep(0.01)
+
+    monkeypatch.setattr(tuning, "tune", search)
+    step(page, 1)
+    page.click("#beside summary")
+    page.click("#tune")
+    until(lambda: page.inner_text("#tune") == "Stop")
+    page.fill("#tune-budget", "-1")
+    page.click("#tune")
+    until(lambda: page.inner_text("#tune") == "Tune")
+    assert not session._tuning.running
 
 
 def test_at_390_pixels_nothing_is_cut(opened, capsys):

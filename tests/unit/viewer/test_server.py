@@ -331,7 +331,8 @@ def test_the_schema_has_no_action_that_the_server_forgets(view):
     values = {"ack": None, "visible": {"value": True}, "step": {"frames": 1}, "speed": {"value": 2.0},
               "count": {"value": False}, "colour": {"by": "column"},
               "hold": {"id": 1, "x": 7.0, "y": 7.0}, "release": {"id": 1, "vx": 0, "vy": 0},
-              "add": {"x": 1, "y": 1, "same": False}, "remove": {"id": 2, "same": False},
+              "add": {"x": 1, "y": 1, "same": False}, "stroke": {"places": [[1, 9]], "same": False},
+              "remove": {"id": 2, "same": False},
               "change": {"name": "passes", "value": 2, "same": False}, "seed": {"value": 3},
               "wall": {"ax": 1.0, "ay": 0.0, "bx": 1.0, "by": 0.1},  # too short: refused
               "beside": {"settings": {"frames": 2}},
