@@ -233,7 +233,7 @@ class Trade:
     def _find_divergence(self, check: Check) -> None:
         scene = self._diverging
         assert scene is not None  # before the work was begun
-        with contextlib.suppress(InputError):  # such a scene has no Lyapunov time that is known
+        with contextlib.suppress(MpsimError):  # a scene that the exact solver cannot run, or without a Lyapunov time
             found = divergence(scene, progress=lambda done, of: check())
             check()
             self._predictability = found

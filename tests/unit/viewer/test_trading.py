@@ -1,12 +1,14 @@
 """The second stage of a view: it is run beside the first, its errors end it alone, and pages are told of both."""
 
 import math
+import threading
 
 import numpy as np
 import pytest
 from support.scenes import gas
 
 import mpsim
+from mpsim.viewer import trading
 from mpsim.viewer.trading import Trade, demand_one_process, settings_beside
 
 SCENE = gas(50, 0.2)
@@ -158,3 +160,21 @@ def test_what_is_different_beside():
 def test_ranks_are_refused():
     with pytest.raises(mpsim.InputError, match=r"a view runs in one process; got method 'mpi'"):
         demand_one_process(mpsim.Settings(method="mpi"))
+
+
+def test_a_scene_that_the_exact_solver_cannot_run_has_no_lyapunov_time_and_ends_no_thread_by_an_error(two, monkeypatch):
+    """As a dissipative one, in which discs collide without end: nobody is told of it in the terminal."""
+    tried, uncaught = threading.Event(), []
+
+    def stalls(scene, progress):
+        tried.set()
+        raise mpsim.StalledError("disc 0 collided without end")
+
+    monkeypatch.setattr(trading, "divergence", stalls)
+    monkeypatch.setattr(threading, "excepthook", uncaught.append)
+    t = two(EXACT)
+    assert tried.wait(PATIENCE)
+    t.trade._work.wait(PATIENCE)
+    assert uncaught == []
+    assert t.told["lyapunov_time"] is None
+    t.run(4)
