@@ -47,7 +47,7 @@ class CollisionCount:
         return self._log is not None
 
     def observers(self, every: int) -> list[Collisions]:
-        """Who has to look on while frames are run; every: frames between two looks."""
+        """Observers of the next run; every: frames between two looks."""
         if self._log is None:
             return []
         self._log.every = every
@@ -57,7 +57,7 @@ class CollisionCount:
         self.total += len(table)
 
     def so_far(self, sim: Simulation, collisions: int) -> float:
-        """The number on the way of a run; collisions: between discs since it began."""
+        """The number during a run; collisions: between discs since it began."""
         if self._log is None:
             return self.total + collisions
         self._log.look(sim, 0)

@@ -65,7 +65,7 @@ class Colouring:
         self.begin()
 
     def observers(self, every: int) -> list[Collisions]:
-        """Who has to look on while frames are run; every: frames between two looks."""
+        """Observers of the next run; every: frames between two looks."""
         self._collisions.every = every
         return [self._collisions] if self.by == "collision" else []
 

@@ -205,7 +205,7 @@ class Session(Commanded):
     def _look(self, collisions: int = 0) -> None:
         """Make the picture and the gauges that are due, if the simulation has moved since the last ones.
 
-        collisions: between discs in the run that is on its way.
+        collisions: between discs in the present run so far.
         """
         sim, now = self._simulation, time.perf_counter()
         walls_differ = sim.scene.obstacles is not self._broadcast.scene.obstacles

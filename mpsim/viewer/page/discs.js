@@ -1,4 +1,4 @@
-// Who draws the discs: WebGL2, or a 2-D canvas where there is none.
+// Drawing of the discs by WebGL2, or on a 2-D canvas if there is none.
 
 import { ABSORBED, FASTEST, VIRIDIS, colourOf } from "./common.js";
 import { requestDraw } from "./stage.js";

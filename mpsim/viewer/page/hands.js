@@ -1,5 +1,5 @@
-// Hands: discs are dragged, thrown, added and removed, and walls drawn, by pointer or by keys. What is refused is said on
-// the stage.
+// Tools: drag, throw, add and remove discs, and draw walls, by pointer or by keys. The stage shows why an action was
+// refused.
 
 import { $, ABSORBED, bound, isText, median, state } from "./common.js";
 import { send, takers } from "./link.js";

@@ -1,4 +1,4 @@
-// What the simulation says, and the connection by which it does.
+// The connection to the simulation, and its messages.
 
 import { $, digits, state } from "./common.js";
 import { RADII, VERSION, decode } from "./decode.js";

@@ -1,4 +1,4 @@
-// Time: a frame pass by pass, with who resolves what; a moment that is remembered; other random numbers.
+// Time: one frame pass by pass, with the worker of each bracket; the marked moment; the seed.
 
 import { $, isText, state } from "./common.js";
 import { send, takers } from "./link.js";
@@ -10,19 +10,19 @@ const OWNERS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9"
 
 let pressed = false, offered = false; // Pass, on this page; and whether passes by another method are offered here
 
-const deeds = {
+const actions = {
   pass: () => { pressed = true; send({ do: "pass" }); },
   snapshot: () => send({ do: "snapshot" }),
   return: () => send({ do: "return" }),
 };
-for (const id of Object.keys(deeds)) $(id).addEventListener("click", deeds[id]);
+for (const id of Object.keys(actions)) $(id).addEventListener("click", actions[id]);
 const KEYS = { p: "pass", s: "snapshot", g: "return" };
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || isText(event.target)) return;
   const id = KEYS[event.key.toLowerCase()];
   if (!id || $(id).disabled) return;
   event.preventDefault();
-  deeds[id]();
+  actions[id]();
 });
 
 takers.status.push(({ phase, snapshot, can_remember: can }) => {
