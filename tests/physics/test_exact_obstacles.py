@@ -131,6 +131,7 @@ def test_the_mean_free_path_of_a_lorentz_gas_is_that_of_chernov(figures):
     )
 
 
+@pytest.mark.long
 def test_a_ball_spun_by_a_peg_keeps_its_angular_momentum_about_the_point_of_contact():
     peg = FixedDisc((10.0, 10.0), 1.0)
     scene = one((5.0, 10.9), (2.0, 0.0), peg, wall_friction=0.3, spin=[1.5])

@@ -165,6 +165,7 @@ def test_a_fast_disc_that_is_added_is_not_taken_for_one_that_is_crushed(tmp_path
         assert np.abs(sim.state.velocity).max() >= 5e4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("workers", [1, 2])
 def test_discs_are_crushed_alike_on_tiles(workers):
     """The same disc, place and speed on tiles and as a whole."""
@@ -212,7 +213,7 @@ def crowd(gravity=None, **features):
                               **{"piston": Piston("right", -0.5, 11.0), **features})  # fmt: skip
 
 
-@pytest.mark.parametrize("gravity", [None, (0.3, -1.0)])
+@pytest.mark.parametrize("gravity", [None, pytest.param((0.3, -1.0), marks=pytest.mark.long)])
 def test_no_disc_is_ever_behind_the_piston_and_it_works_on_the_gas(gravity):
     scene = crowd(gravity)
     with exactly(scene, dt=0.5) as sim:

@@ -162,6 +162,7 @@ def test_perfectly_rough_discs_share_their_energy_evenly(how):
     assert mean.error < 0.03
 
 
+@pytest.mark.long
 def test_no_collision_of_a_gas_between_rough_walls_raises_the_energy():
     scene = Scene.random(
         count=200,

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from support.checkpoints import rewrite
 from support.scenes import gas, simulate
+from support.selection import long_but
 
 import mpsim
 
@@ -16,7 +17,8 @@ def scene_of(**sizes):
     return mpsim.Scene(width=4, height=4, position=PLACES, velocity=np.zeros((4, 2)), **sizes)
 
 
-@pytest.mark.parametrize("method", ["grid", "event"])
+@pytest.mark.usefixtures("compiled_when_run")
+@pytest.mark.parametrize("method", long_but(["grid", "event"], "grid"))
 @pytest.mark.parametrize(
     ("sizes", "shapes"),
     [

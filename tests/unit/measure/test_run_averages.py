@@ -187,12 +187,14 @@ def test_absorbed_discs_do_not_slow_down_those_that_press_on_the_walls():
     [
         (None, set()),  # the control
         (lambda sim: sim.kick(0, (0.5, 0.0)), {"pressure_virial", "energy_drift"}),
-        (lambda sim: sim.change(gravity=(0.0, -1.0)), {"pressure_virial", "pressure_xx", "energy_drift"}),
         (lambda sim: sim.change(restitution=0.5), {"pressure_virial", "pressure_xx", "energy_drift"}),
-        (lambda sim: sim.remove([3, 4]), {"pressure_virial", "pressure_xx", "energy_drift", "collision_rate"}),
-        (lambda sim: sim.add(first_free_place(sim.state), (0.0, 0.0), mass=2.0), {
-            "pressure_virial", "pressure_xx", "energy_drift", "kinetic_energy"
-        }),
+        *(pytest.param(*each, marks=pytest.mark.long) for each in [
+            (lambda sim: sim.change(gravity=(0.0, -1.0)), {"pressure_virial", "pressure_xx", "energy_drift"}),
+            (lambda sim: sim.remove([3, 4]), {"pressure_virial", "pressure_xx", "energy_drift", "collision_rate"}),
+            (lambda sim: sim.add(first_free_place(sim.state), (0.0, 0.0), mass=2.0), {
+                "pressure_virial", "pressure_xx", "energy_drift", "kinetic_energy"
+            }),
+        ]),
     ],
 )  # fmt: skip
 def test_what_a_change_in_the_run_makes_wrong_is_nan_and_nothing_else(method, change, lost):

@@ -6,6 +6,7 @@ import gsd.hoomd
 import numpy as np
 import pytest
 from support.scenes import gas, simulate
+from support.selection import long_but
 from support.trajectories import DT, ENDINGS, PLACES, SCENES, SPEEDS, content, killed_and_resumed, pair, written
 
 import mpsim
@@ -198,7 +199,7 @@ def test_behind_a_piston_a_trajectory_is_continued_by_its_own_run(tmp_path, endi
     assert [frame.frame for frame in mpsim.Trajectory(path)] == [0, 5, 10, 15, 20, 25]
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", long_but(SCENES, "everything"))
 def test_a_killed_and_resumed_run_continues_its_file_in_every_kind_of_scene(tmp_path, name):
     """Whatever moves, leaves and enters: it becomes the file of one run."""
     settings = {"method": "grid" if name == "everything" else "naive", "dt": DT}
