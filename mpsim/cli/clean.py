@@ -1,4 +1,4 @@
-"""`mpsim clean`: removes shared memory that killed programs have left."""
+"""`mpsim clean`: removes shared memory left by killed programs."""
 
 import dataclasses
 

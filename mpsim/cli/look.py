@@ -1,4 +1,4 @@
-"""`mpsim plot` and `mpsim animate`: pictures and films of scenes and runs."""
+"""`mpsim plot` and `mpsim animate`: pictures and animations of scenes and runs."""
 
 from pathlib import Path
 from typing import Any, Literal

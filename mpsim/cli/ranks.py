@@ -26,10 +26,10 @@ DELIVERY = 0.5
 
 @contextlib.contextmanager
 def one_voice(on_ranks: bool) -> Iterator[FirstRank]:
-    """Let the first rank alone print. Gives that rank, to write files as well; without ranks it is this process.
+    """Let only the first rank print. Yields that rank, which also writes files; without ranks it is this process.
 
-    What fails on all ranks, the first one tells, and all end. What fails on some of them, these tell, and end the job:
-    the others would wait for them for ever.
+    An error on all ranks is reported by the first one, and all end. An error on some of them is reported by these, and
+    they end the job, as the others would wait for them for ever.
 
     Raises:
         InputError: if there is no MPI.
@@ -74,10 +74,10 @@ def _silence() -> Iterator[None]:
 
 @contextlib.contextmanager
 def interrupts_agreed(first_rank: FirstRank) -> Iterator[Callable[[], None]]:
-    """Let Ctrl-C come to all ranks at one place of a run, where all make the call that this gives.
+    """Let Ctrl-C reach all ranks at one place of a run, where all make the call that this yields.
 
-    Else it would come to each of them somewhere else, and the others would wait there for ever. Without ranks it comes
-    as it always does.
+    Otherwise it would reach each of them somewhere else, and the others would wait there for ever. Without ranks,
+    Ctrl-C works as usual.
     """
     if first_rank.comm is None:
         yield lambda: None
@@ -96,7 +96,7 @@ def interrupts_agreed(first_rank: FirstRank) -> Iterator[Callable[[], None]]:
 
 
 def _all_fail(world: Any) -> bool:
-    """Whether all ranks come here within PATIENCE."""
+    """Whether all ranks arrive here within PATIENCE."""
     all_here, end = world.Ibarrier(), time.monotonic() + PATIENCE
     while not all_here.Test():
         if time.monotonic() > end:

@@ -129,7 +129,7 @@ def run(
 
 
 def _is_as_recommended(file: scenefile.SceneFile, frames: int | None, until: float | None, settings: Settings) -> bool:
-    """Whether a run is of a named scene, as long as it recommends, and in one process."""
+    """Whether a run is of a named scene, of the recommended duration, and in one process."""
     return file.comes_with_mpsim and frames is None and until is None and not capabilities_of(settings).on_ranks
 
 
@@ -198,7 +198,7 @@ def resume(
 
 
 def _report_lost_frames(folder: RunFolder, sim: Simulation) -> None:
-    """After a kill the trajectory may hold frames that are later than the checkpoint."""
+    """After a kill, the trajectory may hold frames that are later than the checkpoint."""
     if not folder.trajectory.exists():
         return
     frames = folder.frames
@@ -217,7 +217,7 @@ def _report_lost_frames(folder: RunFolder, sim: Simulation) -> None:
 def _advance(
     folder: RunFolder, sim: Simulation, target: int, as_json: bool, quiet: bool, watched: Promise | None = None
 ) -> None:
-    """Run to a frame, and write down all of it."""
+    """Run to a frame, and record everything."""
     # With matplotlib, whose import would only delay the start of other commands.
     from mpsim.output.history import final_picture  # noqa: PLC0415
     from mpsim.output.recorder import Recorder  # noqa: PLC0415
@@ -255,7 +255,7 @@ def _advance(
 
 @contextlib.contextmanager
 def _progress(quiet: bool, interruption: Callable[[], None]) -> Iterator[Callable[[int, int], None]]:
-    """What a run calls between two slices of frames: it shows how far the run is, and is where ranks hear of Ctrl-C."""
+    """What a run calls between two slices of frames: shows progress, and lets ranks agree on Ctrl-C."""
     with terminal.progress(quiet) as show:
 
         def between(done: int, of: int) -> None:
@@ -267,7 +267,7 @@ def _progress(quiet: bool, interruption: Callable[[], None]) -> Iterator[Callabl
 
 
 def _compiled(sim: Simulation, measures: tuple[str, ...] | None) -> tuple[float, float]:
-    """Compile what is missing before there is any progress, whose rate it would spoil.
+    """Compile what is missing before progress is shown, as it would distort the rate.
 
     Returns:
         Seconds of compiling since `sim` was made, and the `time.perf_counter` at which a run that has them began.
@@ -278,7 +278,7 @@ def _compiled(sim: Simulation, measures: tuple[str, ...] | None) -> tuple[float,
 
 @contextlib.contextmanager
 def _left_resumable(folder: RunFolder, sim: Simulation) -> Iterator[None]:
-    """Make sure that a run that ends early can be continued, and say so."""
+    """Ensure that a run that ends early can be continued, and say so."""
     try:
         yield
     except KeyboardInterrupt:
@@ -327,12 +327,12 @@ def _without_folder(
 
 
 def _found(watched: Promise | None, name: str, sim: Simulation) -> list[str]:
-    """What a named scene has shown beside what it promises, line by line."""
+    """What a named scene has shown, beside what it promises, line by line."""
     return [] if watched is None else found_by(name, watched, sim).lines()
 
 
 def interval_of(scene: Scene, settings: Settings, target: int) -> int:
-    """Default number of frames between two of a trajectory: as recommended, where the run holds FEWEST of these."""
+    """Default number of frames between two of a trajectory: as recommended, if the run has FEWEST of these."""
     every = frames_between_pictures(scene, settings)
     if every is None or target < FEWEST * every:
         return max(target // pictures_of(scene.count), 1)

@@ -5,10 +5,10 @@ checkpoint.mpsim    from which `mpsim resume` continues
 trajectory.xyz      (or .gsd) frames, for OVITO and mpsim.Trajectory
 measures.csv        energy, overlap and collision rate along the run
 averages.csv        averages of the measures asked for, with their errors, of each part of the run
-timings.csv         time of each frame, phase and worker, of the parts that came to their end
+timings.csv         time of each frame, phase and worker, of the parts that reached their end
 final.npz, final.png    the last state
 
-Where ranks of MPI share the run, all of them make the same calls, and the first one reads and writes the files.
+If MPI ranks share the run, all of them make the same calls, and the first one reads and writes the files.
 """
 
 import contextlib
@@ -70,7 +70,7 @@ _ALL = (
 class RunFolder:
     """A folder that holds one run. `create` makes one, `claim` locks one to continue it, `open` reads one.
 
-    What `create` and `claim` return is locked: use it in a `with` block, at whose end another process may write to it.
+    What `create` and `claim` return is locked: use it in a `with` block, after which another process may write to it.
 
     Attributes:
         path: of the folder.
@@ -148,7 +148,7 @@ class RunFolder:
         """The folder of a run.
 
         Raises:
-            InputError: if it is none, or of a newer version.
+            InputError: if it is not one, or of a newer version.
         """
         folder = Path(path)
         try:
@@ -188,12 +188,12 @@ class RunFolder:
         """The scene, from the checkpoint.
 
         Raises:
-            CheckpointError: if there is no whole one.
+            CheckpointError: if there is no complete one.
         """
         return checkpoint.read(self[CHECKPOINT], checkpoint_validation.check).scene
 
     def save(self) -> None:
-        """Write run.json; whole or as it was before, whatever happens."""
+        """Write run.json: completely, or not at all."""
         self.first_rank.once(self._save)
 
     def _save(self) -> None:
@@ -209,7 +209,7 @@ class RunFolder:
         self.save()
 
     def note_failure(self, sim: Simulation) -> None:
-        """Record, if that can be written, that the run cannot go on: one rank may call this alone."""
+        """Record, if possible, that the run cannot continue; one rank may call this alone."""
         self.record |= {"status": "ended early", "frame": sim.frame, "time": sim.time}
         with contextlib.suppress(MpsimError):
             self.first_rank.alone(self._save)
@@ -244,7 +244,7 @@ class RunFolder:
 
 
 def part_of(sim: Simulation, report: Report, wall_seconds: float, compile_seconds: float) -> dict[str, Any]:
-    """What one call of `run` did, as plain values. Of its wall time `compile_seconds` went into compiling."""
+    """What one call of `run` did, as plain values. `compile_seconds` of its wall time were spent on compiling."""
     frame_seconds = float(report.frame_seconds.sum())
     return {
         "from_frame": sim.frame - report.frames,
@@ -263,7 +263,7 @@ def part_of(sim: Simulation, report: Report, wall_seconds: float, compile_second
 
 
 def averages_of(parts: list[dict[str, Any]]) -> str:
-    """The averages of all parts of a run as CSV, a line for each measure of each part; "" where none was asked for."""
+    """The averages of all parts of a run as CSV, a line for each measure of each part; "" if none was asked for."""
     rows = [
         {**part, "measure": name, **values}
         for part in parts
@@ -279,7 +279,7 @@ def averages_of(parts: list[dict[str, Any]]) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Versions of all that determines the bits or reads the files."""
+    """Versions of everything that determines the bits or reads the files."""
     found = {"python": platform.python_version()}
     for name in ("mpsim", "numpy", "numba"):
         try:
@@ -290,7 +290,7 @@ def versions() -> dict[str, str]:
 
 
 def _demand_leave(folder: Path, force: bool) -> None:
-    """Only the folder of a run may be used again, and only if that was asked for."""
+    """Refuse a folder that is not that of a run, or whose replacement was not asked for."""
     if not folder.is_dir():
         raise InputError(f"--out must be a folder; {str(folder)!r} is a file. Give another name.")
     if not (folder / RECORD).exists():

@@ -52,7 +52,7 @@ def show(scene: str, as_json: bool) -> None:
 
 
 def description(file: SceneFile) -> dict[str, str]:
-    """A scene in words, by what they are about."""
+    """A scene in words, by subject."""
     scene = file.scene
     x, y = scene.boundary
     boundary = x if x == y else f"{x} along x, {y} along y"
@@ -77,7 +77,7 @@ def description(file: SceneFile) -> dict[str, str]:
 
 
 def settings_text(settings: Settings | None) -> str:
-    """Settings that are not the default's, as Python takes them."""
+    """Settings that differ from the defaults, as written in Python."""
     if settings is None:
         return "none recommended"
     chosen, defaults = vars(settings), vars(Settings())

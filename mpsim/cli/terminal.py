@@ -26,7 +26,7 @@ INTERRUPTED = 130
 
 
 class Positive(click.ParamType):
-    """A number above 0; `percent`: perhaps with a per cent sign; `below`: it must be less than this.
+    """A number above 0. `percent`: it may have a per cent sign; `below`: it must be less than this.
 
     >>> Positive(percent=True).convert("1%", None, None)
     0.01
@@ -98,7 +98,7 @@ class Choice(click.Choice[str]):
 
 
 class Interrupted(Exception):  # noqa: N818 - it is no error
-    """Ctrl-C came; the text says where things stand."""
+    """Ctrl-C was pressed; the text says what has been done and kept."""
 
 
 def complete_scene(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -174,7 +174,7 @@ def settings_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def settings_of(file: SceneFile, options: dict[str, Any], on_ranks: bool = False) -> Settings:
-    """What the scene recommends, with the options that were given put in its place.
+    """The settings that the scene recommends, replaced by the options that were given.
 
     on_ranks: whether the command can run on ranks.
     """
@@ -199,7 +199,7 @@ def quiet_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def be_quiet() -> None:
-    """Show no progress from now on, as under --quiet."""
+    """Show no progress from now on, as with --quiet."""
     _note_quiet(click.get_current_context(), None, True)
 
 
@@ -213,7 +213,7 @@ _QUIET = f"{__name__}.quiet"
 
 @contextmanager
 def progress(quiet: bool) -> Iterator[Show | None]:
-    """Shows progress on standard error; nothing under --quiet."""
+    """Shows progress on standard error; nothing with --quiet."""
     if quiet:
         yield None
     else:
@@ -222,7 +222,7 @@ def progress(quiet: bool) -> Iterator[Show | None]:
 
 
 class Compiling:
-    """Shows that kernels are compiled: a spinner on a terminal, a line elsewhere, nothing under --quiet.
+    """Shows that kernels are compiled: a spinner on a terminal, a line elsewhere, nothing with --quiet.
 
     Args:
         meta: of the context of the command.
@@ -247,7 +247,7 @@ class Compiling:
             self._spinner.start()
 
     def end(self) -> None:
-        """It is compiled: the spinner goes, a line stays."""
+        """Compilation has ended: remove the spinner, leave a line."""
         if self._spinner is not None:
             self._spinner.stop()
             self._spinner = None

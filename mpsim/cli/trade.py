@@ -44,7 +44,7 @@ contact_time_option = click.option(
 
 
 def _budget_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """One option per measure that a budget may be given for."""
+    """One option for each measure that can have a budget."""
     for name in reversed(ERRORS):
         unit = _WORDS.get(UNITS.get(name, ""), "relative: 0.01 or 1%")
         text = f"Largest error of {name.replace('_', ' ')}, {unit}."

@@ -1,4 +1,4 @@
-"""`mpsim view`: a scene as it runs, or a run that was recorded, on a page in the browser."""
+"""`mpsim view`: a running scene, or a recorded run, on a page in the browser."""
 
 import dataclasses
 import signal
@@ -95,7 +95,7 @@ def _recording(path: str, options: dict[str, Any]) -> "Recording | None":
 
 
 def _link(text: str, beside: str | None, options: dict[str, Any]) -> "Link":
-    """What an address asks for, with the options that were given put in its place."""
+    """What an address asks for, replaced by the options that were given."""
     from mpsim.viewer import link  # noqa: PLC0415 - as above
 
     query = link.query_of(text)
@@ -114,7 +114,7 @@ def _link(text: str, beside: str | None, options: dict[str, Any]) -> "Link":
 
 
 def _beside(first: Settings, text: str) -> Settings:
-    """Settings of a second stage: those of the first, with what a text says in their place."""
+    """Settings of a second simulation: those of the first, changed as a text says."""
     from mpsim.viewer import link  # noqa: PLC0415 - as above
 
     try:

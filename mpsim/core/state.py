@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Unpack
@@ -235,11 +235,35 @@ def count_of(discs: Discs) -> int:
     if isinstance(discs, State):
         return len(discs.position)
     if not isinstance(discs, StateInChunks):  # pyright: ignore[reportUnnecessaryIsInstance] - callers without a checker
-        raise InputError(
-            f"state must be a State; got {type(discs).__name__}. Use sim.state of a Simulation, and "
-            "State(scene.position, scene.velocity) of a Scene."
-        )
+        raise _no_state("state must be a State", discs)
     return discs.count
+
+
+def states_in(states: State | Iterable[State]) -> list[State]:
+    """One state or several as a list.
+
+    Raises:
+        InputError: if there is anything but states.
+
+    >>> len(states_in(State(np.zeros((3, 2)), np.ones((3, 2)))))
+    1
+    """
+    if isinstance(states, State):
+        return [states]
+    if not isinstance(states, Iterable):  # pyright: ignore[reportUnnecessaryIsInstance] - as above
+        raise _no_state("states must be a State or a list of them", states)
+    found = list(states)
+    for index, each in enumerate(found):
+        if not isinstance(each, State):  # pyright: ignore[reportUnnecessaryIsInstance] - as above
+            raise _no_state(f"states[{index}] must be a State", each)
+    return found
+
+
+def _no_state(rule: str, given: object) -> InputError:
+    return InputError(
+        f"{rule}; got {type(given).__name__}. Use sim.state of a Simulation, frame.state of a Trajectory's frame, and "
+        "State(scene.position, scene.velocity) of a Scene."
+    )
 
 
 def part_of(state: State, first: int, last: int) -> State:

@@ -264,5 +264,5 @@ def parameters_after(
 
 
 def without_workers(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters but for the number of workers, which changes no bit."""
+    """Parameters except the number of workers, which does not affect the bits of the result."""
     return {name: value for name, value in values.items() if name != "workers"}

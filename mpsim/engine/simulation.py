@@ -335,7 +335,7 @@ class Simulation(Changing):
 
         Args:
             path: of the file. If it is damaged, the previous one is used, with a CheckpointWarning that names both.
-            workers, start_method: as in Settings; they change no bit.
+            workers, start_method: as in Settings; the result has the same bits with any.
             method: "grid", "parallel" or "mpi", for one that was saved by another of them: they have the same bits.
             comm: as of a new simulation.
 
@@ -378,7 +378,8 @@ class Simulation(Changing):
         Args:
             source: `sim.journal`, or a path to which `journal.save` has written it.
             frame: where to stop, with the changes that were made there; None: where the journal ends.
-            workers, start_method: as in Settings; they change no bit. Changes of workers in the journal are left out.
+            workers, start_method: as in Settings; the result has the same bits with any. Changes of workers in the
+                journal are left out.
             method: "grid", "parallel" or "mpi", for one that was recorded by another of them: they have the same bits.
             comm: as of a new simulation.
 

@@ -17,9 +17,9 @@ class Boundary(NamedTuple):
 
     Attributes:
         wraps: whether discs that leave at one end enter at the other.
-        has_walls: whether they bounce at the ends, which no disc reaches beyond.
-        least_diameters: smallest length of the axis, in diameters of the largest disc: two where discs meet others
-            through it, so that none meets its own image.
+        has_walls: whether discs bounce at the ends, beyond which none can be.
+        least_diameters: smallest length of the axis, in diameters of the largest disc: two if discs meet others through
+            it, so that none meets its own image.
         largest_radius: what that allows, in words.
         not_exact: what the exact solver cannot do, in words; "": its files follow this kind.
     """

@@ -1,7 +1,7 @@
 """What a feature of a scene is: everything that other modules need to know about it, in one class.
 
 Each feature has a module of its own with a subclass, of which `mpsim.features.FEATURES` holds an instance. Questions
-that concern every feature are put to all in that list. The methods here are those of a feature that changes nothing.
+to every feature are put to all in that list. The methods here are those of a feature that changes nothing.
 """
 
 import dataclasses
@@ -85,7 +85,7 @@ class SceneLike(Protocol):
 
     @property
     def capsules(self) -> Floats:
-        """What stands in the box as segments with a radius, shape (K, 5) [length]."""
+        """The obstacles as segments with a radius, shape (K, 5) [length]."""
         ...
 
     @property
@@ -122,8 +122,8 @@ class PerDisc(NamedTuple):
     """An argument of Scene with a value for each disc.
 
     Attributes:
-        check: makes what a scene keeps of the value given and the number of discs.
-        meaning: for the docs of scene files; "" where the name says it.
+        check: makes what a scene keeps, from the value given and the number of discs.
+        meaning: for the docs of scene files; "" if the name says it.
         components: names of the components of a vector; () of a number.
         unit: of a number that must be > 0; "" for any number.
         default: of a disc for which a scene file gives none, in a vector of each component; None if it is required.
@@ -156,7 +156,7 @@ class Feature:
         argument: its name, also the key in scene files and checkpoints.
         kinds: dataclasses of its value; () if the value is words.
         several: whether its value is a tuple of them.
-        numbers: where it is numbers instead, these arguments of Scene: default and meaning.
+        numbers: if it consists of numbers instead, these arguments of Scene: default and meaning.
         vectors: likewise (x, y) or None: meaning.
         per_disc: likewise a value for each disc, or None: those that are no columns, or need more than these declare.
         law: the only law of the settings that it works with; "" for any.
@@ -165,7 +165,7 @@ class Feature:
         examples: of a single value: valid arguments, such that each valid value of a field is valid in one of them.
         not_exact: what `event` cannot do, for the text of its refusal.
         drives: what sets discs at rest in motion, for the text that asks for such a thing.
-        relief: what makes room for discs that are pressed, for the text of the warning.
+        relief: what makes room for compressed discs, for the text of the warning.
         invalidates: measures that it makes meaningless.
         draws: whether it uses random numbers while the scene runs.
         heats: whether it changes the energy of discs other than in contacts.
@@ -173,7 +173,7 @@ class Feature:
         excludes: whether it keeps discs out of regions of the box.
         adds_discs, removes_discs: whether the number of discs grows, or falls, while the scene runs.
         columns: numbers that it has of each disc, as `mpsim.core.columns` declares them; a scene with the feature has
-            them. Those that are given are further arguments, None where the scene gives none.
+            them. Those that are given are further arguments, None if the scene gives none.
     """
 
     argument: ClassVar[str]
@@ -269,10 +269,10 @@ class Feature:
         return {}
 
     def fill(self, scene: SceneLike, arrays: dict[str, Any], margin: float) -> None:
-        """Fill in what does not depend on the number of discs. margin: distance of centres from walls [length]."""
+        """Write what does not depend on the number of discs. margin: distance of centres from walls [length]."""
 
     def begin(self, scene: SceneLike, arrays: dict[str, Any], dt: float, first_frame: int) -> None:
-        """Fill in what depends on the length of frames, dt [time], and on the frame from which they are counted."""
+        """Write what depends on the length of frames, dt [time], and on the frame from which they are counted."""
 
     def wall_now(self, scene: SceneLike, arrays: dict[str, Any]) -> float | None:
         """Coordinate of its wall after the steps done so far, as the kernels have it; None without a wall [length]."""
@@ -331,8 +331,8 @@ def lattice_sites(side: float, pitch: float) -> int:
 
 
 def extent(values: Floats) -> list[float]:
-    """The least and the largest of positive numbers; inf and 0 of none."""
-    return [float(values.min(initial=np.inf)), float(values.max(initial=0.0))]
+    """The least and the largest number; [] if there are none."""
+    return [float(values.min()), float(values.max())] if len(values) else []
 
 
 def _fields(value: object) -> list[Any]:

@@ -40,7 +40,7 @@ class Friction(Feature):
         return scene.friction > 0 or scene.wall_friction > 0 or scene.spin is not None
 
     def dissipates(self, scene: SceneLike) -> bool:
-        """Wherever contacts change spins: that converts translational into rotational energy, and slip into heat."""
+        """Whether contacts change spins, which converts translational into rotational energy, and slip into heat."""
         return scene.friction > 0 or scene.wall_friction > 0
 
     def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
@@ -67,9 +67,9 @@ class Friction(Feature):
 def check_friction(
     friction: object, wall_friction: object, tangential_restitution: object, spin: Any, count: int
 ) -> dict[str, Any]:
-    """What a scene keeps of these arguments, by name: nothing where all have their defaults.
+    """What a scene keeps of these arguments, by name: nothing if all have their defaults.
 
-    So the digest of a scene of smooth discs does not depend on what it could have.
+    So the digest of a scene of smooth discs does not depend on them.
     """
     kept: dict[str, Any] = {
         "friction": friction_coefficient("friction", friction),

@@ -1,4 +1,4 @@
-"""Upper bounds on the number of discs in a box, as published: with walls, without, and among capsules."""
+"""Published upper bounds on the number of discs in a box: with walls, without, and among capsules."""
 
 import functools
 import math

@@ -170,7 +170,7 @@ class PistonFeature(Feature):
             arrays["piston"][kernel.STOP] = wall.stop + inward
 
     def wall_now(self, scene: SceneLike, arrays: dict[str, Any]) -> float | None:
-        """Computed from the number of steps: the kernels' own limit is that of the next step."""
+        """Computed from the number of steps, because the limit in the kernels is that of the next step."""
         wall = self.moving_wall(scene)
         if wall is None:
             return None

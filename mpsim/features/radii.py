@@ -31,7 +31,7 @@ class Radii(Feature):
         return has_radii(scene)
 
     def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
-        """Radii in both buffers of the discs, which are sorted along; the radius above which discs are giants."""
+        """Radii in both buffers of the discs, sorted with them; the radius above which discs are giants."""
         if not has_radii(scene):
             return {}
         buffers = {f"{buffer}.radius": (real, (capacity + layout.PADDING,)) for buffer in "ab"}

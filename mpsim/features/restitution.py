@@ -1,4 +1,4 @@
-"""Restitution: how much of the normal velocity a contact leaves."""
+"""Restitution: the fraction of the normal velocity that remains after a contact."""
 
 from typing import Any, ClassVar
 

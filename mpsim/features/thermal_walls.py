@@ -22,7 +22,7 @@ class ThermalWalls:
     """Walls of the box that are heat baths: a disc that hits one gets a new velocity, independent of its old one.
 
     At the temperature T of a wall, the speed v along its normal has the density (m v / T) exp(-m v^2 / 2T), that of
-    discs that cross a line in equilibrium; the velocity along the wall is normal, of variance T / m (Lebowitz and
+    discs that cross a line in equilibrium; the velocity along the wall is Gaussian, of variance T / m (Lebowitz and
     Spohn, J. Stat. Phys. 19, 633, 1978). So a gas between walls at one temperature reaches that temperature, and heat
     flows between walls at different ones. Restitution and friction do not act at such walls.
 
@@ -69,7 +69,7 @@ class ThermalWalls:
 
 
 def check_thermal_walls(thermal_walls: Any) -> dict[str, Any]:
-    """What a scene keeps of the argument, by name: nothing without any, so that its digest stays what it was."""
+    """What a scene keeps of the argument, by name: nothing without any, so that the digest is unchanged."""
     if thermal_walls is None:
         return {}
     if not isinstance(thermal_walls, ThermalWalls):

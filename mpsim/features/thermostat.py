@@ -68,7 +68,7 @@ def mean_mass(scene: SceneLike) -> float:
 
 
 def check_thermostat(thermostat: Any) -> dict[str, Any]:
-    """What a scene keeps of the argument, by name: nothing without one, so that its digest stays what it was."""
+    """What a scene keeps of the argument, by name: nothing without one, so that the digest is unchanged."""
     if thermostat is None:
         return {}
     if not isinstance(thermostat, Thermostat):
@@ -114,7 +114,7 @@ class ThermostatFeature(Feature):
     )
 
     def shapes(self, scene: SceneLike, capacity: int, real: np.dtype) -> Shapes:
-        """What its kernel needs to know."""
+        """Temperature, probability and seed."""
         return {} if self.of(scene) is None else {"thermostat": (THERMOSTAT, ())}
 
     def begin(self, scene: SceneLike, arrays: dict[str, Any], dt: float, first_frame: int) -> None:

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
-from mpsim.core.state import Box, State
+from mpsim.core.state import Box, State, states_in
 from mpsim.features import FEATURES
+from mpsim.measure.moments import demand_scene
 from mpsim.measure.pairs import close_pairs, lengths_of
 from mpsim.measure.statistics import Measure
 from mpsim.scene.scene import Scene
@@ -82,7 +83,8 @@ def pair_correlation(states: State | Sequence[State], scene: Scene, bins: int, r
     >>> bool(abs(found.g[-10:].mean() - 1) < 0.05)
     True
     """
-    states = [states] if isinstance(states, State) else list(states)
+    states = states_in(states)
+    demand_scene(scene)
     bins = checks.whole("bins", bins, 1, 1_000_000, "About 100 shells are usual.")
     r_max = checks.positive("r_max", r_max, "[length]")
     radius = _one_radius(scene)

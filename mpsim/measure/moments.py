@@ -79,12 +79,25 @@ def checked_positions(position: NDArray[np.floating]) -> Floats:
     return checks.finite_array("state.position", position, (None, 2), "(N, 2)")
 
 
+def demand_scene(scene: object) -> None:
+    """Refuse what is no scene, such as a state in its place.
+
+    Raises:
+        InputError: naming the type received.
+    """
+    if not isinstance(scene, Scene):
+        raise InputError(
+            f"scene must be a Scene; got {type(scene).__name__}. Use sim.scene of a Simulation; the state comes first."
+        )
+
+
 def masses_of(name: str, scene: Scene, discs: Discs) -> Floats:
     """Mass of each disc, shape (N,) [mass]. It includes discs that were added if all masses are 1.
 
     Raises:
         InputError: naming the caller, if the scene does not hold the masses of all discs.
     """
+    demand_scene(scene)
     if scene.mass is None and all(emitter.mass in (None, 1.0) for emitter in scene.emitters):
         return equal_sizes(1.0, count_of(discs))
     return one_of_each(name, "mass", scene.masses, discs)
@@ -92,6 +105,7 @@ def masses_of(name: str, scene: Scene, discs: Discs) -> Floats:
 
 def radii_of(name: str, scene: Scene, discs: Discs) -> Floats:
     """Radius of each disc, shape (N,) [length]; otherwise as `masses_of`."""
+    demand_scene(scene)
     if isinstance(scene.radius, float) and scene.smallest_radius == scene.largest_radius:
         return equal_sizes(scene.radius, count_of(discs))
     return one_of_each(name, "radius", scene.radii, discs)

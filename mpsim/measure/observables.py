@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError
-from mpsim.core.state import Discs, State
+from mpsim.core.state import Discs, State, count_of
 from mpsim.measure import moments
-from mpsim.measure.moments import Part, checked_positions, masses_of, one_of_each, radii_of
+from mpsim.measure.moments import Part, checked_positions, demand_scene, masses_of, one_of_each, radii_of
 from mpsim.measure.pairs import close_pairs, lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene
 
@@ -130,6 +130,7 @@ def potential_energy(state: Discs, scene: Scene) -> float:
     >>> potential_energy(State(scene.position, scene.velocity), scene)
     20.0
     """
+    demand_scene(scene)
     name, gravity, acceleration = "potential_energy", scene.gravity, scene.acceleration
     if has_periodic_field(scene):
         raise InputError(
@@ -215,6 +216,8 @@ def overlap(state: State, scene: Scene, radii: NDArray[np.float64] | None = None
     >>> overlap(State(scene.position, scene.velocity), scene)
     Overlap(pairs=1, largest=0.25, mean=0.25, worst=(0, 1))
     """
+    count_of(state)  # which refuses what is no state
+    demand_scene(scene)
     rounding = TOUCHING * float(np.finfo(state.position.dtype).eps) * max(scene.width, scene.height)
     name = "overlap"
     each = radii_of(name, scene, state) if radii is None else one_of_each(name, "radius", radii, state)
@@ -386,6 +389,7 @@ def _squares(part: Part, unit: float) -> NDArray[np.float64]:
 
 def _common(state: State, reference: State, name: str) -> NDArray[np.int64]:
     """Indices of discs in two states of the same discs, without those absent in both."""
+    count_of(state), count_of(reference)  # which refuses what is no state
     if len(state.present) != len(reference.present):
         raise InputError(
             f"{name} needs two states of the same discs; got {len(state.present)} and {len(reference.present)} discs. "
@@ -399,7 +403,10 @@ def _common(state: State, reference: State, name: str) -> NDArray[np.int64]:
 def _difference(state: State, reference: State, discs: NDArray[np.int64], scene: Scene | None) -> NDArray[np.float64]:
     """Differences of the positions of some discs in two states, to the nearest images along periodic axes."""
     a, b = checked_positions(state.position)[discs], checked_positions(reference.position)[discs]
-    return a - b if scene is None else to_nearest_image(a - b, lengths_of(scene))
+    if scene is None:
+        return a - b
+    demand_scene(scene)
+    return to_nearest_image(a - b, lengths_of(scene))
 
 
 def _demand_discs(name: str, count: int, fewest: int) -> None:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from mpsim.core import checks
 from mpsim.core.errors import InputError, NotMeasurableError
-from mpsim.core.state import State
-from mpsim.measure.moments import checked_positions
+from mpsim.core.state import State, count_of, states_in
+from mpsim.measure.moments import checked_positions, demand_scene
 from mpsim.measure.pairs import close_pairs, lengths_of, to_nearest_image
 from mpsim.scene.scene import Scene
 
@@ -100,7 +100,8 @@ def structure_factor(states: State | Sequence[State], scene: Scene, k_max: float
     >>> found.s.round(9).tolist(), found.vectors.tolist()  # in the second shell the Bragg peaks (2, 0) and (0, 2)
     ([0.0, 2.0], [2, 4])
     """
-    states = [states] if isinstance(states, State) else list(states)
+    states = states_in(states)
+    demand_scene(scene)
     k_max = checks.positive("k_max", k_max, "[1/length]")
     bins = checks.whole("bins", bins, 1, 1_000_000, "About 50 shells are usual.")
     if not all(scene.periodic):
@@ -158,6 +159,7 @@ def hexatic_order(state: State, scene: Scene) -> HexaticOrder:
     (1.0, 1.0)
     """
     places = _present(state, "hexatic_order", NEIGHBOURS + 1)
+    demand_scene(scene)
     i, j = _nearest(places, scene)
     x, y = to_nearest_image(places[j] - places[i], lengths_of(scene)).T
     bonds = np.exp(6j * np.arctan2(y, x))
@@ -186,7 +188,8 @@ def hexatic_correlation(states: State | Sequence[State], scene: Scene, bins: int
     >>> bool(found.g[1] > 5 * abs(found.g[-1]))
     True
     """
-    states = [states] if isinstance(states, State) else list(states)
+    states = states_in(states)
+    demand_scene(scene)
     bins = checks.whole("bins", bins, 1, 1_000_000, "About 50 shells are usual.")
     r_max = checks.positive("r_max", r_max, "[length]")
     if r_max > (most := _half(scene)):
@@ -225,6 +228,8 @@ def to_freud(state: State, scene: Scene) -> tuple[Any, NDArray[np.float32]]:
     >>> points.shape, box.is2D
     ((50, 3), True)
     """
+    places = _present(state, "to_freud", 0)
+    demand_scene(scene)
     try:
         import freud  # noqa: PLC0415
     except ImportError as error:
@@ -235,13 +240,14 @@ def to_freud(state: State, scene: Scene) -> tuple[Any, NDArray[np.float32]]:
     x_low, x_high, y_low, y_high = scene.box if state.box is None else state.box
     box = freud.box.Box(Lx=x_high - x_low, Ly=y_high - y_low, is2D=True)
     box.periodic = (*scene.periodic, False)
-    points = np.zeros((int(state.present.sum()), 3), np.float32)
-    points[:, :2] = _present(state, "to_freud", 0) - np.array([x_low + x_high, y_low + y_high]) / 2
+    points = np.zeros((len(places), 3), np.float32)
+    points[:, :2] = places - np.array([x_low + x_high, y_low + y_high]) / 2
     return box, points
 
 
 def _present(state: State, name: str, fewest: int) -> Floats:
     """Positions of the discs that are present, shape (K, 2)."""
+    count_of(state)  # which refuses what is no state
     places = checked_positions(state.position)[state.present]
     if len(places) < fewest:
         raise InputError(f"{name} needs at least {fewest} discs; got {len(places)}. Use a larger scene.")

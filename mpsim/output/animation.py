@@ -42,7 +42,7 @@ class Animation(PosixPath):
     """The path of an animation, which a notebook shows as the animation itself."""
 
     def _repr_html_(self) -> str | None:
-        """The file inside an HTML tag; None, so that the path is shown, where it is too large or no longer there."""
+        """The file inside an HTML tag; None, so that the path is shown, if it is too large or no longer there."""
         if not self.is_file() or self.stat().st_size > MOST_SHOWN:
             return None
         content = base64.b64encode(self.read_bytes()).decode()
@@ -74,33 +74,33 @@ def animate(
     arrows show that speeds lie outside. To find these, the whole run is simulated before the first picture is drawn.
 
     Args:
-        scene, settings: what is simulated and how; settings None: those that the scene recommends, or the defaults.
+        scene, settings: what is simulated and how; settings=None: those that the scene recommends, or the defaults.
         path: ends in .gif, or .mp4 (needs ffmpeg, or the extra `film`). An existing file is replaced.
-        frames: number of pictures, >= 1; the first shows the start. None: as many as the scene's duration takes, up to
+        frames: number of pictures, >= 1; the first shows the start. None: as many as the scene's duration needs, up to
             MOST_PICTURES; 200 without a duration.
         every: frames of the simulation from one picture to the next, >= 1; None: the scene's picture_interval, or 1.
         pictures_per_second: of the animation, 1 to 50 [1/s].
         pixels: length of the longer side of the box in a picture, 100 to 4000.
         colour: "speed"; "worker", by the worker that owns the column of a disc, or "parity", by whether that column is
-            even or odd, so that one sees the passes (both need a method with columns, `grid` or `parallel`;
+            even or odd, which shows the passes (both need a method with columns, `grid` or `parallel`;
             `auto` then stands for the latter); None: one colour for all.
         progress: True: shown on standard error, if that is a terminal or a notebook; or a function, called as
             progress(done, of).
         until: time of the last picture [time], > 0, in place of `frames`; without `every` too, MOST_PICTURES at most
             are spread evenly over it.
         seconds: how long the animation lasts [s], > 0, in place of `frames`. Without `every`, its pictures are spread
-            over the time to `until`, else over the scene's duration: then it is a little shorter where the frames of
-            the simulation do not divide evenly, and ends early where there are fewer of them than pictures.
-        scale: "linear" or "log": how speeds become colours. The latter tells slow discs apart where a gas cools down.
+            over the time to `until`, else over the scene's duration. It is then a little shorter if the frames of the
+            simulation do not divide evenly, and ends early if there are fewer of them than pictures.
+        scale: "linear" or "log": how speeds become colours. The latter distinguishes slow discs when a gas cools down.
         theme: "light" or "dark".
 
     Returns:
-        The path that was written. A notebook shows the animation itself, if it has less than 20 MB.
+        The path that was written. A notebook shows the animation itself if it is smaller than 20 MB.
 
     Raises:
         OutputError: without ffmpeg for .mp4, or if the path cannot be written; before any work.
-        InputError: for another ending, for numbers out of range or that contradict each other, for other words, and for
-            columns of a method that has none.
+        InputError: for another ending, for numbers that are out of range or contradict each other, for an unknown word,
+            and for a colour that needs columns with a method without them.
 
     >>> import tempfile
     >>> scene = Scene.random(count=20, packing=0.3, radius=0.5, seed=2)
@@ -148,7 +148,7 @@ def _writing(target: Path) -> Iterator[None]:
 
 
 def _check_colours(colour: object, scale: object) -> None:
-    """Refuse what discs cannot be coloured by, and a scale of what has none."""
+    """Refuse an unknown colour, and a scale for a colour without one."""
     if colour is not None:
         checks.choice("colour", colour, KINDS)
     if checks.choice("scale", scale, SCALES) == "log" and colour != "speed":
@@ -187,7 +187,7 @@ def pictures_of(
     seconds: float | None = None,
     rate: int = 25,
 ) -> tuple[int, int]:
-    """Number of pictures of an animation, and frames between two, with what the scene recommends where None is given.
+    """Number of pictures of an animation, and frames between two; None stands for what the scene recommends.
 
     The arguments are those of `animate`; rate: pictures per second.
 
@@ -237,7 +237,7 @@ def _pictures_in(seconds: float, rate: int) -> int:
 
 
 def checked_target(path: str | os.PathLike[str]) -> Path:
-    """The path of an animation, after making sure that it can be written.
+    """The path of an animation, after a check that it can be written.
 
     Raises:
         InputError: for another ending.

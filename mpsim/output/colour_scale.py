@@ -24,7 +24,7 @@ ScaleName = Literal["linear", "log"]
 
 
 class ColourScale(NamedTuple):
-    """Ends of a colour bar, and where values lie outside, in matplotlib's words; log: whether it is logarithmic."""
+    """Ends of a colour bar; outside: where values lie outside, as matplotlib says it; log: whether it is logarithmic."""
 
     low: float
     high: float
@@ -33,12 +33,12 @@ class ColourScale(NamedTuple):
 
 
 def percentile_scale(values: ArrayLike, kind: ScaleName = "linear") -> ColourScale:
-    """The scale from the 2nd to the 98th percentile of values, of any shape; NaN are left out.
+    """The scale from the 2nd to the 98th percentile of values, of any shape; NaN is left out.
 
     Its ends are two of the values; for 50 values or fewer, the least and the greatest.
 
-    Where these percentiles are equal, it spans all values; where all values are equal, it begins at 0 or ends there.
-    A logarithmic one has its ends from the values > 0; where these are fewer than two different ones, it is linear.
+    If these percentiles are equal, it spans all values; if all values are equal, it begins or ends at 0. The ends of a
+    logarithmic scale come from the values > 0; if these are fewer than two different ones, the scale is linear.
 
     >>> percentile_scale([*range(101)])
     ColourScale(low=2.0, high=98.0, outside='both', log=False)

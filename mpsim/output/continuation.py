@@ -19,7 +19,7 @@ ROUNDING = 16
 
 
 def lacking(frame: Frame) -> list[str]:
-    """What mpsim writes, but a frame of another program or an earlier version lacks, in words."""
+    """What mpsim writes but this frame, of another program or an earlier version, lacks, in words."""
     return [words for name, words in NEEDED.items() if name not in frame.known]
 
 

@@ -45,7 +45,7 @@ class Theme:
 
     Attributes:
         ground, ink: of the paper, and of lines and words on it.
-        solid: of obstacles. behind: of the region behind a wall that moves. edge: around each disc.
+        solid: of obstacles. behind: of the region behind a moving wall. edge: around each disc.
     """
 
     ground: str
@@ -69,7 +69,7 @@ THEMES = {"light": LIGHT, "dark": DARK}
 
 
 class ShownFigure(Figure):
-    """A figure that a notebook shows, without a backend of its own."""
+    """A figure that a notebook shows without a backend."""
 
     def _repr_png_(self) -> bytes:
         file = io.BytesIO()
@@ -78,7 +78,7 @@ class ShownFigure(Figure):
 
 
 def marker_of(points: int) -> str:
-    """Matplotlib's marker for a line through so many points: few are drawn too, as a line through one is nothing."""
+    """Matplotlib's marker for a line through so many points: few are drawn too, as a line through one is invisible."""
     return "." if points <= 100 else ""
 
 
@@ -105,7 +105,7 @@ def figure_around(
     Args:
         scene: has the box.
         size: width and height of the box in the figure [inch].
-        beside, below: what title and colour bar add to them, where the bar is beside the box, and below it [inch].
+        beside, below: what title and colour bar add to them, if the bar is beside the box, and if it is below [inch].
         theme: colours.
     """
     more = below if _is_flat(scene) else beside
@@ -143,7 +143,7 @@ def draw_discs(
     Args:
         axes: where to draw.
         position: of the discs, shape (N, 2) [length].
-        scene: box, what stands in it, and radii where none are given.
+        scene: box, obstacles, and radii if none are given.
         colours: one, or one for each disc.
         radii: shape (N,) [length].
         theme: colours of obstacles, and around discs.
@@ -201,7 +201,7 @@ def colour_discs(discs: EllipseCollection, values: NDArray[Any], scale: ColourSc
 
 
 def on_scale(values: NDArray[Any], scale: ColourScale) -> Any:
-    """Numbers as a collection takes them: on a logarithmic scale, 0 is a number below its lower end."""
+    """Numbers as a collection takes them: on a logarithmic scale, 0 becomes a number below its lower end."""
     return np.ma.masked_invalid(np.maximum(values, scale.low / 2) if scale.log else values)
 
 
@@ -217,12 +217,12 @@ def colour_bar(
 
 
 def closed_off(scene: Scene, walls: Box | None, theme: Theme = LIGHT) -> Rectangle | None:
-    """The region of the box behind a wall that moves, as a shape to be drawn; None if all walls are at rest.
+    """The region of the box behind a moving wall, as a shape to be drawn; None if all walls are at rest.
 
     Args:
         scene: the whole box.
-        walls: where they are now, as `State.box` has it; None: unknown.
-        theme: has its colour.
+        walls: their present positions, as in `State.box`; None: unknown.
+        theme: gives its colour.
 
     >>> half = {"width": 4, "height": 2, "position": [[1, 1]], "velocity": [[0, 0]], "radius": 0.5}
     >>> closed_off(Scene(**half), (0.0, 4.0, 0.0, 2.0)) is None
@@ -239,7 +239,7 @@ def closed_off(scene: Scene, walls: Box | None, theme: Theme = LIGHT) -> Rectang
 
 
 def checked_picture(path: str | os.PathLike[str]) -> Path:
-    """The path of a picture, after making sure that its ending is that of a format that can be written.
+    """The path of a picture, after a check that its ending is that of a format that can be written.
 
     Raises:
         InputError: for another ending.

@@ -102,7 +102,7 @@ def growth(timings: Mapping[str, Timing], report_ms: Mapping[str, float], path: 
 
 
 def repeat(result: Repeat, frames: int, path: Path) -> None:
-    """Final states of repeated parallel runs, guarded above, unguarded below; what differs from run 1 is marked."""
+    """Final states of repeated parallel runs, guarded above, unguarded below; differences from run 1 are marked."""
     with matplotlib.rc_context(fname=STYLE):
         figure = new_figure(11, 6.6)
         rows = {"odd/even passes": result.guarded, "columns unguarded": result.unguarded}
@@ -120,7 +120,7 @@ def repeat(result: Repeat, frames: int, path: Path) -> None:
 
 
 def final_states(result: Fixed, frames: int, path: Path) -> None:
-    """The start and each method's final state side by side, coloured by disc so that one can be followed."""
+    """The start and each method's final state side by side, coloured by disc so that a disc can be followed."""
     with matplotlib.rc_context(fname=STYLE):
         figure = new_figure(11, 3.7)
         panels = {"initial": result.scene.position} | {name: state.position for name, state in result.states.items()}
@@ -177,18 +177,18 @@ def scaling(timings: Sequence[Timing], crossover: int | None, path: Path) -> Non
 
 
 def _spread(timing: Timing) -> tuple[float, float]:
-    """Between which costs of a disc the middle half of the frames is [ns]."""
+    """Range of the cost per disc in the middle half of the frames [ns]."""
     low, high = np.quantile(timing.frame_seconds, [0.25, 0.75]) * 1e9 / max(timing.discs, 1)
     return float(low), float(high)
 
 
 def _ratio(one: Sequence[float], other: Sequence[float]) -> tuple[float, float, float]:
-    """Of two costs, each as median, low and high: their ratio, and its ends if either is at its low or high."""
+    """The ratio of two costs, each given as median, low and high, and its ends if either is at its low or high."""
     return one[0] / other[0], one[1] / other[2], one[2] / other[1]
 
 
 def _mark_crossover(panels: Sequence[Axes], crossover: int | None, sizes: Sequence[int]) -> None:
-    """Shade the sizes between which parallel becomes faster than grid, and stays so at all that were measured."""
+    """Shade the sizes between which parallel becomes faster than grid, and stays so at all larger measured sizes."""
     if crossover is None:
         return
     before = max((size for size in sizes if size < crossover), default=crossover)

@@ -13,7 +13,7 @@ Result = TypeVar("Result")
 
 
 class FirstRank:
-    """Does for all ranks what only one process may do, such as writing a file. Without ranks this process does it.
+    """Does for all ranks what only one process may do, such as writing a file. Without ranks, this process does it.
 
     All ranks make the same calls, except `alone`.
 
@@ -37,7 +37,7 @@ class FirstRank:
         return act() if self._ranks is None else self._ranks.once(act)
 
     def alone(self, act: Callable[[], None]) -> None:
-        """Let the first rank do something that no other rank waits for: when a run fails, the others may never call."""
+        """Let the first rank do something without the others: when a run fails, they may never make the call."""
         if self._ranks is None or self._ranks.rank == 0:
             act()
 
@@ -46,7 +46,7 @@ class FirstRank:
         return said if self._ranks is None else self._ranks.agree(int(said), 0, 0).trouble > 0
 
     def close(self) -> None:
-        """Give the communicator back. May be called again."""
+        """Release the communicator. May be called again."""
         ranks, self._ranks = self._ranks, None
         if ranks is not None:
             ranks.close()

@@ -46,7 +46,7 @@ class FrameFile:
         mode: "x" for a new file only, "w" to replace an existing one, "a" to continue one.
 
     Raises:
-        OutputError: if the file exists (mode "x"), is being written by another writer, or cannot be written.
+        OutputError: if the file exists (mode "x"), has another writer, or cannot be written.
 
     Attributes:
         last: number of the frame that was written last; -1: none.
@@ -100,16 +100,16 @@ class FrameFile:
         return True
 
     def begin_of(self, sim: Simulation, now: Frame, every: int) -> int | None:
-        """Where ranks write the present frame together; None if the file has it. Arguments as for `append`."""
+        """Where in the file ranks write the present frame together; None if it is there. Arguments as for `append`."""
         assert isinstance(self._writer, XyzWriter)
         return self._writer.end if self._is_due(sim, now, every) else None
 
     def note(self, frame: int) -> None:
-        """A frame has been written jointly."""
+        """Count a frame that was written jointly."""
         self.last = frame
 
     def cut(self, end: int) -> None:
-        """Cut off the remains of a frame that failed."""
+        """Cut off the remains of a failed frame."""
         assert isinstance(self._writer, XyzWriter)
         self._writer.cut(end)
 
@@ -123,14 +123,14 @@ class FrameFile:
             self._lock.release()
 
     def _is_due(self, sim: Simulation, now: Frame, every: int) -> bool:
-        """Whether the present frame is not there already; arguments as of `append`."""
+        """Whether the file does not have the present frame yet; arguments as of `append`."""
         if self._unchecked:
             self._continue(sim, now.whole(), every)
             self._unchecked = False
         return now.frame > self.last
 
     def _continue(self, sim: Simulation, now: Frame, every: int) -> None:
-        """Cut the file back to the frame of the simulation, after checking that it belongs to it."""
+        """Cut the file back to the frame of the simulation, after a check that it belongs to it."""
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             reader: Reader = ENDINGS[self._path.suffix.lower()].reader(self._path)
@@ -161,7 +161,7 @@ class FrameFile:
         self._lock.renew()
 
     def _demand_same_run(self, sim: Simulation, now: Frame, first: Frame, last: Frame) -> None:
-        """Refuse to continue a file of another run, or one that does not hold what is written today."""
+        """Refuse to continue a file of another run, or one that lacks what mpsim writes now."""
         name = f"the trajectory {str(self._path)!r}"
         missing = lacking(last)
         if missing:

@@ -160,7 +160,7 @@ def frame_of(sim: Simulation) -> Frame:
 
 
 def _frame(sim: Simulation, walls: Box | None, found: dict[str, Any], radius: Any, mass: Any, ids: Any) -> Frame:
-    """The present frame, of discs of which this is found."""
+    """The present frame, from these data of its discs."""
     assert walls is not None  # those of a simulation are known
     x_low, x_high, y_low, y_high = walls
     position = found.pop("position")
@@ -172,7 +172,7 @@ def _frame(sim: Simulation, walls: Box | None, found: dict[str, Any], radius: An
 
 
 def select(frame: Frame, ids: NDArray[np.int64]) -> Frame:
-    """The discs of a frame that are among some numbers."""
+    """The discs of a frame whose numbers are among these."""
     these = np.isin(frame.ids, ids)
     known = {name: value[these] if isinstance(value, np.ndarray) else value for name, value in frame.known.items()}
     return replace(frame, position=frame.position[these], known=known)

@@ -70,7 +70,7 @@ def family(settings: Settings) -> str:
 
 
 def short_label(settings: Settings) -> str:
-    """The settings in as few words as distinguish them from others in a picture.
+    """The settings in the fewest words that distinguish them from others in a picture.
 
     >>> short_label(Settings(dt=0.05)), short_label(Settings(dt=0.1, substeps=2, method="naive"))
     ('impact 0.05', 'impact 0.1/2, naive')
@@ -168,13 +168,13 @@ def draw(axes: Axes, table: Tradeoff, measure: str, front: Sequence[Row], size: 
 
 
 def _drawable(table: Tradeoff, measure: str) -> list[Row]:
-    """Rows that have a place in the picture: those that ran to the end, with an error that is a number."""
+    """Rows with a place in the picture: those that ran to the end, with an error that is a number."""
     rows = [row for row in table.rows if row.cost is not None and measure in row.errors]
     return [row for row in rows if np.isfinite(row.errors[measure].magnitude)]
 
 
 def _place(row: Row, measure: str) -> tuple[float, float]:
-    """Error (its bound, where it is not resolved) in the unit of the axis, and cost."""
+    """Error (its bound, if it is not resolved) in the unit of the axis, and cost."""
     assert row.cost is not None
     return row.errors[measure].magnitude * _scale(measure), row.cost.median
 
@@ -184,7 +184,7 @@ def _scale(measure: str) -> float:
 
 
 def _limits(axes: Axes, rows: Sequence[Row], measure: str) -> None:
-    """Room for every point, and at the left for the band of those that are exactly 0."""
+    """Limits with room for every point, and at the left for the band of those that are exactly 0."""
     places = np.array([_place(row, measure) for row in rows]).reshape(-1, 2)
     errors = places[places[:, 0] > 0, 0]
     low, high = (errors.min(), errors.max()) if len(errors) else (1e-3, 1.0)
@@ -206,7 +206,7 @@ def _band(axes: Axes, exact: Sequence[Row]) -> float:
 
 
 def _ticks(axis: Axis, low: float, high: float) -> None:
-    """Few enough numbers to be read, without powers of ten where people would not write them."""
+    """Few enough numbers to be read, without powers of ten if people would not write them."""
     decades = float(np.log10(high / low))
     steps = FINE if decades < NARROW else MIDDLE if decades < WIDE else (1.0,)
     powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1, max(round(decades / 6), 1))
@@ -269,7 +269,7 @@ def _bar(deviation: Deviation, scale: float) -> tuple[float, float]:
 
 
 def _legend(rows: Sequence[Row]) -> list[Line2D]:
-    """Families that are there, then what grey, arrow and line mean."""
+    """Families in the picture, then what grey, arrow and line mean."""
     names = list(dict.fromkeys(family(row.settings) for row in rows))
     names.sort(key=lambda name: list(FAMILIES).index(name) if name in FAMILIES else len(FAMILIES))
     handles = []

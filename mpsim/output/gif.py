@@ -36,6 +36,6 @@ class GifWriter(AbstractMovieWriter):
 
 
 def shared_palette(images: list[Image.Image]) -> Image.Image:
-    """An image with the 256 colours that best suit all pictures, found from an even selection of them."""
+    """An image with the 256 colours that suit all pictures best, found from an even selection of them."""
     chosen = [images[index] for index in np.unique(np.linspace(0, len(images) - 1, SAMPLE).round().astype(int))]
     return Image.fromarray(np.concatenate([np.asarray(image) for image in chosen])).quantize(256)

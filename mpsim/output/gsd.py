@@ -1,4 +1,4 @@
-"""Trajectories as GSD, the binary format of HOOMD-blue, through the `gsd` library; OVITO and freud read it, too.
+"""Trajectories as GSD, the binary format of HOOMD-blue, through the `gsd` library; OVITO and freud read it too.
 
 The schema centres boxes at the origin and has single precision, which loses bits. So each frame also holds mpsim's own
 data under log/: the exact positions, velocities, radii and masses, the numbers of the discs, box, origin and time.
@@ -36,7 +36,7 @@ class GsdWriter:
         self._file: Any = self._open({"a": "r+" if path.exists() and path.stat().st_size else "w"}.get(mode, mode))
 
     def write(self, frame: Frame) -> None:
-        """Append a frame, and hand it to the operating system."""
+        """Append a frame, and pass it to the operating system."""
         made = self._hoomd.Frame()
         made.configuration.step = frame.frame
         made.configuration.dimensions = 2
@@ -57,7 +57,7 @@ class GsdWriter:
             raise OSError(0, str(error)) from error
 
     def truncate(self, frames: int) -> None:
-        """Leave only the first frames. The library cannot shorten a file, so they are copied to another."""
+        """Keep only the first frames. The library cannot shorten a file, so they are copied to another."""
         if frames == len(self._file):
             return
         self.close()
@@ -152,7 +152,7 @@ class GsdReader:
         return Frame(int(found.configuration.step), both, (0.0, 0.0), (True, True), place, self._path, known)
 
     def _of_mpsim(self, index: int, width: float, height: float) -> Frame:
-        """A frame that mpsim wrote. An earlier version wrote no masses, and of frames without discs no arrays."""
+        """A frame that mpsim wrote. An earlier version wrote no masses, and no arrays for frames without discs."""
         real = np.float32 if self._chunk(index, "log/mpsim/single")[0] else np.float64
         none: dict[str, Any] = {"position": np.zeros((0, 2), real), "velocity": np.zeros((0, 2), real)}
         none |= {"radius": np.zeros(0), "ids": np.zeros(0, np.int64)}
@@ -167,7 +167,7 @@ class GsdReader:
         return Frame(self.number(index), (width, height), (left, low), (x, y), place, self._path, known)
 
     def _chunk(self, index: int, name: str) -> Any:
-        """What a frame holds under a name; None if it holds nothing there."""
+        """The data of a frame under a name; None if there are none."""
         file = self._file.file
         return file.read_chunk(frame=index, name=name) if file.chunk_exists(frame=index, name=name) else None
 
@@ -177,7 +177,7 @@ class GsdReader:
 
 
 def _chunks_of(frame: Frame) -> Iterator[tuple[str, NDArray[Any]]]:
-    """The vectors of the discs in single precision, and what mpsim has, by name, each made when its turn comes."""
+    """The vectors of the discs in single precision, and mpsim's own data, by name, each made when it is needed."""
     size = np.asarray(frame.box)
     yield "particles/position", _three(frame.position, np.asarray(frame.origin) + size / 2)
     yield "particles/velocity", _three(frame.velocity, 0.0)
@@ -201,7 +201,7 @@ def _three(plane: NDArray[np.floating], origin: ArrayLike) -> NDArray[np.float32
 
 
 def _copy(source: Path, target: Path, frames: int) -> None:
-    """The first frames of a file as a file of their own, chunk by chunk."""
+    """Copy the first frames of a file to another file, chunk by chunk."""
     low = _library("gsd.fl")
     with low.open(str(source), "r") as old:
         options = {"application": old.application, "schema": old.schema, "schema_version": old.schema_version}

@@ -60,7 +60,7 @@ def final_picture(scene: Scene, last: Frame, path: str | os.PathLike[str]) -> Pa
 
 
 def _panels(shape: float) -> tuple[Figure, Axes, Axes, Axes, Axes]:
-    """A figure for a box of so many heights to its width, with axes for three curves and for the box."""
+    """A figure for a box with this ratio of height to width, with axes for three curves and for the box."""
     if shape > TALL:
         height = 8.4
         wide = max(height / shape, 1.6) + 1.6
@@ -81,6 +81,6 @@ def _panels(shape: float) -> tuple[Figure, Axes, Axes, Axes, Axes]:
 
 
 def _from_zero(axes: Axes, values: NDArray[np.float64], room: float = 1.15) -> None:
-    """Begin at 0: a curve that looks rough must not be the rounding of a constant."""
+    """Start the axis at 0, so that the rounding errors of a constant do not look like a rough curve."""
     top = float(np.nanmax(values, initial=0.0))
     axes.set_ylim(0, room * top if top > 0 else 1.0)

@@ -74,7 +74,7 @@ def moment_of(sim: Simulation, colour: str | None) -> Moment:
 
 @contextlib.contextmanager
 def kept(moments: Iterable[Moment]) -> Iterator[Iterator[Moment]]:
-    """Moments, in order, after all have been taken; large ones are kept in a temporary file."""
+    """All moments, in order; large ones are kept in a temporary file."""
     with tempfile.SpooledTemporaryFile(IN_MEMORY) as file:
         number = 0
         for moment in moments:

@@ -25,7 +25,7 @@ COLOURS = 48
 
 
 def scene_png(scene: Scene) -> bytes:
-    """A scene as a PNG of less than 100 kB, coloured by speed; of very many discs only some, as its title says."""
+    """A scene as a PNG of less than 100 kB, coloured by speed; of very many discs, only some are drawn."""
     step = max(math.ceil(scene.count / MOST_DISCS), 1)
     speeds = speeds_of(scene.velocity[::step])
     with matplotlib.rc_context(fname=STYLE):
@@ -48,7 +48,7 @@ def scene_png(scene: Scene) -> bytes:
 
 
 def report_html(report: Report) -> str:
-    """A report as a table: what ran, how long a frame took, and in which phases."""
+    """A report as a table: what ran, and the time of a frame and of its phases."""
     rows = [("method", f"{report.method}, {report.workers} worker{'s' * (report.workers > 1)}")]
     rows += [("frames", f"{report.frames:,}"), ("collisions", f"{report.collisions:,}")]
     if report.frames:

@@ -14,7 +14,7 @@ class Ownership:
     Args:
         what: what is written, for the error: "trajectory".
         path: of the file.
-        advice: how the other simulation gets its own.
+        advice: how the other simulation can have its own.
         on_ranks: whether all ranks of a communicator observe together.
     """
 
@@ -26,11 +26,11 @@ class Ownership:
         self._closed: str | None = None
 
     def close(self, advice: str) -> None:
-        """Refuse every simulation from now on. advice: how to write more to the file."""
+        """Refuse every simulation from now on. advice: how to continue the file."""
         self._closed = advice
 
     def bind_or_check(self, sim: Simulation) -> None:
-        """Bind to this simulation the first time; from then on make sure that it is the same.
+        """Bind to this simulation the first time; after that, check that it is the same.
 
         Raises:
             OutputError: if it is another one, or after `close`; nothing was written.

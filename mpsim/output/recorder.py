@@ -38,14 +38,14 @@ Absorbed discs are not counted."""
 
 
 class Recorder:
-    """An observer that writes a table row by row, flushing each; rows after the simulation's frame are rewritten.
+    """An observer that writes a table row by row, flushing each; rows later than the simulation's frame are rewritten.
 
     It belongs to its simulation: another one is refused by an OutputError.
 
     Args:
         path: of the CSV file; a table of the same run is continued.
         every: frames between two rows, >= 1.
-        sim: the simulation to observe; counts of collisions begin at its frame.
+        sim: the simulation to observe; collisions are counted from its frame on.
         first_rank: of the ranks that share the simulation; it writes the table. None: there are no ranks.
     """
 
@@ -136,7 +136,7 @@ def read_table(path: str | os.PathLike[str]) -> dict[str, NDArray[np.float64]]:
 
 
 def _rows(path: Path) -> list[list[str]]:
-    """Whole rows of a file, without the head; none where there is no file."""
+    """Complete rows of a file, without the head; none if there is no file."""
     if not path.exists():
         return []
     try:

@@ -46,7 +46,7 @@ def save(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
 
 
 def _draw_axis(name: str, outcomes: Sequence[Outcome], path: Path) -> None:
-    """Rows of settings against values along the axis, in panels of at most MOST_VALUES below each other."""
+    """Rows of settings against values along the axis, in panels of at most MOST_VALUES, one below the other."""
     values = list(dict.fromkeys(_text(outcome.value) for outcome in outcomes))
     rows = list(dict.fromkeys(outcome.row for outcome in outcomes))
     by_place = {(outcome.row, _text(outcome.value)): outcome for outcome in outcomes}
@@ -83,7 +83,7 @@ def _draw_pairs(outcomes: Sequence[Outcome], path: Path) -> None:
 
 
 def _panels(figure: Figure, count: int) -> list[Axes]:
-    """Panels below each other, with text that can be read at the width of a page."""
+    """Panels one below the other, with text that is legible at the width of a page."""
     panels = list(figure.subplots(count, 1, squeeze=False).flat)
     for panel in panels:
         panel.tick_params(labelsize=TEXT, length=2)

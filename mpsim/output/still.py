@@ -54,7 +54,7 @@ class Shown:
     """The discs that a picture shows, in the order of their numbers. Absorbed discs are not among them.
 
     Attributes:
-        scene: box, and what stands in it.
+        scene: box and obstacles.
         walls: where the walls are; None: unknown.
         time: of the moment [time]; None: unknown.
         here: which discs of the state these are: an index of arrays of one row per disc.
@@ -98,10 +98,10 @@ def draw(
     labels: bool | Sequence[object] | NDArray[Any] = False,
     ax: Axes | None = None,
 ) -> Figure:
-    """Draw discs at true radius in their box, with obstacles and walls that move, by matplotlib.
+    """Draw discs at true radius in their box, with obstacles and moving walls, by matplotlib.
 
-    Absorbed discs are not drawn. Of more than 50,000 discs only every second, third, ... is drawn, and the title says
-    so.
+    Absorbed discs are not drawn. If there are more than 50,000 discs, only every second, third, ... one is drawn, and
+    the title says so.
 
     Args:
         state: what is drawn: a State; a frame of a Trajectory; a Simulation, as it is now; or a Scene, as it starts.
@@ -109,10 +109,10 @@ def draw(
             drawn without obstacles. Leave it out for a Simulation or a Scene.
         colour: "speed", "radius", "mass" or "spin"; a number for each disc, shape (N,), NaN where a disc has none; a
             colour of matplotlib, such as "tab:blue", for all discs; None: one colour for all.
-        colour_label: text beside the colour bar of numbers that are given; None: none, or what the colour stands for.
+        colour_label: text beside the colour bar; None: what the colour stands for, and nothing for an array.
         scale: "linear" or "log": how numbers become colours. The ends of the colour bar are the 2nd and the 98th
             percentile of what is drawn, and arrows show that values lie outside.
-        labels: True: the number of each disc; or a text or number for each, N of them; at most 2,000.
+        labels: True: the number of each disc; or a text or number for each disc, N of them; at most 2,000.
         ax: Axes to draw in; None: a new figure.
 
     Returns:
@@ -170,7 +170,7 @@ def _title(shown: Shown, step: int) -> str:
 
 
 def _shown_by(state: object, scene: object) -> Shown:
-    """What there is to see of what was given."""
+    """The discs to be drawn, from what was given."""
     if scene is not None and not isinstance(scene, Scene):
         raise InputError(f"scene must be an mpsim.Scene; got {type(scene).__name__}. Use Scene.load, or Scene(...).")
     if isinstance(state, Scene | Simulation):
@@ -216,7 +216,7 @@ def _now_of(sim: Simulation) -> Shown:
 
 
 def _moment_of(frame: Frame, scene: Scene) -> Shown:
-    """A frame, which may hold less than a state does: what it lacks is an error where it is needed."""
+    """The discs of a frame, which may hold less than a state: what it lacks is an error only if it is needed."""
     state, known = frame.state, frame.known
     mass = known.get("mass", np.ones(len(frame.position)))
     shown = _of(state, scene, frame.radius, mass, known.get("time"))
@@ -232,7 +232,7 @@ def _empty(frame: Frame) -> Scene:
 
 
 def _numbers(colour: Any, shown: Shown) -> tuple[NDArray[np.float64] | None, str]:
-    """The number of each disc to colour it by, and what it is called; None: all discs have one colour."""
+    """The number by which each disc is coloured, and its name; None: all discs have one colour."""
     if colour is None or (isinstance(colour, str) and colour not in KINDS and is_color_like(colour)):
         return None, ""
     if isinstance(colour, str):

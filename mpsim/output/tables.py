@@ -40,7 +40,7 @@ def header(table: "Tradeoff") -> list[str]:
 
 
 def cells(row: "Row", measures: tuple[str, ...]) -> list[str]:
-    """One row in words: errors with their standard errors in brackets, `<` where they are not resolved."""
+    """One row in words: errors with their standard errors in brackets, `<` if they are not resolved."""
     if row.cost is None:
         return [row.label, f"failed: {row.failure}"]
     ran = f"{row.cost.method} x{row.cost.workers}"
@@ -55,7 +55,7 @@ def cost_text(cost: Cost) -> str:
 
 
 def error_text(name: str, error: Deviation) -> str:
-    """An error such as "-1.92(6)"; "< 0.12" where it is not resolved, "n/m" where it is not measurable."""
+    """An error such as "-1.92(6)"; "< 0.12" if it is not resolved, "n/m" if it is not measurable."""
     scale = 1.0 if name in UNITS else 100.0
     if not error.measurable:
         return "n/m"
@@ -67,7 +67,7 @@ def error_text(name: str, error: Deviation) -> str:
 
 
 def unresolved_text(errors: Iterable[Deviation]) -> str:
-    """What "not resolved" means for some errors, in words: how many standard errors are needed, more for few runs."""
+    """What "not resolved" means for some errors, in words: the number of standard errors needed, more for few runs."""
     freedom = min((each.freedom for each in errors if each.measurable), default=math.inf)
     few = f" (with so few runs, {windows.t_from_z(RESOLVED, freedom):.3g})" if freedom + 1 < FEW_RUNS else ""
     return f"not resolved, below {RESOLVED:g} standard errors{few}"

@@ -52,13 +52,13 @@ def times(report: Report) -> Figure:
 
 
 def phases_of(report: Report) -> dict[str, str]:
-    """The phases that took any time, and what each is called for this method."""
+    """The phases that took any time, and their names for this method."""
     words = METHODS[report.method].phases
     return {name: words.get(name, name) for name in PHASES if report.phase_seconds[name].any()}
 
 
 def usual_phases(report: Report) -> dict[str, NDArray[np.float64]]:
-    """Time of each phase for each worker, shape (workers,), as a mean over the middle half of the frames by time [s].
+    """Time of each phase for each worker, shape (workers,): mean over the middle half of the frame times [s].
 
     For each worker the phases add up to the mean time of these frames. Medians of phases would not, and means over all
     frames would be dominated by the few that were disturbed.

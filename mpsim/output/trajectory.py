@@ -24,7 +24,7 @@ from mpsim.output.xyz import write_jointly
 
 
 class Trajectory:
-    """A trajectory to be read: a sequence of frames, each read from the file when it is needed.
+    """A trajectory to read: a sequence of frames, each read from the file when it is needed.
 
     Args:
         path: ends in .xyz, .extxyz or .gsd; written by mpsim or by another program.
@@ -138,9 +138,8 @@ class Trajectory:
 
         Raises:
             InputError: naming the argument, its rule and the value received.
-            OutputError: if the file is there already (mode "x"), is written by another writer that is still open, in
-                this process or another (where the file system has locks), or cannot be written, or if the package gsd
-                is missing.
+            OutputError: if the file exists (mode "x"), has another writer that is still open, in this process or
+                another (if the file system has locks), or cannot be written, or if the package gsd is missing.
         """
         return TrajectoryWriter(path, every, mode=mode, comm=comm)
 
@@ -155,7 +154,7 @@ class TrajectoryWriter:
         path: of the file.
         every: frames of the simulation between two frames of the file.
         frames: written so far.
-        seconds: that writing took [s].
+        seconds: time spent on writing [s].
     """
 
     def __init__(self, path: str | os.PathLike[str], every: int = 1, *, mode: str = "x", comm: object = None):
@@ -195,7 +194,7 @@ class TrajectoryWriter:
         return self._file
 
     def _append_jointly(self, sim: Simulation, file: JointFile) -> bool:
-        """Write the present frame on all ranks, unless it is there already. Returns whether it was written."""
+        """Write the present frame on all ranks, unless the file has it. Returns whether it was written."""
         begin = sim.once(lambda: self._held().begin_of(sim, frame_of(sim), self.every))
         if begin is None:
             return False
@@ -229,7 +228,7 @@ class TrajectoryWriter:
 
 
 def _hint(path: Any) -> str:
-    """What to use instead: perhaps the folder of a run was given."""
+    """Advice on what to give instead, if the path is the folder of a run."""
     if isinstance(path, str | os.PathLike) and os.path.isdir(path):  # False too for what no path can be
         found = sorted(p for p in Path(os.fsdecode(path)).glob("*") if p.suffix.lower() in ENDINGS)
         if found:

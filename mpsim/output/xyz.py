@@ -1,8 +1,8 @@
 """Trajectories as extended XYZ, a text that OVITO, ASE and others read.
 
 A frame is the number of its discs, a line of keys, and a line for each disc. Numbers are written so that reading them
-gives the same bits. A frame is whole if all its lines are there, each with its end; anything else at the end of the
-file is what a kill has left, and is dropped.
+gives the same bits. A frame is complete if all its lines are there, each with its end; anything else at the end of the
+file is left from a killed process, and is dropped.
 """
 
 import functools
@@ -64,34 +64,34 @@ class XyzWriter:
         self._file = path.open({"a": "ab", "x": "xb", "w": "wb"}[mode])
 
     def write(self, frame: Frame) -> None:
-        """Append a frame, and hand it to the operating system."""
+        """Append a frame, and pass it to the operating system."""
         for part in text_of(frame):
             self._file.write(part)
         self._file.flush()
 
     def truncate(self, frames: int) -> None:
-        """Cut the file after its first frames, and what a kill has left behind the last whole one."""
+        """Cut the file after its first frames, and after the last complete one."""
         offsets, _ = scan(self._path)
         self._file.truncate(offsets[frames])
 
     @property
     def end(self) -> int:
-        """Where the file ends, and the next frame begins."""
+        """The end of the file, where the next frame begins."""
         return os.fstat(self._file.fileno()).st_size
 
     def cut(self, end: int) -> None:
-        """Cut off what a frame that has failed has left."""
+        """Cut off the remains of a failed frame."""
         self._file.truncate(end)
 
     def close(self) -> None:
-        """Close the file, its content forced to the disk."""
+        """Close the file, after forcing its content to the disk."""
         if not self._file.closed:
             os.fsync(self._file.fileno())
             self._file.close()
 
 
 class XyzReader:
-    """Reads frames where they lie in the file."""
+    """Reads frames at their positions in the file."""
 
     def __init__(self, path: Path):
         self._path = path
@@ -108,14 +108,14 @@ class XyzReader:
         return len(self._offsets) - 1
 
     def refresh(self) -> None:
-        """Look for frames that were written since; in a file that has taken the place of another one, for all."""
+        """Look for frames written since the last call; if the file has been replaced, for all frames."""
         try:
             self._offsets, _ = scan(self._path, self._offsets)
         except TrajectoryError:
             self._offsets, _ = scan(self._path)
 
     def number(self, index: int) -> int:
-        """The frame of the simulation that is at an index; the index itself where the file does not say."""
+        """The frame of the simulation that is at an index; the index itself if the file does not say."""
         with self._path.open("rb") as file:
             file.seek(self._offsets[index])
             file.readline()
@@ -159,7 +159,7 @@ class XyzReader:
         return Frame(self._number(keys, index), box, origin, periodic, position, self._path, known)
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Do nothing: the file is open only while a frame is read."""
 
     def _number(self, keys: dict[str, str], index: int) -> int:
         text = keys.get("Frame", "")
@@ -167,12 +167,12 @@ class XyzReader:
 
 
 def write_jointly(file: JointFile, team: Team, frame: Frame, begin: int) -> None:
-    """Write a frame at a place; all processes call it, and those that write make the lines of some discs at a time.
+    """Write a frame at a position; all processes call it, and those that write make the lines of some discs at a time.
 
-    frame: read in chunks, by all at once, each its own; so that none has to hold the text of its share.
+    frame: read in chunks, by all at once, each its own, so that none has to hold the text of its share.
 
     Raises:
-        Exception: what any of them meets while it writes, on all.
+        Exception: on all processes, the one that any of them gets while it writes.
     """
     at, parts, order, failed = begin, ranges(len(frame.position), PART), sorted(file.writers), list[Exception]()
     own, head = order.index(team.rank) if team.rank in order else len(parts), _head_of(frame)
@@ -194,7 +194,7 @@ def write_jointly(file: JointFile, team: Team, frame: Frame, begin: int) -> None
 
 
 def text_of(frame: Frame) -> Iterator[Any]:
-    """A frame as text, in parts, as bytes: of ten million discs it is longer than all their arrays."""
+    """A frame as text, as bytes in parts: for ten million discs, the text is longer than all their arrays."""
     yield _head_of(frame)
     yield from (_text_of_rows(frame, *rows) for rows in ranges(len(frame.position), PART))
 
@@ -240,7 +240,7 @@ def _columns_of(frame: Frame, part: slice) -> list[NDArray[Any] | str]:
 
 
 def _rows_of(columns: list[NDArray[Any] | str], rows: int) -> Any:
-    """A line for each disc, as bytes. A column that comes twice, such as a momentum of mass 1, becomes text once."""
+    """A line for each disc, as bytes. A column that occurs twice, such as a momentum for mass 1, is converted once."""
     texts = {id(column): _entries_of(column) for column in columns}
     begins = dict(zip(texts, accumulate(map(len, texts.values()), initial=0), strict=False))
     at = np.array([begins[id(column)] for column in columns])
@@ -252,7 +252,7 @@ def _rows_of(columns: list[NDArray[Any] | str], rows: int) -> Any:
 
 
 def _entries_of(column: NDArray[Any] | str) -> bytes:
-    """The entries of a column, a comma after each; one entry if all are the same."""
+    """The entries of a column, each followed by a comma; one entry if all are the same."""
     if isinstance(column, str):
         return f"{column},".encode()
     bits = column.view(np.int64)
@@ -264,13 +264,13 @@ def _entries_of(column: NDArray[Any] | str) -> bytes:
 
 
 def scan(path: Path, known: Sequence[int] = (0,)) -> tuple[list[int], int]:
-    """Where each whole frame begins and the last one ends, and how many bytes lie behind that.
+    """Where each complete frame begins, where the last one ends, and how many bytes follow it.
 
     The file is streamed, not held.
 
     Args:
         path: of the file.
-        known: what was found in it earlier, where it is searched no more.
+        known: the result of an earlier scan of it; that part is not read again.
 
     Raises:
         TrajectoryError: if it is no XYZ file.
@@ -298,7 +298,7 @@ def scan(path: Path, known: Sequence[int] = (0,)) -> tuple[list[int], int]:
 
 
 def _skipped(file: BinaryIO, lines: int, path: Path) -> bool:
-    """Skip so many lines; False where the file ends before.
+    """Skip so many lines; False if the file ends before that.
 
     Raises:
         TrajectoryError: for a line that is longer than any line of a trajectory.
@@ -325,7 +325,7 @@ def keys_of(comment: str) -> dict[str, str]:
 
 
 def _columns(lines: list[str], properties: str, where: str) -> dict[str, Any]:
-    """The columns that mpsim knows, by its names for them."""
+    """The columns that mpsim knows, by their names in mpsim."""
     parts = properties.split(":")
     if len(parts) % 3 or not all(width.isdecimal() and len(width) < 5 for width in parts[2::3]):
         raise TrajectoryError(
@@ -350,7 +350,7 @@ def _columns(lines: list[str], properties: str, where: str) -> dict[str, Any]:
 
 
 def _of_states() -> dict[str, Column]:
-    """Further columns of a state, by their names in a file: their own where OVITO and ASE know none."""
+    """Further columns of a state, by their names in a file: their own if OVITO and ASE have no name for them."""
     names = {column: name for name, column in _NAMED.items()}
     return {names.get(column, column.name): column for column in in_state()}
 

@@ -10,9 +10,11 @@ from mpsim.features.restitution import Restitution
 
 def brief(scene: Any) -> str:
     """Number of discs, their sizes, the box, and what else the scene has."""
-    radii = f"radius {scene.largest_radius:g}"
-    if np.ndim(scene.radius):
-        radii = f"radii {scene.radii.min(initial=np.inf):g} to {scene.radii.max(initial=0):g}"
+    discs = f"{scene.count} discs"
+    if not np.ndim(scene.radius):
+        discs += f" of radius {scene.largest_radius:g}"
+    elif scene.count:
+        discs += f" of radii {scene.radii.min():g} to {scene.radii.max():g}"
     extras = [each.brief(scene) for each in sorted(FEATURES, key=lambda each: each.several)]
     extras += [f"{name} {getattr(scene, name):g}" for name in Restitution.numbers if getattr(scene, name) < 1]
     axes = "".join(axis for axis, wraps in zip("xy", scene.periodic, strict=True) if wraps)
@@ -21,7 +23,4 @@ def brief(scene: Any) -> str:
     size = " x ".join(f"{side:g}" for side in high - low)
     if (high - low).tolist() != [scene.width, scene.height]:
         size += f" of {scene.width:g} x {scene.height:g}"
-    return (
-        f"<Scene: {scene.count} discs of {radii} in {size}, "
-        f"packing {scene.packing:.3g}{''.join(', ' + text for text in extras if text)}>"
-    )
+    return f"<Scene: {discs} in {size}, packing {scene.packing:.3g}{''.join(', ' + text for text in extras if text)}>"

@@ -352,7 +352,7 @@ class Scene(HasDiscs, Recommends, Compresses):
 
         >>> places, rest = [[2, 2], [2.75, 2]], np.zeros((2, 2))
         >>> Scene(width=9, height=9, position=places, velocity=rest, radius=0.5).overlaps_at_start()
-        '1 pairs of discs overlap at the start, discs 0 and 1 deepest, by 0.25'
+        '1 pair of discs overlaps at the start: discs 0 and 1, by 0.25'
         """
         depends = self._start, self.radius, self.obstacles, self.width, self.height, self.boundary
         if self._overlaps is None or any(now is not then for now, then in zip(depends, self._overlaps[0], strict=True)):

@@ -39,8 +39,8 @@ def view(
 ) -> View:
     """Show a simulation as it runs, on a page in the browser.
 
-    It runs while a page shows it, and rests while none does. The page never slows it down by more than a few per cent,
-    and changes no bit.
+    It runs while a page shows it, and pauses while none does. The page never slows it down by more than a few per cent,
+    and the result has the same bits as without a page.
 
     Args:
         source: a scene, which the view simulates, again from the start at each reset; a simulation, which stays yours:

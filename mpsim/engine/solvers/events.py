@@ -172,7 +172,7 @@ class EventSolver(Solver):
         return outcome
 
     def _fit_events_per_call(self, done: int, seconds: float) -> None:
-        """Choose the number of events per call by the time of the last; how a run is cut into calls changes no bit."""
+        """Choose the number of events per call by the time of the last; it does not affect the result."""
         fitting = done * SECONDS_AT_ONCE / max(seconds, 1e-9)
         self._events_per_call = int(
             max(min(fitting, 2 * self._events_per_call), self._events_per_call / 2, FEWEST_EVENTS)

@@ -200,7 +200,7 @@ def test_overlaps_are_found_through_periodic_borders_and_with_obstacles():
     scene = Scene(width=8, height=6, position=places, velocity=np.zeros((4, 2)), radius=[0.4, 0.2, 0.3, 0.35],
                   boundary="periodic", obstacles=walls)  # fmt: skip
     assert scene.overlaps_at_start() == (
-        "1 pairs of discs overlap at the start, discs 0 and 1 deepest, by 0.2; "
+        "1 pair of discs overlaps at the start: discs 0 and 1, by 0.2; "
         "2 discs overlap an obstacle at the start, disc 2 and obstacles[1] deepest, by 0.1"
     )
     # Negative control: between walls the first pair is far apart, and so is disc 2 from the obstacle.
