@@ -389,7 +389,8 @@ def _squares(part: Part, unit: float) -> NDArray[np.float64]:
 
 def _common(state: State, reference: State, name: str) -> NDArray[np.int64]:
     """Indices of discs in two states of the same discs, without those absent in both."""
-    count_of(state), count_of(reference)  # which refuses what is no state
+    for each in (state, reference):
+        count_of(each)  # which refuses what is no state
     if len(state.present) != len(reference.present):
         raise InputError(
             f"{name} needs two states of the same discs; got {len(state.present)} and {len(reference.present)} discs. "

@@ -24,7 +24,7 @@ ScaleName = Literal["linear", "log"]
 
 
 class ColourScale(NamedTuple):
-    """Ends of a colour bar; outside: where values lie outside, as matplotlib says it; log: whether it is logarithmic."""
+    """Ends of a colour bar; outside: where values lie beyond them, as in matplotlib; log: whether it is logarithmic."""
 
     low: float
     high: float

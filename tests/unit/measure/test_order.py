@@ -150,6 +150,13 @@ def test_bad_input_is_refused():
     state = state_of(scene)
     for ask, words in (
         (lambda: structure_factor(state, walls, 5.0), "periodic in both axes"),
+        (lambda: structure_factor(scene, scene, 5.0), "states must be a State or a list of them; got Scene"),
+        (lambda: structure_factor([state, 3], scene, 5.0), "states[1] must be a State; got int"),
+        (lambda: structure_factor(state, state, 5.0), "scene must be a Scene; got State"),
+        (lambda: hexatic_order(scene, scene), "state must be a State; got Scene. Use sim.state"),
+        (lambda: hexatic_order(state, state), "scene must be a Scene; got State"),
+        (lambda: hexatic_correlation(scene, scene, 5, 4.0), "states must be a State or a list of them; got Scene"),
+        (lambda: to_freud(scene, scene), "state must be a State; got Scene"),
         (lambda: structure_factor(state, scene, 0.0), "k_max must be a finite number > 0"),
         (lambda: structure_factor(state, scene, 1e5), "k_max must be small enough for at most 2,000,000"),
         (lambda: structure_factor(state, scene, 5.0, bins=0), "bins must be a whole number"),

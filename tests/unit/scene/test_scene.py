@@ -60,6 +60,8 @@ def test_a_disc_beyond_the_wall_by_rounding_is_allowed_and_by_more_is_not():
 def test_the_text_of_a_scene_names_what_it_has():
     assert repr(gas(20, 0.2)) == "<Scene: 20 discs of radius 0.5 in 8.86227 x 8.86227, packing 0.2>"
     assert repr(gas(20, 0.2, gravity=(0, -1))).endswith("packing 0.2, gravity>")
+    nobody = mpsim.Scene(width=3, height=3, position=np.zeros((0, 2)), velocity=np.zeros((0, 2)), radius=np.zeros(0))
+    assert repr(nobody) == "<Scene: 0 discs in 3 x 3, packing 0>"
 
 
 @pytest.mark.parametrize("packing", [0.001, 0.1, 0.3, 0.4, 0.41, 0.5, 0.6, 0.7, 0.75, 0.8])
