@@ -163,7 +163,7 @@ CASES = {
         lambda: mpsim.Scene(
             width=5, height=5, position=[[1, 1], [1.5, 1]], velocity=np.ones((2, 2)), radius=0.5
         ).compressed(0.6),
-        ["do not overlap", "discs 0 and 1 deepest, by 0.5", "Move them apart"],
+        ["do not overlap", "discs 0 and 1, by 0.5", "Move them apart"],
     ),
     "obstacles": (lambda: equal_discs(obstacles=PEG).compressed(0.7), ["cannot do a scene with obstacles"]),
     "absorbing": (lambda: equal_discs(absorbing="left").compressed(0.7), ["cannot do a scene with absorbing edges"]),

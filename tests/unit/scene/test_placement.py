@@ -206,9 +206,7 @@ def test_overlaps_are_found_through_periodic_borders_and_with_obstacles():
     # Negative control: between walls the first pair is far apart, and so is disc 2 from the obstacle.
     scene = Scene(width=8, height=6, position=np.clip(places, 0.4, None), velocity=np.zeros((4, 2)),
                   radius=[0.4, 0.2, 0.3, 0.35], obstacles=walls)  # fmt: skip
-    assert scene.overlaps_at_start() == (
-        "1 discs overlap an obstacle at the start, disc 3 and obstacles[0] deepest, by 0.05"
-    )
+    assert scene.overlaps_at_start() == "disc 3 overlaps obstacles[0] at the start, by 0.05"
 
 
 def test_a_giant_among_many_is_found_quickly():
@@ -227,7 +225,7 @@ def test_overlaps_of_a_scene_are_looked_for_once_until_it_changes(monkeypatch):
     looks = []
     look = placement.overlaps
     monkeypatch.setattr(placement, "overlaps", lambda *arguments: (looks.append(arguments), look(*arguments))[1])
-    assert [scene.overlaps_at_start()[:7] for _ in range(3)] == ["1 pairs"] * 3
+    assert [scene.overlaps_at_start()[:7] for _ in range(3)] == ["1 pair "] * 3
     assert len(looks) == 1
     scene.radius = 0.3
     assert scene.overlaps_at_start() == ""

@@ -144,7 +144,7 @@ def test_overlapping_discs_are_reported_with_the_worst_pair():
 
 def test_discs_at_one_point_are_an_overlap_of_a_whole_diameter():
     scene = mpsim.Scene(width=9, height=9, position=[[2, 2], [2, 2]], velocity=np.zeros((2, 2)), radius=0.5)
-    with pytest.warns(mpsim.OverlapWarning, match="discs 0 and 1 deepest, by 1"):
+    with pytest.warns(mpsim.OverlapWarning, match="1 pair of discs overlaps at the start: discs 0 and 1, by 1"):
         sim = mpsim.Simulation(scene, mpsim.Settings(method="grid"))
     sim.close()
 
