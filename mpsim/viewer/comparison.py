@@ -187,10 +187,13 @@ class Comparison:
 
         `missed` are collisions of the second stage that the first one has not counted; once they have parted, it is a
         difference of two counts of other collisions, and only its fraction means something.
+
+        There is no pressure before a collision that counts for it: zero would be no measurement.
         """
         first, second = self.first, self.second
         distance = self.look(one, other, time, agree_until)
         pressures = first.pressure.read(), second.pressure.read()
+        values = [each.value or math.nan for each in pressures]
         missed = second.collisions - first.collisions
         return {
             "time": time,
@@ -201,9 +204,9 @@ class Comparison:
             "collisions": [first.collisions, second.collisions],
             "missed": missed if self.parted is None else None,
             "missed_fraction": missed / second.collisions if second.collisions else math.nan,
-            "pressure": [each.value for each in pressures],
+            "pressure": values,
             "pressure_error": [each.error for each in pressures],
-            "pressure_difference": pressures[0].value - pressures[1].value,
+            "pressure_difference": values[0] - values[1],
             "difference_error": math.hypot(*(each.error for each in pressures)),
             "cost": [first.cost, second.cost],
             "cost_ratio": second.cost / first.cost if first.cost and second.time else math.nan,

@@ -111,6 +111,16 @@ def test_missed_collisions_costs_and_pressures():
     assert math.isnan(told["difference_error"]), "three values have no error"
 
 
+def test_a_pressure_of_zero_is_no_measurement():
+    comparison = Comparison(SCENE)
+    comparison.first.note(Ran(0, 0.2, 0.0), 4.0)
+    comparison.second.note(Ran(1, 1.0, 2.0), 4.0)
+    told = comparison.read(START, START, 4.0)
+    assert math.isnan(told["pressure"][0])
+    assert told["pressure"][1] == 2.0
+    assert math.isnan(told["pressure_difference"])
+
+
 def test_before_the_first_frame_there_is_nothing_but_a_distance():
     told = Comparison(SCENE).read(START, START, 0.0)
     assert told["distance"] == 0.0
