@@ -13,9 +13,10 @@ from mpsim.features.feature import Feature, Floats, PerDisc, SceneLike, Shapes, 
 def check_gravity(value: Any) -> Floats | None:
     """(gx, gy), checked [length/time^2]."""
     if isinstance(value, int | float) and not isinstance(value, bool):
+        down = -abs(float(value)) if abs(value) < 1e300 else -9.81  # an example, where a float cannot hold it
         raise InputError(
             f"gravity must be two numbers, along x and y; got {checks.brief(value)}. Downwards it is "
-            f"(0, {-abs(value):g}), in a scene file [0.0, {-abs(float(value))}]."
+            f"(0, {down:g}), in a scene file [0.0, {down}]."
         )
     return None if value is None else checks.finite_array("gravity", value, (2,), "(2,)")
 

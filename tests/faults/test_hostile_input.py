@@ -175,6 +175,7 @@ SCENES = {
     ),
     "a word of a megabyte": (lambda: f"boundary = '{'w' * 1_000_000}'\n", r"got 'w{50,60}\.\.\."),
     "a key of a megabyte": (lambda: f"{'w' * 1_000_000} = 1\n", r"w{50,60}\.\.\. must be a key"),
+    "a gravity of 401 digits": (lambda: f"gravity = {10**400}\n", "gravity must be two numbers"),
     "numbers in 200 lists": (lambda: f"gravity = {'[' * 200}1{']' * 200}\n", "gravity.*must"),
     "a row too short": (lambda: "[[discs]]\nradius=1\nposition=[" + "[1,1]," * 150_000 + "[1]]\n", "1 to 2"),
 }  # fmt: skip
