@@ -96,6 +96,7 @@ def checked_set(
         values["position"] = places
     if velocity is not None:
         values["velocity"] = _pairs("velocity", velocity, count, place.precision)
+        check_momentum(place.solver, "velocity", values["velocity"], place.solver.masses[numbers])
     for column in settable:
         value = {"acceleration": acceleration, **others}.get(column.name)
         if value is None:
@@ -118,8 +119,31 @@ def checked_kick(place: Place, ids: ArrayLike, impulse: ArrayLike) -> Change:
     numbers = _present_numbers(place.solver, ids)
     impulses = _pairs("impulse", impulse, len(numbers), place.precision)
     changed = edited(place.solver.discs(), place.change(KICK, {"ids": numbers, "impulse": impulses}))
-    checks.fitting("the velocity after the kick", np.asarray(changed.velocity[numbers], np.float64), place.precision)
+    name, velocity = "the velocity after the kick", np.asarray(changed.velocity[numbers], np.float64)
+    checks.fitting(name, velocity, place.precision)
+    check_momentum(place.solver, name, velocity, changed.mass[numbers])
     return place.change(KICK, {"ids": numbers, "impulse": impulses})
+
+
+def check_momentum(solver: Solver, name: str, velocity: NDArray[np.floating], mass: Floats) -> None:
+    """Refuse velocities of whose impulses the sums would overflow.
+
+    Args:
+        solver: of the simulation.
+        name: of the velocities, in the words of the door.
+        velocity, mass: of the discs that have changed or are new, shape (K, 2) and (K,) [length/time], [mass].
+
+    Raises:
+        InputError: with the largest speed that fits and the one received.
+    """
+    speed = np.hypot(*velocity.T)
+    most, total = solver.most_momentum, float((mass * speed).sum())
+    if total > most:
+        raise InputError(
+            f"{name} must give speeds of at most {most / total * float(speed.max()):.3g}: the sums of impulses, from "
+            "which the pressure is computed, are made for speeds like those at the start of the simulation; got "
+            f"{float(speed.max()):.3g}. Start a new simulation with discs so fast."
+        )
 
 
 def checked_remove(place: Place, ids: ArrayLike) -> Change:

@@ -58,6 +58,7 @@ class Changing:
         radii = place.solver.radii[~place.solver.absorbed] if place.scene.loses_discs else place.solver.radii
         now = place.scene, place.precision, place.solver.scene_time, radii
         new = insertion.checked(*now, position, velocity, radius, mass, brought)
+        changes.check_momentum(place.solver, "velocity", new.velocity, new.mass)
         substeps = self._coordinator.look(new)
         self._access.notices.give()  # where a filter makes an error of a warning, nothing is added
         self._coordinator.add(place.change(changes.ADD, insertion.arguments_of(place.scene, new)), new, substeps)

@@ -9,14 +9,12 @@ upgrade is therefore a different folder, and a stale cache cannot be loaded.
 # pyright: reportAttributeAccessIssue=false
 # Numba fills its config module when it is imported.
 
-import gc
 import hashlib
 import logging
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +24,7 @@ from numba import config, njit, types
 from numba.extending import register_jitable
 
 from mpsim.core.deferred_signals import interrupts_held_back
+from mpsim.core.garbage import garbage_collection_paused
 from mpsim.kernels import compile_notice
 from mpsim.kernels.compile_turns import Turns
 from mpsim.kernels.linking import KernelCompiler, PartCompiler
@@ -110,7 +109,8 @@ def _watch_compiling(dispatcher: Any, turns: Turns | None) -> None:
     compile_signature, name = dispatcher.compile, dispatcher.py_func.__name__
 
     def compile_undisturbed(signature: Any) -> Any:
-        with interrupts_held_back(), compile_notice.asked_for(name, signature, _FOLDER is not None), _without_garbage():
+        noted = compile_notice.asked_for(name, signature, _FOLDER is not None)
+        with interrupts_held_back(), noted, garbage_collection_paused():
             try:
                 return compile_signature(signature)
             finally:
@@ -118,18 +118,6 @@ def _watch_compiling(dispatcher: Any, turns: Turns | None) -> None:
                     turns.give_back()
 
     dispatcher.compile = compile_undisturbed
-
-
-@contextmanager
-def _without_garbage() -> Iterator[None]:
-    """Collect no garbage: that is a sixth of the time of a compilation, whose millions of objects nearly all stay."""
-    collects = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if collects:
-            gc.enable()
 
 
 def _type_without_literals(dispatcher: Any) -> None:

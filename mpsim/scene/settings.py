@@ -66,7 +66,8 @@ class Settings:
         contact_time: prevents inelastic collapse in "event" [time], > 0: an impact within this time after the previous
             impact of a disc loses no energy, so a disc at rest makes bounces of this duration. None: a millionth of the
             time in which a typical disc moves by the smallest radius. If discs come to rest, a longer contact time is
-            faster, and less exact. The other methods need none.
+            faster, and less exact; in gravity g at most sqrt(8 radius / g), with which a bounce is as high as the
+            radius of the smallest disc. The other methods need none.
 
     Raises:
         InputError: naming the setting, its rule and the value received.

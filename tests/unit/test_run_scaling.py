@@ -58,10 +58,11 @@ def test_the_model_fetches_a_column_for_each_border(script, timings):
 
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="a line goes from one core to another")
 def test_a_line_of_another_core_takes_longer_than_an_own_one(script):
-    """In one try of five at least: while other programs have one of the cores, the two threads do not take turns."""
+    """By the lower quartile of tries, as other programs make some longer. The control: an own line twice."""
     one, another = sorted(os.sched_getaffinity(0))[:2]
-    tries = [[script.seconds_of_a_line(one, core) for core in (one, another)] for _ in range(5)]
-    assert any(2 * own < others < 1e-6 for own, others in tries), tries
+    tries = [[script.seconds_of_a_line(one, core) for core in (one, one, another)] for _ in range(12)]
+    own, again, others = np.quantile(tries, 0.25, axis=0)
+    assert 1.4 * max(own, again) < others < 1e-6, tries
 
 
 def test_the_table_has_a_row_for_each_number_of_workers_measured_or_not(script, tmp_path, monkeypatch, capsys):

@@ -415,6 +415,11 @@ class Solver(ABC):
         return 0.0
 
     @property
+    def most_momentum(self) -> float:
+        """Momenta whose sum is larger make impulses that its counts cannot hold [mass length/time]."""
+        return math.inf
+
+    @property
     @abstractmethod
     def array_names(self) -> tuple[str, ...]:
         """Names of the arrays in the block."""

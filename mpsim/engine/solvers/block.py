@@ -137,7 +137,7 @@ class BlockSolver(SteppedSolver):
         contacts = int(arrays["team"]["collisions"].sum())
         tally = arrays.get("tally")
         if tally is not None:
-            scale = float(arrays["parameters"].tally_scale)
+            scale = float(self._parameters.tally_scale)
             tally = totals(tally[:, :frames], scale, 2 * self._scene.largest_radius)
         return Slice(arrays["times"][:, :frames].copy(), contacts, tally)
 
@@ -294,6 +294,10 @@ class BlockSolver(SteppedSolver):
     @property
     def _control(self) -> Any:
         return self._block.arrays["control"]
+
+    @property
+    def _parameters(self) -> Any:
+        return self._block.arrays["parameters"]
 
     def _next_block(self, capacity: int, radii: NDArray[np.float64]) -> SharedBlock:
         """A block for so many discs, which is still to be filled."""

@@ -52,6 +52,19 @@ def refuse_what_is_not_exact(scene: Scene, settings: Settings) -> None:
         if present:
             raise InputError(f"method='event' cannot do {what}. Leave it out, or use method='grid'.")
     refuse_extremes(scene, scene.velocity, settings.dt)
+    _refuse_long_contacts(scene, settings.contact_time)
+
+
+def _refuse_long_contacts(scene: Scene, contact_time: float | None) -> None:
+    """Raise InputError for a contact time [time] in which a bounce of a disc at rest is higher than its radius."""
+    gravity = gravity_strength(scene)
+    longest = math.sqrt(8 * scene.smallest_radius / gravity) if gravity else math.inf
+    if scene.smallest_radius and contact_time is not None and contact_time > longest:
+        raise InputError(
+            f"contact_time must be at most {longest:.3g} in this scene: with a longer one, discs that should rest "
+            f"under gravity of {gravity:.3g} bounce higher than their radius, {scene.smallest_radius:.3g}; got "
+            f"{contact_time:.3g}. Give a shorter one, such as {contact_time_at_rest(scene):.1g}."
+        )
 
 
 def refuse_extremes(scene: Scene, velocity: NDArray[np.floating], dt: float) -> None:

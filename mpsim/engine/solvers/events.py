@@ -32,7 +32,7 @@ from mpsim.engine.solvers.event_scene import (
     units_of,
 )
 from mpsim.engine.solvers.event_windows import Windows
-from mpsim.engine.solvers.slices import Slice
+from mpsim.engine.solvers.slices import MOST_COUNTED, Slice
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot, count_in
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.kernels import collision_log, layout
@@ -384,6 +384,11 @@ class EventSolver(Solver):
         scene = self._scene
         lossy = scene.restitution < 1 or scene.wall_restitution < 1
         return self._contact_time if lossy or scene.gravity is not None else 0.0
+
+    @property
+    def most_momentum(self) -> float:
+        """Momenta whose sum is larger make impulses that its counts cannot hold [mass length/time]."""
+        return MOST_COUNTED * self._units[0]
 
     @property
     def array_names(self) -> tuple[str, ...]:

@@ -176,6 +176,10 @@ class MpiSolver(OnRanks):
     def _control(self) -> Any:
         return self._held().arrays["control"]
 
+    @property
+    def _parameters(self) -> Any:
+        return self._held().arrays["parameters"]
+
     # --- frames
 
     def advance(self, frames: int, workers: int, stop: float = math.inf) -> Slice:
@@ -267,7 +271,7 @@ class MpiSolver(OnRanks):
         ranks.raise_any(failures)
         self._fastest = max(fastest)
         if tally is not None:
-            scale = float(arrays["parameters"].tally_scale)
+            scale = float(self._parameters.tally_scale)
             tally = totals(np.concatenate(tallies), scale, 2 * self._scene.largest_radius)
         return Slice(np.concatenate(times), sum(collisions), tally)
 

@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 
 from mpsim.kernels import layout, records
 
+MOST_COUNTED = 2.0**61
+"""The largest sum of momenta, in units of the counts: of impulses twice as large the sum fits into 63 bits."""
+
 
 @dataclass(frozen=True)
 class Slice:

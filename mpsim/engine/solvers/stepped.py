@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from mpsim.core.sizes import kept_sizes
 from mpsim.engine.frame_count import frames_until
-from mpsim.engine.solvers import stepped_snapshot
+from mpsim.engine.solvers import slices, stepped_snapshot
 from mpsim.engine.solvers.base import Capabilities, Choice, NewDiscs, Solver
 from mpsim.engine.solvers.snapshots import Shapes, Snapshot
 from mpsim.engine.solvers.speed_limit import SpeedLimit
@@ -38,6 +38,16 @@ class SteppedSolver(Solver):
     @abstractmethod
     def _control(self) -> Any:
         """The record `control`."""
+
+    @property
+    @abstractmethod
+    def _parameters(self) -> Any:
+        """The record `parameters`."""
+
+    @property
+    def most_momentum(self) -> float:
+        """Momenta whose sum is larger make impulses that a frame's counts cannot hold [mass length/time]."""
+        return slices.MOST_COUNTED / float(self._parameters.tally_scale)
 
     # --- time
 

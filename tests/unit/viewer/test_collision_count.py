@@ -3,36 +3,16 @@
 import numpy as np
 import pytest
 from support.scenes import gas
-from support.watching import Watcher, do, step_to
+from support.watching import do, step_to
 
 import mpsim
 from mpsim.scene.recommended import settings_for
 from mpsim.viewer import wire
 from mpsim.viewer.collision_count import MOST_LOGGED
-from mpsim.viewer.session import Session
 
 GRID = mpsim.Settings(method="grid", contact="push", dt=0.01)
 MANY = gas(300, 0.4)
 FEW = mpsim.Scene(width=4, height=3, position=[[1, 1], [3, 1], [2, 2]], velocity=[[5, 1], [-4, 2], [1, -6]], radius=0.4)
-
-
-@pytest.fixture
-def begin():
-    """Starts paused sessions, and ends them after the test."""
-    open_ones = []
-
-    def started(source, settings=GRID, **options):
-        watcher = Watcher()
-        session = Session(source, settings, audience=watcher, playing=False, **options)
-        open_ones.append(session)
-        session.watched_by(1)
-        session.start()
-        watcher.wait(lambda w: w.phase == "paused" and "gauges" in w.told)
-        return session, watcher
-
-    yield started
-    for session in open_ones:
-        session.close()
 
 
 def shown(watcher, frame):

@@ -19,25 +19,6 @@ EVENT = mpsim.Settings(method="event")
 PATIENCE = 150.0
 
 
-@pytest.fixture
-def begin():
-    """Starts paused sessions, and ends them after the test."""
-    open_ones = []
-
-    def started(source=SCENE, settings=GRID, **options):
-        watcher = Watcher()
-        session = Session(source, settings, audience=watcher, playing=False, **options)
-        open_ones.append(session)
-        session.watched_by(1)
-        session.start()
-        watcher.wait(lambda w: w.phase == "paused" and "pair" in w.told)
-        return session, watcher
-
-    yield started
-    for session in open_ones:
-        session.close()
-
-
 def until(holds):
     end = time.monotonic() + PATIENCE
     while not holds():

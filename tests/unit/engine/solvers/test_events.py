@@ -217,6 +217,32 @@ def test_a_contact_time_must_be_a_time(value):
         mpsim.Settings(contact_time=value)
 
 
+LONGEST = 2.0
+"""Contact time in which gravity of 1 throws a disc of radius 0.5 as high as its radius."""
+
+
+def resting(gravity=(0.0, -1.0)):
+    return mpsim.Scene(width=4, height=6, position=[[2, 0.5]], velocity=[[0, 0]], radius=0.5, gravity=gravity)
+
+
+def test_a_contact_time_that_throws_discs_at_rest_higher_than_their_radius_is_refused():
+    with simulate(resting(), method="event", dt=1.0, contact_time=LONGEST) as sim:
+        with pytest.warns(mpsim.GuardWarning):
+            sim.run(frames=1)
+        assert sim.state.position[0, 1] == pytest.approx(1.0, abs=0.01), "the control: thrown by its radius"
+    message = (
+        r"contact_time must be at most 2 in this scene: with a longer one, discs that should rest under gravity of 1 "
+        r"bounce higher than their radius, 0\.5; got 2\.01\. Give a shorter one, such as 0\.01\."
+    )
+    with pytest.raises(InputError, match=message):
+        simulate(resting(), method="event", contact_time=2.01)
+    with (
+        simulate(resting(gravity=(0.0, 0.0)), method="event", contact_time=2.01) as sim,
+        pytest.raises(InputError, match=r"contact_time must be at most 1\.41 in this scene"),
+    ):
+        sim.change(gravity=(0.0, -2.0))
+
+
 def test_an_elastic_gas_has_no_contact_time():
     with simulate(SCENE, method="event", contact_time=0.1) as sim:
         assert sim.run(frames=1).contact_time == 0.0
