@@ -44,6 +44,9 @@ WARM_UP = 100
 """Frames before the first timing: the lattice melts."""
 
 
+APART = ("thermal_walls",)
+"""Arguments that are not combined with the others: a piston and an absorbing edge leave no wall to heat."""
+
 OBSERVED = "collisions observed"
 """The bare scene, with all its collisions handed over at the end of each timing. Their table is made between frames, so
 that its time is not in here."""
@@ -88,7 +91,7 @@ def scenes() -> dict[str, Scene]:
     for each in FEATURES:
         examples = each.cost_examples(SIDE * PITCH, PITCH)
         alone |= {name: {each.argument: value} for name, value in examples.items()}
-        if examples:
+        if examples and each.argument not in APART:
             together[each.argument] = next(iter(examples.values()))
     found = {name: scene(name, **features) for name, features in alone.items()}
     found |= {"one giant": scene("one giant"), "all together": scene("all together", **together)}

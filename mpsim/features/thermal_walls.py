@@ -136,6 +136,10 @@ class ThermalWallsFeature(Feature):
             record.temperature[:] = walls.by_edge
             record.seed = walls.seed
 
+    def cost_examples(self, side: float, pitch: float) -> dict[str, Any]:
+        """At the temperature of the discs."""
+        return {"thermal walls": ThermalWalls(left=1.0, right=1.0, bottom=1.0, top=1.0)}
+
     def redrawn(self, scene: SceneLike, variation: str) -> ThermalWalls | None:
         """The same with another seed, which follows from its own."""
         walls: ThermalWalls | None = self.of(scene)
