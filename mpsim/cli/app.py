@@ -17,6 +17,15 @@ from mpsim.core.errors import InputError, MpsimError, SceneFileError
 from mpsim.core.progress import above
 from mpsim.kernels.compile_notice import announced_by
 
+ELSEWHERE = {
+    "compare": "`mpsim tradeoff SCENE` compares settings, and `mpsim view SCENE --beside event` two of them live.",
+    "draw": "`mpsim plot RUN` draws the results of a run; in Python, mpsim.draw draws a state.",
+    "live": "`mpsim view SCENE` opens the live view; in a notebook, mpsim.live does.",
+    "measure": "`mpsim run SCENE --measure NAME` measures during a run.",
+    "sweep": "Sweeps are made in Python, with mpsim.sweep.",
+}
+"""Where to find what is no command, though the library or other programs have it by this name."""
+
 
 class Refused(click.ClickException):
     """Input that breaks a rule."""
@@ -41,6 +50,14 @@ class Commands(click.Group):
                     raise
                 kind = Refused if isinstance(error, InputError) else click.ClickException
                 raise kind(self._text(error, ctx.invoked_subcommand)) from error
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command that is called; the name of none is answered by what comes closest."""
+        if args[0] in ELSEWHERE:
+            ctx.fail(f"No such command {args[0]!r}. {ELSEWHERE[args[0]]}")
+        return super().resolve_command(ctx, args)
 
     def _text(self, error: Exception, name: str | None) -> str:
         """What an error says, in the words of the command."""

@@ -243,7 +243,7 @@ def states_in(states: State | Iterable[State]) -> list[State]:
     """One state or several as a list.
 
     Raises:
-        InputError: if there is anything but states.
+        InputError: if there is anything but states, or none.
 
     >>> len(states_in(State(np.zeros((3, 2)), np.ones((3, 2)))))
     1
@@ -256,6 +256,8 @@ def states_in(states: State | Iterable[State]) -> list[State]:
     for index, each in enumerate(found):
         if not isinstance(each, State):  # pyright: ignore[reportUnnecessaryIsInstance] - as above
             raise _no_state(f"states[{index}] must be a State", each)
+    if not found:
+        raise InputError("states must be at least one State; got none. Give sim.state, or a list of several.")
     return found
 
 

@@ -238,13 +238,20 @@ class StepLimits:
             TooFastError: if they are more than MOST_SUBSTEPS.
         """
         dt = self._settings.dt
-        gained = self._gain(frame, ADAPT_EVERY) * dt / min(speeds.limit, speeds.smallest)
+        gain = self._gain(frame, ADAPT_EVERY)
+        gained = gain * dt / min(speeds.limit, speeds.smallest)
         fraction = max((speeds.fraction(dt) + gained) / BOUND, speeds.collision_rate * dt / COLLISIONS) / AIM
         if math.isinf(fraction):
             raise TooFastError(f"{self._words(speeds, frame)} No number of sub-steps is enough. Use a larger box.")
         if not fraction <= MOST_SUBSTEPS:
+            words = self._words(speeds, frame)
+            if gained > max(speeds.fraction(dt), speeds.collision_rate * dt):
+                words = (
+                    f"acceleration or a moving wall can give a disc a speed of {gain:.3g} within {ADAPT_EVERY} frames "
+                    f"of frame {frame}, with which it moves {gained:.3g} times its radius in one step of {dt:.3g}."
+                )
             raise TooFastError(
-                f"{self._words(speeds, frame)} on_fast='substep' takes at most {MOST_SUBSTEPS} sub-steps, and would "
+                f"{words} on_fast='substep' takes at most {MOST_SUBSTEPS} sub-steps, and would "
                 f"need {fraction:.3g}. Use a smaller dt."
             )
         return max(self._settings.substeps, math.ceil(fraction))

@@ -78,7 +78,7 @@ class HexaticCorrelation:
     pairs: NDArray[np.int64]
 
 
-def structure_factor(states: State | Sequence[State], scene: Scene, k_max: float, bins: int = 50) -> StructureFactor:
+def structure_factor(states: State | Sequence[State], scene: Scene, bins: int, k_max: float) -> StructureFactor:
     """Static structure factor S(k) = |sum over discs of exp(i k.r)|^2 / K in a periodic box, in shells from 0 to k_max.
 
     Wave vectors are those of the box, k = 2 pi (n_x/width, n_y/height), all of them except 0.
@@ -86,8 +86,8 @@ def structure_factor(states: State | Sequence[State], scene: Scene, k_max: float
     Args:
         states: of discs in the scene's box, absorbed ones left out; independent ones lower the noise.
         scene: gives the box, periodic in both axes.
-        k_max: > 0 [1/length]. The first peak of a dense fluid is near 2 pi / diameter.
         bins: number of shells of equal width, >= 1.
+        k_max: > 0 [1/length]. The first peak of a dense fluid is near 2 pi / diameter.
 
     Raises:
         InputError: naming the argument and its rule; if the box has walls; for more than 2,000,000 wave vectors.
@@ -96,7 +96,7 @@ def structure_factor(states: State | Sequence[State], scene: Scene, k_max: float
 
     >>> corner = np.array([[0.5, 0.5], [1.5, 0.5], [0.5, 1.5], [1.5, 1.5]])
     >>> scene = Scene(width=2, height=2, position=corner, velocity=0 * corner, radius=0.4, boundary="periodic")
-    >>> found = structure_factor(State(scene.position, scene.velocity), scene, k_max=6.4, bins=2)
+    >>> found = structure_factor(State(scene.position, scene.velocity), scene, bins=2, k_max=6.4)
     >>> found.s.round(9).tolist(), found.vectors.tolist()  # in the second shell the Bragg peaks (2, 0) and (0, 2)
     ([0.0, 2.0], [2, 4])
     """
@@ -132,7 +132,7 @@ def structure_factor(states: State | Sequence[State], scene: Scene, k_max: float
                 np.add.at(total, shell[inside], values[inside].astype(total.dtype))
     with np.errstate(invalid="ignore", divide="ignore"):
         s = sums / vectors
-        return StructureFactor(lengths / vectors, s, s / np.sqrt(vectors), vectors // max(len(states), 1))
+        return StructureFactor(lengths / vectors, s, s / np.sqrt(vectors), vectors // len(states))
 
 
 def hexatic_order(state: State, scene: Scene) -> HexaticOrder:

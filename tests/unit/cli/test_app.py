@@ -10,7 +10,7 @@ import pytest
 from support.commands import mpsim_command
 
 import mpsim
-from mpsim.cli.app import main
+from mpsim.cli.app import ELSEWHERE, main
 
 
 @pytest.mark.parametrize(
@@ -58,6 +58,7 @@ def test_wrong_usage_and_input_are_exit_code_2(arguments, text, tmp_path, monkey
         (["tradeoff", "cradle", "--csv", "--json"], "Choose one of --csv and --json."),
         (["tradeoff", "cradle", "--measure", "colour"], "'--measure': 'colour' is not one of 'pressure',"),
         (["shwo"], "No such command 'shwo'"),
+        *(([name], f"No such command '{name}'. {where}") for name, where in ELSEWHERE.items()),
     ],
 )
 def test_wrong_usage_is_exit_code_2(arguments, text):

@@ -101,6 +101,10 @@ def test_the_smallest_disc_counts_for_what_gravity_adds():
 def test_what_would_need_absurdly_many_sub_steps_is_refused():
     with pytest.raises(mpsim.TooFastError, match=r"at most 10000 sub-steps, and would need 4e\+12\. Use a smaller dt"):
         mpsim.Simulation(pair(1e12), mpsim.Settings(dt=1.0, on_fast="substep"))
+    falling = mpsim.Scene(width=9, height=9, position=[[4, 8]], velocity=[[1, 0]], radius=0.5, gravity=(0, -1e15))
+    words = r"a speed of 1\.6e\+16 within 16 frames of frame 0, with which it moves 3\.2e\+16 times .* takes at most"
+    with pytest.raises(mpsim.TooFastError, match=words):
+        mpsim.Simulation(falling, mpsim.Settings(dt=1.0, on_fast="substep"))
     with pytest.raises(mpsim.TooFastError, match="No number of sub-steps is enough"):
         simulate(pair(1.0, apart=0.1, side=1.2), dt=1.0, on_fast="substep")
 

@@ -42,7 +42,7 @@ def triangular(columns=12, rows=14):
 
 def test_the_structure_factor_is_that_of_its_slow_twin():
     scene = random_points(40, 1)
-    found = structure_factor(state_of(scene), scene, k_max=6.0, bins=7)
+    found = structure_factor(state_of(scene), scene, bins=7, k_max=6.0)
     sums, numbers = np.zeros(7), np.zeros(7, int)
     for n in range(-20, 21):
         for m in range(-20, 21):
@@ -58,7 +58,7 @@ def test_the_structure_factor_is_that_of_its_slow_twin():
 
 def test_points_at_random_have_no_structure_and_the_errors_say_so():
     scene = random_points(200, 2)
-    found = structure_factor([state_of(random_points(200, seed)) for seed in range(20)], scene, k_max=10.0, bins=12)
+    found = structure_factor([state_of(random_points(200, seed)) for seed in range(20)], scene, bins=12, k_max=10.0)
     deviations = (found.s - 1) / found.error
     assert (np.abs(deviations) < 3).all()
     assert 0.5 < deviations.std() < 1.6
@@ -72,7 +72,7 @@ def test_at_long_waves_the_structure_factor_is_the_compressibility():
         for _ in range(60):
             sim.run(frames=20)
             states.append(sim.state)
-    found = structure_factor(states[5:], scene, k_max=0.7, bins=1)
+    found = structure_factor(states[5:], scene, bins=1, k_max=0.7)
     upper, lower = ((packing + d) * reference.compressibility(packing + d) for d in (h, -h))
     expected = 2 * h / (upper - lower)
     assert found.s[0] == pytest.approx(expected, rel=0.15)
@@ -149,17 +149,19 @@ def test_bad_input_is_refused():
     scene, walls, few = random_points(20, 1), random_points(20, 1, "walls"), random_points(6, 1)
     state = state_of(scene)
     for ask, words in (
-        (lambda: structure_factor(state, walls, 5.0), "periodic in both axes"),
-        (lambda: structure_factor(scene, scene, 5.0), "states must be a State or a list of them; got Scene"),
-        (lambda: structure_factor([state, 3], scene, 5.0), "states[1] must be a State; got int"),
-        (lambda: structure_factor(state, state, 5.0), "scene must be a Scene; got State"),
+        (lambda: structure_factor(state, walls, 50, 5.0), "periodic in both axes"),
+        (lambda: structure_factor([], scene, 50, 5.0), "states must be at least one State; got none"),
+        (lambda: hexatic_correlation([], scene, 8, 1.0), "states must be at least one State; got none"),
+        (lambda: structure_factor(scene, scene, 50, 5.0), "states must be a State or a list of them; got Scene"),
+        (lambda: structure_factor([state, 3], scene, 50, 5.0), "states[1] must be a State; got int"),
+        (lambda: structure_factor(state, state, 50, 5.0), "scene must be a Scene; got State"),
         (lambda: hexatic_order(scene, scene), "state must be a State; got Scene. Use sim.state"),
         (lambda: hexatic_order(state, state), "scene must be a Scene; got State"),
         (lambda: hexatic_correlation(scene, scene, 5, 4.0), "states must be a State or a list of them; got Scene"),
         (lambda: to_freud(scene, scene), "state must be a State; got Scene"),
-        (lambda: structure_factor(state, scene, 0.0), "k_max must be a finite number > 0"),
-        (lambda: structure_factor(state, scene, 1e5), "k_max must be small enough for at most 2,000,000"),
-        (lambda: structure_factor(state, scene, 5.0, bins=0), "bins must be a whole number"),
+        (lambda: structure_factor(state, scene, 50, 0.0), "k_max must be a finite number > 0"),
+        (lambda: structure_factor(state, scene, 50, 1e5), "k_max must be small enough for at most 2,000,000"),
+        (lambda: structure_factor(state, scene, 0, 5.0), "bins must be a whole number"),
         (lambda: hexatic_order(state_of(few), few), "hexatic_order needs at least 7 discs; got 6"),
         (lambda: hexatic_correlation(state, scene, 5, 4.1), "r_max must be at most half of a periodic axis, 4"),
         (lambda: hexatic_correlation(state, scene, 0, 4.0), "bins must be a whole number"),
