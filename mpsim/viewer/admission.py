@@ -1,7 +1,8 @@
-"""Which requests a view answers: those with its token, addressed to this machine, and from its own page.
+"""Decides which requests a view answers: those with its token, addressed to this machine, from its own page.
 
-A page of another site, open in the same browser, can send requests to 127.0.0.1 as well. It cannot read the token; a
-browser names it in `Origin`; and a name of its own that it lets point to 127.0.0.1 is in `Host`.
+A page of another site that is open in the same browser can also send requests to 127.0.0.1. Three checks stop it. It
+does not know the token. The browser names its site in `Origin`. And if it makes a domain name of its own point to
+127.0.0.1 (DNS rebinding), that name stands in `Host`.
 """
 
 import hmac
@@ -12,11 +13,11 @@ from collections.abc import Sequence
 from typing import Any
 
 TOKEN_BYTES = 24
-"""Random bytes of a token: nobody guesses 192 bits."""
+"""Random bytes of a token: 192 bits cannot be guessed."""
 
 
 class Refusal(Exception):  # noqa: N818 - the answer to a request
-    """A request is refused, with this status of HTTP and this text."""
+    """A request is refused, with this HTTP status and this text."""
 
     def __init__(self, status: int, text: str):
         super().__init__(text)
@@ -24,14 +25,14 @@ class Refusal(Exception):  # noqa: N818 - the answer to a request
 
 
 class Admission:
-    """What requests must bring.
+    """Checks requests to one view.
 
     Args:
         host: name or address at which the view listens.
-        port: likewise.
+        port: port at which it listens.
 
     Attributes:
-        token: of this view.
+        token: secret of this view, part of its address.
     """
 
     def __init__(self, host: str, port: int):
@@ -42,19 +43,19 @@ class Admission:
 
     @property
     def address(self) -> str:
-        """What a browser is given to open the page."""
+        """The address at which a browser opens the page."""
         host = {"0.0.0.0": socket.gethostname(), "::": socket.gethostname()}.get(self._host, self._host)
         return f"http://{f'[{host}]' if ':' in host else host}:{self._port}/{self.token}/"
 
     def name_of(self, path: str, headers: Any) -> str:
-        """What a request asks for: the part of its path behind the token.
+        """The name of what a request asks for: the part of its path after the token.
 
         Args:
-            path: with or without a query, which is left to the page.
-            headers: with `get_all`, of the request.
+            path: path of the request. Its query, if any, is left to the page.
+            headers: headers of the request; must have `get_all`.
 
         Raises:
-            Refusal: for another host, and without the token.
+            Refusal: if the request names another host, or lacks the token.
         """
         self._demand_host(headers.get_all("Host"))
         parts = path.partition("?")[0].split("/", 2)
@@ -64,10 +65,10 @@ class Admission:
         return parts[2]
 
     def demand_own_page(self, headers: Any) -> None:
-        """Refuse a connection that no page of this view asks for.
+        """Refuse a connection that was not requested by a page of this view.
 
         Raises:
-            Refusal: for another origin, or none.
+            Refusal: if the origin is another one, or is missing.
         """
         origins = headers.get_all("Origin")
         if origins != [f"http://{headers.get_all('Host')[0]}"]:
@@ -78,9 +79,10 @@ class Admission:
             raise Refusal(421, "This host name is not accepted. Open the address that mpsim view has printed.")
 
     def _is_here(self, host: str) -> bool:
-        """Whether a browser that asks this host, as `name:port`, means this view.
+        """Whether a request to this host, given as `name:port`, is meant for this view.
 
-        An address that is a number cannot be made to point elsewhere; a name can, so only those of this machine count.
+        A numeric address always means itself. A domain name can be made to point to any machine, so only the names of
+        this machine are accepted.
         """
         name, _, port = host.rpartition(":")
         if port != str(self._port):
@@ -96,7 +98,7 @@ class Admission:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether a name or an address is that of the machine itself, which no other machine can reach.
+    """Whether a name or an address is a loopback address, which other machines cannot reach.
 
     >>> is_loopback("127.0.0.1"), is_loopback("localhost"), is_loopback("::1"), is_loopback("192.168.0.7")
     (True, True, True, False)

@@ -1,24 +1,24 @@
-"""Long work in a thread of its own, which can be cancelled."""
+"""Runs long work in a thread of its own, and can cancel it."""
 
 import threading
 from collections.abc import Callable
 
 CLOSING_SECONDS = 5.0
-"""Time that `stop` waits for work that is given up."""
+"""Longest time that `stop` waits for cancelled work to end."""
 
 Check = Callable[[], None]
-"""To be called now and then by the work: it raises an exception once that has been given up."""
+"""The work calls this from time to time. It raises an exception once the work was cancelled."""
 
 
 class _GivenUpError(Exception):
-    """The work was given up."""
+    """The work was cancelled."""
 
 
 class Background:
-    """One piece of work at a time.
+    """Runs one piece of work at a time.
 
     Args:
-        name: of its thread.
+        name: name of the thread.
 
     >>> found, work = [], Background("an example")
     >>> work.start(lambda check: found.append(1))
@@ -33,20 +33,20 @@ class Background:
         self._stop = threading.Event()
 
     def start(self, work: Callable[[Check], None]) -> None:
-        """Begin with some work, called with a `Check`; work that is under way is given up."""
+        """Start the work, which is called with a `Check`. Work that is still running is cancelled."""
         self.stop()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=_do, args=(work, self._stop), name=self._name, daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """Give the work up, at the next moment at which it checks."""
+        """Cancel the work; it ends at its next check."""
         self._stop.set()
         self.wait(CLOSING_SECONDS)
         self._thread = None
 
     def wait(self, seconds: float | None = None) -> None:
-        """Wait for the end of the work, at most so long [s]."""
+        """Wait until the work ends, for at most this time [s]; None: without a limit."""
         if self._thread is not None:
             self._thread.join(seconds)
 

@@ -1,4 +1,4 @@
-"""What a source sends to the pages that show it: pictures and messages, packed once for all of them."""
+"""Sends pictures and messages from a source to its pages; each is packed once for all pages."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ from mpsim.viewer.colours import SpeedScale
 
 @dataclass(frozen=True)
 class Stage:
-    """What one stage shows.
+    """The picture on one stage.
 
     Attributes:
-        packed: `wire.pack`.
-        radii: `wire.pack_radii` of its discs, the same object as long as these are.
+        packed: the discs, from `wire.pack`.
+        radii: their radii, from `wire.pack_radii`. It is the same object until the radii change.
     """
 
     packed: bytes | bytearray
@@ -29,12 +29,12 @@ class Stage:
 
 @dataclass(frozen=True)
 class Shown:
-    """A picture for pages.
+    """A picture for the pages.
 
     Attributes:
         serial: its number, from 1.
-        packed, radii: as those of `Stage`, of the first stage or the only one.
-        capsules: obstacles of both, as of `Scene.capsules`, at this moment.
+        packed, radii: as in `Stage`, for the first or only stage.
+        capsules: obstacles of both stages at this moment, as in `Scene.capsules`.
         second: the second stage at the same moment; None: there is none.
     """
 
@@ -46,14 +46,14 @@ class Shown:
 
 
 class Audience(Protocol):
-    """The pages. Called by the thread of a source; must return at once."""
+    """The pages. The thread of the source calls these methods; they must return at once."""
 
     def show(self, picture: Shown) -> None:
-        """Take a picture, in place of those before."""
+        """Take a picture, which replaces the one before."""
         ...
 
     def tell(self, kind: str, text: str) -> None:
-        """Take a message for all pages, in place of the one of this kind before."""
+        """Take a message for all pages, which replaces the last one of its kind."""
         ...
 
 
@@ -61,12 +61,12 @@ class Broadcast:
     """Packs pictures and messages for an audience.
 
     Args:
-        audience: who gets them.
-        scene: whose discs the pictures show.
+        audience: the pages that receive them.
+        scene: the scene that the pictures show.
 
     Attributes:
-        scene: as given; another one has the same box.
-        scale: from speeds to colours, of the pictures that follow.
+        scene: as given. It may be replaced by a scene with the same box.
+        scale: maps speeds to colours in the next pictures.
     """
 
     def __init__(self, audience: Audience, scene: Scene):
@@ -78,11 +78,11 @@ class Broadcast:
         self.scale: SpeedScale = SpeedScale(1.0, 2.0)
 
     def forget_radii(self) -> None:
-        """The discs are others now, or have other radii."""
+        """Send the radii again with the next picture: the discs or their radii have changed."""
         self._radii = [None, None]
 
     def show(self, state: State, radii: NDArray[np.float64], frame: int, moment: float, *, plain: bool = False) -> None:
-        """Send a picture of a state; plain: as `wire.pack` has it."""
+        """Send a picture of a state; plain: as in `wire.pack`."""
         self.show_in_place(in_place(state, self.scene.box, frame, moment, radii), plain=plain)
 
     def show_in_place(
@@ -93,13 +93,13 @@ class Broadcast:
         *,
         plain: bool = False,
     ) -> None:
-        """Send a picture of discs that a simulation has; no view of them is kept.
+        """Send a picture of discs in the arrays of a simulation; their data are copied.
 
         Args:
-            discs: of the first stage, or the only one.
-            colours: instead of those of their speeds, on both stages.
+            discs: discs of the first or only stage.
+            colours: colours of the discs on both stages; None: those of their speeds.
             second: discs of the second stage; None: there is none.
-            plain: as `wire.pack` has it.
+            plain: as in `wire.pack`.
         """
         self._serial += 1
         first = self._stage(0, discs, colours, plain)
@@ -117,7 +117,7 @@ class Broadcast:
         return Stage(wire.pack(header, discs, scene.periodic, fitting, plain=plain), known[1])
 
     def tell_scene(self, name: str, **more: Any) -> None:
-        """Send what stays the same from picture to picture: the scene, and what its source has to say beside it."""
+        """Send what rarely changes: the scene, and more values from its source."""
         scene = self.scene
         wall = scene.moving_wall
         fixed = {
@@ -132,11 +132,11 @@ class Broadcast:
         self.tell("scene", {**fixed, **more})
 
     def tell(self, kind: str, values: Mapping[str, Any]) -> None:
-        """Send a message of a kind; see `wire.text_of`."""
+        """Send a message of this kind; see `wire.text_of`."""
         self._last[kind] = wire.text_of(kind, values)
         self._audience.tell(kind, self._last[kind])
 
     def tell_if_new(self, kind: str, values: Mapping[str, Any]) -> None:
-        """Send a message of a kind, unless it is the same as the last one."""
+        """Send a message of this kind, unless it equals the last one."""
         if wire.text_of(kind, values) != self._last.get(kind):
             self.tell(kind, values)

@@ -1,4 +1,4 @@
-"""One connected page: what was sent to it, what may be sent next, and its limit on messages."""
+"""One connected page: what was sent to it, what may be sent next, and how many messages it may send."""
 
 import asyncio
 from collections.abc import Mapping
@@ -8,14 +8,15 @@ from mpsim.core.errors import InputError
 from mpsim.viewer.broadcast import Shown
 
 MOST_A_SECOND, BURST = 200.0, 400.0
-"""Messages that a page may send: a second on average, and at once. It sends one for each picture, and one a key."""
+"""Messages that a page may send: per second on average, and at most at once. A page sends one for each picture and one
+for each key press."""
 
 ORDER = ("scene", "status", "timeline", "gauges", "hands", "link", "colours", "pair", "tune", "pass")
-"""Kinds of messages, in the order in which they are sent."""
+"""Kinds of messages. Waiting messages are sent in this order."""
 
 
 class Connection(Protocol):
-    """What sends to one page."""
+    """A connection to one page."""
 
     async def send(self, message: str | bytes | bytearray) -> None:
         """Send a text, or bytes."""
@@ -23,14 +24,17 @@ class Connection(Protocol):
 
 
 class Client:
-    """What one page is sent: at most one picture that it has not acknowledged; of what waits, the latest.
+    """Sends pictures and messages to one page.
+
+    The page gets the next picture only after it has acknowledged the last one. Of several pictures that wait, or
+    several messages of one kind, only the latest is sent.
 
     Args:
-        connection: to the page.
+        connection: connection to the page.
 
     Attributes:
-        visible: whether somebody can see the page, as it says itself.
-        silent: whether it has not answered for so long that there may be no page any more: it is sent nothing.
+        visible: whether the page is visible, as it reports itself.
+        silent: whether it has not answered for so long that it may no longer exist. Nothing is sent to a silent page.
     """
 
     def __init__(self, connection: Connection):
@@ -47,10 +51,10 @@ class Client:
         self._allowance, self._asked = BURST, 0.0
 
     def spend(self, now: float) -> None:
-        """Count a message that has come.
+        """Count a message from the page; now: time of a clock [s].
 
         Raises:
-            InputError: if there are too many.
+            InputError: if the page sends too many.
         """
         self._allowance = min(self._allowance + (now - self._asked) * MOST_A_SECOND, BURST)
         self._asked = now
@@ -59,31 +63,31 @@ class Client:
         self._allowance -= 1
 
     def tell(self, kind: str, text: str) -> None:
-        """Have a message sent, in place of one of its kind that waits."""
+        """Send a message soon; it replaces a waiting one of its kind."""
         self._texts[kind] = text
         self._news.set()
 
     def show(self, picture: Shown) -> None:
-        """Have a picture sent when the page is ready for it, in place of one that waits."""
+        """Send a picture when the page is ready for it; it replaces a waiting one."""
         self._picture = picture
         self._news.set()
 
     def note(self, *, visible: bool | None = None, silent: bool | None = None) -> None:
-        """Note whether somebody can see the page, and whether it is silent; None: as before."""
+        """Note whether the page is visible, and whether it is silent; None: as before."""
         self.visible = self.visible if visible is None else visible
         self.silent = self.silent if silent is None else silent
         self._news.set()
 
     @property
     def watches(self) -> bool:
-        """Whether somebody sees what the page is sent."""
+        """Whether the page is visible and answers."""
         return self.visible and not self.silent
 
     def acknowledge(self, serial: int) -> None:
         """Note that the page has drawn a picture.
 
         Raises:
-            InputError: if it was sent no such picture.
+            InputError: if no picture with this number was sent.
         """
         if serial != self._in_flight and serial == self._twice:
             self._twice = None
@@ -94,21 +98,21 @@ class Client:
         self._news.set()
 
     def send_again(self, texts: Mapping[str, str]) -> None:
-        """Have all sent again, as something was lost on its way; texts: the last message of each kind."""
+        """Send everything again, because a message was lost; texts: the last message of each kind."""
         self._texts = {**texts}
         self._radii = [None, None]
         self._last, self._in_flight, self._twice = 0, None, self._in_flight
         self._news.set()
 
     def needs_picture(self) -> bool:
-        """Whether the page waits for a picture and there is none for it."""
+        """Whether the page is ready for a picture and no new one is there."""
         return self.watches and self._in_flight is None and not self._can_show()
 
     def _can_show(self) -> bool:
         return self._picture is not None and self._picture.serial > self._last
 
     async def send_all(self) -> None:
-        """Send what there is, as it comes, without end."""
+        """Send pictures and messages as they come, until cancelled."""
         while True:
             await self._news.wait()
             self._news.clear()
@@ -119,13 +123,13 @@ class Client:
                     await self._connection.send(text)
             picture = self._picture
             if picture is not None and self.visible and self._in_flight is None and self._can_show():
-                self._in_flight = self._last = picture.serial  # before anything is waited for
+                self._in_flight = self._last = picture.serial  # before the first await
                 if picture.second is not None:
                     await self._send(1, picture.second.radii, picture.second.packed)
-                await self._send(0, picture.radii, picture.packed)  # which the page acknowledges, for both
+                await self._send(0, picture.radii, picture.packed)  # the page acknowledges this one, for both
 
     async def _send(self, stage: int, radii: bytes, packed: bytes | bytearray) -> None:
-        """Send what one stage shows, its radii before it where they are others."""
+        """Send the picture of one stage, after its radii if these have changed."""
         if radii is not self._radii[stage]:
             self._radii[stage] = radii
             await self._connection.send(radii)

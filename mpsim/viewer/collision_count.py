@@ -11,15 +11,17 @@ from mpsim.engine.report import Report
 from mpsim.engine.simulation import Simulation
 
 MOST_LOGGED = 3
-"""Discs up to which collisions with walls and obstacles are counted, too: they have to be logged, which makes frames of
-many discs slower."""
+"""Largest number of discs for which collisions with walls and obstacles are counted, too. They have to be logged, which
+makes frames of many discs slower."""
 
 
 class CollisionCount:
-    """The collisions of a simulation since its start. It goes back to earlier moments together with the simulation.
+    """Counts the collisions of a simulation since its start.
+
+    When the simulation goes back to an earlier moment, the count goes back with it.
 
     Attributes:
-        total: their number; NaN where it is not known.
+        total: number of collisions; NaN if it is not known.
 
     >>> from mpsim import Scene, Settings
     >>> count = CollisionCount()
@@ -36,7 +38,7 @@ class CollisionCount:
         self._log: Collisions | None = None
 
     def begin(self, sim: Simulation, from_start: bool) -> None:
-        """Begin with a simulation; from_start: whether all its frames are run here."""
+        """Begin to count for a simulation; from_start: whether all its frames are run here, so the total is known."""
         self.total, self._at, self._log = 0 if from_start else math.nan, {}, None
         if from_start and sim.count <= MOST_LOGGED:
             self._log = Collisions(each=self._logged)
@@ -47,7 +49,7 @@ class CollisionCount:
         return self._log is not None
 
     def observers(self, every: int) -> list[Collisions]:
-        """Observers of the next run; every: frames between two looks."""
+        """Observers for the next run; every: frames between two observations."""
         if self._log is None:
             return []
         self._log.every = every
@@ -57,35 +59,35 @@ class CollisionCount:
         self.total += len(table)
 
     def so_far(self, sim: Simulation, collisions: int) -> float:
-        """The number during a run; collisions: between discs since it began."""
+        """The number of collisions so far, during a run; collisions: those between discs since the run began."""
         if self._log is None:
             return self.total + collisions
         self._log.look(sim, 0)
         return self.total
 
     def end_run(self, sim: Simulation, reports: Iterable[Report]) -> None:
-        """Add those of a run, from its reports or from the log."""
+        """Add the collisions of a run that has ended, from its reports or from the log."""
         if self._log is None:
             self.total += sum(report.collisions for report in reports)
         else:
             self._log.look(sim, 0)
 
     def lose(self) -> None:
-        """A run has ended without a report: the number is not known, until the simulation goes back."""
+        """Note that a run ended without a report: the number is unknown until the simulation goes back."""
         self.total = math.nan
 
     # --- moments
 
     def mark(self, number: int) -> None:
-        """Remember the count at this moment under a number, in place of the one that had it."""
+        """Remember the count of this moment under a number, which may replace an earlier moment."""
         self._at[number] = self.total
 
     def back(self, number: int) -> None:
-        """Go back to a moment, with another simulation."""
+        """Go back to the moment of this number; the simulation is another object from now on."""
         self.total = self._at[number]
         if self._log is not None:
             self._log = Collisions(each=self._logged)
 
     def forget_all_but(self, numbers: Iterable[int]) -> None:
-        """Forget the moments but for these."""
+        """Forget all moments except those with these numbers."""
         self._at = {number: self._at[number] for number in numbers if number in self._at}

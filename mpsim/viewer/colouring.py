@@ -14,22 +14,23 @@ from mpsim.engine.solvers.in_place import InPlace
 from mpsim.viewer.colours import ABSORBED, FASTEST, KNEE
 
 CHOICES = ("speed", "worker", "column", "collision", "own")
-"""What colours may stand for: speed; worker; parity of the column, so the pass in which contacts are resolved; time
-since the last collision; an array of the program."""
+"""What the colours can show: the speed; the worker; the parity of the column, which decides the pass that resolves the
+contacts; the time since the last collision; numbers from the user's program."""
 
 LOW, MIDDLE = FASTEST - KNEE, FASTEST // 2
-"""Byte below which the lowest 2 % of values are, as the highest 2 % are above KNEE; and byte of what has no value."""
+"""The lowest 2 % of the values have bytes below LOW, as the highest 2 % have bytes above KNEE. A disc without a value
+has the byte MIDDLE."""
 
 PERCENTILES = (0, 2, 98, 100)
-"""Where the scale of values has its corners: at bytes 0, LOW, KNEE and FASTEST."""
+"""Percentiles of the values that have the bytes 0, LOW, KNEE and FASTEST; between them the scale is linear."""
 
 
 class Colouring:
-    """The colours of the discs of one simulation.
+    """Chooses the colours of the discs of one simulation.
 
     Args:
-        own: numbers to colour by, shape (N,), as `own_colours` returns them; None: there are none. They are read at
-            each picture.
+        own: numbers to colour by, shape (N,), from `own_colours`; None: there are none. They are read for each
+            picture.
 
     Attributes:
         by: one of CHOICES.
@@ -42,52 +43,52 @@ class Colouring:
         self.begin()
 
     def begin(self) -> None:
-        """Begin anew, as another simulation is shown or other colours: no collision has been seen yet."""
+        """Forget all collisions: another simulation or another quantity is shown."""
         self._last = np.zeros(0)
         self._since: float | None = None
         self._has_columns: bool | None = None  # not known yet
         self._collisions = Collisions(each=self._collided)
 
     def choices(self, sim: Simulation) -> list[str]:
-        """What there is to choose from."""
+        """The quantities among CHOICES that this simulation has."""
         if self._has_columns is None:
             self._has_columns = _has_columns(sim)
         there = {"worker": self._has_columns, "column": self._has_columns, "own": self._own is not None}
         return [name for name in CHOICES if there.get(name, True)]
 
     def choose(self, by: str, sim: Simulation) -> None:
-        """Have the colours stand for something else from now on.
+        """Choose the quantity that the colours show.
 
         Raises:
-            InputError: for what this simulation does not have.
+            InputError: if this simulation does not have it.
         """
         self.by = checks.choice("by of colour", by, self.choices(sim))
         self.begin()
 
     def observers(self, every: int) -> list[Collisions]:
-        """Observers of the next run; every: frames between two looks."""
+        """Observers for the next run; every: frames between two observations."""
         self._collisions.every = every
         return [self._collisions] if self.by == "collision" else []
 
     def end_run(self, sim: Simulation) -> None:
-        """Take what has been observed since the last look of a run that has ended."""
+        """Read the collisions since the last observation of a run that has ended."""
         if self.by == "collision":
             self._collisions.look(sim, 0)
 
     def _collided(self, sim: Simulation, table: NDArray[Any]) -> None:
-        """Note when discs collided."""
+        """Note the times at which discs collided."""
         self._last_of(sim.count)
         for name, rows in (("i", table), ("j", table[table["kind"] == 0])):
             np.maximum.at(self._last, rows[name], rows["time"])
 
     def _last_of(self, count: int) -> NDArray[np.float64]:
-        """Time of the last collision of each disc, -infinity before the first."""
+        """Time of the last collision of each disc; -infinity if it has not collided yet."""
         if len(self._last) < count:
             self._last = np.append(self._last, np.full(count - len(self._last), -math.inf))
         return self._last[:count]
 
     def bytes_of(self, sim: Simulation, discs: InPlace) -> NDArray[np.uint8] | None:
-        """The colour of each disc, in the order of their numbers; None: that of the speeds' scale."""
+        """The colour of each disc, ordered by disc number; None: colour by speed."""
         if self.by == "speed":
             self._legend = {}
             return None
@@ -104,20 +105,20 @@ class Colouring:
         return colours
 
     def _values(self, discs: InPlace) -> NDArray[np.float64]:
-        """A number for each disc; not finite where there is none."""
+        """The value of each disc; not finite if it has none."""
         count = len(discs.number)
         if self.by == "collision":
             since = discs.time if self._since is None else self._since
             self._since = since
             return discs.time - np.maximum(self._last_of(count), since)
         values = np.full(count, math.nan)
-        assert self._own is not None  # or it could not have been chosen
+        assert self._own is not None  # otherwise "own" could not have been chosen
         known = min(count, len(self._own))
         values[:known] = self._own[:known]
         return values
 
     def _on_scale(self, values: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """Values as bytes, by percentiles of those that there are."""
+        """The bytes of values, on a scale set by percentiles of the finite ones."""
         here = np.isfinite(values)
         if not here.any():
             self._legend = {}
@@ -130,12 +131,12 @@ class Colouring:
         return np.where(here, found + 0.5, MIDDLE).astype(np.uint8)
 
     def told(self, sim: Simulation) -> dict[str, Any]:
-        """What pages need for the legend: what the colours stand for, the corners of the scale or number of classes."""
+        """What the legend of a page needs: the quantity, and the percentiles of its scale or the number of classes."""
         return {"by": self.by, "choices": self.choices(sim), **self._legend}
 
 
 def _has_columns(sim: Simulation) -> bool:
-    """Whether discs are sorted into columns, which belong to workers."""
+    """Whether the method sorts discs into columns, which belong to workers."""
     try:
         return sim.columns().number > 0
     except InputError:
@@ -143,14 +144,14 @@ def _has_columns(sim: Simulation) -> bool:
 
 
 def own_colours(colour: ArrayLike | None, count: int) -> NDArray[np.float64] | None:
-    """Numbers to colour discs by, checked; an array of float64 is taken as it is, so that its program can change it.
+    """Check the numbers to colour discs by. A float64 array is not copied, so the user's program can change it later.
 
     Args:
-        colour: shape (N,), a number for each disc, or None. NaN: this disc has none.
-        count: N.
+        colour: a number for each disc, shape (N,), or None. NaN: this disc has no value.
+        count: number of discs, N.
 
     Raises:
-        InputError: for another shape, or what are no numbers.
+        InputError: if the shape is another one, or the values are not numbers.
 
     >>> own_colours([1, 2.5], 2).tolist()
     [1.0, 2.5]

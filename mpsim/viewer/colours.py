@@ -1,4 +1,4 @@
-"""Maps numbers of discs to colours, one byte per disc."""
+"""Maps the speeds of discs to colours, one byte per disc."""
 
 from dataclasses import dataclass
 
@@ -10,33 +10,36 @@ from mpsim.engine.solvers.in_place import InPlace
 from mpsim.kernels.painting import paint_speeds
 
 KNEE, FASTEST, ABSORBED = 223, 254, 255
-"""Bytes of the speed that nearly all discs are below, of the fastest disc, and of a disc that has left."""
+"""Bytes of three discs: one at the speed that 98 % of the discs do not reach, the fastest one, and an absent one."""
 
 USUAL = 0.98
-"""Part of the discs that are slower than the speed of KNEE. Above it, the scale is steeper in speed, so that a few
-fast discs neither darken all others nor look alike."""
+"""Fraction of the discs that are slower than the speed at KNEE. Above KNEE, one byte spans a larger range of speeds. So
+a few very fast discs do not make all others look dark, and can still be told apart."""
 
 LEAST_RATIO = 1 + (FASTEST - KNEE) / KNEE
-"""Of both speeds: then the upper part of the scale is nowhere steeper in colour than the lower one."""
+"""Smallest ratio of the speed at FASTEST to that at KNEE. At this ratio, both parts of the scale have one slope."""
 
 MOST_SAMPLED = 20_000
-"""Discs whose speeds are sorted for the scale; of more discs every second, every third ... are taken."""
+"""Largest number of speeds that are sorted to find the scale. If there are more discs, every second, every third, ...
+is taken."""
 
 
 @dataclass(frozen=True)
 class SpeedScale:
-    """A scale in two straight parts: from speed 0 to `usual`, byte KNEE, and on to `fastest`, byte FASTEST.
+    """A piecewise linear scale: byte 0 at speed 0, KNEE at `usual`, FASTEST at `fastest`.
 
     Attributes:
         usual: > 0 [length/time].
-        fastest: >= LEAST_RATIO times that [length/time].
+        fastest: >= LEAST_RATIO * usual [length/time].
     """
 
     usual: float
     fastest: float
 
     def colours(self, discs: InPlace, out: NDArray[np.uint8], *, plain: bool = False) -> None:
-        """Fill in the colour of each disc, in the order of their numbers; plain: by Python, before kernels are loaded.
+        """Write the colour of each disc into `out`, ordered by disc number.
+
+        plain: in Python, without a compiled kernel.
 
         >>> from mpsim.engine.solvers.in_place import in_place
         >>> speeds, out = np.array([0.0, 1.0, 2.0, 6.0]), np.zeros(4, np.uint8)
@@ -53,7 +56,7 @@ class SpeedScale:
 
 
 def scale_of(state: State) -> SpeedScale:
-    """The scale for a state; of discs at rest one that calls any speed fast.
+    """The scale for the speeds of a state; if all discs are at rest, a scale from 0 to about 1.
 
     >>> speeds = np.arange(1.0, 101.0)
     >>> scale = scale_of(State(np.zeros((100, 2)), np.stack([speeds, 0 * speeds], axis=1)))

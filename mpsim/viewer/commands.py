@@ -1,4 +1,4 @@
-"""Actions that control a simulation: play, change, go back, restart, show a frame pass by pass."""
+"""Actions with which pages control a simulation: play, change, go back, restart, show a frame pass by pass."""
 
 import contextlib
 import dataclasses
@@ -27,14 +27,15 @@ from mpsim.viewer.tuning import Tuning
 from mpsim.viewer.undo import Moments
 
 Where = tuple[int, int, int]
-"""What a picture or a reading is of: a number that changes with each change by hand, frame, and count of discs."""
+"""The moment that a picture or a reading shows: a number that grows with each change by hand, the frame, and the number
+of discs."""
 
 
 class Commanded(Source):
     """A simulation that pages control; `Session` runs and shows it.
 
     Args:
-        source, settings, name, beside, audience: as of `Session`.
+        source, settings, name, beside, audience: as in `Session`.
     """
 
     def __init__(
@@ -61,7 +62,7 @@ class Commanded(Source):
         self._pace = Pace(first_speed(frames_between_pictures(self.scene, self._settings)))
         self._over = True  # until there is one
         self._run = 0
-        self._shown: Where | None = None  # what the last picture is of
+        self._shown: Where | None = None  # moment of the last picture
         self._hands = Hands(self._owned)
         self._trade = Trade(_demand_owned(beside, self._owned))
         self._tuning = Tuning(lambda: self.submit(wire.Action("searching", {})), self._found)
@@ -73,7 +74,7 @@ class Commanded(Source):
             self._take(asked)
 
     def _take(self, asked: Link) -> None:
-        """Have what a link asks for, from the next beginning on."""
+        """Take the scene and settings of a link; they apply from the next restart on."""
         scene = asked.given.redrawn(asked.seed) if asked.seed else asked.given
         self._given, self._seed, self._name, self._has_link = asked.given, asked.seed, asked.scene, True
         self._settings, self._parameters = asked.settings, asked.changed
@@ -82,7 +83,7 @@ class Commanded(Source):
         self._pace.speed = first_speed(frames_between_pictures(scene, asked.settings))
 
     def _link(self) -> str | None:
-        """The link to what is shown, with the values in force; None: only scenes that come with mpsim have one."""
+        """The link to what is shown, with its present values; None: only scenes that come with mpsim have a link."""
         if not self._has_link:
             return None
         sim = self._sim
@@ -103,13 +104,13 @@ class Commanded(Source):
                 each.close()
 
     def _drop(self) -> None:
-        """Close a simulation of one's own."""
+        """Close the simulation if it belongs to the view."""
         if self._owned and self._sim is not None:
             self._sim.close()
             self._sim = None
 
     def _is_over(self) -> bool:
-        """Whether there is no simulation any more that could run on."""
+        """Whether there is no simulation left that could run."""
         try:
             return self._sim is None or self._sim.count < 0
         except ClosedError:
@@ -117,7 +118,7 @@ class Commanded(Source):
 
     @property
     def _simulation(self) -> Simulation:
-        assert self._sim is not None  # or it is over
+        assert self._sim is not None  # otherwise it is over
         return self._sim
 
     def _do(self, action: wire.Action) -> None:
@@ -154,22 +155,22 @@ class Commanded(Source):
                 raise InputError(f"a simulation cannot {name}. Send it to the server.")
 
     def _by_hand(self, action: wire.Action) -> None:
-        """Do what people do to the discs; a refusal is told beside, and stops nothing."""
+        """Change discs as a user asks. A refused change is reported on the page; the simulation continues."""
         sim = self._demand_simulation(action.name)
         if action.name == "undo":
             self._broadcast.forget_radii()
         undo = self._hands.undo
         before = undo.last
         self._sim = self._hands.do(sim, action, time.perf_counter())
-        if action.name == "undo" and undo.last != before:  # or it was refused
+        if action.name == "undo" and undo.last != before:  # otherwise it was refused
             self._trade.back(before)
             self._collisions.back(before)
         self._changed(undo.last if undo.last > before else None)
 
     def _changed(self, mark: int | None = None) -> None:
-        """Note that the simulation is another than it was at this frame: energies count from now on.
+        """Note that the simulation was changed at this frame: the energy drift is measured from here.
 
-        mark: number of the moment before the change, if it is a new one.
+        mark: number of the moment before the change, if it was newly remembered.
         """
         self._run += 1
         self._renew_gauges()
@@ -186,7 +187,7 @@ class Commanded(Source):
     # --- time
 
     def _show_pass(self) -> None:
-        """Show the next pass of the frame that is next; after its last one, the frame is done."""
+        """Show the next pass of the next frame. With its last pass, the frame is run."""
         self._playing, self._steps = False, 0
         sim = self._demand_simulation("pass")
         try:
@@ -208,14 +209,14 @@ class Commanded(Source):
         self._broadcast.tell_if_new("pass", self._passes.told())
 
     def _close_passes(self) -> None:
-        """Show the simulation again, and no pass of its next frame."""
+        """Show the simulation itself again, instead of a pass of its next frame."""
         if self._passes.is_open:
             self._passes.close()
             self._shown = None
             self._broadcast.tell_if_new("pass", self._passes.told())
 
     def _remember(self) -> None:
-        """Remember this moment, in place of the one before."""
+        """Remember this moment, which replaces the one remembered before."""
         sim = self._demand_simulation("snapshot")
         self._demand_scene("snapshot")
         self._moments.keep(SNAPSHOT, sim)
@@ -225,12 +226,12 @@ class Commanded(Source):
         self._tell()
 
     def _forget_moment(self) -> None:
-        """Remember no moment any more."""
+        """Forget the remembered moment."""
         self._moments.forget(SNAPSHOT)
         self._snapshot = None
 
     def _go_back(self) -> None:
-        """Go back to the moment that is remembered, from which changes by hand can be taken back anew."""
+        """Go back to the remembered moment. The history of undo starts afresh there."""
         self._sim = sim = self._moments.back(SNAPSHOT, self._demand_simulation("return"))
         self._steps = 0
         self._hands.begin(sim)
@@ -241,14 +242,14 @@ class Commanded(Source):
         self._resume()
 
     def _choose(self, action: wire.Action) -> None:
-        """Begin anew with another start, another second stage, or other settings."""
+        """Restart with another initial state, another second stage, or other settings."""
         self._demand_scene(action.name)
         values = action.values
         match action.name:
             case "found" if values["number"] != self._tuning.number:
-                return  # it was given up meanwhile
+                return  # that search was cancelled meanwhile
             case "seed":
-                self._tuning.stop()  # it searches for another start
+                self._tuning.stop()  # it searches for another initial state
                 self._seed = values["value"]
                 self._show_scene(self._given.redrawn(self._seed) if self._seed else self._given)
             case "beside":
@@ -275,7 +276,7 @@ class Commanded(Source):
             self._show_pass()
 
     def _search(self, action: wire.Action) -> None:
-        """Search for other settings, or no longer; or tell how far the search is."""
+        """Start or stop a search for settings, or report its progress."""
         self._demand_scene(action.name)
         if action.name == "tune":
             self._tuning.start(self.scene, {action.values["measure"]: action.values["budget"]})
@@ -284,7 +285,7 @@ class Commanded(Source):
         self._broadcast.tell_if_new("tune", self._tuning.told())
 
     def _found(self, number: int, settings: Settings) -> None:
-        """Have settings that the search has found applied. Called by its thread."""
+        """Submit settings that the search has found, so that they are applied. Called by the thread of the search."""
         self.submit(wire.Action("found", {"number": number, "settings": settings}))
 
     def _demand_simulation(self, what: str) -> Simulation:
@@ -303,42 +304,42 @@ class Commanded(Source):
 
     @abstractmethod
     def _begin(self) -> None:
-        """Begin at the start of the scene, or where the given simulation is."""
+        """Begin at the start of the scene, or at the present frame of a given simulation."""
 
     @abstractmethod
     def _resume(self) -> None:
-        """Begin to run from now on: the time before does not count."""
+        """Start the clocks afresh: the time before now does not count."""
 
     @abstractmethod
     def _run_frames(self, frames: int) -> None:
-        """Run so many frames."""
+        """Run this number of frames."""
 
     @abstractmethod
     def _show_more(self, action: wire.Action) -> None:
-        """Count more, or colour discs by something else, from now on."""
+        """Switch the counting of pressure and overlap, or the quantity that the colours show."""
 
     @abstractmethod
     def _forget_own_colours(self) -> None:
-        """Colour discs by speed: those that a program gave numbers to are not shown any more."""
+        """Colour discs by speed: the numbers from the user's program belong to another scene."""
 
     @abstractmethod
     def _renew_gauges(self) -> None:
-        """Count energies from now on: the simulation is another than it was at this frame."""
+        """Measure the energy drift from now on: the simulation was changed at this frame."""
 
     @abstractmethod
     def _tell(self) -> None:
-        """Tell what it does now."""
+        """Send the present status to the pages."""
 
     @abstractmethod
     def _tell_scene(self, phase: str) -> None:
-        """Tell what is shown."""
+        """Send the description of what is shown to the pages."""
 
 
 def _checked(settings: Settings | None, sim: Simulation | None, scene: Scene) -> Settings:
     """The settings to run with.
 
     Raises:
-        InputError: for settings beside a simulation, which has its own, and for ranks.
+        InputError: if settings are given with a simulation, which has its own, or need several ranks.
     """
     if sim is not None and settings is not None:
         raise InputError(
@@ -348,10 +349,10 @@ def _checked(settings: Settings | None, sim: Simulation | None, scene: Scene) ->
 
 
 def _demand_owned(beside: Settings | None, owned: bool) -> Settings | None:
-    """Settings of a second stage, as they are given.
+    """Settings of a second stage, unchanged.
 
     Raises:
-        InputError: for those beside a simulation, whose start is not known, and for ranks.
+        InputError: if they are given with a simulation, whose initial state is not known, or need several ranks.
     """
     if beside is not None and not owned:
         raise InputError(

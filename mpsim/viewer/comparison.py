@@ -1,7 +1,7 @@
-"""Compares two stages: distance of the same discs, counts and times, and when the stages diverge.
+"""Compares two stages: distance between corresponding discs, counts, times, and the time at which the stages diverge.
 
-Hard discs are chaotic: any difference between two runs grows until nothing that happened to one disc says anything of
-the other. From then on their distance means nothing, and averages alone can be compared.
+Hard discs are chaotic: any difference between two runs grows until the position of a disc in one run says nothing about
+the same disc in the other. From then on their distance means nothing, and only averages can be compared.
 """
 
 import math
@@ -17,18 +17,18 @@ from mpsim.measure.statistics import Measure, block_average
 from mpsim.scene.scene import Scene
 
 PARTED = 0.5
-"""Distance at which two runs have parted, in diameters, root mean square over all discs: that of a disc that has missed
-a collision. From there on it grows to that of two discs that have nothing to do with each other."""
+"""Distance at which two runs have parted, in diameters, root mean square over all discs. A disc that has missed a
+collision is displaced by about as much. Later the distance grows to that of unrelated discs."""
 
 SATURATED = 0.01
-"""Distance from which on it no longer grows exponentially, in diameters, root mean square over all discs."""
+"""Distance above which the growth is no longer exponential, in diameters, root mean square over all discs."""
 
 MOST_BLOCKS = 128
-"""Blocks of a mean at most; then each two become one."""
+"""Largest number of blocks of a mean; then each two blocks are merged into one."""
 
 
 class RunningMean:
-    """The mean of a number along a run, and its error from means over blocks of equal times.
+    """The mean of a quantity along a run, and its standard error from means over blocks of equal duration.
 
     >>> mean = RunningMean()
     >>> for value in (1.0, 2.0, 3.0):
@@ -44,11 +44,11 @@ class RunningMean:
         self._all = self._duration = 0.0
 
     def note(self, value: float, duration: float) -> None:
-        """Note the mean over some time; what is not finite is left out.
+        """Add the mean over a time interval. Values that are not finite are left out.
 
         Args:
             value: the mean.
-            duration: of that time [time], > 0.
+            duration: length of the interval [time], > 0.
         """
         if not math.isfinite(value) or duration <= 0:
             return
@@ -66,7 +66,7 @@ class RunningMean:
             self._length *= 2
 
     def read(self) -> Measure:
-        """The mean so far, NaN of nothing; without an error where there are too few blocks."""
+        """The mean so far; NaN before the first value. It has no error while there are too few blocks."""
         if not self._duration:
             return Measure(math.nan, math.nan, 0, settled=False)
         found = block_average(self._blocks) if self._blocks else Measure(math.nan, math.nan, 0, settled=False)
@@ -74,13 +74,13 @@ class RunningMean:
 
 
 class Count:
-    """What one stage has counted and taken.
+    """Counts and times of one stage.
 
     Attributes:
-        collisions: contacts resolved.
-        seconds: of computing [s].
-        time: simulated [time].
-        pressure: the mean [force/length].
+        collisions: number of contacts resolved.
+        seconds: computing time [s].
+        time: simulated time [time].
+        pressure: mean pressure [force/length].
     """
 
     def __init__(self) -> None:
@@ -90,7 +90,7 @@ class Count:
         self.pressure: RunningMean = RunningMean()
 
     def note(self, report: Report, duration: float) -> None:
-        """Note a run of some simulated time [time]."""
+        """Add a run; duration: its simulated time [time]."""
         self.collisions += report.collisions
         self.seconds += float(report.frame_seconds.sum())
         self.time += duration
@@ -99,12 +99,12 @@ class Count:
 
     @property
     def cost(self) -> float:
-        """Time of computing over simulated time [s/time]; NaN before the first run."""
+        """Computing time divided by simulated time [s/time]; NaN before the first run."""
         return self.seconds / self.time if self.time else math.nan
 
 
 def measures_of(scene: Scene, count: int) -> tuple[str, ...]:
-    """What both stages measure along their runs: the pressure, where it is defined.
+    """The measures that both stages take along their runs: the pressure, where it is defined.
 
     >>> measures_of(Scene.random(count=5, packing=0.2, radius=0.5), count=5)
     ('pressure',)
@@ -114,12 +114,12 @@ def measures_of(scene: Scene, count: int) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Distance:
-    """How far the same discs are apart.
+    """Distance between corresponding discs of two states.
 
     Attributes:
-        mean: root mean square over the discs, in diameters of the smallest one.
-        largest: of one disc, likewise.
-        disc: number of that one.
+        mean: root mean square over the discs, in diameters of the smallest disc.
+        largest: largest distance of one disc, in the same unit.
+        disc: number of that disc.
     """
 
     mean: float
@@ -128,14 +128,14 @@ class Distance:
 
 
 class Comparison:
-    """Two stages of one start, from that on.
+    """Compares two stages since their common start.
 
     Args:
-        scene: of both.
+        scene: scene of both.
 
     Attributes:
-        first, second: what each has counted and taken.
-        parted: time at which they were first seen to have parted, or were predicted to [time]; None: not yet.
+        first, second: counts and times of each.
+        parted: time at which they were first seen to have parted, or were predicted to part [time]; None: not yet.
 
     >>> from mpsim import Scene
     >>> scene = Scene(width=9, height=9, position=[[2, 2], [5, 5]], velocity=[[1, 0], [0, 1]], radius=0.5)
@@ -149,25 +149,25 @@ class Comparison:
         self.first: Count = Count()
         self.second: Count = Count()
         self.parted: float | None = None
-        self._saturated: float | None = None  # time at which the distance was first seen to be
+        self._saturated: float | None = None  # time at which the distance was first seen to reach SATURATED
         self._scene = scene
 
     def look(self, one: State, other: State, time: float, agree_until: float | None = None) -> Distance | None:
-        """How far two states of one time are apart; None where that means nothing.
+        """The distance between two states at the same time; None where it means nothing.
 
-        They have parted for good once they are PARTED diameters apart: whatever the distance is later, it is chance.
+        The states have parted for good once they are PARTED diameters apart: from then on their distance is chance.
         Discs in a dense packing rarely leave the cages of their neighbours, so their distance may stay below PARTED.
-        Therefore they have also parted from `agree_until` on, if they are at least SATURATED diameters apart by then.
+        Therefore states that are at least SATURATED diameters apart also count as parted after `agree_until`.
 
         Args:
             one: a state.
             other: the other state.
-            time: of both [time].
+            time: time of both [time].
             agree_until: time until which two correct solvers agree, from the Lyapunov time [time]; None: not known.
         """
         try:
             found = trajectory_error(one, other, self._scene)
-        except InputError:  # no disc is there, or one was added to one of them alone
+        except InputError:  # there are no discs, or a disc was added to only one of them
             return None
         diameter = 2 * self._scene.smallest_radius
         distance = Distance(found.rms / diameter, found.largest / diameter, found.disc)
@@ -181,14 +181,14 @@ class Comparison:
         return distance if self.parted is None else None
 
     def read(self, one: State, other: State, time: float, agree_until: float | None = None) -> dict[str, Any]:
-        """The numbers that a page shows, as `wire.text_of` takes them; NaN and None are shown as dashes.
+        """The numbers that a page shows, for `wire.text_of`; NaN and None are shown as dashes.
 
         The arguments are those of `look`.
 
-        `missed` are collisions of the second stage that the first one has not counted; once they have parted, it is a
-        difference of two counts of other collisions, and only its fraction means something.
+        `missed` is the number of collisions that the second stage has counted and the first one has not. Once the
+        stages have parted, these are different collisions, and only the fraction is meaningful.
 
-        There is no pressure before a collision that counts for it: zero would be no measurement.
+        Before the first collision that contributes to it, the pressure is NaN: zero would be no measurement.
         """
         first, second = self.first, self.second
         distance = self.look(one, other, time, agree_until)

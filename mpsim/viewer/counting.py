@@ -1,6 +1,6 @@
-"""What frames have to count for the gauges: pressure, and the largest overlap.
+"""Counts pressure and largest overlap for the gauges.
 
-Counting is another kernel, and makes frames slower, so nobody pays for it who has not asked.
+Counting needs another kernel and makes frames slower, so it runs only on request.
 """
 
 import math
@@ -19,17 +19,17 @@ from mpsim.measure.statistics import ratio_average
 from mpsim.scene.scene import Scene
 
 FEWEST_FRAMES = 16
-"""Frames of a part of the run, whose pressures are the samples of a mean, at least."""
+"""Least number of frames in a part of the run. The pressures of the parts are the samples of the mean."""
 
 MOST_PARTS = 512
-"""Parts that are kept: then each two of them become one."""
+"""Largest number of parts; then each two of them are merged into one."""
 
 
 class Counting:
-    """The pressure and the largest overlap since they were asked for, from the reports of many short runs.
+    """Pressure and largest overlap since counting began, from the reports of many short runs.
 
     Attributes:
-        wanted: whether they are asked for.
+        wanted: whether they are to be counted.
 
     >>> counting = Counting()
     >>> counting.numbers()
@@ -41,14 +41,14 @@ class Counting:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew: what follows is another run."""
+        """Start afresh, for another run."""
         self._parts: list[tuple[float, int]] = []
         self._fewest = FEWEST_FRAMES
         self._overlap = math.nan
         self._note: str | None = None
 
     def measures(self, sim: Simulation) -> tuple[str, ...]:
-        """Names of what the next run is to measure."""
+        """Names of the measures for the next run."""
         names: list[str] = []
         for name in ("pressure", "largest_overlap") if self.wanted else ():
             try:
@@ -58,7 +58,7 @@ class Counting:
         return tuple(names)
 
     def note(self, report: Report) -> None:
-        """Note a run."""
+        """Add the report of a run."""
         found, frames = report.measures, report.frames
         if "pressure" in found and math.isfinite(found["pressure"].value):
             self._add(found["pressure"].value * frames, frames)
@@ -66,7 +66,7 @@ class Counting:
             self._overlap = float(np.fmax(self._overlap, found["largest_overlap"].value))
 
     def _add(self, total: float, frames: int) -> None:
-        """Add frames to the last part, or begin another one."""
+        """Add frames to the last part, or begin a new one. total: sum of the pressure over these frames."""
         parts = self._parts
         if parts and parts[-1][1] < self._fewest:
             total, frames = total + parts[-1][0], frames + parts[-1][1]
@@ -77,9 +77,9 @@ class Counting:
             self._fewest *= 2
 
     def numbers(self) -> dict[str, Any]:
-        """The numbers until now, by name: pressure [mass/time^2] and its standard error, overlap [diameters].
+        """The numbers so far, by name: pressure [mass/time^2] and its standard error, overlap [diameters].
 
-        There is no pressure before some frames are counted, nor before a collision is: zero would be no measurement.
+        The pressure is NaN until FEWEST_FRAMES frames and one collision are counted: zero would be no measurement.
         """
         value = error = math.nan
         totals, frames = np.array(self._parts, float).reshape(-1, 2).T
@@ -96,9 +96,9 @@ class Counting:
 
 
 def bulk_pressure(state: State, scene: Scene) -> float:
-    """The pressure of the equation of state at the packing and temperature of a state [mass/time^2].
+    """The pressure from the equation of state, at the packing and temperature of a state [mass/time^2].
 
-    NaN where it does not hold: under gravity, for several sizes, packings beyond the fluid's.
+    NaN where the equation does not hold: under gravity, for several sizes of discs, and above the packing of the fluid.
 
     >>> scene = Scene.random(count=100, packing=0.3, radius=0.5, seed=1)
     >>> ideal = 100 * temperature(State(scene.position, scene.velocity), scene) / (scene.width * scene.height)
