@@ -47,9 +47,10 @@ class Findings:
         return [dataclasses.asdict(each) for each in self.numbers]
 
     def lines(self) -> list[str]:
-        """A line for each number."""
+        """A line for each number, with the largest difference that is consistent."""
         return [
-            f"{each.what}: {each.found:.4g} found, {each.expected:.4g} expected ({each.source})"
+            f"{each.what}: {each.found:.4g} found, {each.expected:.4g}"
+            f"{f' ± {each.within:.2g}' if each.within else ''} expected ({each.source})"
             f"{'' if each.consistent else f': they differ by more than {each.within:.2g}'}"
             for each in self.numbers
         ]
@@ -82,7 +83,7 @@ def findings(name: str, settings: Settings | None = None) -> Findings:
     Source: each number names its own.
 
     >>> print(findings("pi"))
-    collisions [1]: 314 found, 314 expected (digits of pi (Galperin 2003))
+    collisions of discs and with the wall [1]: 314 found, 314 expected (digits of pi: Galperin 2003)
     """
     name = checks.choice("name", name, sorted(PROMISES))
     scene = Scene.load(name)

@@ -90,7 +90,7 @@ class Pi(Promise):
         light, heavy = self.scene.masses
         digits = math.floor(math.pi * math.sqrt(heavy / light))
         found = float(len(self._bounces.table))
-        return [Finding("collisions [1]", digits, found, 0, "digits of pi (Galperin 2003)")]
+        return [Finding("collisions of discs and with the wall [1]", digits, found, 0, "digits of pi: Galperin 2003")]
 
 
 class Galton(Promise):
@@ -105,7 +105,7 @@ class Galton(Promise):
         fastest = float(np.abs(sim.state.velocity).max())
         return [
             Finding("balls in the bins [1]", limit, float(len(x)), 0, "what the emitters let in"),
-            Finding("speed of the fastest ball [length/time]", 0.0, fastest, 1.0, "all have come to rest"),
+            Finding("speed of the fastest ball [length/time]", 0.0, fastest, 1.0, "almost all have come to rest"),
             Finding("middle of the heap [length]", self.scene.width / 2, float(x.mean()), 0.7, "symmetry"),
             Finding("balls beside the binomial curve [fraction]", 0.0, off, 0.15, "binomial of the same width"),
         ]
@@ -170,7 +170,7 @@ class Hopper(Promise):
         if self.scene.friction > 0:
             return [Finding(what, law, flow, 0.35 * law, "Beverloo's law of a slot"), steady]
         most = self.torricelli()
-        source = f"between {law:.4g}, Beverloo's law for rough grains, and {most:.4g}, Torricelli's for a fluid"
+        source = f"middle of {law:.4g}, Beverloo's law for rough grains, and {most:.4g}, Torricelli's for a fluid"
         return [Finding(what, (law + most) / 2, flow, (most - law) / 2, source), steady]
 
     @property

@@ -8,6 +8,7 @@ import pytest
 from support.selection import long_but
 
 import mpsim
+from mpsim.measure.run_averages import refusal
 from mpsim.scene import scenefile
 from mpsim.scene.scenefile.reading import PACKAGED
 from mpsim.studies import benchmark
@@ -52,6 +53,7 @@ def test_a_named_scene_is_complete(name):
     assert file.scene.duration is not None
     assert file.scene.picture_interval is not None
     assert file.scene.observables
+    assert [refusal(each, file.scene) for each in file.scene.observables] == [None] * len(file.scene.observables)
     assert 100 <= file.scene.duration / file.scene.picture_interval <= 500
     assert file.scene.count or file.scene.emitters
     assert 10 <= len(file.title) <= 60

@@ -33,7 +33,8 @@ def test_a_named_scene_shows_what_it_promises(name):
     (expected,) = re.findall(rf"(?m)^\| `{name}` \|[^|]*\| ([^|]*) \|[^|]*\|$", PAGE.read_text())
     assert expected == f"{found.numbers[0].expected:.4g}", "the page says it"
     for each in found.numbers:
-        assert f"{each.what}: {each.found:.4g} found, {each.expected:.4g} expected" in str(found)
+        within = f" ± {each.within:.2g}" if each.within else ""
+        assert f"{each.what}: {each.found:.4g} found, {each.expected:.4g}{within} expected" in str(found)
 
 
 @pytest.mark.parametrize("name", ["pi", "growth", "piston"])
@@ -90,7 +91,7 @@ def test_a_scene_that_promises_nothing_is_refused():
 
 
 def test_the_command_prints_them_after_a_run_as_recommended(tmp_path):
-    line = "collisions [1]: 314 found, 314 expected (digits of pi (Galperin 2003))\n"
+    line = "collisions of discs and with the wall [1]: 314 found, 314 expected (digits of pi: Galperin 2003)\n"
     assert mpsim_command("run", "pi", "--quiet").stdout.endswith(line)
     assert line in mpsim_command("run", "pi", "--quiet", "--out", tmp_path / "run").stdout
     (number,) = json.loads(mpsim_command("run", "pi", "--quiet", "--json").stdout)["findings"]
